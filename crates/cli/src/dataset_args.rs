@@ -62,9 +62,6 @@ impl ImageArgs {
         remote: Option<&Arc<RemoteData>>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Dataset> {
-        if let Some(url) = self.frames.as_deref().and_then(atsplat_objects::url) {
-            anyhow::bail!("--frames: expected a folder of this machine, found {url}");
-        }
         let fetch = remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>);
         let options = OpenOptions { fetch, ..self.options().open_options() };
         let path = remote.map_or(path, |remote| remote.path());

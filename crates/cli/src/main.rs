@@ -4,6 +4,7 @@
 
 mod adapter_tests;
 mod adapters;
+mod arguments;
 mod budget;
 mod data;
 mod dataset_args;
@@ -25,9 +26,11 @@ mod progress;
 mod protocol;
 mod reconstruct;
 mod render;
+mod replaced;
 mod report;
 mod reproduce;
 mod run;
+mod scene_record;
 mod shell;
 mod stress;
 mod tradeoff;
@@ -122,7 +125,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match arguments::parse(std::env::args_os()) {
+        Ok(cli) => cli,
+        Err(error) => return arguments::print(&error),
+    };
     match run(&cli) {
         Ok(exit) => exit.into(),
         Err(error) if error.is::<clap::Error>() => {
@@ -184,7 +190,7 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
 
 /// Provenance of a run of this process. The folder of the binary is left out, because results are published.
 fn provenance() -> Provenance {
-    let mut command: Vec<String> = std::env::args().collect();
+    let mut command: Vec<String> = std::env::args_os().map(|arg| arg.to_string_lossy().into_owned()).collect();
     if let Some(binary) = command.first_mut() {
         let name = Path::new(binary).file_name().map(|name| name.to_string_lossy().into_owned());
         *binary = name.unwrap_or_else(|| "atsplat".to_owned());

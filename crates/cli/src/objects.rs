@@ -2,7 +2,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use atsplat_files::this_process;
@@ -10,6 +10,25 @@ use atsplat_objects::{Mirror, ObjectError, StoreCopy, Traffic};
 use atsplat_scene::Fetch;
 
 use crate::print::{note, print_status};
+
+/// The copies of this process, as a path and the URL that it stands for. Only messages and texts of records depend on them.
+static COPIES: Mutex<Vec<(String, String)>> = Mutex::new(Vec::new());
+
+/// Text with URLs in place of the paths of their copies.
+pub(crate) fn with_urls(text: &str) -> String {
+    let copies = COPIES.lock().unwrap_or_else(PoisonError::into_inner);
+    copies.iter().fold(text.to_owned(), |text, (path, url)| text.replace(path, url))
+}
+
+/// Whether something was read from, or is written to, object storage.
+pub(crate) fn has_copies() -> bool {
+    !COPIES.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
+}
+
+pub(crate) fn note_copy(path: &Path, url: &str) {
+    let (path, url) = (path.to_string_lossy().into_owned(), url.trim_end_matches('/').to_owned());
+    COPIES.lock().unwrap_or_else(PoisonError::into_inner).push((path, url));
+}
 
 /// Where copies of objects are kept.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -23,14 +42,17 @@ pub(crate) struct CacheArgs {
 impl CacheArgs {
     /// The dataset at a URL; `None` if `path` is a path on this machine. No object is fetched yet.
     pub(crate) fn dataset(&self, path: &Path) -> anyhow::Result<Option<Arc<RemoteData>>> {
-        let open = |url| Mirror::open(url, self.cache.as_deref()).map(|mirror| Arc::new(RemoteData(mirror)));
-        Ok(atsplat_objects::url(path).map(open).transpose()?)
+        let Some(url) = atsplat_objects::url(path) else { return Ok(None) };
+        let mirror = Mirror::open(url, self.cache.as_deref())?;
+        note_copy(mirror.path(), url);
+        Ok(Some(Arc::new(RemoteData(mirror))))
     }
 
     /// The folder of a results store: a copy if `path` is a URL.
     pub(crate) fn store(&self, path: &Path) -> anyhow::Result<PathBuf> {
         let Some(url) = atsplat_objects::url(path) else { return Ok(path.to_owned()) };
         let mirror = Mirror::complete(url, self.cache.as_deref())?;
+        note_copy(mirror.path(), url);
         report(url, mirror.traffic());
         Ok(mirror.path().to_owned())
     }
@@ -47,6 +69,7 @@ impl CacheArgs {
         let mut attempts = 1..ATTEMPTS;
         loop {
             let copy = StoreCopy::begin(url, self.cache.as_deref(), &this_process())?;
+            note_copy(copy.folder(), url);
             let opened = open(copy.folder())?;
             match copy.claim() {
                 Ok(()) => {
@@ -74,11 +97,6 @@ impl RemoteData {
     /// The local copy of the dataset, a file or folder.
     pub(crate) fn path(&self) -> &Path {
         self.0.path()
-    }
-
-    /// Text with the URL in place of [`Self::path`].
-    pub(crate) fn with_url(&self, text: &str) -> String {
-        self.0.with_url(text)
     }
 
     /// Fails if an image or scene could not be fetched, which commands would otherwise report as unreadable data.
@@ -133,5 +151,20 @@ impl Output {
         copy.finish().context("sending results")?;
         report(&url, copy.traffic());
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_name_urls_and_not_their_copies() {
+        note_copy(Path::new("/nowhere/trees/11/data"), "s3://b/data/");
+        note_copy(Path::new("/nowhere/trees/22/data"), "s3://b/data2");
+        let text =
+            "decoding an image (/nowhere/trees/11/data/a/0.png), (/nowhere/trees/22/data/a.txt), (/nowhere/trees)";
+        let expected = "decoding an image (s3://b/data/a/0.png), (s3://b/data2/a.txt), (/nowhere/trees)";
+        assert_eq!(with_urls(text), expected);
     }
 }

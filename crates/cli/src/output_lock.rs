@@ -1,12 +1,14 @@
-//! The exclusive right to write to the folder of a command's output.
+//! The exclusive right to write a command's output: to its folder, or to single files.
 
 use std::io::Result as IoResult;
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
-use atsplat_files::FolderLock;
+use anyhow::{Context as _, bail};
+use atsplat_files::{FileLock, FolderLock, remove_abandoned};
+use atsplat_report::counted;
 
-use crate::paths::NewFolders;
+use crate::paths::{NewFolders, PendingFile};
+use crate::print::note;
 
 /// A folder that no other process writes to. Dropped, the folders that were created for it are removed again, if nothing was
 /// written.
@@ -19,7 +21,7 @@ pub(crate) struct OutputLock {
 }
 
 impl OutputLock {
-    /// Creates the folder if it is missing, and locks it.
+    /// Creates the folder if it is missing, locks it, and removes what a process that was killed has left unfinished in it.
     ///
     /// # Errors
     /// If another process writes to it, or it cannot be written to.
@@ -28,7 +30,14 @@ impl OutputLock {
         if let Some(file) = FolderLock::would_replace(folder) {
             bail!("the lock of the folder would replace {}: choose another folder", file.display());
         }
-        Ok(Self { lock: Some(FolderLock::of(folder)?), folder: folder.to_owned(), _folders: folders })
+        let lock = Self { lock: Some(FolderLock::of(folder)?), folder: folder.to_owned(), _folders: folders };
+        let shown = folder.display();
+        let removed = remove_abandoned(folder).with_context(|| format!("removing unfinished files in {shown}"))?;
+        if removed > 0 {
+            let files = counted(removed, "unfinished file");
+            note(&format!("removed {files} from {shown}, of a process that was killed"));
+        }
+        Ok(lock)
     }
 
     /// Whether a folder has nothing in it but its lock and these `files`.
@@ -45,6 +54,28 @@ impl Drop for OutputLock {
         if Self::is_alone(&self.folder, &[]).unwrap_or(false) {
             FolderLock::remove_from(&self.folder);
         }
+    }
+}
+
+/// Files that no other process writes. Dropped, the folders that were created for them are removed again, if nothing was written.
+#[derive(Debug, Default)]
+pub(crate) struct OutputFiles {
+    locks: Vec<FileLock>,
+    /// After the locks, which are files in them.
+    folders: NewFolders,
+}
+
+impl OutputFiles {
+    /// Creates the folder of a file if it is missing, and locks the file. What belongs to it shares its lock.
+    ///
+    /// # Errors
+    /// If another process writes the file, or it cannot be written.
+    pub(crate) fn add(&mut self, file: &Path) -> anyhow::Result<()> {
+        self.folders.create_for(file)?;
+        // Closed again: a process that is killed leaves no part of a file.
+        drop(PendingFile::open(file)?);
+        self.locks.push(FileLock::of(file)?);
+        Ok(())
     }
 }
 
@@ -67,6 +98,35 @@ mod tests {
         assert!(folder.join("image").is_file() && FolderLock::was_taken(&folder));
         assert!(OutputLock::is_alone(&folder, &["image"]).unwrap() && !OutputLock::is_alone(&folder, &[]).unwrap());
         assert!(OutputLock::of(&folder).is_ok(), "free again");
+    }
+
+    #[test]
+    fn files_are_locked_once_and_their_folders_removed_if_nothing_is_written() {
+        let root = tempfile::tempdir().unwrap();
+        let [scene, plot] = ["new/a.ply", "new/plots/curve.svg"].map(|path| root.path().join(path));
+        let mut files = OutputFiles::default();
+        files.add(&scene).unwrap();
+        files.add(&plot).unwrap();
+        let error = OutputFiles::default().add(&scene).unwrap_err().to_string();
+        assert!(error.contains("a.ply is being written by process "), "{error}");
+        OutputFiles::default().add(&root.path().join("new/b.ply")).unwrap();
+        drop(files);
+        assert_eq!(root.path().join("new").exists(), cfg!(not(unix)), "nothing was written");
+    }
+
+    #[test]
+    fn what_killed_processes_left_unfinished_is_removed_with_the_lock() {
+        let folder = tempfile::tempdir().unwrap();
+        let [left, other] = [".AbC123.partial", ".notes"].map(|name| folder.path().join(name));
+        for file in [&left, &other] {
+            std::fs::write(file, b"half").unwrap();
+        }
+        let lock = OutputLock::of(folder.path()).unwrap();
+        assert!(!left.exists() && other.exists());
+        let pending = PendingFile::open(&folder.path().join("image")).unwrap();
+        drop(lock);
+        let _lock = OutputLock::of(folder.path()).unwrap();
+        pending.finish(b"whole").unwrap();
     }
 
     #[test]

@@ -13,8 +13,8 @@ use atsplat_report::{Report, Request, Written, counted, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
+use crate::output_lock::OutputLock;
 use crate::parse::{named, once, usage_error};
-use crate::paths::NewFolders;
 use crate::print::{print_json, print_status, print_text, warn};
 use crate::run::merge::reject_duplicates;
 
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
     let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
-    let _folders = NewFolders::of(&args.out)?;
+    let _lock = OutputLock::of(&args.out)?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)

@@ -13,7 +13,6 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use atsplat_eval::Results;
-use atsplat_tests::skip;
 use common::{atsplat, succeed};
 use evaluation::write_noise;
 
@@ -75,24 +74,16 @@ fn a_command_that_is_no_method_is_an_error_before_the_run() {
     assert_eq!(run("exec:").code, 2);
 }
 
-/// A process that never reads its input again; it is killed with its parent by the kernel. The folder of its trials is removed
-/// by the next run.
+/// A process that never reads its input again, and one that it started; they are killed however the run ends. The folder of its
+/// trials is removed by the next run.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_killed_run_leaves_no_process_behind() {
-    if !Command::new("setpriv")
-        .args(["--pdeathsig", "KILL", "--", "true"])
-        .status()
-        .is_ok_and(|status| status.success())
-    {
-        skip("a_killed_run_leaves_no_process_behind", "no setpriv of util-linux");
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);
-    fs::write(here.join("hung.sh"), format!("{HELLO}\nread -r line\necho $$ > pid\nwhile :; do sleep 1; done\n"))
-        .unwrap();
+    let hung = "read -r line\nsleep 77 &\necho $! > child\necho $$ > parent\nwait\n";
+    fs::write(here.join("hung.sh"), format!("{HELLO}\n{hung}")).unwrap();
     fs::write(here.join("ended.sh"), HELLO).unwrap();
     let temporary = here.join("temporary");
     fs::create_dir(&temporary).unwrap();
@@ -105,7 +96,6 @@ fn a_killed_run_leaves_no_process_behind() {
         let names = fs::read_dir(&temporary).unwrap().map(|entry| entry.unwrap().file_name());
         names.filter(|name| name.to_string_lossy().starts_with("atsplat-method-")).count()
     };
-    let mut run = start("exec:sh hung.sh", "store");
     let eventually = |condition: &dyn Fn() -> bool| {
         (0..300).any(|_| {
             condition() || {
@@ -114,15 +104,24 @@ fn a_killed_run_leaves_no_process_behind() {
             }
         })
     };
-    let pid = || fs::read_to_string(here.join("pid")).ok().filter(|pid| pid.ends_with('\n'));
-    assert!(eventually(&|| pid().is_some()), "the process is asked");
-    let process = format!("/proc/{}/status", pid().unwrap().trim());
-    let lives = || fs::read_to_string(&process).is_ok_and(|status| !status.contains("State:\tZ"));
-    assert!(lives());
-    run.kill().unwrap();
-    run.wait().unwrap();
-    assert!(eventually(&|| !lives()), "it lives on");
-    assert_eq!(folders(), 1, "nobody could remove it");
+    let lives = |process: &str| {
+        let status = fs::read_to_string(format!("/proc/{process}/status"));
+        status.is_ok_and(|status| !status.contains("State:\tZ"))
+    };
+    for (signal, out) in [("KILL", "killed"), ("TERM", "ended")] {
+        let mut run = start("exec:sh hung.sh", out);
+        let written = |name: &str| fs::read_to_string(here.join(name)).ok().filter(|process| process.ends_with('\n'));
+        assert!(eventually(&|| written("parent").is_some()), "the process is asked");
+        let processes = ["parent", "child"].map(|name| written(name).unwrap().trim().to_owned());
+        assert!(processes.iter().all(|process| lives(process)), "{signal}");
+        let sent = Command::new("kill").args(["-s", signal, &run.id().to_string()]).status().unwrap();
+        assert!(sent.success() && !run.wait().unwrap().success(), "{signal}");
+        assert!(eventually(&|| !processes.iter().any(|process| lives(process))), "one lives on after {signal}");
+        assert_eq!(folders(), 1, "nobody could remove it");
+        for name in ["parent", "child"] {
+            fs::remove_file(here.join(name)).unwrap();
+        }
+    }
     start("exec:sh ended.sh", "other").wait().unwrap();
     assert_eq!(folders(), 0);
 }

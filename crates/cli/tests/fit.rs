@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use atsplat_files::Sha256Digest;
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::adapters;
 use atsplat_tests::skip_without_graphics;
@@ -16,6 +17,10 @@ use tempfile::tempdir;
 use common::{atsplat, succeed};
 
 const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+
+/// A short run; the file follows.
+const FIT_TO: [&str; 11] =
+    ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed", "--out"];
 
 /// Eight photos of 64×64 pixels around a small scene, in `photos`.
 fn photograph(folder: &Path) {
@@ -273,6 +278,31 @@ fn filters_of_a_start_that_stay_as_they_are_are_warned_of() {
     assert!(fit("mip.ply", "fixed", "fixed.ply") && !fit("mip.ply", "mip-splatting", "again.ply"));
 }
 
+/// What density control cannot do is told before the first step.
+#[test]
+fn too_few_steps_for_density_control_are_warned_of() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = |more: &[&'static str]| {
+        let views =
+            ["fit", "photos", "--views", "..", "--size", "32x32", "--start", "random:40", "--out", "fitted.ply"];
+        let fitted = atsplat(here, &[&views[..], more].concat());
+        assert_eq!(fitted.code, 0, "{}", fitted.stderr);
+        fitted.stderr
+    };
+    let never = fit(&["--strategy", "3dgs", "--steps", "3"]);
+    let expected = "warning: 3dgs never clones, splits or prunes Gaussians in 3 steps, but in 202 or more";
+    assert!(never.contains(expected), "{never}");
+    let growth = fit(&["--strategy", "mcmc", "--steps", "122"]);
+    let expected = "warning: mcmc grows from 40 to at most 42 of 1000000 Gaussians (max-gaussians): ";
+    assert!(growth.contains(expected), "{growth}");
+    let reached = fit(&["--strategy", "mcmc", "--steps", "122", "--max-gaussians", "42"]);
+    assert!(!reached.contains("mcmc grows"), "{reached}");
+    let planned = fit(&["--strategy", "mcmc", "--seconds", "2"]);
+    assert!(planned.contains("warning: as planned so far, mcmc "), "{planned}");
+}
+
 #[test]
 fn files_are_opened_before_the_optimisation() {
     let folder = tempdir().unwrap();
@@ -341,7 +371,53 @@ fn an_interrupted_run_leaves_no_incomplete_file() {
     fit.wait().unwrap();
     let mut names: Vec<_> = std::fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();
-    assert_eq!(names, ["photos", "state"]);
+    let locks = if cfg!(unix) { &["fitted.ply.lock", "photos", "state", "state.lock"][..] } else { &[] };
+    assert!(names == ["photos", "state"] || names == locks, "{names:?}");
+    // The locks of a killed process hold nobody up, and go with the next run.
+    succeed(here, &[&FIT_TO[..], &["fitted.ply", "--steps", "1", "--checkpoint", "state"]].concat());
+    assert!(!here.join("fitted.ply.lock").exists() && !here.join("state.lock").exists());
+}
+
+/// Two runs would leave the Gaussians of one and the record of the other.
+#[test]
+fn of_two_runs_into_one_file_the_later_one_fails() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let long = ["fitted.ply", "--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100"];
+    let mut long = command.args(FIT_TO).args(long).current_dir(here).stderr(Stdio::null()).spawn().unwrap();
+    let begin = Instant::now();
+    while !here.join("state").exists() && begin.elapsed() < Duration::from_mins(1) {
+        assert!(long.try_wait().unwrap().is_none(), "it ended");
+        sleep(Duration::from_millis(5));
+    }
+    for (more, expected) in [
+        (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
+        (&["other.ply", "--steps", "1", "--checkpoint", "state"], "state is being written by process "),
+    ] {
+        let refused = atsplat(here, &[&FIT_TO[..], more].concat());
+        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    assert!(!here.join("other.ply").exists() && !here.join("other.ply.lock").exists());
+    succeed(here, &[&FIT_TO[..], &["other.ply", "--steps", "1"]].concat());
+    long.kill().unwrap();
+    long.wait().unwrap();
+}
+
+#[test]
+fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_told() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let run = ["fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
+    let note = "note: --resume: there is no checkpoint state yet, so that the run starts anew";
+    let first = atsplat(here, &[&FIT_TO[..], &run].concat());
+    assert!(first.code == 0 && first.stderr.contains(note), "{}", first.stderr);
+    let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
+    let hash = Sha256Digest::of(&std::fs::read(here.join("fitted.ply")).unwrap());
+    assert_eq!(record["file-sha256"], hash.to_string());
+    assert_eq!(record["steps"], 1);
 }
 
 #[test]

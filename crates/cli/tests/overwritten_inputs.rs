@@ -140,3 +140,122 @@ fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
     fs::write(here.join("other"), renamed).unwrap();
     refuses(here, &[(&state("other"), other)]);
 }
+
+/// A scene, cameras, exposures and constants next to a capture with photos as renders are named.
+#[test]
+fn renders_replace_nothing_that_they_are_made_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "2", "--size", "16x16", "--out", "made"]);
+    let frame = |photo: &str| {
+        format!(r#"{{ "file_path": "{photo}", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]] }}"#)
+    };
+    let transforms = |photos: [&str; 2]| {
+        let frames = photos.map(frame).join(", ");
+        format!(r#"{{ "fl_x": 16, "fl_y": 16, "cx": 8, "cy": 8, "w": 16, "h": 16, "frames": [{frames}] }}"#)
+    };
+    for (capture, images) in [("ds", "ds/images"), ("two/a", "two/a/images"), ("two/b", "two/b/images")] {
+        fs::create_dir_all(here.join(images)).unwrap();
+        for photo in ["000000.png", "000001.png"] {
+            fs::copy(here.join("made").join(photo), here.join(images).join(photo)).unwrap();
+        }
+        let photos = transforms(["images/000000.png", "images/000001.png"]);
+        fs::write(here.join(capture).join("transforms.json"), photos).unwrap();
+    }
+    fs::create_dir(here.join("taken")).unwrap();
+    for scene in ["scene.ply", "scene.png", "taken/000000.png", "own.json"] {
+        fs::copy(SCENE, here.join(scene)).unwrap();
+    }
+    fs::create_dir(here.join("exposed")).unwrap();
+    let exposures = r#"{ "0": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] }"#;
+    fs::write(here.join("exposed/render.json"), exposures).unwrap();
+    let orbit = "--orbit 1 --size 16x16 --out";
+    refuses(
+        here,
+        &[
+            (
+                "render scene.ply --cameras ds/transforms.json --out ds/images",
+                "error: --out: ds/images/000000.png would replace the photo ds/images/000000.png, which is read: choose another",
+            ),
+            (
+                "render scene.ply --cameras ds --out ds/images",
+                "000000.png would replace the photo ds/images/000000.png",
+            ),
+            ("render scene.ply --spline ds 2 --out ds/images", "would replace the photo "),
+            ("render scene.ply --cameras ds --frames 1 --out ds/../ds/images", "000001.png would replace the photo "),
+            (
+                "render scene.ply --cameras two --key a --out two/b/images",
+                "would replace the photo two/b/images/000000.png",
+            ),
+            (
+                &format!("render scene.png {orbit} out --preview scene.png"),
+                "--preview: scene.png would replace the scene",
+            ),
+            (
+                &format!("render taken/000000.png {orbit} taken"),
+                "taken/000000.png would replace the scene taken/000000.png",
+            ),
+            (
+                &format!("render scene.ply {orbit} exposed --exposure exposed/render.json"),
+                "exposed/render.json would replace the exposures in exposed/render.json",
+            ),
+            (
+                "render scene.ply --cameras made/render.json --out made",
+                "made/render.json would replace the cameras in made/render.json",
+            ),
+        ],
+    );
+    // What is not read is replaced, as by the same command again.
+    for _ in 0..2 {
+        succeed(here, &["render", "scene.ply", "--cameras", "ds", "--out", "ds/renders", "--preview", "ds/path.png"]);
+        succeed(here, &["render", "scene.ply", "--cameras", "made/render.json", "--out", "again"]);
+        succeed(
+            here,
+            &["render", "taken/000000.png", "--orbit", "1", "--size", "16x16", "--formats", "exr", "--out", "taken"],
+        );
+    }
+}
+
+#[test]
+fn reconstructions_and_fits_replace_neither_photos_nor_weights() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "3", "--size", "32x32", "--out", "made"]);
+    fs::create_dir_all(here.join("ds/inputs")).unwrap();
+    let mut frames = Vec::new();
+    for (at, photo) in
+        ["inputs/000000.png", "inputs/000001.png", "uncertainty.png", "contact-sheet.png"].iter().enumerate()
+    {
+        fs::copy(here.join("made/000000.png"), here.join("ds").join(photo)).unwrap();
+        frames.push(format!(
+            r#"{{ "file_path": "{photo}", "transform_matrix": [[1,0,0,{at}],[0,1,0,0],[0,0,1,4],[0,0,0,1]] }}"#
+        ));
+    }
+    let frames = frames.join(", ");
+    let text = format!(r#"{{ "fl_x": 32, "fl_y": 32, "cx": 16, "cy": 16, "w": 32, "h": 32, "frames": [{frames}] }}"#);
+    fs::write(here.join("ds/transforms.json"), text).unwrap();
+    fs::copy(
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors"),
+        here.join("w.ply"),
+    )
+    .unwrap();
+    let reconstruct = "reconstruct ds --views 0,1 --size 32x32 --weights";
+    refuses(
+        here,
+        &[
+            (
+                &format!("{reconstruct} random:1 --out a.ply --renders ds"),
+                "--renders: ds/inputs/000000.png would replace the photo ds/inputs/000000.png",
+            ),
+            (
+                &format!("{reconstruct} random:1 --out a.ply --plots ds"),
+                "--plots: ds/uncertainty.png would replace the photo ds/uncertainty.png",
+            ),
+            (&format!("{reconstruct} w.ply --out w.ply"), "--out: w.ply is the weights file that is read"),
+            (
+                "fit ds --views .. --strategy fixed --steps 1 --start random:9 --size 32x32 --out a.ply --plots ds",
+                "--plots: ds/contact-sheet.png would replace the photo ds/contact-sheet.png",
+            ),
+        ],
+    );
+}

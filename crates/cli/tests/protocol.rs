@@ -4,6 +4,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
+use atsplat_pixels::ImageU8;
 use common::{atsplat, succeed, write_trajectory};
 
 fn repository() -> PathBuf {
@@ -131,18 +132,27 @@ fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 }
 
-/// Frames that the sampler was not given, although every scene has its entry.
+/// Frames that the sampler was not given, although every scene has its entry, and images of the index that cannot be read.
 #[test]
-fn a_strict_build_refuses_missing_images() {
+fn a_strict_build_refuses_missing_and_unreadable_images() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir_all(here.join("data/a")).unwrap();
     write_trajectory(&here.join("data/a.txt"), 200);
+    let image = atsplat_pixels::encode_png(&ImageU8::new(64, 36, vec![9; 64 * 36 * 3]).unwrap()).unwrap();
     for frame in 0..200 {
-        std::fs::write(here.join(format!("data/a/{}.png", frame * 33_367)), "never read").unwrap();
+        std::fs::write(here.join(format!("data/a/{}.png", frame * 33_367)), &image).unwrap();
     }
     let build = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json", "--strict"];
     succeed(here, &build);
+    let index: serde_json::Value = serde_json::from_slice(&std::fs::read(here.join("index.json")).unwrap()).unwrap();
+    let target = index["a"]["target"][1].as_u64().unwrap();
+    let empty = here.join(format!("data/a/{}.png", target * 33_367));
+    std::fs::write(&empty, []).unwrap();
+    let strict = atsplat(here, &build);
+    let named = format!("frame {target} of scene \"a\"");
+    assert!(strict.code == 4 && strict.stderr.contains(&named), "{}: {}", strict.code, strict.stderr);
+    std::fs::write(&empty, &image).unwrap();
     std::fs::remove_file(here.join("data/a/0.png")).unwrap();
     let strict = atsplat(here, &build);
     assert!(strict.code == 4 && strict.stdout.contains("1  frames skipped"), "{}: {}", strict.code, strict.stdout);

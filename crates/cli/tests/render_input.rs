@@ -296,15 +296,20 @@ fn warns_of_a_size_that_squeezes_images_without_a_stated_size() {
 fn warns_of_images_without_gaussians() {
     let folder = folder();
     let here = folder.path();
-    let view = |number: usize, z: f64| {
+    let view = |number: usize, [x, z]: [f64; 2]| {
         json!({ "number": number, "name": "v", "width": 8, "height": 6,
-                "camera-from-world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z],
+                "camera-from-world": [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, z],
                 "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 } })
     };
-    fs::write(here.join("views"), json!({ "views": [view(0, 0.0), view(1, -100.0)] }).to_string()).unwrap();
-    let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "out"]);
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-    assert!(outcome.stderr.contains("no Gaussian is drawn in 1 of 2 frames"), "{}", outcome.stderr);
+    for (moved, cause) in
+        [([1000.0, 0.0], "do the cameras belong to this scene"), ([0.0, -100.0], "they are behind the camera")]
+    {
+        fs::write(here.join("views"), json!({ "views": [view(0, [0.0; 2]), view(1, moved)] }).to_string()).unwrap();
+        let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "out"]);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        let expected = format!("no Gaussian is drawn in 1 of 2 frames: {cause}");
+        assert!(outcome.stderr.contains(&expected), "{}", outcome.stderr);
+    }
     let strict = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "strict", "--strict"]);
     assert_eq!(strict.code, 4, "{}", strict.stderr);
 }

@@ -50,6 +50,7 @@ fn main() -> anyhow::Result<()> {
         description,
         sha256,
         name: None,
+        left_out: 0,
         notices: std::collections::BTreeMap::new(),
     };
     let mut preset = Preset::named("re10k-2v-256")?;

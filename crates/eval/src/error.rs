@@ -89,6 +89,9 @@ pub enum EvalError {
     /// A non-finite number in a row.
     #[error("{key}: {field}: expected a finite number, found {value}")]
     NotFinite { key: String, field: String, value: f64 },
+    /// A value in a row that cannot be, such as an SSIM above 1.
+    #[error("{key}: {field}: expected {expected}, found {found}")]
+    Impossible { key: String, field: String, expected: String, found: String },
     /// An unknown name.
     #[error("{what}: expected one of {}, found {found:?}", known.join(", "))]
     Unknown { what: &'static str, found: String, known: Vec<String> },

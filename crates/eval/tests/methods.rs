@@ -198,6 +198,23 @@ fn a_frame_in_two_layouts_fails_alone() {
 }
 
 #[test]
+fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_beside_another() {
+    let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let renders = Renders::new(folder.path(), None).unwrap();
+    let png = encode_png(&image(0, 5)).unwrap();
+    write(&folder.path().join("wall-0/000005.PNG"), &png);
+    let alone = trial.render(&renders, 0).unwrap_err();
+    assert!(
+        alone.starts_with("no file for frame 5 ") && alone.contains("wall-0/000005.PNG, whose spelling "),
+        "{alone}"
+    );
+    write(&folder.path().join("wall-0/color/000005.png"), &png);
+    let two = trial.render(&renders, 0).unwrap_err();
+    assert!(two.starts_with("two files for frame 5: ") && two.ends_with("wall-0/000005.PNG"), "{two}");
+}
+
+#[test]
 fn float_renders_in_another_range_or_of_other_channels_are_refused() {
     let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();

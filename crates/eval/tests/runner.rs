@@ -9,11 +9,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
 use atsplat_eval::runner::{
-    DROPPED_BY_SPLIT, IndexNotice, KeepImages, Missing, NOT_SAMPLED, PlannedIndex, current_provenance, image_path,
+    DROPPED_BY_SPLIT, IndexNotice, KeepImages, Missing, NOT_SAMPLED, PlannedIndex, UNPUBLISHED_WEIGHTS,
+    current_provenance, image_path,
 };
 use atsplat_eval::{
     Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
 };
+use atsplat_metrics::learned::{Network, Step};
+use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_pixels::Image;
 use atsplat_protocol::SamplingRule;
 use atsplat_scene::Warnings;
@@ -296,6 +299,8 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
         first: "gone".to_owned(),
     };
     assert_eq!((summary.missing_scenes, results.gaps()), (1, vec![gap]));
+    let record = &results.provenance.presets[0];
+    assert_eq!((record.entries, record.entries_of_index, record.scenes_of_index), (3, 10, Some(10)));
     run.selection.limit = None;
     let all = tempfile::tempdir().unwrap();
     let (results, summary) = run.run(all.path()).unwrap();
@@ -427,5 +432,33 @@ fn drift_names_the_image_that_changed() {
         assert_eq!((image.scene.as_str(), image.frame), ("wall-1", frame as u64), "{report}");
         assert_eq!(image.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
         assert_eq!(report.verdict, Verdict::Drifted, "{report}");
+    }
+}
+
+/// Weights of another training under the published name: the numbers are of another metric, whatever the table calls it.
+#[test]
+fn weights_of_a_metric_that_are_not_the_published_ones_are_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let network = Network::LpipsAlex;
+    let mut weights = StoredTensors::default();
+    for step in network.steps() {
+        let Step::Convolution { name, channels_in, channels_out, kernel, .. } = step else { continue };
+        for (part, shape) in [("weight", vec![channels_out, channels_in, kernel, kernel]), ("bias", vec![channels_out])]
+        {
+            let zeros = vec![0.0; shape.iter().product()];
+            weights.tensors.insert(format!("{name}.{part}"), StoredTensor::from_f32(shape, &zeros).unwrap());
+        }
+    }
+    let file = folder.path().join(network.file());
+    weights.write(&file).unwrap();
+    let run = settings(Walls::new(2, 8), baselines());
+    let suite = atsplat_eval::runner::suite(&run.datasets, &["lpips-alex".to_owned()], Some(folder.path())).unwrap();
+    let (results, _) = Run { suite, ..run }.run(&folder.path().join("store")).unwrap();
+    let found: Vec<_> =
+        results.provenance.warnings.iter().filter(|warning| warning.kind == UNPUBLISHED_WEIGHTS).collect();
+    let [warning] = &found[..] else { panic!("{:?}", results.provenance.warnings) };
+    assert_eq!((warning.preset.as_str(), warning.count), ("walls", 1));
+    for part in ["LPIPS (Alex)", "7be5be79…", &file.display().to_string()] {
+        assert!(warning.example.contains(part), "{part}: {}", warning.example);
     }
 }

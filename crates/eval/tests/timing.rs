@@ -334,6 +334,42 @@ fn a_pass_on_a_busy_machine_is_marked() {
     assert!(found.busy && found.others.unwrap() > 0.5, "{:?}", found.others);
 }
 
+/// The sleeper, beside other work on every processor during one of its trials.
+#[derive(Debug, Default)]
+struct Disturbed(SleepingMethod);
+
+impl Method for Disturbed {
+    fn record(&self) -> MethodRecord {
+        record("disturbed")
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        if input.trial.scene() == "wall-1" {
+            let begin = Instant::now();
+            std::thread::scope(|scope| {
+                for _ in 0..std::thread::available_parallelism().unwrap().get() {
+                    scope.spawn(|| while begin.elapsed() < 2 * COST {});
+                }
+            });
+        }
+        self.0.predict(input)
+    }
+}
+
+#[test]
+fn a_burst_marks_the_trial_that_it_disturbs_alone() {
+    if !Path::new("/proc/stat").exists() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let results = timed_run(folder.path(), walls(3), &[Arc::new(Disturbed::default())], Some(TimingPlan::default()));
+    let load = |scene: &str| results.timings.iter().find(|row| row.key.scene == scene).unwrap().load;
+    let [before, burst, after] = ["wall-0", "wall-1", "wall-2"].map(load);
+    assert!(burst.is_busy() && burst.others.unwrap() > 0.3, "{burst:?}");
+    // Other tests may run beside this one, but each row has a measurement of its own.
+    assert!(before != burst && after != burst, "{before:?} {after:?}");
+}
+
 /// Two baselines on two simulated yards, written when `--timing` put times into the rows (`atsplat run tiny.toml --data
 /// data/test --method warp --method nearest-view --metrics psnr --timing`, schema version 1).
 #[test]

@@ -8,6 +8,9 @@ use tempfile::{Builder, NamedTempFile, TempPath};
 /// Extension of incomplete files; a remaining one was left by a process that was killed.
 pub const PARTIAL: &str = "partial";
 
+/// Random characters in the name of a temporary file.
+const RANDOM: usize = 6;
+
 /// Writes `bytes` to `path`, replacing an existing file, and waits until they are on disk.
 ///
 /// # Errors
@@ -61,8 +64,10 @@ impl AtomicFile {
         // The name does not depend on the target's, which may have the maximum length.
         let suffix = format!(".{PARTIAL}");
         let mut builder = Builder::new();
-        builder.prefix(".").suffix(&suffix);
+        builder.prefix(".").suffix(&suffix).rand_bytes(RANDOM);
         let (file, temporary) = readable(&mut builder).tempfile_in(folder).map(NamedTempFile::into_parts)?;
+        // For `remove_abandoned`; not every file system has locks.
+        file.try_lock_shared().ok();
         let writer = Writer(Arc::new(Mutex::new(Some(BufWriter::new(file)))));
         Ok(Self { temporary, target: target.to_owned(), writer })
     }
@@ -105,6 +110,30 @@ impl AtomicFile {
         }
         Ok(bytes)
     }
+}
+
+/// Removes the temporary files of [`AtomicFile`]s in a folder, but not in those below it, that processes left behind which were killed.
+/// Those of running processes are locked and stay, as do all on file systems without locks. Returns how many were removed.
+///
+/// # Errors
+/// I/O errors of listing the folder and of removing a file.
+pub fn remove_abandoned(folder: &Path) -> io::Result<u64> {
+    let mut removed = 0;
+    for entry in folder.read_dir()? {
+        let entry = entry?;
+        let is_abandoned = || File::open(entry.path()).is_ok_and(|file| file.try_lock().is_ok());
+        if entry.file_name().to_str().is_some_and(is_temporary_name) && entry.file_type()?.is_file() && is_abandoned() {
+            std::fs::remove_file(entry.path())?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
+}
+
+/// Whether an [`AtomicFile`]'s temporary file can have this name: `.AbC123.partial`.
+fn is_temporary_name(name: &str) -> bool {
+    let random = name.strip_prefix('.').and_then(|name| name.strip_suffix(PARTIAL)?.strip_suffix('.'));
+    random.is_some_and(|random| random.len() == RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
 /// Gives the file the default permissions of new files; temporary files are private to their owner.
@@ -236,6 +265,22 @@ mod tests {
         assert_eq!(write(folder.path(), b"").unwrap_err().kind(), io::ErrorKind::IsADirectory);
         assert_eq!(write(Path::new(".."), b"").unwrap_err().kind(), io::ErrorKind::IsADirectory);
         assert!(AtomicFile::create(&folder.path().join("absent/file")).is_err());
+    }
+
+    #[test]
+    fn only_what_killed_processes_left_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let kept = [".notes.partial", ".AbC123.part", "AbC123.partial", ".AbC-23.partial", "file"];
+        for name in kept.into_iter().chain([".AbC123.partial", ".000000.partial"]) {
+            fs::write(at(name), "part").unwrap();
+        }
+        fs::create_dir(at(".folder.partial")).unwrap();
+        let running = AtomicFile::create(&at("running")).unwrap();
+        assert_eq!(remove_abandoned(folder.path()).unwrap(), 2);
+        assert_eq!(names(folder.path()).len(), kept.len() + 2, "the folder and the running one stay");
+        running.commit().unwrap();
+        assert!(at("running").is_file() && kept.iter().all(|name| at(name).is_file()));
     }
 
     /// Temporary names are random, so that nobody can place a link there; a link at the target is replaced, not followed.

@@ -1,4 +1,7 @@
 use std::fmt;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -18,6 +21,22 @@ impl Sha256Digest {
     /// The hash of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
+    }
+
+    /// The hash of a file, which is read in parts.
+    ///
+    /// # Errors
+    /// I/O errors.
+    pub fn of_file(path: &Path) -> io::Result<Self> {
+        let (mut file, mut hasher, mut part) = (File::open(path)?, Sha256::new(), vec![0; 1 << 16]);
+        loop {
+            match file.read(&mut part) {
+                Ok(0) => return Ok(Self::finish(hasher)),
+                Ok(read) => hasher.update(part.get(..read).unwrap_or(&part)),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
     }
 
     /// The hash of a hasher's input.
@@ -112,6 +131,16 @@ mod tests {
         assert_eq!(ABC.parse(), Ok(digest));
         assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is accepted");
         assert_eq!(Sha256Digest::literal(ABC), digest);
+    }
+
+    /// Longer than what is read at once, and no multiple of it.
+    #[test]
+    fn a_file_has_the_hash_of_its_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let bytes: Vec<u8> = (0..200_001u32).map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        std::fs::write(folder.path().join("file"), &bytes).unwrap();
+        assert_eq!(Sha256Digest::of_file(&folder.path().join("file")).unwrap(), Sha256Digest::of(&bytes));
+        assert!(Sha256Digest::of_file(folder.path()).is_err());
     }
 
     #[test]

@@ -14,13 +14,13 @@ mod error;
 mod lock;
 mod toml_error;
 
-pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
+pub use atomic::{AtomicFile, PARTIAL, Writer, remove_abandoned, write, write_unsynced, write_with};
 pub use cache::cache_folder;
 pub use changes::changes;
 pub use date::{date, unix_seconds};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
-pub use lock::{FolderLock, LockError, this_process};
+pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use toml_error::malformed_toml;
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.

@@ -1,8 +1,8 @@
-//! Allows one writer per folder. The operating system holds the lock, so a killed writer leaves none behind.
+//! Allows one writer per folder, or per file. The operating system holds the lock, so a killed writer leaves none behind.
 
 use std::fmt;
 use std::fs::{self, File, TryLockError};
-use std::io;
+use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -23,7 +23,15 @@ pub struct FolderLock {
     _file: File,
 }
 
-/// Why a folder cannot be locked.
+/// Exclusive right to write a file, and what belongs to it, until dropped: for files of several writers in one folder. A file next
+/// to it, with `.lock` after its name, is locked and describes the holder.
+#[derive(Debug)]
+pub struct FileLock {
+    path: PathBuf,
+    _file: File,
+}
+
+/// Why a folder or a file cannot be locked.
 #[derive(Debug, Error)]
 pub enum LockError {
     /// A file operation failed.
@@ -32,7 +40,7 @@ pub enum LockError {
     /// Another writer has the lock.
     #[error("{} is being written by {by}", folder.display())]
     InUse {
-        /// The folder.
+        /// The folder or the file.
         folder: PathBuf,
         /// Which process, on which machine, since when.
         by: String,
@@ -100,6 +108,64 @@ impl Drop for FolderLock {
     }
 }
 
+impl FileLock {
+    /// Locks a file in a folder that is there; the file itself may be missing.
+    ///
+    /// # Errors
+    /// [`LockError::InUse`] if another writer has the lock; [`LockError::Io`], also for a file in the lock's place that no lock
+    /// wrote.
+    pub fn of(target: &Path) -> Result<Self, LockError> {
+        let path = target.with_added_extension("lock");
+        loop {
+            let file = File::options().create(true).truncate(false).read(true).write(true).open(&path);
+            let mut file = file.map_err(during("opening the lock of a file", &path))?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return Err(in_use(target, &path)),
+                Err(TryLockError::Error(source)) => return Err(during("locking a file", &path)(source)),
+            }
+            if is_at(&file, &path) {
+                describe(&mut file).map_err(during("locking a file", &path))?;
+                return Ok(Self { path, _file: file });
+            }
+        }
+    }
+}
+
+impl Drop for FileLock {
+    fn drop(&mut self) {
+        // While it is locked: whoever has opened it meanwhile finds that it is gone. Elsewhere it stays behind.
+        if cfg!(unix) {
+            fs::remove_file(&self.path).ok();
+        }
+    }
+}
+
+/// Whether an open file is still the one at its path: the last holder may have removed it before it was locked.
+#[cfg(unix)]
+fn is_at(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt as _;
+    let place = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
+    file.metadata().map(place).ok().is_some_and(|own| fs::metadata(path).is_ok_and(|found| place(found) == own))
+}
+
+#[cfg(not(unix))]
+fn is_at(_: &File, _: &Path) -> bool {
+    true
+}
+
+/// Writes the holder into the locked file, in place of an earlier one.
+fn describe(file: &mut File) -> io::Result<()> {
+    let mut before = Vec::new();
+    file.read_to_end(&mut before)?;
+    if !before.is_empty() && serde_json::from_slice::<Holder>(&before).is_err() {
+        return Err(io::Error::new(io::ErrorKind::AlreadyExists, "expected a lock, found a file of another kind"));
+    }
+    file.set_len(0)?;
+    file.rewind()?;
+    file.write_all(&serde_json::to_vec(&Holder::current())?)
+}
+
 impl Holder {
     fn current() -> Self {
         Self { pid: std::process::id(), host: host(), since: unix_seconds() }
@@ -124,7 +190,7 @@ fn during(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> LockEr
     FileError::during(action, path)
 }
 
-/// The error for a locked folder. Waits briefly for the holder's description: the lock may be a moment old.
+/// The error for a locked folder or file. Waits briefly for the holder's description: the lock may be a moment old.
 fn in_use(folder: &Path, holder: &Path) -> LockError {
     const INTERVAL: Duration = Duration::from_millis(20);
     let read = || serde_json::from_slice::<Holder>(&fs::read(holder).ok()?).ok();
@@ -159,5 +225,53 @@ mod tests {
         assert_eq!(by, "process 71 on there, since 2023-11-14 22:13:20 UTC");
         drop(lock);
         assert!(FolderLock::of(folder.path()).is_ok(), "free again");
+    }
+
+    #[test]
+    fn a_locked_file_says_by_whom_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("scene.ply");
+        let lock = FileLock::of(&file).unwrap();
+        let Err(LockError::InUse { folder: locked, by }) = FileLock::of(&file) else { panic!("locked twice") };
+        assert!(locked == file && by.contains(&format!("process {} on ", std::process::id())), "{by}");
+        let other = FileLock::of(&folder.path().join("other.ply")).unwrap();
+        drop((lock, other));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), if cfg!(unix) { 0 } else { 2 });
+        // As a writer that was killed leaves it.
+        let left = folder.path().join("scene.ply.lock");
+        fs::write(&left, serde_json::to_vec(&Holder { pid: 71, host: String::new(), since: 1 }).unwrap()).unwrap();
+        drop(FileLock::of(&file).unwrap());
+        fs::write(&left, "of the user").unwrap();
+        let error = FileLock::of(&file).unwrap_err().to_string();
+        assert!(
+            error.contains("expected a lock, found a file of another kind") && error.contains("scene.ply.lock"),
+            "{error}"
+        );
+        assert_eq!(fs::read(&left).unwrap(), b"of the user");
+    }
+
+    /// Whoever waits between opening and locking must not hold a file that is gone.
+    #[test]
+    fn one_of_many_has_the_lock_of_a_file() {
+        use std::sync::atomic::{AtomicBool, Ordering};
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("scene.ply");
+        let held = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..200 {
+                        // Without the wait for the holder's description.
+                        let path = file.with_added_extension("lock");
+                        let is_free = File::open(&path).is_ok_and(|open| open.try_lock().is_ok()) || !path.exists();
+                        let Some(lock) = is_free.then(|| FileLock::of(&file).ok()).flatten() else { continue };
+                        assert!(!held.swap(true, Ordering::SeqCst), "two holders");
+                        std::thread::yield_now();
+                        held.store(false, Ordering::SeqCst);
+                        drop(lock);
+                    }
+                });
+            }
+        });
     }
 }

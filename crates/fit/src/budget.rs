@@ -12,8 +12,8 @@ use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingView};
 pub enum Budget {
     /// This many steps: the result is the same everywhere.
     Steps(u64),
-    /// About this many seconds: a number of steps is planned by timing a few, and planned again as they become faster or slower;
-    /// the run stops when the time is over.
+    /// About this many seconds: a number of steps is planned by timing a few, and planned again as they become faster or slower,
+    /// until the time is over.
     Seconds(f64),
 }
 
@@ -105,25 +105,41 @@ struct Pace {
     limit: Duration,
     /// Step and time of the last plan.
     planned: (u64, Duration),
+    /// When the last step ended.
+    ended: Duration,
+    /// How long the shortest step took.
+    shortest: Duration,
 }
 
 impl Pace {
-    /// The new total number of steps, if it is time for another plan.
-    fn replanned(&mut self, step: u64, elapsed: Duration) -> Option<u64> {
+    const fn new(limit: Duration, step: u64, elapsed: Duration) -> Self {
+        Self { limit, planned: (step, elapsed), ended: elapsed, shortest: Duration::MAX }
+    }
+
+    /// The new total number of steps after `step` of `steps`, if it is time for another plan. A plan that is complete is made
+    /// again while there is time for a step: those before it may have been slower.
+    fn replanned(&mut self, [step, steps]: [u64; 2], elapsed: Duration) -> Option<u64> {
+        self.shortest = self.shortest.min(elapsed.saturating_sub(self.ended));
+        self.ended = elapsed;
         let (since, at) = self.planned;
-        let [steps, secs] = [step.saturating_sub(since) as f64, elapsed.saturating_sub(at).as_secs_f64()];
-        if steps < 1.0 || secs < self.limit.as_secs_f64() * REPLAN_SHARE {
+        let (done, spent) = (step.saturating_sub(since), elapsed.saturating_sub(at));
+        let left = self.limit.saturating_sub(elapsed);
+        // The last plans follow each other faster, so that the schedule ends with the time even if steps become slower.
+        let is_due = step >= steps || spent >= self.limit.mul_f64(REPLAN_SHARE).min(left);
+        if done == 0 || spent.is_zero() || !is_due {
             return None;
         }
         self.planned = (step, elapsed);
-        let left = self.limit.saturating_sub(elapsed).as_secs_f64();
-        Some(step + whole_steps(left * steps / secs))
+        let more = whole_steps(left.as_secs_f64() * done as f64 / spent.as_secs_f64());
+        // After a standstill, the pace says that there is no time for anything.
+        let least = u64::from(left >= self.shortest);
+        Some(step.saturating_add(more.max(least)))
     }
 }
 
 impl Fit {
-    /// Takes steps until the last one or a deadline, and shows each to `on_step`. With a deadline, the schedule follows the time:
-    /// the number of steps changes while the run goes on.
+    /// Takes steps until the last one, and shows each to `on_step`. With a deadline, the schedule follows the time: the number of
+    /// steps changes while the run goes on, which ends when there is no time for another step.
     ///
     /// # Errors
     /// As [`Fit::step`], and those of `on_step`.
@@ -132,13 +148,13 @@ impl Fit {
         deadline: Option<Deadline>,
         mut on_step: impl FnMut(&mut Self, &StepRecord) -> Result<(), E>,
     ) -> Result<(), E> {
-        let mut timed = deadline
-            .map(|Deadline { begin, limit }| (begin, Pace { limit, planned: (self.step_count(), begin.elapsed()) }));
+        let mut timed =
+            deadline.map(|Deadline { begin, limit }| (begin, Pace::new(limit, self.step_count(), begin.elapsed())));
         while !self.is_complete() && timed.as_ref().is_none_or(|(begin, pace)| begin.elapsed() < pace.limit) {
             let record = self.step()?;
             on_step(self, &record)?;
             if let Some((begin, pace)) = &mut timed
-                && let Some(steps) = pace.replanned(self.step_count(), begin.elapsed())
+                && let Some(steps) = pace.replanned([self.step_count(), self.config().steps], begin.elapsed())
             {
                 self.plan_steps(steps);
             }
@@ -149,18 +165,37 @@ impl Fit {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::RangeInclusive;
+
     use super::*;
 
-    /// Total seconds and steps of a run whose steps take `millis`, first planned as `steps`.
-    fn run(limit: u64, mut steps: u64, millis: impl Fn(u64) -> u64) -> (f64, u64) {
-        let mut pace = Pace { limit: Duration::from_secs(limit), planned: (0, Duration::ZERO) };
-        let (mut step, mut elapsed) = (0, Duration::ZERO);
+    #[derive(Debug)]
+    struct Outcome {
+        secs: f64,
+        steps: u64,
+        /// Where in the schedule the last step was, from 0 to 1.
+        end: f64,
+    }
+
+    impl Outcome {
+        /// The schedule ended with the run, too.
+        fn assert_within(&self, secs: RangeInclusive<f64>, steps: RangeInclusive<u64>) {
+            assert!(secs.contains(&self.secs) && steps.contains(&self.steps) && self.end > 0.99, "{self:?}");
+        }
+    }
+
+    /// A run whose steps take `millis`, first planned as `steps`.
+    fn run(limit: u64, mut steps: u64, millis: impl Fn(u64) -> u64) -> Outcome {
+        let mut pace = Pace::new(Duration::from_secs(limit), 0, Duration::ZERO);
+        let (mut step, mut elapsed, mut end) = (0, Duration::ZERO, 0.0);
         while step < steps && elapsed < pace.limit {
             elapsed += Duration::from_millis(millis(step));
             step += 1;
-            steps = pace.replanned(step, elapsed).unwrap_or(steps);
+            end = step as f64 / steps as f64;
+            steps = pace.replanned([step, steps], elapsed).unwrap_or(steps);
         }
-        (elapsed.as_secs_f64(), step)
+        assert_eq!(step, steps, "the last plan is what was done");
+        Outcome { secs: elapsed.as_secs_f64(), steps: step, end }
     }
 
     #[test]
@@ -175,20 +210,35 @@ mod tests {
     #[test]
     fn steps_that_become_faster_or_slower_fill_the_time() {
         // 100 steps of 40 ms and 600 of 10 ms make ten seconds; from the first ones, 250 were planned.
-        let (secs, steps) = run(10, 250, |step| if step < 100 { 40 } else { 10 });
-        assert!((9.8..=10.05).contains(&secs) && (680..=700).contains(&steps), "{steps} steps in {secs} s");
-        let (secs, steps) = run(10, 1000, |step| 10 + step / 20);
-        assert!((9.5..=10.05).contains(&secs) && (460..=480).contains(&steps), "{steps} steps in {secs} s");
-        let (secs, steps) = run(10, 1000, |_| 10);
-        assert!((9.95..=10.0).contains(&secs) && (995..=1000).contains(&steps), "{steps} steps in {secs} s");
+        run(10, 250, |step| if step < 100 { 40 } else { 10 }).assert_within(9.95..=10.0, 695..=700);
+        run(10, 1000, |step| 10 + step / 20).assert_within(9.9..=10.05, 460..=480);
+        run(10, 1000, |_| 10).assert_within(9.95..=10.0, 995..=1000);
+    }
+
+    #[test]
+    fn a_plan_from_a_slow_trial_is_not_the_end() {
+        // The machine stood still while the trial's steps were timed.
+        run(6, 4, |_| 5).assert_within(5.98..=6.0, 1196..=1200);
+        // It stands still for more than half of the time: at this pace, nothing could be done in what is left.
+        run(6, 1200, |step| if step == 300 { 3500 } else { 5 }).assert_within(5.98..=6.0, 495..=501);
+    }
+
+    #[test]
+    fn a_run_that_slows_down_in_its_last_moments_ends_its_schedule() {
+        run(10, 1000, |step| if step < 960 { 10 } else { 40 }).assert_within(9.95..=10.04, 968..=971);
+        // No step is begun that would take longer than what is left.
+        run(1, 1, |_| 700).assert_within(0.7..=0.7, 1..=1);
     }
 
     #[test]
     fn a_plan_is_kept_until_enough_time_has_passed() {
-        let mut pace = Pace { limit: Duration::from_secs(100), planned: (10, Duration::from_secs(20)) };
-        assert_eq!(pace.replanned(30, Duration::from_secs(24)), None);
-        assert_eq!(pace.replanned(10, Duration::from_secs(30)), None, "no step was taken");
-        assert_eq!(pace.replanned(40, Duration::from_secs(30)), Some(40 + 210));
-        assert_eq!(pace.replanned(45, Duration::from_secs(34)), None, "less than a twentieth since the last plan");
+        let mut pace = Pace::new(Duration::from_secs(100), 10, Duration::from_secs(20));
+        let mut replanned = |step, secs| pace.replanned([step, 1000], Duration::from_secs(secs));
+        assert_eq!(replanned(30, 24), None);
+        assert_eq!(replanned(10, 30), None, "no step was taken");
+        assert_eq!(replanned(40, 30), Some(40 + 210));
+        assert_eq!(replanned(45, 34), None, "less than a twentieth since the last plan");
+        assert_eq!(replanned(220, 97), Some(220 + 8));
+        assert_eq!(replanned(222, 99), Some(222 + 1), "more time has passed since than is left");
     }
 }

@@ -102,7 +102,8 @@ pub struct FitConfig {
     pub d_ssim: f64,
     /// Learning rates.
     pub rates: Rates,
-    /// Whether adaptive density control sums absolute gradients of single pixels, as `AbsGS` (Ye et al. 2024).
+    /// Whether adaptive density control sums absolute gradients of single pixels, as gsplat's `absgrad`:
+    /// [`crate::density::Adaptive::absolute`].
     pub absolute_gradients: bool,
     /// Initial learning rate of each view's camera, in radians, and in extents for its position; it falls to a hundredth. `None`
     /// leaves the cameras as they are.

@@ -117,7 +117,10 @@ pub enum Fault {
     /// Every Gaussian was pruned.
     Empty,
     /// No training camera sees any Gaussian.
-    Unseen,
+    Unseen {
+        /// Depth of the near plane, in the unit of length of the views.
+        near: f64,
+    },
     /// The graphics adapter failed.
     Device(GpuError),
 }
@@ -131,7 +134,12 @@ impl fmt::Display for Fault {
                 write!(f, "density control asks for {wanted} Gaussians, more than the limit of {limit}")
             }
             Self::Empty => f.write_str("density control pruned every Gaussian"),
-            Self::Unseen => f.write_str("no training camera sees any Gaussian"),
+            Self::Unseen { near } => {
+                write!(
+                    f,
+                    "no training camera sees any Gaussian: is the scene in front of the near plane, at a depth of {near}?"
+                )
+            }
             Self::Device(error) => error.fmt(f),
         }
     }

@@ -50,7 +50,7 @@ impl Cameras {
         let seen = nearest.iter().flatten();
         let largest =
             seen.fold(None, |most: Option<f64>, depth| Some(most.map_or(*depth, |most| most.maximum_of(*depth))));
-        let largest = largest.ok_or(Fault::Unseen)?;
+        let largest = largest.ok_or(Fault::Unseen { near: self.near })?;
         let filter = |depth: &Option<f64>| narrowed(depth.unwrap_or(largest) / self.largest_focal * VARIANCE.sqrt());
         Ok(nearest.iter().map(filter).collect())
     }

@@ -28,11 +28,11 @@ const FILTER_EVERY: u64 = 100;
 #[derive(Debug)]
 pub struct Fit {
     pub(crate) config: FitConfig,
-    schedule: Schedule,
+    pub(crate) schedule: Schedule,
     pub(crate) views: Vec<TrainingView>,
     cameras: Cameras,
     extent: f64,
-    limit: usize,
+    pub(crate) limit: usize,
     first_degree: u8,
     /// Hash of the initial Gaussians.
     pub(crate) start: String,
@@ -49,6 +49,8 @@ pub struct Fit {
     pub(crate) splatter: Splatter,
     loss: PhotometricLoss,
     derivative: Derivative,
+    /// Steps of this epoch in which no Gaussian was drawn.
+    empty_steps: u64,
 }
 
 /// One step.
@@ -147,6 +149,7 @@ impl Fit {
             splatter: Splatter { cpu, device: FitDevice::default() },
             loss: PhotometricLoss::default(),
             derivative: Derivative::default(),
+            empty_steps: 0,
         };
         fit.filter().map_err(|fault| fit.stopped(1, 0, fault))?;
         Ok(fit)
@@ -239,6 +242,9 @@ impl Fit {
         })?;
         if !terms.total.is_finite() {
             return Err(self.stopped(step, number, Fault::Loss { l1: terms.l1, d_ssim: terms.d_ssim }));
+        }
+        if self.sees_nothing(step) {
+            return Err(self.stopped(step, number, Fault::Unseen { near: self.options.constants.near }));
         }
         let regularisers = self.density.regularise(&self.scene, &mut self.derivative.gradients);
         if let Some(fault) = self.broken_gradient() {
@@ -379,6 +385,17 @@ impl Fit {
             self.scene.parts.filter_3d = Some(self.cameras.filters(&self.scene.parts.means)?);
         }
         Ok(())
+    }
+
+    /// Whether `step` ends an epoch, or a run shorter than that, in which no Gaussian was drawn. One view may see none of them;
+    /// if all views do, no step changes anything.
+    fn sees_nothing(&mut self, step: u64) -> bool {
+        let epoch = self.views.len() as u64;
+        if step % epoch == 1 % epoch {
+            self.empty_steps = 0;
+        }
+        self.empty_steps += u64::from(self.derivative.screen.drawn.is_empty());
+        self.empty_steps == epoch.min(self.config.steps)
     }
 
     fn broken_gradient(&self) -> Option<Fault> {

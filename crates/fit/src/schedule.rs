@@ -1,4 +1,4 @@
-use crate::Rates;
+use crate::{Rates, Strategy};
 
 /// When things happen, in steps counted from 1. The published schedule is for 30 000 steps; it scales with their number,
 /// but density changes at most every [`Schedule::SHORTEST_INTERVAL`] steps, because it needs gradients of many views, and
@@ -47,6 +47,27 @@ impl Schedule {
         }
     }
 
+    /// Whether density changes in this step, for a strategy that does so until a step.
+    pub(crate) const fn changes_density(&self, step: u64, until: u64) -> bool {
+        step > self.density_from && step < until && step.is_multiple_of(self.density_every)
+    }
+
+    /// How often a strategy changes the density after a step.
+    pub fn density_changes(&self, strategy: Strategy, after: u64) -> u64 {
+        let until = match strategy {
+            Strategy::Gaussians3d | Strategy::MipSplatting => self.density_until,
+            Strategy::Mcmc => self.relocation_until,
+            Strategy::Fixed => return 0,
+        };
+        let from = self.density_from.max(after);
+        (until.saturating_sub(1) / self.density_every).saturating_sub(from / self.density_every)
+    }
+
+    /// Fewest steps of a run in which a strategy changes the density; `None` if it never does.
+    pub fn fewest_steps(strategy: Strategy) -> Option<u64> {
+        (1..=Self::PUBLISHED).find(|steps| Self::of(*steps).density_changes(strategy, 0) > 0)
+    }
+
     /// Learning rate of the means in this step, for a scene of extent 1: log-linear from the first to the last
     /// (graphdeco-inria/gaussian-splatting `utils/general_utils.py`).
     pub fn means_rate(&self, rates: &Rates, step: u64) -> f64 {
@@ -75,6 +96,27 @@ mod tests {
         let short = Schedule::of(3000);
         assert_eq!((short.degree_every, short.density_every, short.reset_every), (100, 100, 300));
         assert_eq!((Schedule::of(60_000).density_every, Schedule::of(300).reset_every), (200, 300));
+    }
+
+    #[test]
+    fn changes_of_density_are_counted_as_they_are_due() {
+        for steps in [1, 60, 121, 122, 201, 202, 3000, 30_000, 90_001] {
+            let schedule = Schedule::of(steps);
+            let ends = [
+                (Strategy::Gaussians3d, schedule.density_until),
+                (Strategy::MipSplatting, schedule.density_until),
+                (Strategy::Mcmc, schedule.relocation_until),
+                (Strategy::Fixed, 0),
+            ];
+            for (strategy, until) in ends {
+                for after in [0, steps / 3, steps] {
+                    let due = (after + 1..=steps).filter(|step| schedule.changes_density(*step, until)).count() as u64;
+                    assert_eq!(schedule.density_changes(strategy, after), due, "{strategy:?}, {steps}, {after}");
+                }
+            }
+        }
+        assert_eq!(Schedule::of(3000).density_changes(Strategy::Mcmc, 0), 24);
+        assert_eq!(Strategy::ALL.map(Schedule::fewest_steps), [Some(202), Some(202), Some(122), None]);
     }
 
     #[test]

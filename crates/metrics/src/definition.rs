@@ -64,6 +64,33 @@ pub enum Measure {
     },
 }
 
+impl Definition {
+    /// How far a score may be beyond its [`Self::range`] by rounding: sums of squares of samples up to some hundreds lose so much
+    /// against the constants of SSIM.
+    pub const ROUNDING: f64 = 1e-6;
+
+    /// The least and the largest value that a score can have; infinite without a bound.
+    pub const fn range(&self) -> [f64; 2] {
+        match self.measure {
+            Measure::Ssim { .. } => [-1.0, 1.0],
+            Measure::L1 { values: Values::Clipped | Values::EightBit(_) } => [0.0, 1.0],
+            Measure::Psnr { values: Values::Clipped | Values::EightBit(_) }
+            | Measure::L1 { values: Values::AsRendered }
+            // The embedded heads are not negative; those of ST-LPIPS come from the user's file.
+            | Measure::Perceptual { network: Network::LpipsVgg | Network::LpipsAlex, .. } => [0.0, f64::INFINITY],
+            Measure::Psnr { values: Values::AsRendered } | Measure::Perceptual { .. } => {
+                [f64::NEG_INFINITY, f64::INFINITY]
+            }
+        }
+    }
+
+    /// Whether a score is within its range, up to rounding; NaN is not.
+    pub fn is_possible(&self, score: f64) -> bool {
+        let [least, most] = self.range();
+        (least - Self::ROUNDING..=most + Self::ROUNDING).contains(&score)
+    }
+}
+
 const FLOAT: Values = Values::AsRendered;
 const CLIPPED: Values = Values::Clipped;
 const TRUNCATED: Values = Values::EightBit(Rounding::Truncate);
@@ -281,6 +308,22 @@ mod tests {
         let listed =
             page.lines().skip_while(|line| *line != "| id | convention |").take_while(|line| line.starts_with('|'));
         assert_eq!(listed.count(), definitions().len() + 2);
+    }
+
+    #[test]
+    fn impossible_scores_are_outside_the_range() {
+        let of = |id: &str, scores: [f64; 2]| scores.map(|score| definition(id).unwrap().is_possible(score));
+        assert_eq!(of("ssim", [-1.0 - 1e-9, 1.0 + 1e-9]), [true; 2], "rounding");
+        assert_eq!([of("ssim", [-1.01, 1.01]), of("ssim-inria", [5.0, f64::NAN])], [[false; 2]; 2]);
+        assert_eq!([of("l1", [-0.1, 1.1]), of("l1", [0.0, 1.0])], [[false; 2], [true; 2]]);
+        assert_eq!([of("psnr", [-0.1, 150.0]), of("psnr-unclipped", [-40.0, 9.0])], [[false, true], [true; 2]]);
+        assert_eq!([of("lpips", [-0.1, 1.4]), of("st-lpips", [-0.1, 1.4])], [[false, true], [true; 2]]);
+        assert!(definitions().iter().all(|definition| definition.is_possible(definition.range()[1])));
+        for network in [Network::LpipsVgg, Network::LpipsAlex] {
+            let heads = crate::learned::embedded_heads(network).unwrap().unwrap();
+            let values = heads.tensors.values().flat_map(|tensor| tensor.to_f32().unwrap());
+            assert!(values.into_iter().all(|weight| weight >= 0.0), "{network:?}");
+        }
     }
 
     #[test]

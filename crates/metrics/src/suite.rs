@@ -45,6 +45,11 @@ impl Networks {
         loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
     }
 
+    /// Those that were loaded.
+    pub fn loaded(&self) -> impl Iterator<Item = &Perceptual> {
+        self.loaded.iter().map(Arc::as_ref)
+    }
+
     fn load(&mut self, network: Network, folders: &WeightsFolders) -> Result<(), LoadError> {
         let known = self.loaded.iter().map(|loaded| loaded.network()).chain(self.absent.iter().map(|a| a.network));
         if known.into_iter().any(|known| known == network) {

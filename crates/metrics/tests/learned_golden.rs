@@ -146,6 +146,10 @@ fn invalid_images_and_weights_are_typed_errors() {
     write(&stored);
     assert!(matches!(from(&path), Err(LoadError::Mismatch { .. })));
     assert_eq!(perceptual.hashes().is_published, Some(false), "seeded weights are not the published ones");
+    let unpublished = perceptual.unpublished().unwrap();
+    for part in ["LPIPS (Alex)", "7be5be79…", &perceptual.hashes().network] {
+        assert!(unpublished.contains(part), "{part}: {unpublished}");
+    }
 }
 
 #[test]

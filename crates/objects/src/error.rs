@@ -12,6 +12,9 @@ pub enum ObjectError {
          `cargo install --path crates/objects --features object-storage`"
     )]
     NotInstalled { url: String },
+    /// The program that the environment names cannot be started.
+    #[error("{url}: the variable ATSPLAT_OBJECTS names {program:?}, which cannot be started: {detail}")]
+    NotStarted { url: String, program: String, detail: String },
     /// A URL or its configuration is invalid.
     #[error("{url}: expected s3://BUCKET/FOLDER, gs://BUCKET/FOLDER or az://CONTAINER/FOLDER: {detail}")]
     Invalid { url: String, detail: String },

@@ -174,7 +174,10 @@ impl Mirror {
             state.check()?;
             if !state.under_way.contains(*missing) {
                 let (url, action) = (self.url().to_owned(), "reading objects".to_owned());
-                return Err(ObjectError::Request { url, action, detail: format!("no answer about {missing}") });
+                let error = ObjectError::Request { url, action, detail: format!("no answer about {missing}") };
+                // It says nothing about the data, which would otherwise count as unreadable.
+                state.failed = Some(error.clone());
+                return Err(error);
             }
             state = self.settled.wait(state).unwrap_or_else(PoisonError::into_inner);
         }

@@ -225,6 +225,65 @@ fn urls_are_told_from_paths() {
     );
 }
 
+/// Both would be left out of requests: another folder would be read, and two stores would be one.
+#[test]
+fn urls_with_a_query_or_a_fragment_are_refused() {
+    for (url, expected) in [
+        ("s3://b/runs/lr#2", "found #2; in names, write %23 for #"),
+        ("gs://b/runs#", "write %23 for #"),
+        ("az://c/runs?v=1", "found ?v=1; in names, write %3F for ?"),
+        ("file:///tmp/a?b#c", "found ?b; "),
+    ] {
+        let error = Connected::open(url).unwrap_err();
+        assert!(matches!(&error, ObjectError::Invalid { url: own, .. } if own == url), "{error}");
+        assert!(error.to_string().contains(expected), "{url}: {error}");
+    }
+    assert!(Connected::open("file:///tmp/a%23b%3Fc").is_ok());
+}
+
+/// Storage that says nothing about what it was asked to read.
+#[derive(Debug)]
+struct Silent(Box<Connected>);
+
+impl Storage for Silent {
+    fn url(&self) -> &str {
+        self.0.url()
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.0.traffic()
+    }
+
+    fn list(&self) -> Result<Vec<Object>, ObjectError> {
+        self.0.list()
+    }
+
+    fn download(&self, _: Vec<Download>, _: Done<'_>) -> Result<(), ObjectError> {
+        Ok(())
+    }
+
+    fn get(&self, name: &str) -> Result<Option<(String, Version)>, ObjectError> {
+        self.0.get(name)
+    }
+
+    fn put(&self, uploads: Vec<Upload>, done: Done<'_>) -> Result<(), ObjectError> {
+        self.0.put(uploads, done)
+    }
+
+    fn delete(&self, name: &str) -> Result<(), ObjectError> {
+        self.0.delete(name)
+    }
+}
+
+#[test]
+fn a_missing_answer_is_a_failure_of_the_storage() {
+    let fixture = Fixture::new(&[("data/a", b"a")]);
+    let mirror = Mirror::of(Box::new(Silent(fixture.storage("data"))), fixture.cache()).unwrap();
+    let error = mirror.fetch(&[mirror.path().join("a")]).unwrap_err();
+    assert!(error.to_string().contains("no answer about a"), "{error}");
+    assert_eq!(mirror.failure(), Some(error), "a run stops, and does not call the scene unreadable");
+}
+
 #[test]
 fn a_store_is_sent_resumed_and_cleared_of_what_it_no_longer_holds() {
     let fixture = Fixture::new(&[]);

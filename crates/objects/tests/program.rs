@@ -18,11 +18,16 @@ fn read(path: &Path) -> Vec<u8> {
     fs::read(path).unwrap()
 }
 
+/// The ignored test of this name in a process of its own.
+fn process_of(test: &str) -> Command {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", test, "--ignored", "--nocapture"]).env_remove(VARIABLE);
+    command
+}
+
 /// Runs the ignored test of this name with `program` in its environment.
 fn with_program(test: &str, program: &str) {
-    let mut command = Command::new(std::env::current_exe().unwrap());
-    let status = command.args(["--exact", test, "--ignored", "--nocapture"]).env(VARIABLE, program).status();
-    assert!(status.unwrap().success());
+    assert!(process_of(test).env(VARIABLE, program).status().unwrap().success());
 }
 
 #[test]
@@ -60,7 +65,7 @@ fn in_process_read_and_write() {
 
 #[test]
 fn without_the_program_the_error_says_how_to_install_it() {
-    with_program("in_process_without", "/nowhere/atsplat-objects");
+    assert!(process_of("in_process_without").env("PATH", "/nowhere").status().unwrap().success());
 }
 
 #[test]
@@ -71,6 +76,18 @@ fn in_process_without() {
         matches!(error, ObjectError::NotInstalled { .. }) && error.to_string().contains("cargo install"),
         "{error}"
     );
+}
+
+#[test]
+fn an_error_about_the_program_that_the_environment_names_says_so() {
+    with_program("in_process_named", "/nowhere/atsplat-objects");
+}
+
+#[test]
+#[ignore = "run by the test above, which sets its environment"]
+fn in_process_named() {
+    let error = Mirror::open("s3://bucket/data", Some(Path::new("cache"))).unwrap_err().to_string();
+    assert!(error.contains("the variable ATSPLAT_OBJECTS names \"/nowhere/atsplat-objects\""), "{error}");
 }
 
 #[test]

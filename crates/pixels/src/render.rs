@@ -23,24 +23,46 @@ pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
         let found = format!("one that is {orientation} according to its EXIF data");
         return unusable("an upright image", found, "store the pixels as they are to be compared");
     }
+    if let Some(pictures) = other_pictures(bytes) {
+        let found = format!("an animation of {pictures} according to `acTL`");
+        return unusable(
+            "a PNG of one picture",
+            found,
+            "store the picture that is to be compared in a file of its own",
+        );
+    }
     if let Some(found) = other_encoding(bytes) {
         return unusable("samples encoded as sRGB", found, "encode them, or correct the header");
     }
     Ok(())
 }
 
+/// The chunks of a PNG before its first image; none in another format.
+fn header_chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
+    let is_png = ImageFormat::sniff(bytes) == Some(ImageFormat::Png);
+    png_chunks(if is_png { bytes } else { &[] }).take_while(|(name, _)| *name != b"IDAT")
+}
+
+/// The number of pictures of an animated PNG with several: which of them is meant, only its writer knows.
+fn other_pictures(bytes: &[u8]) -> Option<u32> {
+    let pictures = header_chunks(bytes).find_map(|(name, data)| match (name, data) {
+        (b"acTL", [a, b, c, d, ..]) => Some(u32::from_be_bytes([*a, *b, *c, *d])),
+        _ => None,
+    })?;
+    (pictures > 1).then_some(pictures)
+}
+
 /// What a PNG says about the encoding of its samples, if it is not one for display. `cICP` takes precedence over a
 /// profile, which is not read, and a profile over `gAMA` (PNG specification, third edition, 4.3).
 fn other_encoding(bytes: &[u8]) -> Option<String> {
-    if ImageFormat::sniff(bytes) != Some(ImageFormat::Png) {
-        return None;
-    }
     let (mut has_profile, mut exponent) = (false, None);
-    for (name, data) in png_chunks(bytes).take_while(|(name, _)| *name != b"IDAT") {
+    for (name, data) in header_chunks(bytes) {
         match (name, data) {
-            (b"cICP", [_, transfer, ..]) => {
-                return NOT_FOR_DISPLAY.contains(transfer).then(|| format!("transfer function {transfer} in `cICP`"));
+            (b"cICP", [_, transfer, ..]) if NOT_FOR_DISPLAY.contains(transfer) => {
+                return Some(format!("transfer function {transfer} in `cICP`"));
             }
+            (b"cICP", [_, _, _, 0, ..]) => return Some("samples of the narrow range 16 to 235 in `cICP`".to_owned()),
+            (b"cICP", _) => return None,
             (b"iCCP" | b"sRGB", _) => has_profile = true,
             (b"gAMA", [a, b, c, d, ..]) => exponent = Some(u32::from_be_bytes([*a, *b, *c, *d])),
             _ => {}
@@ -84,6 +106,9 @@ mod tests {
         };
         assert_eq!(found(&[(b"gAMA", &linear)]), expected("the exponent 1.000 in `gAMA`"));
         assert_eq!(found(&[(b"tEXt", b"a\0"), (b"cICP", &[9, 16, 0, 1])]), expected("transfer function 16 in `cICP`"));
+        let narrow = expected("samples of the narrow range 16 to 235 in `cICP`");
+        assert_eq!(found(&[(b"cICP", &[1, 13, 0, 0])]), narrow);
+        assert_eq!(found(&[(b"cICP", &[1, 13, 0, 1])]), None);
         assert_eq!(found(&[]), None);
         assert_eq!(found(&[(b"gAMA", &usual)]), None);
         assert_eq!(found(&[(b"gAMA", &linear), (b"sRGB", &[0])]), None, "sRGB takes precedence");
@@ -98,6 +123,21 @@ mod tests {
         assert!(turned.starts_with("expected an upright image, found one that is to be turned by 180° "), "{turned}");
         let jpeg = problem(&encode_jpeg(&image(), 95).unwrap()).unwrap();
         assert!(jpeg.starts_with("expected a PNG or EXR file, found a JPEG: "), "{jpeg}");
+    }
+
+    #[test]
+    fn animations_are_refused_unless_they_have_one_picture() {
+        let of = |pictures: u32| [pictures, 7].map(u32::to_be_bytes).concat();
+        let found = |pictures| problem(&png(&[(b"tEXt", b"a\0"), (b"acTL", &of(pictures))]));
+        let several = found(3).unwrap();
+        assert!(
+            several.starts_with("expected a PNG of one picture, found an animation of 3 according to "),
+            "{several}"
+        );
+        assert_eq!(found(1), None, "it repeats one picture seven times");
+        let late =
+            [encode_png(&image()).unwrap(), [&12u32.to_be_bytes()[..], b"acTL", &of(3), b"crc."].concat()].concat();
+        assert_eq!(problem(&late), None, "after the image it has no meaning");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 mod named;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use atsplat_camera::Camera;
 use atsplat_scene::{FrameImage, Scene, SceneSource, WarningKind, Warnings};
@@ -56,6 +56,8 @@ pub struct BuiltIndex {
     pub refused_entries: usize,
     /// Frames excluded from sampling because their image files are missing.
     pub missing_images: usize,
+    /// Frames excluded from sampling because they show the image file of an earlier frame.
+    pub repeated_images: usize,
 }
 
 impl SamplingRule {
@@ -68,12 +70,12 @@ impl SamplingRule {
     }
 
     /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
-    /// missing image file are excluded from sampling: windows and distances of samplers count the others only, so they
-    /// span more frames of such scenes; frame numbers still count all.
+    /// missing image file, and those that repeat an earlier frame's file, are excluded from sampling: windows and distances of
+    /// samplers count the others only, so they span more frames of such scenes; frame numbers still count all.
     ///
     /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
     /// [`WarningKind::UnreadableScene`]; an entry whose images cannot be read for its overlap is rejected and adds a
-    /// [`WarningKind::UnreadableImage`].
+    /// [`WarningKind::UnreadableImage`], as does each image of the index whose header cannot be read.
     pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
         let outcomes = in_parallel(source.keys(), warnings, |key, warnings| {
             let outcome = self.build_scene(key, source, warnings);
@@ -81,9 +83,10 @@ impl SamplingRule {
             outcome
         });
         let mut built = BuiltIndex::default();
-        for (key, Outcome { entries, refused, missing }) in source.keys().iter().zip(outcomes) {
+        for (key, Outcome { entries, refused, missing, repeated }) in source.keys().iter().zip(outcomes) {
             built.refused_entries += refused;
             built.missing_images += missing;
+            built.repeated_images += repeated;
             let entries = match entries {
                 Ok(entries) => {
                     built.scenes += 1;
@@ -103,12 +106,24 @@ impl SamplingRule {
     fn build_scene(&self, key: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Outcome {
         let scene = match load(source, key, warnings) {
             Ok(scene) => scene,
-            Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0 },
+            Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0, repeated: 0 },
         };
-        let frames = scene.frames.iter().enumerate();
-        let present = frames.filter(|(_, frame)| !matches!(frame.image, FrameImage::Missing(_)));
+        let (mut missing, mut repeated) = (0, 0);
+        let mut files = HashSet::new();
+        let mut is_usable = |image: &FrameImage| match image {
+            FrameImage::Missing(_) => {
+                missing += 1;
+                false
+            }
+            FrameImage::File(path) if !files.insert(path.clone()) => {
+                repeated += 1;
+                false
+            }
+            _ => true,
+        };
+        let frames = scene.frames.iter().enumerate().filter(|(_, frame)| is_usable(&frame.image));
         let (frame_numbers, cameras): (Vec<usize>, Vec<Camera>) =
-            present.map(|(number, frame)| (number, frame.camera)).unzip();
+            frames.map(|(number, frame)| (number, frame.camera)).unzip();
         let mut refused = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
             let sampled: Vec<_> = sampled.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect();
@@ -119,7 +134,20 @@ impl SamplingRule {
             // No reason means that nothing was sampled, which samplers report as an error of their own.
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
-        Outcome { entries, refused, missing: scene.frames.len() - frame_numbers.len() }
+        report_unreadable(&scene, entries.iter().flatten(), warnings);
+        Outcome { entries, refused, missing, repeated }
+    }
+}
+
+/// Warns of each image of `entries` whose header cannot be read, such as that of an empty file.
+fn report_unreadable<'a>(scene: &Scene, entries: impl Iterator<Item = &'a IndexEntry>, warnings: &mut Warnings) {
+    let frames: BTreeSet<usize> =
+        entries.flat_map(|entry| entry.context.iter().chain(&entry.target)).copied().collect();
+    let available = frames.into_iter().filter_map(|number| Some((number, scene.frames.get(number)?)));
+    for (number, frame) in available.filter(|(_, frame)| frame.image.is_available()) {
+        if let Err(error) = frame.header(&scene.key, number) {
+            warnings.push(WarningKind::UnreadableImage, scene.key.as_str(), error.to_string());
+        }
     }
 }
 
@@ -131,6 +159,8 @@ struct Outcome {
     refused: usize,
     /// Frames whose images are missing.
     missing: usize,
+    /// Frames that repeat an earlier frame's file.
+    repeated: usize,
 }
 
 /// The entry with the scene's numbers of the frames that the sampler was given.
@@ -264,6 +294,29 @@ mod tests {
         assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
         let targets = entry("s").target;
         assert!(targets.iter().all(|frame| !missing.contains(frame) && (0..=12).contains(frame)), "{targets:?}");
+    }
+
+    /// Each file is listed twice, one after the other.
+    #[test]
+    fn never_samples_a_second_frame_of_one_file() {
+        let listed = |name: &str, file: fn(usize) -> usize| {
+            let mut repeating = scene(name, 24, 0);
+            for (number, frame) in repeating.frames.iter_mut().enumerate() {
+                frame.image = FrameImage::File(format!("/no/such/{}.png", file(number)).into());
+            }
+            repeating
+        };
+        let source = MemorySource::new([listed("twice", |number| number / 2), listed("once", |number| number)]);
+        let mut warnings = Warnings::new();
+        let built = rule(FARTHEST).build(&source, &|| (), &mut warnings);
+        assert_eq!((built.repeated_images, built.missing_images), (12, 0));
+        let entry = &built.index.scenes["twice"][0];
+        assert!(entry.context.iter().chain(&entry.target).all(|frame| frame % 2 == 0), "{entry:?}");
+        assert_eq!(entry.context, [0, 18], "the tenth of the frames that remain");
+        let frames = |key: &str| built.index.scenes[key][0].context.len() + built.index.scenes[key][0].target.len();
+        let listed = frames("twice") + frames("once");
+        assert_eq!(warnings.count(WarningKind::UnreadableImage), listed as u64, "none of these files exists");
+        assert!(warnings.kept().iter().any(|warning| warning.detail.contains("no/such/9.png")), "{warnings:?}");
     }
 
     #[test]

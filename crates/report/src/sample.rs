@@ -30,6 +30,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
         overlap_estimators: Vec::new(),
         entries: 4,
         entries_of_index: 7194,
+        scenes_of_index: None,
     }
 }
 

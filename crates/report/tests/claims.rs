@@ -158,6 +158,13 @@ fn differences_of_longer_trainings_are_those_of_the_store() {
         format!("| uncertainty above {selection}, after three times the samples | {interval} |")
     });
     require_lines(expected.to_vec(), |own| readme.lines().any(|line| line == own));
+    let farthest = |other: &str| {
+        let rows = ["sparse-farthest-point-long-1", other].map(|row| (&results, row));
+        difference(rows, "psnr", 3)
+    };
+    let [straight_through, random] = ["sparse-straight-through-long-1", "sparse-random-long-1"].map(farthest);
+    let largest = format!("{straight_through} and {}", random.replacen(" [", " dB [", 1));
+    require_lines(vec![largest], |own| readme.contains(own));
 }
 
 /// Learnt tokens against none after twice the samples.

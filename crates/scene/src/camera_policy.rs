@@ -5,6 +5,7 @@ use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
 use crate::image_mismatch::stretched_pixels;
+use crate::lens_end::LensEnds;
 use crate::outlying::outlying_cameras;
 use crate::plausible::wrong_unit;
 use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
@@ -90,6 +91,8 @@ pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warning
         let distortion = frame.camera.distortion;
         (distortion != Distortion::None).then(|| distortion.to_string())
     });
+    let ends = LensEnds::default();
+    report(WarningKind::LensEndsInside, &|frame| if has_unit(frame) { ends.inside(frame) } else { None });
 }
 
 /// The frames whose image is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:

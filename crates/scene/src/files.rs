@@ -8,8 +8,11 @@ use std::path::{Path, PathBuf};
 
 use crate::SceneError;
 
-/// Extensions of images, in order of preference if one stem has several.
-const IMAGE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+/// Extensions of images, in order of preference if one stem has several; from [`FIRST_UNREAD`] on of formats that are not decoded,
+/// so that the error names the format, and not a missing file.
+const IMAGE_EXTENSIONS: [&str; 11] =
+    ["jpg", "jpeg", "png", "webp", "tif", "tiff", "heic", "heif", "avif", "bmp", "gif"];
+const FIRST_UNREAD: usize = 4;
 
 /// Reads a regular file; a pipe or device could block or never end.
 pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
@@ -101,6 +104,8 @@ pub(crate) fn last_name(path: &Path) -> String {
 pub(crate) struct ImageListing {
     folder: PathBuf,
     names_by_stem: BTreeMap<String, Vec<String>>,
+    /// Whether any image is of a format that is decoded.
+    holds_read: bool,
 }
 
 impl ImageListing {
@@ -120,12 +125,13 @@ impl ImageListing {
         for names in names_by_stem.values_mut() {
             names.sort_by_key(|name| split_image_name(name).map(|(_, preference)| preference));
         }
-        Ok(Some(Self { folder: folder.to_owned(), names_by_stem }))
+        let holds_read = names_by_stem.values().flatten().any(|name| is_read(name));
+        Ok(Some(Self { folder: folder.to_owned(), names_by_stem, holds_read }))
     }
 
     /// The listing of a folder without images, which need not exist.
     pub(crate) const fn empty(folder: PathBuf) -> Self {
-        Self { folder, names_by_stem: BTreeMap::new() }
+        Self { folder, names_by_stem: BTreeMap::new(), holds_read: false }
     }
 
     /// The folder that was listed.
@@ -133,9 +139,10 @@ impl ImageListing {
         &self.folder
     }
 
-    /// Stems of all images, sorted.
+    /// Stems of all images, sorted. Beside images that are decoded, others may be depth maps, and do not count.
     pub(crate) fn stems(&self) -> impl Iterator<Item = &str> {
-        self.names_by_stem.keys().map(String::as_str)
+        let counts = |names: &[String]| !self.holds_read || names.iter().any(|name| is_read(name));
+        self.names_by_stem.iter().filter(move |(_, names)| counts(names)).map(|(stem, _)| stem.as_str())
     }
 
     /// The image with the file name `name`.
@@ -149,9 +156,17 @@ impl ImageListing {
         self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
     }
 
-    /// Which of several images [`Self::by_stem`] takes; `None` if there is one, or none.
+    /// [`Self::by_stem`] of the formats that are decoded.
+    pub(crate) fn read_by_stem(&self, stem: &str) -> Option<PathBuf> {
+        let first = self.names_by_stem.get(stem)?.first().filter(|name| is_read(name))?;
+        Some(self.folder.join(first))
+    }
+
+    /// Which of several images [`Self::by_stem`] takes; `None` if there is one, or none, or one that is decoded.
     pub(crate) fn choice_of_stem(&self, stem: &str) -> Option<String> {
         let (first, others) = self.names_by_stem.get(stem)?.split_first()?;
+        let others: Vec<&str> =
+            others.iter().map(String::as_str).filter(|other| !is_read(first) || is_read(other)).collect();
         (!others.is_empty()).then(|| format!("{first} is used, not {}", others.join(", ")))
     }
 
@@ -161,6 +176,11 @@ impl ImageListing {
         let extension = first.and_then(|name| name.rsplit_once('.')).map_or("jpg", |(_, extension)| extension);
         self.folder.join(format!("{stem}.{extension}"))
     }
+}
+
+/// Whether a name is that of an image in a format that is decoded.
+pub(crate) fn is_read(name: &str) -> bool {
+    split_image_name(name).is_some_and(|(_, rank)| rank < FIRST_UNREAD)
 }
 
 /// Stem and rank of the extension; `None` if the name is not an image's.
@@ -250,6 +270,27 @@ mod tests {
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
         assert_eq!(listing.choice_of_stem("1").as_deref(), Some("1.JPG is used, not 1.png"));
         assert_eq!(["2", "3"].map(|stem| listing.choice_of_stem(stem)), [None, None]);
+    }
+
+    /// Depth maps in TIFF or a preview are not frames; a clip of TIFFs is one.
+    #[test]
+    fn formats_that_are_not_decoded_come_last() {
+        let listing = |names: &[&str]| {
+            let folder = tempfile::tempdir().unwrap();
+            for name in names {
+                fs::write(folder.path().join(name), b"").unwrap();
+            }
+            let listing = ImageListing::read(folder.path()).unwrap().unwrap();
+            (folder, listing)
+        };
+        let (folder, mixed) = listing(&["1.TIF", "1.webp", "2.bmp", "depth_1.tif", "notes.txt"]);
+        assert_eq!(mixed.stems().collect::<Vec<_>>(), ["1"]);
+        assert_eq!(mixed.by_stem("1"), Some(folder.path().join("1.webp")));
+        assert_eq!(mixed.by_name("1.TIF"), Some(folder.path().join("1.TIF")));
+        assert_eq!((mixed.read_by_stem("2"), mixed.choice_of_stem("1")), (None, None));
+        let (_, unread) = listing(&["1.gif", "1.tif", "2.heic"]);
+        assert_eq!(unread.stems().collect::<Vec<_>>(), ["1", "2"]);
+        assert_eq!(unread.choice_of_stem("1").as_deref(), Some("1.tif is used, not 1.gif"));
     }
 
     #[cfg(unix)]

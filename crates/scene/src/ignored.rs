@@ -4,8 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::colmap::{model_in, part_of_model};
-use crate::files::{last_name, list, not_utf8, read_start, split_image_name};
+use crate::colmap::{model_below, model_in, part_of_model};
+use crate::files::{is_read, last_name, list, not_utf8, read_start, split_image_name};
 use crate::nerfstudio::{VARIANTS, is_of_images, transforms_in};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
@@ -23,6 +23,8 @@ pub(crate) type Collections = BTreeMap<PathBuf, BTreeSet<String>>;
 enum LeftOut {
     /// A scene, by what describes it.
     Scene(&'static str),
+    /// A COLMAP model in a folder where none is looked for.
+    ModelIn(String),
     /// Images, or a file with a name like `transforms.json`.
     Part(String),
 }
@@ -48,7 +50,8 @@ pub(crate) fn report_ignored(
                 let is_of_trajectory = entries.binary_search(&(format!("{name}.txt"), false)).is_ok();
                 let may_be_part = format != Format::TorchChunks && !is_of_trajectory;
                 let part = || if may_be_part { part_in(&path, format).map(LeftOut::Part) } else { None };
-                scene_in(&path, name, names_only).map(LeftOut::Scene).or_else(part)
+                let model = || model_below(&path).map(LeftOut::ModelIn);
+                scene_in(&path, name, names_only).map(LeftOut::Scene).or_else(model).or_else(part)
             } else {
                 (!names_only && is_trajectory(&path)).then_some(LeftOut::Scene(TRAJECTORY))
             };
@@ -59,6 +62,12 @@ pub(crate) fn report_ignored(
                 }
                 Some(LeftOut::Scene(what)) => {
                     (WarningKind::IgnoredScene, format!("{what} is not read, because the dataset is read as {format}"))
+                }
+                Some(LeftOut::ModelIn(below)) => {
+                    let places =
+                        "a capture's model is looked for in the folder itself, sparse/0, sparse and colmap/sparse/0";
+                    let detail = format!("a COLMAP model in {below}, which is not read: {places}; give that folder");
+                    (WarningKind::IgnoredScene, detail)
                 }
                 Some(LeftOut::Part(what)) => {
                     (WarningKind::IgnoredScene, format!("holds {what}, but no {}", required(format, key)))
@@ -115,7 +124,7 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
             misspelt.or_else(|| {
                 let of_images = |(name, is_folder): &&(String, bool)| *is_folder && is_of_images(name);
                 let mut folders = entries.iter().filter(of_images).map(|(name, _)| folder.join(name));
-                let is_clip = format == Format::Re10k && files.clone().any(is_image);
+                let is_clip = format == Format::Re10k && files.clone().any(is_read);
                 let images = is_clip || folders.any(|folder| holds_images(&folder));
                 images.then(|| "images".to_owned())
             })
@@ -128,6 +137,12 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
         (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
     };
     of_model.or_else(in_variant).or_else(below)
+}
+
+/// Files in a folder that are named like a `transforms.json`, such as `transforms_train.json`.
+pub(crate) fn files_like_transforms(folder: &Path) -> Vec<String> {
+    let files = list(folder).unwrap_or_default().into_iter().filter(|(_, is_folder)| !is_folder);
+    files.map(|(name, _)| name).filter(|name| is_like_transforms(name)).collect()
 }
 
 fn is_like_transforms(name: &str) -> bool {

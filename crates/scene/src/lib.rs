@@ -22,6 +22,7 @@ mod image_options;
 #[cfg(feature = "columns")]
 pub mod inspect;
 pub mod json;
+mod lens_end;
 pub mod nerfstudio;
 mod number;
 mod open;

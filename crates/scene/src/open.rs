@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::colmap::{ColmapOptions, ColmapScenes, model_folders, part_of_model};
+use crate::colmap::{ColmapOptions, ColmapScenes, model_below, model_folders, part_of_model};
 use crate::fetch::image_files;
 use crate::files::{list, read_file, read_start};
-use crate::ignored::{Collections, report_ignored};
+use crate::ignored::{Collections, files_like_transforms, report_ignored};
 use crate::json;
 use crate::nerfstudio::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
@@ -200,6 +200,10 @@ fn what_is_there(path: &Path, is_file: bool) -> Result<String, SceneError> {
     if let Some(part) = model.as_deref().and_then(part_of_model) {
         return Ok(of_part(part));
     }
+    let transforms = if is_file { Vec::new() } else { files_like_transforms(path) };
+    if !transforms.is_empty() {
+        return Ok(format!("{kind}, but with {}: give that file", transforms.join(" and ")));
+    }
     let below = if is_file { Vec::new() } else { subfolders(path) };
     let holds_dataset = |folder: &PathBuf| {
         let holds = |entry: &Entry| (entry.folder)(folder).is_ok_and(|holds| holds);
@@ -208,6 +212,11 @@ fn what_is_there(path: &Path, is_file: bool) -> Result<String, SceneError> {
     let datasets: Vec<String> = below.iter().filter_map(holds_dataset).take(DATASETS_NAMED).collect();
     if !datasets.is_empty() {
         return Ok(format!("{kind}, but with datasets below it: {}", datasets.join(", ")));
+    }
+    let model_in = |folder: &Path| Some(folder.join(model_below(folder)?));
+    let own = Some(path).filter(|_| !is_file);
+    if let Some(model) = own.into_iter().chain(below.iter().map(PathBuf::as_path)).find_map(model_in) {
+        return Ok(format!("{kind}, but with a COLMAP model in {}: give that folder", model.display()));
     }
     if let Some(part) = below.iter().find_map(|capture| part_of_model(capture)) {
         return Ok(of_part(part));

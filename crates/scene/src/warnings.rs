@@ -38,12 +38,16 @@ pub enum WarningKind {
     ImplausibleIntrinsics,
     /// A field of view that contradicts the focal length in pixels or the other field of view beside it, which is used.
     ContradictoryFieldOfView,
+    /// A field of a `transforms.json` about images or intrinsics that is not read, such as `mask_path`.
+    UnreadField,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
     /// The principal point is off the centre by more than 1e-3, which renderers with a symmetric frustum ignore.
     OffCentrePrincipalPoint,
     /// The lens has distortion, which the protocol's renderer ignores.
     LensDistortion,
+    /// The lens model ends inside the image: no ray belongs to the pixels beyond.
+    LensEndsInside,
     /// An image's size differs from the one in the metadata or the protocol, or its pixels are not square.
     UnexpectedSize,
     /// An image's EXIF orientation is not upright; it is ignored, as in all loaders of the field.

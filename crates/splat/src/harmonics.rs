@@ -150,11 +150,12 @@ impl Harmonics {
     }
 }
 
-/// The lowest degree that changes no colour by more than the tolerance, and the bound on that change.
+/// The lowest degree that changes no colour by more than the tolerance, and the bound on that change, which is finite.
 fn needed(own: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
     let above = above(own);
     let highest = own.len().isqrt().saturating_sub(1);
-    let kept = above.iter().skip(1).take(highest).position(|change| *change <= tolerance).unwrap_or(highest);
+    let is_invisible = |change: &f64| change.is_finite() && *change <= tolerance;
+    let kept = above.iter().skip(1).take(highest).position(is_invisible).unwrap_or(highest);
     #[expect(clippy::expect_used, reason = "`kept` is a degree")]
     let change = above.get(kept + 1).expect("one bound for each degree, and 0 behind the last");
     #[expect(clippy::expect_used, reason = "`kept` is a degree")]
@@ -180,7 +181,8 @@ pub(crate) fn above(own: &[[f32; 3]]) -> Above {
         *slot = sum;
     }
     if above.first().is_some_and(|all| !(*all < 0.5 * LARGEST_CHANNEL)) {
-        above.iter_mut().take(BANDS).for_each(|slot| *slot = f64::INFINITY);
+        // Where there are no bands, nothing can be left out.
+        above.iter_mut().take(own.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
     }
     above
 }

@@ -28,7 +28,8 @@ pub struct SceneFileRecord {
     pub sh_degree: u8,
     /// Whether stored opacities were read as opacities, not logits.
     pub opacities_as_stored: bool,
-    /// Problems found on import: NaN is removed, infinite opacity logits become ±20.
+    /// Problems found on import: NaN is removed, infinite opacity logits become ±20. With the policy [`Cleaning::Reject`], all
+    /// that a PLY file has are removed.
     pub import: Validation,
     /// Problems found by the policy after import.
     pub cleaning: CleaningRecord,
@@ -62,14 +63,16 @@ pub struct SceneFile {
 }
 
 impl SceneFile {
-    /// Reads, hashes and cleans the Gaussians of a file.
+    /// Reads, hashes and cleans the Gaussians of a file. [`Cleaning::Reject`] rejects infinite opacity logits of a PLY file too;
+    /// in the other formats they are opacities of 0 and 1, which are valid.
     ///
     /// # Errors
     /// [`SplatError`] if the file cannot be read or breaks its format.
     pub fn read(path: &Path, policy: Cleaning, opacities_as_stored: bool) -> Result<Self, SplatError> {
         let start = Instant::now();
         let contents = files::read_bytes(path)?;
-        let (parsed, sha256) = rayon::join(|| files::parse(&contents, path), || Sha256Digest::of(&contents));
+        let (parsed, sha256) =
+            rayon::join(|| files::parse_cleaned(&contents, path, policy), || Sha256Digest::of(&contents));
         let (mut gaussians, import) = parsed?;
         let mut notes = Vec::new();
         if opacities_as_stored {
@@ -80,6 +83,7 @@ impl SceneFile {
                     .to_owned(),
             );
         }
+        notes.extend(import.doubts());
         let found = gaussians.validate();
         let found = if found.is_clean() {
             found
@@ -186,5 +190,79 @@ impl fmt::Display for GaussianCountsTable {
             writeln!(f, "{mean:>12.1}  {share:>5.1} %  {what}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::GaussianParts;
+    use crate::files::Output;
+
+    fn parts(opacity_logits: Vec<f32>, log_scale: f32) -> GaussianParts {
+        let count = opacity_logits.len();
+        GaussianParts {
+            means: (0..count).map(|at| [at as f32, 0.0, 2.0]).collect(),
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; count],
+            log_scales: vec![[log_scale, 0.5, 1.0]; count],
+            opacity_logits,
+            sh: vec![[0.5; 3]; count],
+            ..GaussianParts::default()
+        }
+    }
+
+    /// In ASCII, with logits as they are: the writer replaces infinite ones.
+    fn ply(parts: &GaussianParts) -> String {
+        let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+        let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+        let rows = parts.means.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
+        let row = |(([x, y, z], [s0, s1, s2]), logit): ((&[f32; 3], &[f32; 3]), &f32)| {
+            format!("{x} {y} {z} 1 0 0 0 {s0} {s1} {s2} {logit} 0 0 0\n")
+        };
+        let rows = rows.map(row).collect::<Vec<_>>().concat();
+        format!("ply\nformat ascii 1.0\nelement vertex {}\n{properties}end_header\n{rows}", parts.means.len())
+    }
+
+    #[test]
+    fn rejecting_leaves_no_infinite_logit_of_a_ply_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        let infinities = parts(vec![2.0, f32::INFINITY, -1.0, f32::NEG_INFINITY, f32::NAN, 100.0], -3.0);
+        std::fs::write(&path, ply(&infinities)).unwrap();
+        let of = |policy| {
+            let SceneFile { gaussians, record, .. } = SceneFile::read(&path, policy, false).unwrap();
+            let (import, found) = (record.import, record.cleaning.found);
+            assert_eq!(gaussians.len() + import.rejected + found.rejected, 6, "{policy:?}");
+            (gaussians.parts().opacity_logits.clone(), import.rejected, import.repaired)
+        };
+        assert_eq!(of(Cleaning::Import), (vec![2.0, 20.0, -1.0, -20.0, 100.0], 1, 2));
+        assert_eq!(of(Cleaning::Repair), (vec![2.0, 20.0, -1.0, -20.0, 20.0], 1, 2));
+        assert_eq!(of(Cleaning::Reject), (vec![2.0, -1.0], 4, 0));
+    }
+
+    /// An opacity of 1 is a byte like any other.
+    #[test]
+    fn rejecting_keeps_the_opaque_gaussians_of_quantised_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.spz");
+        let opaque = Gaussians::new(parts(vec![2.0, f32::INFINITY], -3.0)).unwrap();
+        files::write(&path, &opaque, Output::Spz3 { antialiased: false }).unwrap();
+        let scene = SceneFile::read(&path, Cleaning::Reject, false).unwrap();
+        assert_eq!((scene.gaussians.len(), scene.gaussians.parts().opacity_logits[1]), (2, 20.0));
+    }
+
+    #[test]
+    fn scales_that_may_have_no_logarithm_are_warned_of() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        let warnings = |log_scale: f32| {
+            std::fs::write(&path, ply(&parts(vec![2.0, 3.0], log_scale))).unwrap();
+            SceneFile::read(&path, Cleaning::Import, false).unwrap().warnings
+        };
+        let expected = "every log-scale of the file lies in (0, 1]: they may be scales without their logarithm";
+        assert_eq!(warnings(0.01), [expected]);
+        for log_scale in [0.0, -0.01, 1.01] {
+            assert_eq!(warnings(log_scale), [""; 0], "{log_scale}");
+        }
     }
 }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{Encoding, Format, Import, read};
+use atsplat_splat::files::{Encoding, Format, Import, parse, read};
 use atsplat_splat::{Field, Gaussians, Problem};
 use serde::Deserialize;
 
@@ -96,6 +96,56 @@ fn reports_the_format_and_unused_contents() {
         assert_eq!(import.unused, unused, "{name}");
         assert_eq!(import.antialiased, antialiased, "{name}");
     }
+}
+
+/// Without its flag, an extension that would mirror the Gaussians is not read.
+#[test]
+fn undeclared_extensions_of_spz_4_are_reported() {
+    let path = fixtures().join("files/version4.spz");
+    let mut bytes = std::fs::read(&path).unwrap();
+    let left_up_front = [0xadbe_0003u32, 4, 7].map(u32::to_le_bytes);
+    bytes.splice(32..32, left_up_front.as_flattened().iter().copied());
+    bytes[16] += 12;
+    let (plain, import) = parse(&bytes, &path).unwrap();
+    assert_eq!(import.unused, ["bytes between the header and the table of streams"]);
+    bytes[14] |= 2;
+    let (mirrored, import) = parse(&bytes, &path).unwrap();
+    assert_eq!(import.unused, [""; 0]);
+    assert_ne!(mirrored.parts().means, plain.parts().means);
+}
+
+/// Eight bits may be a fraction of 255; that a file has integers is no error, because all of them are read exactly.
+#[test]
+fn integers_among_the_properties_are_doubted() {
+    for name in ["odd_types_ascii.ply", "odd_types_big_endian.ply"] {
+        let (_, import) = imported(name);
+        assert_eq!(
+            import.integers,
+            ["opacity is stored as char", "y is stored as short", "f_dc_2 is stored as int"],
+            "{name}, whose label is not read"
+        );
+    }
+    assert_eq!(imported("degree1_ascii.ply").1.doubts(), [""; 0]);
+    assert_eq!(imported("compressed_degree1.ply").1.doubts(), [""; 0], "bytes by its definition");
+    let types = |name: &str| match name {
+        "f_dc_0" | "f_dc_2" => "uint8",
+        "rot_0" | "rot_1" | "rot_2" | "rot_3" | "scale_1" => "short",
+        "x" => "double",
+        _ => "float",
+    };
+    let names = "f_dc_0 f_dc_1 f_dc_2 x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity";
+    let properties: String = names.split(' ').flat_map(|name| ["property ", types(name), " ", name, "\n"]).collect();
+    let text =
+        format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n200 0 9 1 2 3 1 0 0 7 -1 -2 -3 2\n");
+    let (gaussians, import) = parse(text.as_bytes(), Path::new("f.ply")).unwrap();
+    assert_eq!(gaussians.parts().sh, [[200.0, 0.0, 9.0]]);
+    assert_eq!(
+        import.doubts(),
+        [
+            "f_dc_0, f_dc_2 are stored as uchar: read as these integers, not as fractions of a range",
+            "rot_0, rot_1, rot_2 and 2 more are stored as short: read as these integers, not as fractions of a range",
+        ]
+    );
 }
 
 /// Opacities 0 and 1 have infinite logits.

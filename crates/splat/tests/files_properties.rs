@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{Encoding, Output, parse, read, write};
+use atsplat_splat::files::{Encoding, Format, Output, parse, read, write};
 use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 use proptest::prelude::*;
 
@@ -411,6 +411,24 @@ fn rejects_unknown_formats() {
         read(Path::new("absent.ply")),
         Err(SplatError::Io(FileError { action: "reading Gaussians", .. }))
     ));
+}
+
+/// Any bytes can be a coordinate; whole headers of gzip are too small for one.
+#[test]
+fn rows_that_begin_like_gzip_are_rows() {
+    let rows = |x: [u8; 4]| {
+        let centre = [x, 2f32.to_le_bytes(), 3f32.to_le_bytes()].concat();
+        [centre, vec![0x3e; 12], vec![9; 8], vec![7; 32]].concat()
+    };
+    let x = [0x1f, 0x8b, 0x08, 0x40];
+    let (gaussians, import) = parse(&rows(x), Path::new("f.splat")).unwrap();
+    assert_eq!((import.format, gaussians.len()), (Format::Splat, 2));
+    assert_eq!(gaussians.parts().means[0].map(f32::to_le_bytes), [x, 2f32.to_le_bytes(), 3f32.to_le_bytes()]);
+    assert!(error_of(&rows(x), "f.spz").contains("SPZ header"));
+    assert!(error_of(&rows([0x1f, 0x8b, 8, 0]), "f.splat").contains("SPZ header"));
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/version2.spz");
+    let import = parse(&std::fs::read(path).unwrap(), Path::new("f.splat")).unwrap().1;
+    assert_eq!(import.format, Format::Spz(2), "whatever it is called");
 }
 
 /// Opacities written by pixelSplat look like logits of opacities between 0.5 and 0.73.

@@ -21,6 +21,7 @@ const FROZEN_DIGEST: &str = "frozen-sha256";
 const METADATA_DIGEST: &str = "metadata-sha256";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 const INITIAL_DATA: &str = "initial-weights-data";
+const INITIAL_DIFFERENCES: &str = "initial-weights-differences";
 const ADAPTER: &str = "adapter";
 const PROCESSOR: &str = "processor";
 const REPLACED: &str = "replaced-draws";
@@ -35,6 +36,8 @@ pub struct InitialWeights {
     pub sha256: String,
     /// What they were trained on, if their provenance says so.
     pub data: Option<String>,
+    /// In what their network and training differ from the run's, if in anything; none in a checkpoint of an earlier version.
+    pub differences: Option<String>,
 }
 
 /// The state of a run between two steps.
@@ -136,6 +139,7 @@ impl State {
         let optional = [
             (INITIAL_WEIGHTS, given.map(|given| &given.sha256)),
             (INITIAL_DATA, given.and_then(|given| given.data.as_ref())),
+            (INITIAL_DIFFERENCES, given.and_then(|given| given.differences.as_ref())),
             (ADAPTER, self.adapter.as_ref()),
             (PROCESSOR, self.processor.as_ref()),
         ];
@@ -191,9 +195,10 @@ impl State {
         }
         let faults_in_a_row = u32::try_from(number("faults-in-a-row")?)
             .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
-        let [sha256, data, adapter, processor] =
-            [INITIAL_WEIGHTS, INITIAL_DATA, ADAPTER, PROCESSOR].map(|key| stored.metadata.get(key).cloned());
-        let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data });
+        let [sha256, data, differences, adapter, processor] =
+            [INITIAL_WEIGHTS, INITIAL_DATA, INITIAL_DIFFERENCES, ADAPTER, PROCESSOR]
+                .map(|key| stored.metadata.get(key).cloned());
+        let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data, differences });
         let (step, updates) = (number("step")?, number("updates")?);
         let replaced = if stored.metadata.contains_key(REPLACED) {
             ReplacedDraws { count: number(REPLACED)?, since: number(REPLACED_SINCE)? }
@@ -463,7 +468,8 @@ mod tests {
         assert!(error.contains("model.backbone: expected those that the run was started with"), "{error}");
         stored.metadata.retain(|key, _| ![FROZEN_DIGEST, METADATA_DIGEST].contains(&key.as_str()));
         assert_eq!(read(&stored, 2.0), digest(2.0), "as written by earlier versions");
-        let given = InitialWeights { sha256: "a hash".to_owned(), data: Some("rooms".to_owned()) };
+        let [data, differences] = ["rooms", "settings"].map(|text| Some(text.to_owned()));
+        let given = InitialWeights { sha256: "a hash".to_owned(), data, differences };
         let started = State { initial_weights: Some(given.clone()), ..state(3, 1.0) };
         let stored = started.stored(&config, &resolved).unwrap();
         assert_eq!(read(&stored, 2.0), digest(1.0), "from the checkpoint");

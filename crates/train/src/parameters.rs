@@ -163,7 +163,7 @@ pub(crate) const fn decays(parameter: &Parameter) -> bool {
 }
 
 /// Whether a parameter is the part itself or belongs to it; parts of names are separated by dots.
-fn is_within(name: &str, part: &str) -> bool {
+pub(crate) fn is_within(name: &str, part: &str) -> bool {
     name.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 

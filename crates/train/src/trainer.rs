@@ -1,5 +1,6 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
+mod given;
 mod recorded;
 mod start;
 mod step;

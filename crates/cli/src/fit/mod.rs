@@ -8,17 +8,21 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
+use atsplat_eval::reconstruct::rounding_warning;
 use atsplat_fit::{
     Background, Budget, Elapsed, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView,
 };
-use atsplat_scene::Warnings;
+use atsplat_scene::{Frame, Warnings};
 use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
+use crate::output_lock::OutputFiles;
 use crate::parse;
-use crate::paths::{Input, NewFolders, PendingFile, canonical_path, check_output};
-use crate::print::{print_report, warn};
+use crate::paths::{Input, PendingFile, canonical_path, check_output};
+use crate::print::{note, print_report, warn};
+use crate::replaced::{photos, refuse_replacing};
+use crate::scene_record::record_of;
 use crate::warnings::print_warnings;
 use input::{InputArgs, StartArgs};
 use report::Log;
@@ -94,7 +98,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::named(BACKGROUNDS))]
     background: Background,
 
-    /// Densify by absolute gradients of single pixels, as `AbsGS` does.
+    /// Clone and split by absolute gradients of single pixels, both from 8e-4, as gsplat does with `absgrad`.
     #[arg(long)]
     absolute_gradients: bool,
 
@@ -114,7 +118,8 @@ struct OptimisationArgs {
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     extent: Option<f64>,
 
-    /// Maximum number of Gaussians: MCMC grows up to it, the other strategies stop with a message if they need more.
+    /// Maximum number of Gaussians: MCMC grows towards it, by 5 % at each change of density; the other strategies stop with a
+    /// message if they need more.
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     max_gaussians: usize,
 
@@ -122,6 +127,9 @@ struct OptimisationArgs {
     #[arg(long, value_name = "MIB", default_value_t = 8192)]
     memory: u64,
 }
+
+/// The files of --plots.
+const PLOTS: [&str; 3] = ["learning-curve.svg", "learning-curve.png", "contact-sheet.png"];
 
 const BACKGROUNDS: [(&str, Background); 3] =
     [("black", Background::Black), ("white", Background::White), ("random", Background::Random)];
@@ -182,8 +190,14 @@ impl Args {
         for (option, file) in written.chain(self.checkpoint.as_deref().map(|file| ("--checkpoint", file))) {
             check_output(option, file, &inputs)?;
         }
-        let Some(checkpoint) = self.checkpoint.as_deref().filter(|file| file.is_file()) else { return Ok(()) };
+        let Some(checkpoint) = self.checkpoint.as_deref() else { return Ok(()) };
         let shown = checkpoint.display();
+        if !checkpoint.is_file() {
+            if self.resume {
+                note(&format!("--resume: there is no checkpoint {shown} yet, so that the run starts anew"));
+            }
+            return Ok(());
+        }
         let is_checkpoint =
             Fit::is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
         ensure!(is_checkpoint, "--checkpoint: {shown} is no checkpoint of `atsplat fit`: give another file");
@@ -204,17 +218,23 @@ impl Args {
         Ok(())
     }
 
-    /// Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves no part
-    /// of one. Returns the folders that were created for them.
-    fn check_outputs(&self, record_file: &Path) -> anyhow::Result<NewFolders> {
-        let plot = self.plots.as_ref().map(|folder| folder.join("learning-curve.svg"));
-        let files = [Some(record_file), Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()];
-        let mut folders = NewFolders::default();
-        for file in files.into_iter().flatten() {
-            folders.create_for(file)?;
-            drop(PendingFile::open(file)?);
+    /// Fails before long work if a file cannot be written, or another process writes it. None stays open meanwhile: a run that is
+    /// interrupted leaves no part of one.
+    fn lock_outputs(&self, record_file: &Path) -> anyhow::Result<OutputFiles> {
+        let plot = self.plots.as_deref().map(|folder| folder.join(PLOTS[0]));
+        let mut outputs = OutputFiles::default();
+        for file in [Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()].into_iter().flatten() {
+            outputs.add(file)?;
         }
-        Ok(folders)
+        drop(PendingFile::open(record_file)?);
+        Ok(outputs)
+    }
+
+    /// Refuses plots in the place of photos.
+    fn check_photos(&self, photographed: &[Frame]) -> anyhow::Result<()> {
+        let folder = self.plots.as_deref();
+        let plots = folder.into_iter().flat_map(|folder| PLOTS.map(|name| folder.join(name)));
+        refuse_replacing("--plots", plots, photos(photographed))
     }
 }
 
@@ -250,12 +270,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let record_file = args.out.with_added_extension("json");
     args.check_checkpoint(&record_file)?;
     args.check_inputs(&record_file)?;
-    let _folders = args.check_outputs(&record_file)?;
+    let _outputs = args.lock_outputs(&record_file)?;
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
     let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
     let input = args.input.read(network.as_ref(), &mut warnings)?;
     print_warnings(&warnings);
+    args.check_photos(&input.scene.frames)?;
     // With --refine, the whole run is in the network's world.
     let normalisation = input.photos.trial().normalisation().new_from_old;
     let mut config = args.optimisation.config(normalisation.scale);
@@ -278,6 +299,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if fit.dropped() > 0 {
         warn(&format!("{} of {count} initial Gaussians are invalid and were dropped", fit.dropped()));
     }
+    if let Some(text) = fit.density_warning() {
+        warn(&format!("{}{text}", if deadline.is_some() { "as planned so far, " } else { "" }));
+    }
     let mut log = Log::new(&fit, &input.held_out, args.evaluate_every);
     let outcome: anyhow::Result<()> = fit.run(deadline, |fit, step| {
         // Before the checkpoint, which holds the comparison with the held-out photos.
@@ -291,6 +315,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let elapsed = Elapsed { seconds: planning + elapsed.seconds, ..elapsed };
     // Written before further renders, which may fail; after a fault these are the Gaussians of the last good state.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
+    if let Some(text) = rounding_warning(&gaussians) {
+        warn(&text);
+    }
     remove_old(&record_file)?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     let mut scaled = Vec::new();
@@ -330,7 +357,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         at_scales: scaled,
     };
     drop(log);
-    PendingFile::open(&record_file)?.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
+    PendingFile::open(&record_file)?.finish(record_of(&record, &args.out)?.as_bytes())?;
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
     let out = args.out.display();
     ensure!(fit.step_count() > 0, "--seconds: the time was over before the first step; {out} holds the start");

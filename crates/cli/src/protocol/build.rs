@@ -47,6 +47,7 @@ struct Report<'a> {
     entries: usize,
     refused_entries: usize,
     missing_images: usize,
+    repeated_images: usize,
     nulls: &'a std::collections::BTreeMap<&'static str, usize>,
 }
 
@@ -64,7 +65,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }
-    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, index: _ } = &built;
+    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, repeated_images, index: _ } = &built;
     let left_out = left_out(&opening, &warnings);
     let report = Report {
         sampler: &args.sampler,
@@ -74,6 +75,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         entries: *entries,
         refused_entries: *refused_entries,
         missing_images: *missing_images,
+        repeated_images: *repeated_images,
         nulls,
     };
     print_report(&report, args.json)?;
@@ -99,6 +101,9 @@ impl fmt::Display for Report<'_> {
                 "{:>7}  frames skipped, their images are missing: windows and distances count the others",
                 self.missing_images
             )?;
+        }
+        if self.repeated_images > 0 {
+            writeln!(f, "{:>7}  frames skipped, they repeat the image file of an earlier frame", self.repeated_images)?;
         }
         if self.left_out > 0 {
             writeln!(f, "{:>7}  scenes left out, they are not read", self.left_out)?;

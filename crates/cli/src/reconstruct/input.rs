@@ -10,7 +10,7 @@ use atsplat_eval::sources::AlreadyCropped;
 use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{SkipReason, Skipped, TrialRecipe};
-use atsplat_scene::{FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
+use atsplat_scene::{Frame, FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
 
 use crate::dataset_args::ImageArgs;
 use crate::parse;
@@ -61,8 +61,18 @@ impl InputArgs {
         self.targets.is_some()
     }
 
-    /// Finds the scene and prepares cameras; no image is decoded.
-    pub(super) fn read(&self, config: &ModelConfig, warnings: &mut Warnings) -> anyhow::Result<Photos> {
+    /// The dataset.
+    pub(super) fn data(&self) -> &Path {
+        &self.data
+    }
+
+    /// Finds the scene and prepares cameras; no image is decoded. `check` is given the frames, and which of them were chosen.
+    pub(super) fn read(
+        &self,
+        config: &ModelConfig,
+        check: &dyn Fn(&[Frame], &PhotoSelection) -> anyhow::Result<()>,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Photos> {
         let mut scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
@@ -71,6 +81,7 @@ impl InputArgs {
         let context = self.views.of(count).context("--views")?;
         let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
+        check(&scene.frames, &selection)?;
         let (scene, recipe) = self.prepared(scene, config)?;
         match Photos::new(scene, selection, recipe, warnings) {
             Err(error) if self.protocol.is_none() && is_size_error(&error) => {

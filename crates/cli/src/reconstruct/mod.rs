@@ -9,16 +9,20 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_eval::AdapterRecord;
 use atsplat_eval::reconstruct::{
-    self, Clock, GaussianFrame, MemoryRecord, Record, Report, SceneFormat, TokenRecord, write_gaussians,
+    self, Clock, GaussianFrame, MemoryRecord, NetworkSource, PhotoSelection, Photos, Record, Report, SceneFormat,
+    TokenRecord, rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
 use atsplat_model::budget;
-use atsplat_scene::Warnings;
+use atsplat_scene::{Frame, Warnings};
 
 use crate::expansion::UNTRAINED;
+use crate::output_lock::OutputFiles;
 use crate::parse::{named, usage_error};
-use crate::paths::PendingFile;
+use crate::paths::{Input, PendingFile, check_output};
 use crate::print::{print_report, warn};
+use crate::replaced::{photos, refuse_replacing};
+use crate::scene_record::record_of;
 use crate::warnings::print_warnings;
 use input::InputArgs;
 use network::NetworkArgs;
@@ -68,30 +72,34 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let device = processor.open().context("--device")?;
     let mut clock = Clock::default();
     let format = SceneFormat::of_path(&args.out).map_err(anyhow::Error::msg)?;
+    args.check_inputs()?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
-    // Fails before long work if the scene file cannot be written.
-    drop(PendingFile::open(&args.out)?);
-    args.renders.check_folder()?;
-    args.plots.check_folder()?;
+    // Fails before long work if a file cannot be written, or another process writes it.
+    let mut outputs = OutputFiles::default();
+    outputs.add(&args.out)?;
+    args.renders.lock(&mut outputs)?;
+    args.plots.lock(&mut outputs)?;
 
     let mut warnings = Warnings::new();
     let source = args.network.source()?;
-    let photos = clock.time("cameras", || args.input.read(&source.config, &mut warnings))?;
+    let photos = clock.time("cameras", || args.read(&source, &mut warnings))?;
     let size = photos.size()?;
     // Input that does not fit the model is rejected before weights and images are read.
     budget::budget(&source.config, photos.trial().context().len(), source.input_size(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("images", || photos.views())?;
-    let reconstruction = network.reconstruct(&views, args.network.call_seed()).context("reconstructing")?;
+    let reconstruction =
+        network.reconstruct(&views, args.network.call_seed()).with_context(|| reconstructing(&photos))?;
     clock.extend(reconstruction.seconds.stages());
 
-    let (output, clamped) = clock.time("writing", || -> anyhow::Result<_> {
+    let (output, clamped, rounded) = clock.time("writing", || -> anyhow::Result<_> {
         let in_scene = match args.frame {
             GaussianFrame::Network => None,
             GaussianFrame::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
         };
         let gaussians = in_scene.as_ref().unwrap_or(&reconstruction.gaussians);
-        Ok(write_gaussians(&args.out, gaussians, format, args.frame)?)
+        let (output, clamped) = write_gaussians(&args.out, gaussians, format, args.frame)?;
+        Ok((output, clamped, in_scene.as_ref().and_then(rounding_warning)))
     })?;
     let renders = clock.time("renders", || args.renders.render(&reconstruction.gaussians, &photos))?;
     let subject = match weights.untrained() {
@@ -104,6 +112,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     })?;
     let mut notes = reconstruct::warnings(&reconstruction, &photos, processor);
     notes.extend(clamped);
+    notes.extend(rounded.map(|text| format!("{text}, or write --frame network")));
+    let of_dataset = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         input: args.input.record(&photos),
@@ -117,10 +127,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         output,
         renders,
         plots,
-        warnings: notes,
+        warnings: of_dataset.into_iter().chain(notes.iter().cloned()).collect(),
     };
-    let text = serde_json::to_string_pretty(&record)?;
-    record_file.finish(format!("{text}\n").as_bytes())?;
+    record_file.finish(record_of(&record, &args.out)?.as_bytes())?;
     let report = Report {
         record,
         seconds: clock,
@@ -130,8 +139,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    for warning in &report.record.warnings {
-        warn(warning);
+    for note in &notes {
+        warn(note);
     }
     if let Some(message) = report.record.weights.untrained() {
         warn(&format!("UNTRAINED: {message}"));
@@ -139,10 +148,36 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(true)
 }
 
+/// What failed, if the network does.
+fn reconstructing(photos: &Photos) -> String {
+    let trial = photos.trial();
+    let names: Vec<&str> = trial.context().iter().filter_map(|view| photos.name(view.frame)).collect();
+    format!("reconstructing {} from {}", trial.scene(), names.join(", "))
+}
+
 impl Args {
     /// Rejects contradicting arguments before any file is read or created.
     fn check(&self) -> Result<(), clap::Error> {
         let renders = || self.renders.check(self.input.has_targets(), self.plots.requested());
         self.network.check().and_then(|()| renders()).map_err(usage_error)
+    }
+
+    /// Refuses files in the place of the dataset's and of weights.
+    fn check_inputs(&self) -> anyhow::Result<()> {
+        let weights = self.network.files().map(|file| Input::File("the weights file that is read", file));
+        let inputs: Vec<Input<'_>> = weights.chain([Input::Dataset(self.input.data())]).collect();
+        for file in [&self.out, &output::record_path(&self.out)] {
+            check_output("--out", file, &inputs)?;
+        }
+        Ok(())
+    }
+
+    /// Prepares cameras, and refuses images in the place of the photos.
+    fn read(&self, source: &NetworkSource, warnings: &mut Warnings) -> anyhow::Result<Photos> {
+        let check = |frames: &[Frame], selection: &PhotoSelection| {
+            refuse_replacing("--renders", self.renders.files(selection), photos(frames))?;
+            refuse_replacing("--plots", self.plots.files(frames), photos(frames))
+        };
+        self.input.read(&source.config, &check, warnings)
     }
 }

@@ -114,6 +114,15 @@ impl NetworkArgs {
         self.seed.unwrap_or_default()
     }
 
+    /// The files that are read, or names of embedded weights.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        let weights = match &self.weights {
+            Some(WeightsArg::File(file)) => Some(file.as_path()),
+            _ => None,
+        };
+        weights.into_iter().chain(self.backbone.as_deref())
+    }
+
     /// The first argument about a network that is given.
     pub(crate) fn given(&self) -> Option<&'static str> {
         self.changes.given().or(first_given([

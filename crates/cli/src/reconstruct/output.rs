@@ -3,16 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::expansion::study_trial;
-use atsplat_eval::reconstruct::{GaussianFrame, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
+use atsplat_eval::reconstruct::{
+    GaussianFrame, PhotoSelection, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders,
+};
 use atsplat_eval::rendering::frame_file_name;
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
 use atsplat_report::figures::of_expansion;
+use atsplat_scene::Frame;
 use atsplat_splat::{Gaussians, RenderOptions};
 
+use crate::output_lock::OutputFiles;
 use crate::parse;
-use crate::paths::PendingFile;
 use crate::plot::write_both;
+use crate::replaced::photos;
 
 /// Coordinate frames of the Gaussians.
 pub(super) const FRAMES: [(&str, GaussianFrame); 2] =
@@ -68,9 +72,20 @@ impl RenderArgs {
     }
 
     /// Fails before long work if the folder cannot be written.
-    pub(super) fn check_folder(&self) -> anyhow::Result<()> {
+    pub(super) fn lock(&self, outputs: &mut OutputFiles) -> anyhow::Result<()> {
         let Some(folder) = &self.renders else { return Ok(()) };
-        PendingFile::open(&folder.join("inputs").join(frame_file_name(0, "png"))).map(drop)
+        outputs.add(&folder.join("inputs").join(frame_file_name(0, "png")))
+    }
+
+    /// The files of these photos.
+    pub(super) fn files(&self, PhotoSelection { context, targets }: &PhotoSelection) -> Vec<PathBuf> {
+        let of = |(subfolder, frames): (&str, &[usize])| -> Vec<PathBuf> {
+            let folder = self.renders.iter().map(|folder| folder.join(subfolder));
+            folder
+                .flat_map(|folder| frames.iter().map(move |frame| folder.join(frame_file_name(*frame, "png"))))
+                .collect()
+        };
+        [("inputs", context.as_slice()), ("context", context), ("targets", targets)].into_iter().flat_map(of).collect()
     }
 
     /// Render options, with lengths in the network's unit.
@@ -112,9 +127,18 @@ impl PlotArgs {
     }
 
     /// Fails before long work if the folder cannot be written.
-    pub(super) fn check_folder(&self) -> anyhow::Result<()> {
+    pub(super) fn lock(&self, outputs: &mut OutputFiles) -> anyhow::Result<()> {
         let Some(folder) = &self.plots else { return Ok(()) };
-        PendingFile::open(&folder.join("uncertainty.svg")).map(drop)
+        outputs.add(&folder.join("uncertainty.svg"))
+    }
+
+    /// The photos that have names of plots, as files of the folder: which plots there are is known after the network has run.
+    pub(super) fn files(&self, frames: &[Frame]) -> Vec<PathBuf> {
+        const NAMES: [&str; 3] = ["token-expansion-", "expansion-strips.", "uncertainty."];
+        let Some(folder) = &self.plots else { return Vec::new() };
+        let names = photos(frames).filter_map(|(_, file)| file.file_name()?.to_str());
+        let of_plots = names.filter(|name| NAMES.iter().any(|plot| name.starts_with(plot)));
+        of_plots.map(|name| folder.join(name)).collect()
     }
 
     /// Draws the requested plots; `subject` names network and weights.

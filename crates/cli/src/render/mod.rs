@@ -3,6 +3,7 @@
 pub(crate) mod backend;
 mod check;
 mod effects;
+mod inputs;
 mod preview;
 mod scene_file;
 mod settings;
@@ -113,17 +114,16 @@ const ROUNDINGS: [(&str, Rounding); 2] = [("nearest", Rounding::Nearest), ("trun
 /// Renders; `true` if every frame is complete and shows a Gaussian.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let record = args.out.join(RENDER_RECORD);
-    args.views.reject_overwriting(&record)?;
     let exposures = Exposures::of(args.exposure.as_ref())?;
+    let mut warnings = Warnings::new();
+    let cameras = args.views.read(&mut warnings)?;
+    args.check_inputs(cameras.as_deref())?;
     let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
     // Before the files in the folder, which is removed last if nothing is written.
     let _lock = OutputLock::of(&args.out)?;
-    let record_file = PendingFile::open(&record)?;
+    let record_file = PendingFile::open(&args.out.join(RENDER_RECORD))?;
     let preview_file = args.preview.open()?;
     let constants = args.settings.constants()?;
-    let mut warnings = Warnings::new();
-    let cameras = args.views.read(&mut warnings)?;
 
     let scene = args.scene.read()?;
     let settings = args.effects.settings(args.settings.options(constants, &scene, args.writes(FormatArg::Exr))?);

@@ -12,7 +12,8 @@ pub(crate) struct SceneArgs {
     pub(crate) scene: PathBuf,
 
     /// How Gaussians that cannot be rendered are handled. `import` removes NaN and replaces infinite opacity logits by ±20;
-    /// `repair` repairs what can be repaired; `reject` removes every Gaussian with a problem.
+    /// `repair` repairs what can be repaired; `reject` removes every Gaussian with a problem, infinite logits of a PLY included
+    /// (other formats store opacities, of which 0 and 1 are valid).
     #[arg(long, value_name = "POLICY", default_value = "import", value_parser = named(POLICIES))]
     clean: Cleaning,
 

@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use anyhow::bail;
 use atsplat_splat::scene_file::SceneFile;
 use atsplat_splat::{Channels, Gaussians, MAX_SH_DEGREE, RasterMode, RenderOptions, RendererConstants};
@@ -45,6 +47,11 @@ pub(super) enum ChannelArg {
 }
 
 impl RenderSettingsArgs {
+    /// The file of the constants, if they are in one.
+    pub(super) fn constants_file(&self) -> Option<&Path> {
+        parse::is_toml(&self.constants).then(|| Path::new(&self.constants))
+    }
+
     /// The constants; overrides are appended to their name.
     pub(crate) fn constants(&self) -> anyhow::Result<RendererConstants> {
         let mut constants = parse::constants(&self.constants)?;
@@ -105,8 +112,6 @@ impl RenderSettingsArgs {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use atsplat_splat::Cleaning;
     use clap::Parser as _;
 

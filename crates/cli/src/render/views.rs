@@ -1,5 +1,5 @@
 use std::f64::consts::PI;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
@@ -105,17 +105,22 @@ impl ViewArgs {
         parse::frames(count).map_err(|error| format!("--spline: {error}"))
     }
 
-    fn file(&self) -> Option<PathBuf> {
+    /// FILE of the cameras, or of those along the path.
+    pub(super) fn file(&self) -> Option<PathBuf> {
         self.cameras.clone().or_else(|| Some(PathBuf::from(self.spline.as_ref()?.first()?)))
     }
 
-    /// Refuses to overwrite the camera file with `record`, which may hold fewer cameras.
-    pub(crate) fn reject_overwriting(&self, record: &Path) -> anyhow::Result<()> {
-        let (file, record) = (self.file().and_then(|file| file.canonicalize().ok()), record.canonicalize().ok());
-        match file.filter(|file| Some(file) == record.as_ref()) {
-            Some(file) => bail!("--out would replace the cameras in {}: choose another folder", file.display()),
-            None => Ok(()),
-        }
+    /// Which scene of FILE.
+    pub(super) fn key(&self) -> Option<&str> {
+        self.key.as_deref()
+    }
+
+    /// Numbers in the names of the images, of cameras that were read from FILE.
+    pub(super) fn numbers(&self, cameras: Option<&[FileCamera]>) -> anyhow::Result<Vec<usize>> {
+        Ok(match cameras.filter(|_| self.cameras.is_some()) {
+            Some(cameras) => cameras.iter().map(|camera| camera.number).collect(),
+            None => (0..self.orbit.map_or_else(|| self.spline_frames(), Ok).map_err(anyhow::Error::msg)?).collect(),
+        })
     }
 
     /// Reads the cameras of FILE.
@@ -264,6 +269,8 @@ fn radians(degrees: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use atsplat_camera::CameraFromWorld;
     use atsplat_splat::Cleaning;
     use clap::Parser as _;

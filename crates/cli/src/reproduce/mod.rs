@@ -27,7 +27,7 @@ use clap::ValueEnum;
 
 use crate::device::DeviceArgs;
 use crate::embedded;
-use crate::paths::NewFolders;
+use crate::output_lock::OutputLock;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::warnings::{print_findings, print_warnings};
@@ -126,7 +126,7 @@ struct Evaluated {
 
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let _folders = NewFolders::of(&args.out)?;
+    let _lock = OutputLock::of(&args.out)?;
     let curves = args.curves()?;
     let mut warnings = Warnings::new();
     let DiscoveredDatasets { datasets, mut not_run } = args.found(&mut warnings)?;

@@ -26,7 +26,7 @@ pub(super) struct MethodArgs {
     #[command(flatten)]
     network: NetworkArgs,
 
-    /// Maximum number of Gaussians of 3dgs, mip-splatting and mcmc; MCMC grows up to it. By default 100000.
+    /// Maximum number of Gaussians of 3dgs, mip-splatting and mcmc; MCMC grows towards it. By default 100000.
     #[arg(long, value_name = "N")]
     max_gaussians: Option<usize>,
 

@@ -5,6 +5,7 @@ mod methods;
 pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
+pub(crate) mod urls;
 
 use std::io::{IsTerminal as _, stdout};
 use std::path::Path;
@@ -89,8 +90,8 @@ fn evaluate(
         print_status(&found.to_string());
     }
     let record = plan.provenance(provenance())?;
-    let open = |folder: &Path| Ok(settings.store(folder, record.clone())?);
-    let (out, store) = protocols.cache().output(settings.out(), open)?;
+    let open = |folder: &Path| Ok((settings.store(folder, record.clone())?, folder.to_owned()));
+    let (out, (store, folder)) = protocols.cache().output(settings.out(), open)?;
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let step = || {
         progress.step();
@@ -109,6 +110,7 @@ fn evaluate(
         );
     }
     let (results, summary) = outcome?;
+    let results = urls::name_urls(&folder, results)?;
     out.finish()?;
     let images = protocols.images_of_expected_size(&datasets, &results);
     let report = RunReport::of(&results, Some(summary), settings.out());

@@ -10,7 +10,7 @@ use atsplat_protocol::{DropReason, Preset};
 use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
 use crate::dataset_args::ImageArgs;
-use crate::objects::{CacheArgs, RemoteData};
+use crate::objects::{CacheArgs, RemoteData, with_urls};
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
@@ -60,9 +60,6 @@ impl ProtocolArgs {
         remote: Option<&Arc<RemoteData>>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Vec<Dataset>> {
-        if let Some(url) = self.index.as_deref().and_then(atsplat_objects::url) {
-            anyhow::bail!("--index: expected a file or folder of this machine, found {url}");
-        }
         let data = remote.map_or(self.data.as_path(), |remote| remote.path());
         let source: Arc<dyn SceneSource> = Arc::new(self.images.open_at(&self.data, remote, warnings)?);
         let opening = warnings.clone();
@@ -83,11 +80,9 @@ impl ProtocolArgs {
             if rule.is_some() {
                 opened.index.note_unread(&opening);
             }
-            if let Some(remote) = remote {
-                // Records of a run do not depend on where copies are.
-                opened.description = remote.with_url(&opened.description);
-                opened.index.description = remote.with_url(&opened.index.description);
-            }
+            // Records of a run do not depend on where copies are.
+            opened.description = with_urls(&opened.description);
+            opened.index.description = with_urls(&opened.index.description);
             Ok(opened)
         };
         self.presets.iter().map(|name| open(name, warnings)).collect()

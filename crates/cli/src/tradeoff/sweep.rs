@@ -17,6 +17,7 @@ use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
 use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};
+use crate::run::urls::name_urls;
 use crate::warnings::{print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
@@ -46,9 +47,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
     let base = sweep_base(&args.network)?;
     let mut warnings = Warnings::new();
-    if let Some(url) = atsplat_objects::url(args.settings.out()) {
-        bail!("--out: expected a folder of this machine, found {url}");
-    }
     let remote = args.protocols.remote()?;
     let datasets = args.protocols.open(remote.as_ref(), &mut warnings)?;
     let suite = args.settings.suite(&datasets)?;
@@ -61,6 +59,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
         let (results, _) = runner::run(&plan, store, &|| progress.step())?;
         RemoteData::check(remote.as_ref())?;
+        let results = name_urls(args.settings.out(), results)?;
         if let Some(why) = plan.nothing_evaluated(&results) {
             let labels: Vec<String> = part.methods.iter().map(|method| method.record().name).collect();
             empty_parts.push(format!("{}: nothing was evaluated: {why}", labels.join(", ")));

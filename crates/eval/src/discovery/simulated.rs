@@ -25,6 +25,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
         let file = file?;
         let limit = max_scenes(preset.index.context_views, preset.index.targets.1);
         let index = first_scenes(&file.index, limit);
+        let left_out = (file.index.entries().count() - index.entries().count()) as u64;
         let source = simulated(&preset, &index)?.ok_or_else(|| EvalError::Settings {
             what: "protocol",
             expected: "simulated scenes".to_owned(),
@@ -35,6 +36,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
             description: format!("embedded: {}", accepted.name),
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
+            left_out,
             notices: std::collections::BTreeMap::new(),
         };
         let description = format!("simulated {}, test split", preset.dataset);
@@ -64,7 +66,10 @@ mod tests {
             .collect();
         assert_eq!(without, ["acid-2v-256", "photos-3v-256"], "landscapes from the air are not simulated");
         for dataset in &datasets {
-            assert!(!dataset.index.index.scenes.is_empty() && dataset.index.index.scenes.len() <= 2);
+            let index = &dataset.index;
+            assert!(!index.index.scenes.is_empty() && index.index.scenes.len() <= 2);
+            let whole = IndexFile::embedded(index.name.as_deref().unwrap()).unwrap().unwrap();
+            assert_eq!((index.sha256, index.entries_of_file()), (whole.sha256, whole.index.entries().count() as u64));
         }
         let rooms: Vec<_> =
             datasets.iter().filter(|own| own.preset.stands_for.as_deref() == Some("re10k-2v-256")).collect();

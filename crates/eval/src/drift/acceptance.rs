@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::probe::Recipe;
 use super::{Baseline, BaselineTarget, DriftError, Limit, Verdict};
 use crate::store::Unfinished;
-use crate::{Results, TargetStatus, TrialKey, TrialStatus};
+use crate::{MetricRecord, Results, TargetStatus, TrialKey, TrialStatus};
 
 /// Why a run was accepted as the baseline.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -61,6 +61,8 @@ pub struct AcceptanceReport {
     non_finite: usize,
     /// Which part of a run it is; `None` for a whole run.
     part: Option<String>,
+    /// Learned metrics with other weights than the published ones.
+    unpublished_weights: Vec<String>,
     limits: Vec<Limit>,
     probe: Option<Recipe>,
 }
@@ -83,6 +85,7 @@ impl AcceptanceReport {
             failed,
             non_finite,
             part: baseline.provenance.part(),
+            unpublished_weights: baseline.provenance.metrics.iter().filter_map(MetricRecord::unpublished).collect(),
             limits: baseline.limits,
             probe: baseline.probe.map(|probe| probe.recipe),
         }
@@ -91,8 +94,8 @@ impl AcceptanceReport {
 
 impl fmt::Display for AcceptanceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { baseline, moved, accepted, acceptances, trials, targets, failed, non_finite, part, limits, probe } =
-            self;
+        let Self { baseline, moved, accepted, acceptances, trials, targets, failed, non_finite, .. } = self;
+        let Self { part, unpublished_weights, limits, probe, .. } = self;
         let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let (trials, targets) = (counted(*trials, "trial"), counted(*targets, "target"));
         writeln!(f, "{}: {targets} of {trials}, accepted on {}", baseline.display(), accepted.date)?;
@@ -103,6 +106,9 @@ impl fmt::Display for AcceptanceReport {
         }
         if let Some(part) = part {
             writeln!(f, "warning: a part of the run, {part}: the others are not guarded")?;
+        }
+        for found in unpublished_weights {
+            writeln!(f, "warning: the weights of a learned metric are not the published ones: {found}")?;
         }
         match moved {
             None => writeln!(f, "a new baseline")?,
@@ -117,6 +123,13 @@ impl fmt::Display for AcceptanceReport {
         }
         for limit in limits {
             writeln!(f, "{limit}")?;
+            if let Some(times) = limit.wide() {
+                writeln!(
+                    f,
+                    "warning: that is {times:.0} times the least limit: smaller changes will pass; more repeated runs \
+                     estimate it better"
+                )?;
+            }
         }
         match probe {
             Some(recipe) => writeln!(f, "probe: {} with constants {}", recipe.model, recipe.constants),

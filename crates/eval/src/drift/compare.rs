@@ -42,7 +42,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
-    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.paired.is_some());
+    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.verdict != Verdict::Nothing);
     let at_least = if compared { Verdict::Same } else { Verdict::Nothing };
     let verdicts = comparisons.iter().map(|c| c.verdict).chain(findings.iter().map(|finding| finding.verdict));
     let verdict = verdicts.fold(at_least, Verdict::max);
@@ -185,7 +185,9 @@ impl Group {
             let identical = [then, now].map(|row| row.status == TargetStatus::Identical);
             Some(TargetPair { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
         });
-        let pairs: Vec<TargetPair> = pairs.collect();
+        // As in tables: a PSNR that becomes infinite would move means by the cap that stands for it.
+        let (identical, pairs): (Vec<TargetPair>, Vec<TargetPair>) =
+            pairs.partition(|pair| pair.identical.contains(&true));
         let then: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.then)).collect();
         let today: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.now)).collect();
         let paired = paired_of(&today, &then, direction(metric));
@@ -205,16 +207,14 @@ impl Group {
             _ => Verdict::Within,
         };
         let verdict = match basis {
+            _ if paired.is_none() && identical.iter().any(|pair| pair.identical == [true; 2]) => Verdict::Same,
             _ if paired.is_none() => Verdict::Nothing,
             _ if changed == 0 => Verdict::Same,
             Basis::Exact => Verdict::Drifted,
             Basis::Bound if beyond == 0 => Verdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
-        let [baseline, now] = [(0, &then), (1, &today)].map(|(run, selected)| {
-            let own = pairs.iter().zip(selected).filter(|(pair, _)| !pair.identical[run]).map(|(_, own)| *own);
-            summary_of(&own.collect::<Vec<_>>(), Aggregation::SceneMeans).mean
-        });
+        let [baseline, now] = [&then, &today].map(|selected| summary_of(selected, Aggregation::SceneMeans).mean);
         Comparison {
             preset: preset.to_owned(),
             method: method.to_owned(),
@@ -224,6 +224,7 @@ impl Group {
             baseline,
             now,
             paired,
+            identical: identical.len() as u64,
             changed,
             largest: largest.0,
             largest_at: largest.1.map(|pair| format!("{} {} frame {}", pair.id.0, pair.id.1, pair.frame)),

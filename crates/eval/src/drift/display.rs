@@ -1,12 +1,12 @@
+use std::collections::BTreeSet;
 use std::fmt;
-
-use atsplat_files::shortened;
 
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{
     Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, SceneChange, Verdict,
 };
+use crate::rows::difference::excerpts;
 
 /// Number of changed images that are listed.
 const MAX_LISTED: usize = 10;
@@ -65,15 +65,9 @@ impl fmt::Display for DriftReport {
         }
         for difference in differences {
             // Values such as configurations are long.
-            let shown =
-                |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), |text| shortened(text, 48));
-            writeln!(
-                f,
-                "  {}: was {}, is now {}",
-                difference.what,
-                shown(&difference.baseline),
-                shown(&difference.now)
-            )?;
+            let values = [&difference.baseline, &difference.now].map(|value| value.as_deref().unwrap_or("nothing"));
+            let [was, now] = excerpts(values, 48);
+            writeln!(f, "  {}: was {was}, is now {now}", difference.what)?;
         }
         write!(f, "\n{data}")?;
         if let Some(attribution) = attribution {
@@ -87,8 +81,38 @@ impl fmt::Display for DriftReport {
 }
 
 impl DriftReport {
-    /// The first changed stage, or what was compared without a change.
+    /// What changed: metrics themselves, then the first changed stage, or what was compared without a change.
     fn conclusion(&self) -> String {
+        let (changed, unexplained) = self.drifted_metrics();
+        let of_metric = |(metric, what): &(&str, &str)| {
+            format!("The {what} of {metric} is not the baseline's, which moves its numbers whatever the methods do. ")
+        };
+        let metrics: String = changed.iter().map(of_metric).collect();
+        format!("{metrics}{}", self.stages(unexplained))
+    }
+
+    /// The metrics that drifted and are measured otherwise than in the baseline, with what is other about them; and whether a metric
+    /// drifted that is measured as before.
+    fn drifted_metrics(&self) -> (Vec<(&str, &str)>, bool) {
+        const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
+        let drifted = self.comparisons.iter().filter(|comparison| comparison.verdict == Verdict::Drifted);
+        let drifted: BTreeSet<&str> = drifted.map(|comparison| comparison.metric.as_str()).collect();
+        let differs = |what: &str| self.differences.iter().any(|difference| difference.what == what);
+        let changed = |metric: &str| {
+            FIELDS.into_iter().find(|(field, _)| differs(&format!("metric {metric}, {field}"))).map(|(_, what)| what)
+        };
+        let (mut named, mut unexplained) = (Vec::new(), false);
+        for metric in drifted {
+            match changed(metric) {
+                Some(what) => named.push((metric, what)),
+                None => unexplained = true,
+            }
+        }
+        (named, unexplained)
+    }
+
+    /// The first changed stage, or what was compared without a change; `moved` says whether a number did.
+    fn stages(&self, moved: bool) -> String {
         if let Some(stage) = self.first_stage() {
             return format!("The first stage that changed is the {}.", stage.name());
         }
@@ -96,7 +120,6 @@ impl DriftReport {
             StageVerdict::Empty => "No image of the dataset could be compared",
             _ => "The dataset's images are the baseline's",
         };
-        let moved = self.comparisons.iter().any(|comparison| comparison.verdict == Verdict::Drifted);
         let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
         let empty: Vec<&str> =
             empty.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
@@ -129,6 +152,11 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
         number(baseline),
         number(now),
     )?;
+    if comparison.identical > 0 {
+        let targets = if comparison.identical == 1 { "target is" } else { "targets are" };
+        let count = comparison.identical;
+        writeln!(f, "    {count} {targets} left out: identical to the truth, in the baseline or now")?;
+    }
     let Some(at) = &comparison.largest_at else { return Ok(()) };
     write!(f, "    largest change {} at {at}", size(metric, comparison.largest))?;
     if let (Some(limit), Some(of_scene)) = (comparison.limit, comparison.scene_limit) {

@@ -72,7 +72,7 @@ fn settings(provenance: &Provenance) -> BTreeMap<String, String> {
         let of = |field: &str| format!("metric {}, {field}", metric.id);
         put(of("convention"), Some(metric.convention.clone()));
         put(of("weights-sha256"), metric.weights_sha256.clone());
-        put(of("absent"), metric.absent.clone());
+        put(of("absent"), metric.reason_of_absence().map(str::to_owned));
     }
     settings
 }

@@ -68,12 +68,15 @@ pub struct Comparison {
     pub verdict: Verdict,
     /// How it was reached.
     pub basis: Basis,
-    /// The baseline's mean over scenes, over common targets; as in tables without renders that are identical to the truth.
+    /// The baseline's mean over scenes, over the targets that are compared: common ones whose render is identical to the truth in
+    /// neither run, because tables leave those out.
     pub baseline: Option<f64>,
-    /// The results' mean, the same.
+    /// The results' mean over the same targets.
     pub now: Option<f64>,
-    /// Results minus baseline, identical renders at the cap of PSNR; `None` without common targets.
+    /// Results minus baseline over the same targets; `None` if there are none.
     pub paired: Option<Paired>,
+    /// Common targets that are left out because their render is identical to the truth in one run or both.
+    pub identical: u64,
     /// Targets whose score changed.
     pub changed: u64,
     /// Largest change of a target's score.

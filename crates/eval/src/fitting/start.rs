@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use atsplat_files::InvalidText;
 use atsplat_fit::start::{Point, from_points, in_frustums};
-use atsplat_fit::{FitConfig, FitError, TrainingView};
+use atsplat_fit::{FitConfig, FitError, Strategy, TrainingView};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
@@ -141,7 +141,7 @@ impl Start {
                 config.check_start(views, *count)?;
                 return Ok(in_frustums(views, *count, depths, config.seed, strategy)?.into());
             }
-            Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored)?),
+            Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored, strategy)?),
             Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,
             Self::Points => points_of_scene(of.data, &of.scene.key)?,
         };
@@ -182,7 +182,7 @@ fn points_of_scene(data: &Path, scene: &str) -> Result<PathBuf, StartError> {
 }
 
 /// The Gaussians of a file that can be optimised, repaired as [`Fit::new`](atsplat_fit::Fit::new) repairs them.
-fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, SplatError> {
+fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result<StartGaussians, SplatError> {
     let (mut gaussians, import) = files::read(path)?;
     let stored = import.validation.total;
     let mut warnings = Vec::new();
@@ -193,6 +193,15 @@ fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, Spl
             "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
                 .to_owned(),
         );
+    }
+    warnings.extend(import.doubts());
+    if import.antialiased == Some(true) && strategy != Strategy::MipSplatting {
+        warnings.push(format!(
+            "the file says that its Gaussians were trained with antialiasing, but the strategy {} draws them without it, in the \
+             classic mode: see --strategy {}",
+            strategy.name(),
+            Strategy::MipSplatting.name()
+        ));
     }
     let (gaussians, found) = gaussians.cleaned(Cleaning::Repair);
     let removed = stored.saturating_sub(gaussians.len());
@@ -215,7 +224,6 @@ fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, Spl
 
 #[cfg(test)]
 mod tests {
-    use atsplat_fit::Strategy;
     use atsplat_numeric::Tolerance;
     use atsplat_scene::{SceneSource as _, Warnings};
     use atsplat_splat::GaussianParts;
@@ -241,12 +249,16 @@ mod tests {
     }
 
     fn read(parts: GaussianParts, opacities_as_stored: bool) -> StartGaussians {
+        read_for(Strategy::Fixed, parts, Output::Ply(Encoding::BinaryLittleEndian), opacities_as_stored)
+    }
+
+    fn read_for(strategy: Strategy, parts: GaussianParts, output: Output, opacities_as_stored: bool) -> StartGaussians {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("start.ply");
-        files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+        let path = folder.path().join("start");
+        files::write(&path, &Gaussians::new(parts).unwrap(), output).unwrap();
         let start = Start::At(path);
         let of = PointsOf { data: folder.path(), scene: &scene_without_frames("scene"), applied: None };
-        start.gaussians(&[], of, None, opacities_as_stored, &FitConfig::new(Strategy::Fixed, 1)).unwrap()
+        start.gaussians(&[], of, None, opacities_as_stored, &FitConfig::new(strategy, 1)).unwrap()
     }
 
     #[test]
@@ -272,6 +284,34 @@ mod tests {
         let converted = read(opacities(), true);
         assert!(converted.warnings.is_empty() && converted.removed == 0, "{:?}", converted.warnings);
         assert_eq!(converted.gaussians.parts().opacity_logits, [3.0f32.ln(); 2]);
+    }
+
+    #[test]
+    fn scales_that_may_have_no_logarithm_are_warned_of() {
+        let scales = GaussianParts { log_scales: vec![[0.01, 0.5, 1.0]; 2], ..parts(2) };
+        let warnings = read(scales.clone(), false).warnings;
+        assert_eq!(
+            warnings,
+            ["every log-scale of the file lies in (0, 1]: they may be scales without their logarithm"]
+        );
+        let one_is_none = GaussianParts { log_scales: vec![[0.01, 0.5, 1.0], [0.01, -0.5, 1.0]], ..scales };
+        assert_eq!(read(one_is_none, false).warnings, [""; 0]);
+    }
+
+    #[test]
+    fn a_file_of_antialiased_training_is_noted_where_the_strategy_draws_without() {
+        let warnings = |strategy, output| read_for(strategy, parts(2), output, false).warnings;
+        for strategy in Strategy::ALL {
+            let noted = warnings(strategy, Output::Spz3 { antialiased: true });
+            if strategy == Strategy::MipSplatting {
+                assert_eq!(noted, [""; 0]);
+            } else {
+                let name = format!("the strategy {} draws", strategy.name());
+                let is_noted = |note: &String| note.contains(&name) && note.contains("--strategy mip-splatting");
+                assert!(matches!(&noted[..], [note] if is_noted(note)), "{noted:?}");
+            }
+            assert_eq!(warnings(strategy, Output::Spz3 { antialiased: false }), [""; 0]);
+        }
     }
 
     /// Where the reader of COLMAP's models looks, with the data as it accepts them.

@@ -1,6 +1,6 @@
 //! The files of a scene's frames in folders that another program wrote.
 
-use std::collections::HashSet;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,14 @@ pub(super) struct FrameFiles {
     png_alone: Option<PathBuf>,
 }
 
-/// A folder and the names of its files.
+/// Extensions of image files, in lower case. Only `.exr` and `.png` are read.
+const IMAGES: [&str; 12] = ["exr", "png", "jpg", "jpeg", "webp", "bmp", "gif", "tif", "tiff", "tga", "ppm", "avif"];
+
+/// A folder and the names of its images by the frame whose number they are, in any spelling.
 #[derive(Debug)]
 struct Listed {
     folder: PathBuf,
-    names: HashSet<String>,
+    names: BTreeMap<usize, Vec<String>>,
 }
 
 impl FrameFiles {
@@ -32,13 +35,16 @@ impl FrameFiles {
     /// The file of a frame; `None` if there is none.
     ///
     /// # Errors
-    /// Two files, either of which may be the right one: with different numbers of digits, in two folders, or an `.exr`
-    /// and a `.png` where another frame has no `.exr`.
+    /// Two files, either of which may be the right one: with different numbers of digits, in two folders, in a spelling or a format that
+    /// is not read, or an `.exr` and a `.png` where another frame has no `.exr`.
     pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
         let found = self.all_of(frame);
         let Some((first, others)) = found.split_first() else { return Ok(None) };
         let both = |other: &Path| format!("two files for frame {frame}: {} and {}", first.display(), other.display());
         if let Some(other) = others.iter().find(|other| other.with_extension("") != first.with_extension("")) {
+            return Err(both(other));
+        }
+        if let Some(other) = self.unread_of(frame).first() {
             return Err(both(other));
         }
         if let (Some(other), Some(alone)) = (others.first(), &self.png_alone) {
@@ -53,6 +59,17 @@ impl FrameFiles {
         self.folders.iter().enumerate().find_map(|(at, listed)| Some((at, in_folder(listed)?)))
     }
 
+    /// Images whose name is the frame's number in a spelling or a format that is not read.
+    pub(super) fn unread_of(&self, frame: usize) -> Vec<PathBuf> {
+        let unread = |listed: &Listed| {
+            let accepted: Vec<String> = names(frame).collect();
+            let names = listed.images_of(frame).filter(|name| !accepted.contains(name));
+            let paths = names.map(|name| listed.folder.join(name)).filter(|path| path.is_file());
+            paths.collect::<Vec<_>>()
+        };
+        self.folders.iter().flat_map(unread).collect()
+    }
+
     fn all_of(&self, frame: usize) -> Vec<PathBuf> {
         let paths =
             |listed: &Listed| listed.of_frames(&[frame]).map(|name| listed.folder.join(name)).collect::<Vec<_>>();
@@ -63,14 +80,35 @@ impl FrameFiles {
 impl Listed {
     fn of(folder: PathBuf) -> Self {
         let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
-        let names = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
+        let mut names: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+        for name in entries.filter_map(|entry| entry.file_name().into_string().ok()) {
+            if let Some(frame) = frame_of(&name) {
+                names.entry(frame).or_default().push(name);
+            }
+        }
+        for of_frame in names.values_mut() {
+            of_frame.sort();
+        }
         Self { folder, names }
     }
 
-    fn of_frames<'a>(&'a self, frames: &'a [usize]) -> impl Iterator<Item = String> + 'a {
-        let names = frames.iter().flat_map(|frame| names(*frame));
-        names.filter(|name| self.names.contains(name) && self.folder.join(name).is_file())
+    fn images_of(&self, frame: usize) -> impl Iterator<Item = &String> {
+        self.names.get(&frame).into_iter().flatten()
     }
+
+    fn of_frames<'a>(&'a self, frames: &'a [usize]) -> impl Iterator<Item = String> + 'a {
+        let is_listed = |frame: usize, name: &String| self.images_of(frame).any(|listed| listed == name);
+        let names = frames.iter().flat_map(move |frame| names(*frame).filter(move |name| is_listed(*frame, name)));
+        names.filter(|name| self.folder.join(name).is_file())
+    }
+}
+
+/// The frame whose number an image's name is, with any padding and in any format or case.
+fn frame_of(name: &str) -> Option<usize> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let is_image = IMAGES.iter().any(|known| extension.eq_ignore_ascii_case(known));
+    let is_number = stem.bytes().all(|byte| byte.is_ascii_digit());
+    if is_image && is_number { stem.parse().ok() } else { None }
 }
 
 /// Accepted file names of a frame, floats first.
@@ -128,6 +166,34 @@ mod tests {
         assert_eq!(second, Err("two files for frame 28: 000028.png and 28.exr".to_owned()));
         let [first, second] = found(&["color/7.png"]);
         assert!(is(&first, "color/7.png") && second == Ok(None), "{first:?} {second:?}");
+    }
+
+    /// Each of them may be what the method wrote last.
+    #[test]
+    fn images_in_another_spelling_or_format_are_further_candidates() {
+        for other in ["000028.PNG", "000028.EXR", "0000028.png", "28.jpg", "color/000028.webp", "color/00000028.Tiff"] {
+            let [first, second] = found(&[other, "000028.png", "000007.png"]);
+            assert!(is(&first, "000007.png"), "{other} is no image of frame 7: {first:?}");
+            assert_eq!(second, Err(format!("two files for frame 28: 000028.png and {other}")));
+            assert_eq!(found(&[other])[1], Ok(None), "{other} is not read");
+        }
+        for other in ["000028.txt", "000028.png.bak", "000028-error.png", "x28.png", ".png", "00002.8.png", "28"] {
+            let [_, second] = found(&[other, "000028.png"]);
+            assert!(is(&second, "000028.png"), "{other} is no image of frame 28: {second:?}");
+        }
+    }
+
+    #[test]
+    fn unread_images_of_a_frame_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["000028.jpg", "0000007.png", "000007.png"] {
+            fs::write(folder.path().join(file), "").unwrap();
+        }
+        fs::create_dir(folder.path().join("28.bmp")).unwrap();
+        let files = FrameFiles::of([folder.path().to_owned()], [7, 28]);
+        assert_eq!(files.unread_of(28), [folder.path().join("000028.jpg")], "a folder is no image");
+        assert_eq!(files.unread_of(7), [folder.path().join("0000007.png")]);
+        assert!(files.unread_of(0).is_empty());
     }
 
     #[test]

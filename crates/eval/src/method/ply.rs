@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
-use atsplat_splat::files::{Format, Import};
+use atsplat_splat::files::Import;
 use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
 use super::scene_names::SceneNames;
@@ -154,12 +154,7 @@ pub(super) fn read(
     } else if import.opacities_may_be_no_logits {
         notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
     }
-    // Scenes have Gaussians below one unit of length, whose log-scales are negative.
-    let mut log_scales = gaussians.parts().log_scales.as_flattened().iter();
-    let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
-    if matches!(import.format, Format::Ply(_)) && !gaussians.is_empty() && log_scales.all(is_scale) {
-        notes.push("every log-scale of the file lies in (0, 1]: they may be scales without their logarithm".to_owned());
-    }
+    notes.extend(import.doubts());
     Ok((gaussians, notes))
 }
 

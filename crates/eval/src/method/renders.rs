@@ -37,7 +37,8 @@ use crate::{EvalError, MethodRecord};
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
 /// over a background or skipped. So are a file whose stored samples are not the image (16 bits in a PNG, linear light, a
 /// rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's folders:
-/// either may be the right one.
+/// either may be the right one. An image whose name is the frame's number in another spelling (`000029.PNG`, seven digits)
+/// or format (`.jpg`) is such a second file, and alone it is not read.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -74,8 +75,12 @@ impl Renders {
         let scene = trial.scene();
         files.file_of(frame)?.ok_or_else(|| {
             let (folder, note) = (self.folder.display(), self.names.note(scene, trial.entry_number()));
+            let unread = files.unread_of(frame).first().map_or_else(String::new, |other| {
+                format!(", found {}, whose spelling or format is not read", other.display())
+            });
             format!(
-                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {folder}{note}"
+                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below \
+                 {folder}{note}{unread}"
             )
         })
     }

@@ -32,7 +32,7 @@ use atsplat_scene::{Scene, Warnings};
 
 pub use network_source::{BackboneRecord, ModelRecord, NetworkSource, UntrainedBackbone, WeightsRecord, WrittenFor};
 pub use photos::{PhotoSelection, Photos, photo_recipe};
-pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, ViewRecord, warnings};
+pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, ViewRecord, rounding_warning, warnings};
 pub use render_json::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};

@@ -5,6 +5,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::network::{Processor, Reconstruction};
 use atsplat_protocol::NearFar;
 use atsplat_protocol::trial::AppliedNormalisation;
+use atsplat_splat::Gaussians;
 use serde::Serialize;
 
 use super::Photos;
@@ -171,4 +172,42 @@ pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Pro
         warnings.push(format!("{invalid} of {total} Gaussians are invalid; `atsplat render` lists the problems"));
     }
     warnings
+}
+
+/// The warning about Gaussians in a scene's frame that f32, the number format of every file of Gaussians, displaces visibly: a
+/// capture with georeferenced positions, for example.
+pub fn rounding_warning(in_scene: &Gaussians) -> Option<String> {
+    let (coarse, all) = (in_scene.coarsely_placed(), in_scene.len());
+    // A few are tiny in every scene.
+    (coarse > all / 100).then(|| {
+        format!(
+            "{coarse} of {all} Gaussians are so far from the scene's origin that their 32-bit positions are off by more than an \
+             eighth of their size: move the origin of the capture's cameras into the scene"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_splat::GaussianParts;
+
+    use super::*;
+
+    #[test]
+    fn warns_of_more_than_a_few_gaussians_far_from_the_origin() {
+        let placed = |far: usize| {
+            let mean = |number| if number < far { [400_000.0, 5.4e6, 100.0] } else { [1.0, 2.0, 3.0] };
+            let parts = GaussianParts {
+                means: (0..300).map(mean).collect(),
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 300],
+                log_scales: vec![[-3.0; 3]; 300],
+                opacity_logits: vec![0.0; 300],
+                sh: vec![[0.0; 3]; 300],
+                ..GaussianParts::default()
+            };
+            rounding_warning(&Gaussians::new(parts).unwrap())
+        };
+        assert_eq!(placed(3), None);
+        assert!(placed(4).unwrap().starts_with("4 of 300 Gaussians are so far from the scene's origin"));
+    }
 }

@@ -216,14 +216,22 @@ pub fn empty_frames(frames: &[Frame]) -> usize {
     frames.iter().filter_map(|frame| frame.counts).filter(|counts| counts.drawn == 0).count()
 }
 
-/// The warning about frames in which no Gaussian is drawn, though the scene has some.
+/// The warning about frames in which no Gaussian is drawn, though the scene has some, with the likely reason.
 pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
+    let counts = || frames.iter().filter_map(|frame| frame.counts);
     let empty = empty_frames(frames);
     (empty > 0 && !gaussians.is_empty()).then(|| {
-        let all = frames.iter().filter(|frame| frame.counts.is_some()).count();
-        format!(
-            "no Gaussian is drawn in {empty} of {all} frames: do the cameras belong to this scene and use its axes?"
-        )
+        let mostly_outside_depth = |GaussianCounts { invalid, outside_depth, faint, outside_image, .. }: GaussianCounts| {
+            outside_depth > 9 * (invalid + faint + outside_image)
+        };
+        let by_depth = counts().filter(|counts| counts.drawn == 0).all(mostly_outside_depth);
+        let cause = if by_depth {
+            "they are behind the camera, in front of the near plane or beyond the far plane: do --near and --far suit the scene's \
+             unit of length, and do the cameras look at it?"
+        } else {
+            "do the cameras belong to this scene and use its axes?"
+        };
+        format!("no Gaussian is drawn in {empty} of {} frames: {cause}", counts().count())
     })
 }
 

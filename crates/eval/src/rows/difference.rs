@@ -1,5 +1,6 @@
 //! Describes the fields in which two records differ.
 
+use atsplat_files::shortened;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -69,7 +70,10 @@ fn compare(field: String, first: &Value, second: &Value, found: &mut Vec<Differe
                 }
             }
         }
-        (first, second) => found.push(Difference { field, first: shown(first), second: shown(second) }),
+        (first, second) => {
+            let [first, second] = excerpts([&text(first), &text(second)], MAX_LENGTH);
+            found.push(Difference { field, first, second });
+        }
     }
 }
 
@@ -83,16 +87,27 @@ fn name_of(item: &Value) -> Option<&str> {
     NAMES.iter().find_map(|name| item.get(name)?.as_str())
 }
 
-fn shown(value: &Value) -> String {
-    let text = match value {
+fn text(value: &Value) -> String {
+    match value {
         Value::Null => "none".to_owned(),
         Value::String(text) => text.clone(),
         other => other.to_string(),
-    };
-    match text.char_indices().nth(MAX_LENGTH) {
-        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or(&text)),
-        None => text,
     }
+}
+
+/// At most `characters` of two texts, with ellipses where some are missing. Long texts that begin alike are shown from shortly
+/// before their first difference.
+pub(crate) fn excerpts(texts: [&str; 2], characters: usize) -> [String; 2] {
+    let [first, second] = texts;
+    let alike = first.chars().zip(second.chars()).take_while(|(a, b)| a == b).count();
+    let is_long = texts.iter().any(|text| text.chars().nth(characters).is_some());
+    // The difference itself needs room within the excerpt.
+    let start = if is_long && alike > characters / 2 { alike - characters / 4 } else { 0 };
+    texts.map(|text| {
+        let before = if start > 0 { "…" } else { "" };
+        let rest: String = text.chars().skip(start).collect();
+        format!("{before}{}", shortened(&rest, characters))
+    })
 }
 
 #[cfg(test)]
@@ -129,5 +144,20 @@ mod tests {
         };
         let text = differences(&many(&"x".repeat(500)), &many("y"));
         assert!(text.len() < 500 && text.contains("x… and y") && text.ends_with("; 5 more fields"), "{text}");
+    }
+
+    /// Without it, both would read the same.
+    #[test]
+    fn long_texts_are_shown_where_they_differ() {
+        let of = |end: &str| json!({ "absent": format!("{}é; looked in {end}", "x".repeat(90)) });
+        let found = differences(&of("/a"), &of("/home/b"));
+        let [first, second] = ["/a", "/home/b"].map(|end| format!("…xxxxé; looked in {end}"));
+        assert_eq!(found, format!("absent: {first} and {second}"));
+        let tail = "y".repeat(100);
+        let [first, second] = excerpts([&format!("{tail}1{tail}"), &format!("{tail}2{tail}")], 40);
+        assert_eq!([first.chars().count(), second.chars().count()], [42, 42], "an ellipsis on either side");
+        assert!(first.contains("y1y") && second.contains("y2y"), "{first} {second}");
+        assert_eq!(excerpts(["ab", "ac"], 40), ["ab", "ac"]);
+        assert_eq!(excerpts([&tail, &format!("{tail}z")], 8), ["…yy", "…yyz"]);
     }
 }

@@ -6,8 +6,9 @@ use std::mem::take;
 use serde::Serialize;
 
 use super::difference::differences;
-use super::{MethodRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
+use super::{MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
 use crate::EvalError;
+use crate::runner::is_of_run;
 
 impl Provenance {
     /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
@@ -36,6 +37,7 @@ impl Provenance {
         for warning in other.warnings {
             let WarningCount { preset, kind, count, .. } = &warning;
             match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
+                Some(known) if is_of_run(kind) => known.count = known.count.max(*count),
                 Some(known) => known.count = together(known.count, *count),
                 None => self.warnings.push(warning),
             }
@@ -99,7 +101,8 @@ impl Provenance {
         same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
         same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
         same("platforms", None, &self.platform, &other.platform, advice)?;
-        same("metrics", None, &self.metrics, &other.metrics, advice)?;
+        let [known, own] = [self, other].map(|run| run.metrics.iter().map(MetricRecord::without_folders));
+        same("metrics", None, &known.collect::<Vec<_>>(), &own.collect::<Vec<_>>(), advice)?;
         same("limits", None, &self.limit, &other.limit, advice)
     }
 }
@@ -151,6 +154,44 @@ mod tests {
         assert_eq!(all.processor, "a, avx512; b, avx2; c");
         assert!(same_machine(&on("a"), &on("a")) && !same_machine(&on("a"), &on("b")));
         assert!(!same_machine(&all, &all), "nobody knows which row was made where");
+    }
+
+    /// Two machines without the weights of LPIPS, whose torch has its cache in different places.
+    #[test]
+    fn folders_that_were_searched_in_vain_are_no_difference() {
+        let of = |absent: Option<&str>| {
+            let hash = absent.is_none().then(|| "hash".to_owned());
+            let id = "lpips".to_owned();
+            let metric =
+                MetricRecord { id, weights_sha256: hash, absent: absent.map(str::to_owned), ..MetricRecord::default() };
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, metrics: vec![metric], ..Provenance::default() }
+        };
+        let known = of(Some("weights absent: LPIPS (VGG) needs a.pth; get it; looked in ~/.cache/torch, /scratch/a"));
+        let same = || of(Some("weights absent: LPIPS (VGG) needs a.pth; get it; looked in no folder"));
+        let (mut resumed, mut merged) = (known.clone(), known.clone());
+        resumed.resume_with(same()).unwrap();
+        merged.merge_shard(same(), false).unwrap();
+        assert!(resumed == known && merged == known, "the first record stays: {resumed:?} {merged:?}");
+        for other in [of(None), of(Some("weights absent: LPIPS (VGG) needs b.pth; get it; looked in no folder"))] {
+            assert!(known.clone().resume_with(other.clone()).is_err() && other.clone().resume_with(same()).is_err());
+            let refused = known.clone().merge_shard(other, false).unwrap_err().to_string();
+            assert!(refused.contains("lpips.absent: "), "{refused}");
+        }
+    }
+
+    /// Every shard warns of what is true of the whole run; of its own scenes, each warns by itself.
+    #[test]
+    fn warnings_about_a_run_are_counted_once_over_its_shards() {
+        let of = |kind: &str, count| {
+            let warning = WarningCount { kind: kind.to_owned(), count, ..WarningCount::default() };
+            Provenance { warnings: vec![warning], ..Provenance::default() }
+        };
+        for (kind, expected) in [(crate::runner::UNPUBLISHED_WEIGHTS, 2), ("frames without an image", 5)] {
+            let mut known = of(kind, 2);
+            known.merge_shard(of(kind, if expected == 2 { 2 } else { 3 }), false).unwrap();
+            assert_eq!(known.warnings[0].count, expected, "{kind}");
+        }
     }
 
     #[test]

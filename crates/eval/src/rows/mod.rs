@@ -79,6 +79,28 @@ impl fmt::Display for TrialKey {
     }
 }
 
+/// A field of a row whose value cannot be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Impossible {
+    pub(crate) field: String,
+    pub(crate) expected: String,
+    pub(crate) found: String,
+}
+
+impl Impossible {
+    /// If a finite number is outside its range. Those that are NaN or infinite are counted where rows are read.
+    pub(crate) fn unless_within(field: &str, value: Option<f64>, [least, most]: [f64; 2]) -> Option<Self> {
+        let value = value.filter(|value| value.is_finite() && !(least..=most).contains(value))?;
+        let expected = if most.is_finite() { format!("{least} to {most}") } else { format!("at least {least}") };
+        Some(Self { field: field.to_owned(), expected, found: value.to_string() })
+    }
+
+    pub(crate) fn of_row(self, key: &TrialKey) -> EvalError {
+        let Self { field, expected, found } = self;
+        EvalError::Impossible { key: key.to_string(), field, expected, found }
+    }
+}
+
 /// Rejects NaN and infinities.
 pub(crate) fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item = f64>) -> Result<(), EvalError> {
     match value.into_iter().find(|value| !value.is_finite()) {

@@ -1,6 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::take;
 
+use atsplat_metrics::learned::WeightsAbsent;
+use atsplat_metrics::{Measure, definition};
 use atsplat_model::network::Network;
 use atsplat_protocol::Preset;
 use serde::{Deserialize, Serialize};
@@ -85,6 +87,9 @@ pub struct PresetRecord {
     pub entries: u64,
     /// Entries of the whole index, including those of missing scenes and other shards.
     pub entries_of_index: u64,
+    /// Scenes with entries of the whole index; `None` if only a part of it was known, and in stores of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scenes_of_index: Option<u64>,
 }
 
 impl PresetRecord {
@@ -218,6 +223,25 @@ pub struct MetricRecord {
     pub weights_sha256: Option<String>,
     /// Why it was not computed at all, if so.
     pub absent: Option<String>,
+}
+
+impl MetricRecord {
+    /// Why it was not computed, without the folders that were searched for its weights: they do not make another run.
+    pub fn reason_of_absence(&self) -> Option<&str> {
+        self.absent.as_deref().map(WeightsAbsent::without_folders)
+    }
+
+    /// What is other about its weights if they are not the published ones, so that its numbers are of another metric.
+    pub fn unpublished(&self) -> Option<String> {
+        let Measure::Perceptual { network, .. } = definition(&self.id)?.measure else { return None };
+        let (found, published) = (self.weights_sha256.as_deref()?, network.sha256_prefix()?);
+        let is_other = network.is_published(found) == Some(false);
+        is_other.then(|| format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id))
+    }
+
+    pub(super) fn without_folders(&self) -> Self {
+        Self { absent: self.reason_of_absence().map(str::to_owned), ..self.clone() }
+    }
 }
 
 /// A kind of warning with its count.

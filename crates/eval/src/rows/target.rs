@@ -1,8 +1,9 @@
 use std::collections::BTreeMap;
 
+use atsplat_metrics::definition;
 use serde::{Deserialize, Serialize};
 
-use super::{TrialKey, finite};
+use super::{Impossible, TrialKey, finite};
 use crate::EvalError;
 
 /// The entry in [`TargetRow::not_computed`] of a metric that is infinite because its inputs are equal: the PSNR of identical
@@ -23,7 +24,7 @@ pub struct TargetRow {
     pub signed_distance: i64,
     /// Whether the frame is also a context frame.
     pub leaked: bool,
-    /// Overlap of the context views, if the index has it; nominally in [0, 1].
+    /// Overlap of the context views, if the index has it, in [0, 1].
     pub overlap: Option<f64>,
     /// Width of the scored image in pixels.
     pub width: u32,
@@ -62,10 +63,26 @@ pub enum TargetStatus {
 
 impl TargetRow {
     /// # Errors
-    /// [`EvalError::NotFinite`] for a score or an overlap that is not finite.
+    /// [`EvalError::NotFinite`] for a score or an overlap that is not finite, [`EvalError::Impossible`] for one outside its range
+    /// and for scores of a target that was not compared.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
-        self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))
+        self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))?;
+        self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
+    }
+
+    /// The first field whose value cannot be. Metrics that this toolkit does not know have no range.
+    pub(crate) fn impossible(&self) -> Option<Impossible> {
+        let not_compared = matches!(self.status, TargetStatus::Failed | TargetStatus::NonFinite);
+        if let Some((id, score)) = self.scores.first_key_value().filter(|_| not_compared) {
+            let expected = format!("no score of a target whose status is {}", self.status.name());
+            return Some(Impossible { field: id.clone(), expected, found: score.to_string() });
+        }
+        let score = |(id, score): (&String, &f64)| {
+            let metric = definition(id).filter(|metric| score.is_finite() && !metric.is_possible(*score))?;
+            Impossible::unless_within(id, Some(*score), metric.range())
+        };
+        Impossible::unless_within("overlap", self.overlap, [0.0, 1.0]).or_else(|| self.scores.iter().find_map(score))
     }
 }
 

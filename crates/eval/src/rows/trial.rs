@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use super::{TrialKey, finite};
+use super::{Impossible, TrialKey, finite};
 use crate::EvalError;
 
 /// One trial under one method.
@@ -81,10 +81,17 @@ pub enum TrialStatus {
 
 impl TrialRow {
     /// # Errors
-    /// [`EvalError::NotFinite`] for an overlap or a mean that is not finite.
+    /// [`EvalError::NotFinite`] for an overlap or a mean that is not finite, [`EvalError::Impossible`] for one outside its range.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
-        finite(&self.key, "gaussians-drawn", self.gaussians_drawn)
+        finite(&self.key, "gaussians-drawn", self.gaussians_drawn)?;
+        self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
+    }
+
+    /// The first field whose value cannot be.
+    pub(crate) fn impossible(&self) -> Option<Impossible> {
+        let drawn = || Impossible::unless_within("gaussians-drawn", self.gaussians_drawn, [0.0, f64::INFINITY]);
+        Impossible::unless_within("overlap", self.overlap, [0.0, 1.0]).or_else(drawn)
     }
 
     /// Whether none of its Gaussians is drawn in any target.

@@ -1,6 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use atsplat_metrics::Suite;
+use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex};
 use atsplat_scene::Warnings;
@@ -8,6 +10,17 @@ use atsplat_scene::Warnings;
 use super::{Dataset, Missing, Selection, Summary};
 use crate::method::Method;
 use crate::{SkippedEntry, WarningCount};
+
+/// The kind of the warning about methods whose settings other presets state.
+const UNLISTED_SETTINGS: &str =
+    "methods with the preset's own poses and planes, because it states none of the method they name";
+/// The kind of the warning about learned metrics with other weights than the published ones, whose numbers are of another metric.
+pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than the published ones";
+
+/// Whether a kind of warning is about a whole run, which every shard of it counts.
+pub(crate) fn is_of_run(kind: &str) -> bool {
+    [UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS].contains(&kind)
+}
 
 /// Problems with datasets that did not stop a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -84,10 +97,20 @@ impl Findings {
 
     /// Adds the methods that name a method whose settings other presets state: they run with the preset's own.
     pub(super) fn add_unlisted_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
-        const KIND: &str =
-            "methods with the preset's own poses and planes, because it states none of the method they name";
         for method in methods.iter().filter(|method| !dataset.preset.has_setting_of(method.setting())) {
-            self.add(&dataset.name, KIND, 1, format!("{} names {}", method.record().name, method.setting()));
+            self.add(
+                &dataset.name,
+                UNLISTED_SETTINGS,
+                1,
+                format!("{} names {}", method.record().name, method.setting()),
+            );
+        }
+    }
+
+    /// Adds the networks of learned metrics with other weights than the published ones.
+    pub(super) fn add_unpublished_weights(&mut self, dataset: &Dataset, suite: &Suite) {
+        for example in suite.networks().loaded().filter_map(Perceptual::unpublished) {
+            self.add(&dataset.name, UNPUBLISHED_WEIGHTS, 1, example);
         }
     }
 

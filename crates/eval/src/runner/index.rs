@@ -22,6 +22,7 @@ pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no 
 
 const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
 const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
+const REPEATED_IMAGE: &str = "frames that repeat an earlier frame's image file, which are not sampled";
 const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
 const NOT_READ: &str = "scenes that are not read, and not sampled";
 
@@ -39,6 +40,8 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
+    /// Entries of the file that `index` leaves out, because a suite takes the first scenes only.
+    pub left_out: u64,
     /// What readers of results must know about the index, by kind: irregularities of an unpublished file, and what a generated
     /// index leaves out.
     pub notices: BTreeMap<String, IndexNotice>,
@@ -94,7 +97,7 @@ impl PlannedIndex {
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous().map_err(|error| error.in_file(&path))?;
         let description = path.display().to_string();
-        let read = Self { index, description, sha256, name, notices };
+        let read = Self { index, description, sha256, name, left_out: 0, notices };
         Ok(match preset.index.derivation.filter(|_| underived) {
             None => read,
             Some(derivation) => read.split(derivation, source, warnings),
@@ -121,6 +124,11 @@ impl PlannedIndex {
         }
         let description = format!("{}, its windows with frames before and after them", self.description);
         Self { notices, ..Self::generated(split.index, description, self.name) }
+    }
+
+    /// Entries of the file, whichever of them `index` has.
+    pub fn entries_of_file(&self) -> u64 {
+        self.index.entries().count() as u64 + self.left_out
     }
 
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
@@ -162,7 +170,7 @@ impl PlannedIndex {
 
     fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
         let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        Self { index, description, sha256, name, notices: BTreeMap::new() }
+        Self { index, description, sha256, name, left_out: 0, notices: BTreeMap::new() }
     }
 }
 
@@ -185,6 +193,7 @@ fn notices_of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str) -
     let others = [
         ("sampled entries rejected for their overlap", built.refused_entries as u64, Missing::Nothing),
         (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
+        (REPEATED_IMAGE, built.repeated_images as u64, Missing::Nothing),
         (UNREADABLE_IMAGE, unreadable_images, Missing::Data),
     ]
     .map(|(kind, count, missing)| (kind, IndexNotice { count, example: rule.to_owned(), missing }));

@@ -23,7 +23,7 @@ mod suspicious;
 mod worst;
 
 pub use dataset::IndexChoice;
-pub use findings::Findings;
+pub use findings::{Findings, UNPUBLISHED_WEIGHTS};
 pub use images::{CONTEXT, KeepImages, TRUTH, image_path, is_image_of};
 pub use index::{DROPPED_BY_SPLIT, IndexNotice, Missing, NOT_SAMPLED, PlannedIndex};
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
@@ -32,4 +32,5 @@ pub use run::{MISSING_SCENES, run, run_until};
 pub use selection::{Selection, spread};
 pub use single::evaluate_trial;
 
+pub(crate) use findings::is_of_run;
 pub(crate) use group_run::{groups, key_of, recipe};

@@ -140,7 +140,8 @@ impl Plan<'_> {
                 index_name: index.name.clone(),
                 overlap_estimators: index.index.overlap_estimators(),
                 entries: self.selected(dataset).index.entries().count() as u64,
-                entries_of_index: index.index.entries().count() as u64,
+                entries_of_index: index.entries_of_file(),
+                scenes_of_index: (index.left_out == 0).then(|| index.index.scene_count() as u64),
             })
         };
         Ok(Provenance {

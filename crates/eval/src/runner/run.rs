@@ -63,6 +63,7 @@ pub fn run_until(
         }
         findings.add_notices(dataset, plan.selection, &mut summary);
         findings.add_unlisted_settings(dataset, plan.methods);
+        findings.add_unpublished_weights(dataset, plan.suite);
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
             let group = GroupRun {

@@ -1,7 +1,7 @@
 //! A target's row: scores and hashes.
 
 use atsplat_files::Sha256Digest;
-use atsplat_metrics::{NotComputed, Score, Suite};
+use atsplat_metrics::{NotComputed, Score, Suite, definition};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 
@@ -49,10 +49,11 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
     };
     for (id, score) in scored.scores {
         let why = match score {
-            Score::Value(value) if value.is_finite() => {
+            Score::Value(value) if possible(id, value) => {
                 row.scores.insert(id.to_owned(), value);
                 continue;
             }
+            // Sums of squares of enormous samples lose all digits of an SSIM.
             Score::Value(value) => format!("the score is {value}"),
             Score::Identical => IDENTICAL.to_owned(),
             // The searched folders are in the provenance.
@@ -62,6 +63,11 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
         };
         row.not_computed.insert(id.to_owned(), why);
     }
+}
+
+/// Whether a score is finite and within the range of its metric: another one is not stored.
+fn possible(id: &str, score: f64) -> bool {
+    score.is_finite() && definition(id).is_none_or(|metric| metric.is_possible(score))
 }
 
 /// SHA-256 of the samples as little-endian f32.

@@ -19,7 +19,8 @@ pub struct Trend {
     /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` with fewer than
     /// [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
-    /// Scenes with scores.
+    /// Scenes that the slope rests on: those with scores, and for lines within scenes only those with two different values of the
+    /// property.
     pub scenes: u64,
 }
 
@@ -33,7 +34,7 @@ pub fn along_overlap(results: &Results, query: &MetricQuery) -> Option<Trend> {
 }
 
 /// The slope over the distance from the window of context frames, per frame, of the targets outside it: lines of one slope,
-/// each scene with its own height. `None` without two different distances in a scene.
+/// each scene with its own height. Scenes without two different distances do not count; `None` if no scene has them.
 pub fn along_distance(results: &Results, query: &MetricQuery) -> Option<Trend> {
     over_distance(&select(results, query))
 }
@@ -88,15 +89,20 @@ pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Option<Trend> {
 /// Sums of a scene from which a slope follows: count, x, y, x², xy.
 type Sums = [f64; 5];
 
+/// Spread below which all values of the property are the same, in the square of its unit.
+const LEAST_SPREAD: f64 = 1e-12;
+
 fn one_line(scenes: &[Points]) -> Vec<Sums> {
     // Sums of centred numbers lose no digits.
     let middle = mean(scenes.iter().flatten());
     scenes.iter().map(|points| sums(points, middle, points.len() as f64)).collect()
 }
 
-/// Each scene is centred on its own, which leaves nothing of its height.
+/// Each scene is centred on its own, which leaves nothing of its height. A scene with a single value of the property says nothing
+/// about the slope, and must not make its interval look as if it did.
 fn parallel_lines(scenes: impl Iterator<Item = Points>) -> Vec<Sums> {
-    scenes.map(|points| sums(&points, mean(points.iter()), 1.0)).collect()
+    let centred = scenes.map(|points| sums(&points, mean(points.iter()), 1.0));
+    centred.filter(|own| spread(*own) > LEAST_SPREAD).collect()
 }
 
 fn mean<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
@@ -111,16 +117,18 @@ fn sums(points: &Points, [x, y]: [f64; 2], count: f64) -> Sums {
     })
 }
 
-fn slope([n, sx, sy, sxx, sxy]: Sums) -> f64 {
-    (sxy - sx * sy / n) / (sxx - sx * sx / n)
+fn spread([n, sx, _, sxx, _]: Sums) -> f64 {
+    sxx - sx * sx / n
+}
+
+fn slope(sums: Sums) -> f64 {
+    let [n, sx, sy, _, sxy] = sums;
+    (sxy - sx * sy / n) / spread(sums)
 }
 
 fn of_sums(scenes: &[Sums]) -> Option<Trend> {
-    /// Spread below which all values of the property are the same, relative to the square of its unit.
-    const LEAST_SPREAD: f64 = 1e-12;
     let all = scenes.iter().fold([0.0; 5], |all: Sums, own| std::array::from_fn(|at| all[at] + own[at]));
-    let spread = all[3] - all[1] * all[1] / all[0];
-    let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread > LEAST_SPREAD)?;
+    let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread(all) > LEAST_SPREAD)?;
     let enough = scenes.len() as u64 >= MIN_SCENES;
     let interval = enough.then(|| interval_of(scenes, resamples(scenes.len()), slope)).flatten();
     Some(Trend { slope: found, interval, scenes: scenes.len() as u64 })

@@ -52,6 +52,7 @@ impl Content {
         let mut files = unfinished;
         for (path, Part { trial, mut targets }) in read {
             check_targets(&path, &trial, &mut targets)?;
+            check_possible(&path, &trial, &targets)?;
             rows.insert(trial.key.clone(), (trial, targets));
             files.push(path);
         }
@@ -141,4 +142,16 @@ fn check_targets(path: &Path, trial: &TrialRow, targets: &mut [TargetRow]) -> Re
     }
     let expected = format!("{} targets of {}, each once", trial.targets, trial.key);
     Err(EvalError::malformed(path, "rows", expected, targets.len()))
+}
+
+/// Rejects a part with a value that cannot be; the tables are checked row by row.
+fn check_possible(path: &Path, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
+    let of_target = |row: &TargetRow| {
+        row.impossible().map(|found| (format!("field {} of target {}", found.field, row.target), found))
+    };
+    let of_trial = trial.impossible().map(|found| (format!("field {} of the trial", found.field), found));
+    match of_trial.or_else(|| targets.iter().find_map(of_target)) {
+        None => Ok(()),
+        Some((place, found)) => Err(EvalError::malformed(path, place, found.expected, found.found)),
+    }
 }

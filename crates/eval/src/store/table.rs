@@ -7,6 +7,7 @@ use polars::prelude::{DataFrame, ParquetReader, ParquetWriter, PolarsError, Pola
 
 use super::disk;
 use super::schema::Column;
+use crate::rows::Impossible;
 use crate::{EvalError, TrialKey};
 
 /// A table read from disk, with the columns of its schema version.
@@ -148,6 +149,11 @@ impl<'t> Row<'t> {
         let list = column.get_as_series(self.at).map(|series| of(&series)).transpose();
         let list = list.map_err(|error| self.invalid(name, "a list", error))?;
         list.flatten().ok_or_else(|| self.invalid(name, "a list without nulls", "a null"))
+    }
+
+    /// The error for a field that cannot be, if there is one.
+    pub(super) fn possible(&self, found: Option<Impossible>) -> Result<(), EvalError> {
+        found.map_or(Ok(()), |Impossible { field, expected, found }| Err(self.invalid(&field, &expected, found)))
     }
 
     /// The error for an invalid value.

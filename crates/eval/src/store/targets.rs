@@ -35,7 +35,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
             let expected = format!("{} entries, one for each reason", reasons.len());
             return Err(row.invalid("not-computed", &expected, ids.len()));
         }
-        Ok(TargetRow {
+        let target = TargetRow {
             key: row.key()?,
             target: row.small_count("target")?,
             frame: row.count("frame")?,
@@ -51,6 +51,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
             non_finite: row.count("non-finite")?,
             scores: definitions().iter().filter_map(|metric| score(metric.id)).collect(),
             not_computed: ids.into_iter().zip(reasons).collect(),
-        })
+        };
+        row.possible(target.impossible()).map(|()| target)
     })
 }

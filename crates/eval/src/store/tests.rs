@@ -1,3 +1,4 @@
+mod impossible;
 mod merge;
 mod replace;
 

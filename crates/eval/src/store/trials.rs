@@ -32,7 +32,7 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
 
 pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
     table.rows(|row| {
-        Ok(TrialRow {
+        let trial = TrialRow {
             key: row.key()?,
             trial_hash: row.text("trial-hash")?,
             pose_hash: row.text("pose-hash")?,
@@ -56,6 +56,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             renderer_adapter: row.optional_text("renderer-adapter"),
             effects: row.texts("effects")?,
             notes: row.texts("notes")?,
-        })
+        };
+        row.possible(trial.impossible()).map(|()| trial)
     })
 }

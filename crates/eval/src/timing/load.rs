@@ -1,8 +1,12 @@
 use std::fs;
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
 
+use atsplat_numeric::Extremes as _;
 use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
+
+use super::quota::throttled_secs;
 
 /// The machine's load while times were measured; `None` if the system does not report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -16,17 +20,18 @@ pub struct Load {
     pub mhz_before: Option<f64>,
     /// Mean clock of the processors at the end, in MHz.
     pub mhz_after: Option<f64>,
-    /// Share of the machine's processors, from 0 to 1, used by anything but the pass: other processes, other threads of this
-    /// process, and other guests of the same host.
+    /// What the pass did not have of its processors, from 0 to 1. Either the share that anything else used: other processes,
+    /// other threads of this process, and other guests of the same host, of as many processors as the pass has threads. Or, if
+    /// it is larger, the share of the time for which a quota withheld a processor.
     pub others: Option<f64>,
 }
 
 impl Load {
-    /// From this share of others on, times are marked as unreliable. Below it, a pool with as many threads as the
-    /// machine has processors is slowed by no more than the repetitions' own spread.
+    /// From this share on, times are marked as unreliable. Below it, a pool with as many threads as the machine has processors
+    /// is slowed by no more than the repetitions' own spread.
     pub const BUSY: f64 = 0.05;
 
-    /// Whether others used so much that times cannot be trusted; `false` if the system does not report it.
+    /// Whether the pass lacked so much that times cannot be trusted; `false` if the system does not report it.
     pub fn is_busy(&self) -> bool {
         self.others.is_some_and(|others| others >= Self::BUSY)
     }
@@ -56,35 +61,76 @@ pub(super) struct LoadMonitor<'a> {
     mhz: Option<f64>,
     cpu: Option<CpuTime>,
     own_secs: Option<f64>,
+    throttled_secs: Option<f64>,
 }
 
 impl<'a> LoadMonitor<'a> {
+    /// The machine's clock has ticks of 10 ms: in less time than this, they tell little.
+    pub(super) const SHORTEST: Duration = Duration::from_millis(250);
+
     pub(super) fn start(pool: &'a ThreadPool, own: OwnTime) -> Self {
-        let (average, mhz) = (load_average(), mean_mhz());
-        Self { pool, own, start: Instant::now(), average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own) }
+        let (average, mhz, throttled_secs) = (load_average(), mean_mhz(), throttled_secs());
+        let start = Instant::now();
+        Self { pool, own, start, average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own), throttled_secs }
     }
 
-    /// `outside` is the processor time in seconds that the methods' own processes have used during the pass.
-    pub(super) fn finish(self, outside: f64) -> Load {
+    /// `outside` gives the processor time in seconds that the method's own processes have used meanwhile. Waits until
+    /// [`Self::SHORTEST`] has passed.
+    pub(super) fn finish(self, outside: impl FnOnce() -> f64) -> Load {
+        thread::sleep(Self::SHORTEST.saturating_sub(self.start.elapsed()));
         let wall = self.start.elapsed().as_secs_f64();
-        let (busy, own) = (cpu_time(), own_secs(self.pool, self.own));
+        let (busy, own, throttled) = (cpu_time(), own_secs(self.pool, self.own), throttled_secs());
+        // Last: whoever looks for these processes takes processor time too.
+        let outside = outside();
         let others = || {
             let (before, after) = (self.cpu?, busy?);
-            share_of_others(after.busy_secs - before.busy_secs, own? - self.own_secs? + outside, wall * after.cpus)
+            let use_of = Use {
+                busy: after.busy_secs - before.busy_secs,
+                own: own? - self.own_secs? + outside,
+                threads: self.pool.current_num_threads() as f64,
+                cpus: after.cpus,
+            };
+            use_of.share_of_others(wall)
         };
+        let withheld = || finite((throttled? - self.throttled_secs?) / wall);
+        let (others, withheld) = (others(), withheld());
+        tracing::debug!(wall, others, withheld, "load");
         Load {
             average_before: self.average,
             average_after: load_average(),
             mhz_before: self.mhz,
             mhz_after: mean_mhz(),
-            others: others(),
+            others: others.into_iter().chain(withheld).reduce(f64::maximum_of),
         }
     }
 }
 
-/// Share of `capacity` processor seconds that were busy but not with the pass itself.
-fn share_of_others(busy: f64, own: f64, capacity: f64) -> Option<f64> {
-    let share = (busy - own) / capacity;
+/// What processors did meanwhile, in seconds.
+#[derive(Clone, Copy, Debug)]
+struct Use {
+    /// All that the machine did.
+    busy: f64,
+    /// What the pass itself did.
+    own: f64,
+    threads: f64,
+    cpus: f64,
+}
+
+impl Use {
+    /// Share of the pass's processors that others could have kept busy. Two ticks, and one for each of these processors, may be
+    /// nothing but the coarseness of the machine's clock.
+    fn share_of_others(self, wall: f64) -> Option<f64> {
+        let Self { busy, own, threads, cpus } = self;
+        // A method's own processes may have more threads than the pool.
+        let processors = threads.maximum_of(own / wall).minimum_of(cpus);
+        let others = busy - own;
+        let noise = (2.0 + processors) / TICKS_PER_SEC;
+        finite(if others <= noise { 0.0 } else { others / (wall * processors) })
+    }
+}
+
+/// A share, if it is a number.
+fn finite(share: f64) -> Option<f64> {
     share.is_finite().then(|| share.clamp(0.0, 1.0))
 }
 
@@ -132,12 +178,12 @@ fn thread_secs() -> Option<f64> {
     Some(1e-9 * nanos)
 }
 
-/// `/proc/PID/stat` in seconds: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (`proc_pid_stat(5)`).
+/// `/proc/PID/stat` in seconds: the name ends with the last parenthesis; user and system time are the 14th and 15th fields, those
+/// of the process's children that have ended the two after them (`proc_pid_stat(5)`).
 pub(crate) fn processor_secs_of_stat(stat: &str) -> Option<f64> {
     let (_, fields) = stat.rsplit_once(')')?;
-    let mut fields = fields.split_whitespace().skip(11);
-    let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / TICKS_PER_SEC)
+    let ticks: Vec<f64> = fields.split_whitespace().skip(11).take(4).map_while(|ticks| ticks.parse().ok()).collect();
+    (ticks.len() == 4).then(|| ticks.iter().sum::<f64>() / TICKS_PER_SEC)
 }
 
 fn load_average() -> Option<f64> {
@@ -175,7 +221,7 @@ mod tests {
     #[test]
     fn reads_process_times_and_clocks() {
         let stat = "42 (a (b) c) R 1 1 1 0 -1 0 7 8 9 10 150 50 3 4 20 0 1 0 5 6 7";
-        Tolerance::F64.assert(processor_secs_of_stat(stat), [2.0], "user and system time");
+        Tolerance::F64.assert(processor_secs_of_stat(stat), [2.07], "user and system time, and those of children");
         assert_eq!(processor_secs_of_stat("42 no name"), None);
         Tolerance::F64.assert(of_cpuinfo("cpu MHz\t\t: 2600.0\nflags\t: x\ncpu MHz\t\t: 2000.0\n"), [2300.0], "MHz");
         assert_eq!(of_cpuinfo("BogoMIPS : 50"), None);
@@ -184,11 +230,29 @@ mod tests {
     /// Two processors for two seconds: 3.2 of 4 seconds were busy, 3 of them with the pass.
     #[test]
     fn others_are_busy_time_minus_the_pass() {
-        Tolerance::F64.assert(share_of_others(3.2, 3.0, 4.0), [0.05], "a twentieth");
-        Tolerance::EXACT.assert(share_of_others(3.0, 3.1, 4.0), [0.0], "ticks are coarser than the pass's clock");
-        assert_eq!(share_of_others(0.0, 0.0, 0.0), None);
+        let share = |busy, own| Use { busy, own, threads: 2.0, cpus: 2.0 }.share_of_others(2.0);
+        Tolerance::F64.assert(share(3.2, 3.0), [0.05], "a twentieth");
+        Tolerance::EXACT.assert(share(3.0, 3.1), [0.0], "ticks are coarser than the pass's clock");
+        assert_eq!(Use { busy: 0.0, own: 0.0, threads: 0.0, cpus: 0.0 }.share_of_others(0.0), None);
         let load = |others| Load { others, ..Load::default() };
         assert_eq!([None, Some(0.049), Some(0.051)].map(|others| load(others).is_busy()), [false, false, true]);
+    }
+
+    /// A neighbour on half of one of 32 processors for two seconds.
+    #[test]
+    fn a_neighbour_counts_against_the_processors_that_the_pass_uses() {
+        let share = |own, threads| Use { busy: own + 1.0, own, threads, cpus: 32.0 }.share_of_others(2.0);
+        Tolerance::F64.assert(share(2.0, 1.0), [0.5], "one thread");
+        Tolerance::F64.assert(share(20.0, 1.0), [0.05], "processes of its own on ten processors");
+        Tolerance::F64.assert(share(20.0, 64.0), [1.0 / 64.0], "no more threads than processors");
+    }
+
+    #[test]
+    fn a_few_ticks_in_a_short_time_are_no_load() {
+        let share =
+            |ticks: f64, wall| Use { busy: 0.01 * ticks, own: 0.0, threads: 2.0, cpus: 2.0 }.share_of_others(wall);
+        assert_eq!([share(1.0, 0.05), share(3.9, 0.2)], [Some(0.0), Some(0.0)]);
+        Tolerance::F64.assert([share(5.0, 0.05), share(5.0, 0.2)].map(Option::unwrap), [0.5, 0.125], "more than noise");
     }
 
     /// As many busy threads as there are processors, and an idle pool.
@@ -199,8 +263,8 @@ mod tests {
             return;
         }
         let stop = std::sync::atomic::AtomicBool::new(false);
-        let threads = std::thread::available_parallelism().unwrap().get();
-        let load = std::thread::scope(|scope| {
+        let threads = thread::available_parallelism().unwrap().get();
+        let load = thread::scope(|scope| {
             for _ in 0..threads {
                 scope.spawn(|| {
                     while !stop.load(std::sync::atomic::Ordering::Relaxed) {
@@ -208,14 +272,11 @@ mod tests {
                     }
                 });
             }
-            let monitor = LoadMonitor::start(&pool, OwnTime::Pool);
-            std::thread::sleep(std::time::Duration::from_millis(400));
-            let load = monitor.finish(0.0);
+            // Nothing was done in between, which is too short to measure.
+            let load = LoadMonitor::start(&pool, OwnTime::Pool).finish(|| 0.0);
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             load
         });
-        // A container may have fewer processors than its machine.
-        let share = threads as f64 / cpu_time().unwrap().cpus;
-        assert!(load.others.unwrap() > 0.5 * share, "{load:?}");
+        assert!(load.others.unwrap() > 0.5, "{load:?}");
     }
 }

@@ -11,6 +11,7 @@ mod load;
 mod machine;
 pub mod memory;
 mod pass;
+mod quota;
 mod row;
 mod samples;
 mod times;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use atsplat_files::unix_seconds;
 use atsplat_numeric::Extremes as _;
 use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
-use atsplat_protocol::{EvaluationIndex, IndexEntry};
+use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use rayon::ThreadPool;
 
 use super::exclusion;
@@ -117,28 +117,14 @@ impl Pass<'_> {
         for _ in &done {
             (self.step)();
         }
-        let is_cpu = |method: &&Arc<dyn Method>| {
-            let record = method.record();
-            record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"))
-        };
-        let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
         let mut rows = Vec::new();
         // Images are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
-        let outside = |methods: &[&Arc<dyn Method>]| -> f64 {
-            methods.iter().filter_map(|method| method.own_processor_secs()).sum()
-        };
-        let outside_before = outside(&new);
-        let monitor = LoadMonitor::start(self.pool, own);
         let outcome = new.iter().try_for_each(|method| {
             rows.extend(self.method(dataset, &mut trials, method.as_ref())?);
             (self.step)();
             Ok(())
         });
-        let load = monitor.finish((outside(&new) - outside_before).maximum_of(0.0));
-        for row in &mut rows {
-            row.load = load;
-        }
         if !rows.is_empty() {
             self.store.add_timings(rows)?;
         }
@@ -181,14 +167,14 @@ impl Pass<'_> {
         for position in 0..requested + SPARE {
             self.check_stop()?;
             let Some(prepared) = trials.get(position) else { break };
-            let measured = if timed.encoding || timed.rendering {
-                self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
+            let (measured, load) = if timed.encoding || timed.rendering {
+                self.measured(&dataset.preset, prepared, method)
             } else {
-                Err("it imports finished images".to_owned())
+                (Err("it imports finished images".to_owned()), Load::default())
             };
             // A trial that was interrupted was not rejected.
             self.check_stop()?;
-            let mut row = self.row(dataset, prepared, method, available);
+            let mut row = TimingRow { load, ..self.row(dataset, prepared, method, available) };
             match measured {
                 Ok(samples) => {
                     let Samples { warm_up, encode, render, stages, held_bytes, peak_bytes, .. } = samples;
@@ -204,6 +190,23 @@ impl Pass<'_> {
             }
         }
         Ok(if rows.is_empty() { rejected.into_iter().collect() } else { rows })
+    }
+
+    /// Times one trial, and takes the machine's load meanwhile: a burst of other work is one trial's alone.
+    fn measured(
+        &self,
+        preset: &Preset,
+        prepared: &PreparedTrial,
+        method: &dyn Method,
+    ) -> (Result<Samples, String>, Load) {
+        let record = method.record();
+        let is_cpu = record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"));
+        let own = if is_cpu { OwnTime::Pool } else { OwnTime::Process };
+        let outside = || method.own_processor_secs().unwrap_or(0.0);
+        let outside_before = outside();
+        let monitor = LoadMonitor::start(self.pool, own);
+        let measured = self.pool.install(|| Samples::of(self.timing, preset, prepared, method));
+        (measured, monitor.finish(|| (outside() - outside_before).maximum_of(0.0)))
     }
 
     fn row(&self, dataset: &Dataset, prepared: &PreparedTrial, method: &dyn Method, available: usize) -> TimingRow {

@@ -38,7 +38,7 @@ pub struct TimingRow {
     pub held_bytes: Option<u64>,
     /// Peak memory of the process during the repetitions, or of the method's own processes since they were started, in bytes.
     pub peak_bytes: Option<u64>,
-    /// Load of the machine while the protocol was timed.
+    /// Load of the machine while this trial was timed, warm-up included; in rows of older versions, while the protocol was.
     pub load: Load,
     /// Why nothing was timed.
     pub detail: Option<String>,

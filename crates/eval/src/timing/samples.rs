@@ -7,6 +7,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::Trial;
 
+use super::load::LoadMonitor;
 use super::{TimingPlan, memory};
 use crate::method::{Method, Prediction, TrialInput};
 use crate::runner::spread;
@@ -14,7 +15,7 @@ use crate::runner::spread;
 /// Images that each repetition renders.
 const IMAGES: usize = 3;
 /// Short work is repeated for at least this long, so that the machine's load can be measured.
-const MIN_DURATION: Duration = Duration::from_millis(50);
+const MIN_DURATION: Duration = LoadMonitor::SHORTEST;
 /// Maximum number of repetitions for that purpose.
 const MAX_REPETITIONS: usize = 200;
 

@@ -38,7 +38,7 @@ pub struct Times {
     pub stages: BTreeMap<String, Spread>,
     /// Peak memory of the process in bytes.
     pub peak_bytes: Option<u64>,
-    /// Largest share of the machine's processors that others used.
+    /// Largest share of its processors that a trial's timing did not have ([`super::Load::others`]).
     pub others: Option<f64>,
     /// Whether that makes the times unreliable ([`super::Load::is_busy`]).
     pub busy: bool,

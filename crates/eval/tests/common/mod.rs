@@ -135,6 +135,7 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
         description: "made for a test".to_owned(),
         sha256: Sha256Digest::of(b"test"),
         name: None,
+        left_out: 0,
         notices: std::collections::BTreeMap::new(),
     };
     let source: Arc<dyn SceneSource> = Arc::new(walls);

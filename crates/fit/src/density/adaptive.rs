@@ -40,7 +40,9 @@ impl Default for Adaptive {
 }
 
 impl Adaptive {
-    /// `AbsGS` (Ye et al. 2024): sums of absolute gradients, with their threshold of 8e-4.
+    /// gsplat's `absgrad`: sums of absolute gradients decide on clones and on splits, with the threshold of 8e-4 that gsplat
+    /// advises (`gsplat/strategy/default.py`). The code of `AbsGS` (TY424/AbsGS) uses them for splits alone, from 4e-4, and
+    /// clones by ordinary gradients.
     pub fn absolute() -> Self {
         Self { threshold: 8e-4, ..Self::default() }
     }
@@ -114,7 +116,7 @@ impl DensityControl for Adaptive {
             return Ok(Changes::default());
         }
         let mut changes = Changes::default();
-        if at.step > schedule.density_from && at.step.is_multiple_of(schedule.density_every) {
+        if schedule.changes_density(at.step, schedule.density_until) {
             changes = self.densify(scene, at)?;
         }
         if at.step.is_multiple_of(schedule.reset_every) || (at.white && at.step == schedule.density_from) {

@@ -17,7 +17,8 @@ const REGULARISERS: [f64; 2] = [0.01, 0.01];
 const NOISE: f64 = 5e5;
 /// Share of the noise below which it is left out: opacities above 0.28, whose means it would not move by a rounding error.
 const LEAST_SHARE: f64 = 1e-12;
-/// Most Gaussians in one place that the correction of opacity and scale is made for.
+/// Most Gaussians in one place that the correction of opacity and scale is made for: gsplat's `n_max`
+/// (`gsplat/strategy/mcmc.py`). The published code stops at 50 (ubc-vision/3dgs-mcmc `utils/reloc_utils.py`).
 const MOST_TOGETHER: usize = 51;
 /// Gaussians per task and per stream of random numbers.
 const BLOCK: usize = 1024;
@@ -60,8 +61,7 @@ impl DensityControl for Mcmc {
     fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
         let schedule = &at.schedule;
         let mut changes = Changes::default();
-        let due = at.step > schedule.density_from && at.step < schedule.relocation_until;
-        if due && at.step.is_multiple_of(schedule.density_every) {
+        if schedule.changes_density(at.step, schedule.relocation_until) {
             changes.relocated = relocate(scene, at)?;
             changes.added = grow(scene, at)?;
         }
@@ -123,12 +123,16 @@ fn is_dead(opacity: f64) -> bool {
     opacity.is_nan() || opacity <= DEAD
 }
 
+/// Number of Gaussians after a change of density.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a moderate positive number")]
+pub(super) fn grown(count: usize, limit: usize) -> usize {
+    ((GROWTH * count as f64) as usize).min(limit)
+}
+
 /// Adds Gaussians next to others, drawn by opacity; returns their number.
 fn grow(scene: &mut OptimisedGaussians, at: &StepContext) -> Result<usize, DensityError> {
     let count = scene.len();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a moderate positive number")]
-    let grown = (GROWTH * count as f64) as usize;
-    let added = grown.min(at.limit).saturating_sub(count);
+    let added = grown(count, at.limit).saturating_sub(count);
     let opacities: Vec<f64> = scene.opacities().collect();
     let sources = weighted(&mut at.stream(Purpose::Growth), opacities, added);
     share(scene, &sources);

@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod mcmc;
+mod outlook;
 
 use atsplat_splat::{Gradients, SplatError};
 use serde::{Deserialize, Serialize};

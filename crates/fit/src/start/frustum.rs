@@ -6,12 +6,17 @@ use super::{Point, from_points};
 use crate::random::{Purpose, stream, uniform};
 use crate::{FitError, Strategy, TrainingView, camera_extent};
 
+/// Most draws of a pixel for each point, on average.
+const MOST_DRAWS: usize = 100;
+
 /// Random points seen by the training cameras, each with the colour of the pixel that it was drawn for: a random pixel of a
 /// random view, at a depth within `depths` whose logarithm is uniform. `None` takes depths from a third to three times the
-/// distance of the point that the cameras look at; without such a point, 1 to 30 times the cameras' extent.
+/// distance of the point that the cameras look at; without such a point, 1 to 30 times the cameras' extent. A pixel outside
+/// the lens's field of view, which has no ray, is drawn again.
 ///
 /// # Errors
-/// [`FitError::Setting`] for depths out of range, or none for a single camera; as [`from_points`].
+/// [`FitError::Setting`] for depths out of range, or none for a single camera; [`FitError::Start`] if nearly all pixels are
+/// outside the field of view; as [`from_points`].
 pub fn in_frustums(
     views: &[TrainingView],
     count: usize,
@@ -34,10 +39,17 @@ pub fn in_frustums(
     };
     let mut random = stream(seed, Purpose::Start, 0);
     let mut points = Vec::with_capacity(count);
-    for _ in 0..count {
+    for _ in 0..count.saturating_mul(MOST_DRAWS) {
+        if points.len() == count {
+            break;
+        }
         let [view, row, column, depth] = std::array::from_fn(|_| uniform(&mut random));
         let depth = near * (far / near).powf(depth);
         points.extend(point(views, &cameras, view, DVec2::new(column, row), depth));
+    }
+    if points.len() < count {
+        let found = format!("{} of {count} in {MOST_DRAWS} draws for each", points.len());
+        return Err(FitError::Start { expected: "random pixels within the lens's field of view", found });
     }
     from_points(&points, strategy)
 }
@@ -88,7 +100,7 @@ fn depths_of(views: &[TrainingView]) -> Option<[f64; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
+    use atsplat_camera::{Camera, Distortion, ImageSize, NormalizedIntrinsics, WorldFromCamera};
     use atsplat_numeric::Tolerance;
     use atsplat_splat::View;
     use glam::DQuat;
@@ -127,5 +139,27 @@ mod tests {
         let extent = camera_extent(away.iter().map(|view| &view.view));
         Tolerance::F64.assert(depths_of(&away).unwrap(), [extent, 30.0 * extent], "behind one of them");
         assert_eq!(depths_of(&[beside(5.0)]), None, "one camera");
+    }
+
+    /// With this lens, corners of the image are outside the field of view.
+    #[test]
+    fn pixels_outside_the_field_of_view_are_drawn_again() {
+        let lens = |k1| Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+        let drawn = |distortion: Distortion, count: usize| {
+            let mut views = meeting([9.0, 3.0, 4.5]);
+            for view in &mut views {
+                view.view.camera.distortion = distortion;
+            }
+            in_frustums(&views, count, Some([1.0, 4.0]), 3, Strategy::Gaussians3d).map(Gaussians::into_parts)
+        };
+        let half = lens(-0.9);
+        let [few, many, whole] =
+            [(half, 40), (half, 80), (Distortion::None, 80)].map(|(lens, count)| drawn(lens, count).unwrap().means);
+        assert_eq!((few.len(), many.len()), (40, 80));
+        assert_eq!(few, many[..40], "in the order of the draws");
+        assert_ne!(many, whole);
+        let found = drawn(lens(-1e6), 40).unwrap_err().to_string();
+        let expected = "random pixels within the lens's field of view, found 0 of 40 in 100 draws for each";
+        assert!(found.ends_with(expected), "{found}");
     }
 }

@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_pixels::Image;
 use atsplat_tensors::{StoredTensors, TensorFile};
@@ -19,6 +19,8 @@ pub struct Perceptual {
     /// Channel weights of each layer.
     heads: [Vec<f32>; 5],
     hashes: WeightsHashes,
+    /// The network's file.
+    file: Option<PathBuf>,
 }
 
 /// Hashes of the weights of a learned metric.
@@ -78,7 +80,8 @@ impl Perceptual {
         tracing::info!(metric = network.name(), file = %weights.display(), file.sha256, "read weights of a metric");
         let is_published = network.is_published(&file.sha256);
         let hashes = WeightsHashes { network: file.sha256, heads: heads_hash, is_published };
-        Self::from_tensors(network, &file.stored, &head_tensors, hashes)
+        let perceptual = Self::from_tensors(network, &file.stored, &head_tensors, hashes)?;
+        Ok(Self { file: Some(weights.to_owned()), ..perceptual })
     }
 
     /// Builds the metric from tensors.
@@ -106,7 +109,7 @@ impl Perceptual {
         for ((slot, name), channels) in head_weights.iter_mut().zip(Network::heads()).zip(network.channels()) {
             *slot = numbers(network, heads, &name, &[1, channels, 1, 1])?;
         }
-        Ok(Self { network, layers, heads: head_weights, hashes })
+        Ok(Self { network, layers, heads: head_weights, hashes, file: None })
     }
 
     /// The network.
@@ -117,6 +120,15 @@ impl Perceptual {
     /// Hashes of the weights.
     pub const fn hashes(&self) -> &WeightsHashes {
         &self.hashes
+    }
+
+    /// How the network's weights differ from the published ones: the file, its SHA-256 and the published one's; `None` if they are the
+    /// published ones, or if no hash is published.
+    pub fn unpublished(&self) -> Option<String> {
+        let published = self.network.sha256_prefix().filter(|_| self.hashes.is_published == Some(false))?;
+        let file = self.file.as_deref().map_or_else(|| "tensors".to_owned(), |file| file.display().to_string());
+        let (name, found) = (self.network.name(), &self.hashes.network);
+        Some(format!("{name}: expected the SHA-256 {published}… of the published weights, found {found} ({file})"))
     }
 
     /// Features of an image with values in [0, 1]; values outside are not clipped. Features of a ground truth can be reused

@@ -50,6 +50,11 @@ impl WeightsAbsent {
     pub(crate) fn new(network: Network, looked_in: Vec<PathBuf>) -> Self {
         Self { network, file: network.file().to_owned(), advice: network.advice().to_owned(), looked_in }
     }
+
+    /// The text of such an error without the searched folders, which differ between machines that lack the same file.
+    pub fn without_folders(text: &str) -> &str {
+        text.split_once("; looked in ").map_or(text, |(reason, _)| reason)
+    }
 }
 
 fn list(paths: &[PathBuf]) -> String {
@@ -195,6 +200,11 @@ mod tests {
         for part in ["vgg16-397923af.pth", "https://download.pytorch.org", &folder.path().display().to_string()] {
             assert!(error.contains(part), "{error}");
         }
+        let reason = WeightsAbsent::without_folders(&error);
+        assert!(reason.ends_with(Network::LpipsVgg.advice()) && reason.contains("vgg16-397923af.pth"), "{reason}");
+        let elsewhere = WeightsAbsent::new(Network::LpipsVgg, Vec::new()).to_string();
+        assert_eq!(reason, WeightsAbsent::without_folders(&elsewhere));
+        assert_eq!(WeightsAbsent::without_folders("another reason"), "another reason");
         std::fs::write(folder.path().join("vgg16-397923af.pth"), b"").unwrap();
         assert!(folders.find(Network::LpipsVgg).is_ok());
     }

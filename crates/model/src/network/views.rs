@@ -126,15 +126,16 @@ impl Views {
     /// Rays through the centres of a grid of equal cells, view by view, row by row.
     pub(super) fn rays(&self, grid: Grid) -> Result<Vec<Ray>, ModelError> {
         let size = camera_size(ImageSize::new(grid.rows, grid.columns))?;
-        let rays = self.cameras.iter().map(|camera| camera.pixel_rays(size, DirectionScale::UnitLength));
-        let rays: Result<Vec<Vec<Ray>>, CameraError> = rays.collect();
-        Ok(rays.map_err(|error| camera_error(&error))?.concat())
+        let rays = self.cameras.iter().enumerate().map(|(view, camera)| {
+            camera.pixel_rays(size, DirectionScale::UnitLength).map_err(|error| camera_error(view, &error))
+        });
+        Ok(rays.collect::<Result<Vec<Vec<Ray>>, ModelError>>()?.concat())
     }
 
     fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
         let size = camera_size(self.size)?;
         let map = |(view, camera): (usize, &Camera)| {
-            let map = camera.plucker_map(size).map_err(|error| camera_error(&error))?;
+            let map = camera.plucker_map(size).map_err(|error| camera_error(view, &error))?;
             all_finite(&map, || format!("rays of camera {view}"))?;
             Ok(map)
         };
@@ -169,6 +170,6 @@ fn camera_size(size: ImageSize) -> Result<atsplat_camera::ImageSize, ModelError>
     }
 }
 
-fn camera_error(error: &CameraError) -> ModelError {
-    ModelError::malformed(WHAT, "camera", "a ray through every pixel", error)
+fn camera_error(view: usize, error: &CameraError) -> ModelError {
+    ModelError::malformed(WHAT, format!("camera of view {view}"), "a ray through every pixel", error)
 }

@@ -50,6 +50,12 @@ impl Connected {
     pub(crate) fn open(url: &str) -> Result<Self, ObjectError> {
         let invalid = |detail: String| ObjectError::Invalid { url: url.to_owned(), detail };
         let parsed = Url::parse(url).map_err(|error| invalid(error.to_string()))?;
+        // They would be left out of every request, so that another folder is read or written.
+        for (part, begins_with, written) in [(parsed.query(), '?', "%3F"), (parsed.fragment(), '#', "%23")] {
+            if let Some(part) = part {
+                return Err(invalid(format!("found {begins_with}{part}; in names, write {written} for {begins_with}")));
+            }
+        }
         let (store, prefix) = connect(&parsed).map_err(|error| invalid(text_of(&error)))?;
         Self::of(store, prefix, url)
     }

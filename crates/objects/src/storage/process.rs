@@ -45,10 +45,16 @@ impl Process {
     /// Starts the program; it has made no request when this returns.
     pub(crate) fn start(url: &str) -> Result<Self, ObjectError> {
         let url = url.trim_end_matches('/').to_owned();
-        let spawned = Command::new(program()).arg(&url).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
-        let mut child = spawned.map_err(|error| match error.kind() {
-            std::io::ErrorKind::NotFound => ObjectError::NotInstalled { url: url.clone() },
-            _ => request_error(&url, "starting atsplat-objects", &error.to_string()),
+        let named = std::env::var_os(VARIABLE).filter(|path| !path.is_empty());
+        let program = named.clone().unwrap_or_else(program);
+        let spawned = Command::new(program).arg(&url).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let mut child = spawned.map_err(|error| match (named, error.kind()) {
+            (Some(program), _) => {
+                let (program, detail) = (program.to_string_lossy().into_owned(), error.to_string());
+                ObjectError::NotStarted { url: url.clone(), program, detail }
+            }
+            (None, std::io::ErrorKind::NotFound) => ObjectError::NotInstalled { url: url.clone() },
+            (None, _) => request_error(&url, "starting atsplat-objects", &error.to_string()),
         })?;
         let (input, output) = (child.stdin.take(), child.stdout.take());
         let shared: Arc<Mutex<Shared>> = Arc::default();
@@ -191,13 +197,12 @@ fn request_error(url: &str, action: &str, detail: &str) -> ObjectError {
     ObjectError::Request { url: url.to_owned(), action: action.to_owned(), detail: detail.to_owned() }
 }
 
-/// What to start: the program that a variable names, the one next to this program, or the one on PATH.
+/// What to start unless [`VARIABLE`] names it: the program next to this one, or the one on PATH.
 fn program() -> OsString {
     let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
     let neighbour = || -> Option<PathBuf> {
         let path = std::env::current_exe().ok()?.with_file_name(&name);
         path.is_file().then_some(path)
     };
-    let named = std::env::var_os(VARIABLE).filter(|path| !path.is_empty());
-    named.or_else(|| neighbour().map(PathBuf::into_os_string)).unwrap_or_else(|| PROGRAM.into())
+    neighbour().map_or_else(|| PROGRAM.into(), PathBuf::into_os_string)
 }

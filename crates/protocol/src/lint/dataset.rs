@@ -1,8 +1,8 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::sync::Arc;
 
-use atsplat_scene::{SceneSource, Warnings};
+use atsplat_scene::{FrameImage, Scene, SceneSource, Warnings};
 use serde::Serialize;
 
 use crate::loading::{in_parallel, load};
@@ -42,6 +42,8 @@ pub struct DatasetFacts {
     pub unused_scenes: u64,
     /// Entries that give a trial: as many as [`crate::trial::Trials`] yields.
     pub usable: u64,
+    /// Targets that show the image file of a context frame of their entry, as another frame.
+    pub leaked_images: u64,
     /// Entries that do not, by reason.
     pub dropped: BTreeMap<SkipReason, u64>,
     /// The first few of each reason, in index order.
@@ -72,7 +74,8 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     let unused_scenes = keys.iter().filter(|key| index.scenes.get(*key).is_none_or(Vec::is_empty)).count();
     let mut facts = DatasetFacts { unused_scenes: unused_scenes as u64, ..DatasetFacts::default() };
     for ((key, _), outcome) in scenes.into_iter().zip(outcomes) {
-        for (entry, checked) in outcome.into_iter().enumerate() {
+        for (entry, (checked, leaked_images)) in outcome.into_iter().enumerate() {
+            facts.leaked_images += leaked_images;
             let Err(Refusal { reason, detail }) = checked else {
                 facts.usable += 1;
                 continue;
@@ -87,15 +90,51 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     facts
 }
 
-/// For each entry of a scene, whether it gives a trial.
+/// For each entry of a scene, whether it gives a trial, and [`leaked_images`].
 fn check_scene(
     key: &str,
     entries: &[IndexEntry],
     dataset: &DatasetCheck<'_>,
     warnings: &mut Warnings,
-) -> Vec<Result<(), Refusal>> {
+) -> Vec<(Result<(), Refusal>, u64)> {
     match load(dataset.source, key, warnings).map(Arc::new) {
-        Ok(scene) => entries.iter().map(|entry| trial::check(&scene, entry, &dataset.recipe, warnings)).collect(),
-        Err(dropped) => vec![Err(dropped.into()); entries.len()],
+        Ok(scene) => {
+            let mut check = |entry| trial::check(&scene, entry, &dataset.recipe, warnings);
+            entries.iter().map(|entry| (check(entry), leaked_images(&scene, entry))).collect()
+        }
+        Err(dropped) => vec![(Err(dropped.into()), 0); entries.len()],
+    }
+}
+
+/// Number of targets that are no context frames but show the image file of one.
+fn leaked_images(scene: &Scene, entry: &IndexEntry) -> u64 {
+    let file = |frame: &usize| match &scene.frames.get(*frame)?.image {
+        FrameImage::File(path) => Some(path),
+        _ => None,
+    };
+    let seen: HashSet<_> = entry.context.iter().filter_map(file).collect();
+    let others = entry.target.iter().filter(|frame| !entry.is_context(**frame));
+    others.filter_map(file).filter(|path| seen.contains(path)).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_source::scene;
+
+    #[test]
+    fn counts_targets_that_show_a_context_image_under_another_number() {
+        let mut scene = scene("s", 9, 0);
+        for (number, frame) in scene.frames.iter_mut().enumerate() {
+            frame.image = FrameImage::File(format!("{number}.png").into());
+        }
+        // Frames 3 and 4 repeat context frames, 5 repeats a target.
+        for (number, repeated) in [(3, 6), (4, 2), (5, 7)] {
+            scene.frames[number].image = scene.frames[repeated].image.clone();
+        }
+        let entry = |target: &[usize]| IndexEntry { context: vec![2, 6], target: target.to_vec(), overlap: None };
+        let found =
+            [vec![3, 4, 7], vec![5, 7, 8], vec![2, 6], vec![2, 3]].map(|target| leaked_images(&scene, &entry(&target)));
+        assert_eq!(found, [2, 0, 0, 1]);
     }
 }

@@ -92,6 +92,12 @@ impl fmt::Display for OverlapFacts {
     }
 }
 
+impl DatasetFacts {
+    /// What targets with leaked images are, one and several.
+    pub(super) const LEAKED_IMAGES: [&'static str; 2] =
+        ["target shows the image file of a context frame", "targets show the image file of a context frame"];
+}
+
 impl fmt::Display for DatasetFacts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let dropped: u64 = self.dropped.values().sum();
@@ -102,6 +108,9 @@ impl fmt::Display for DatasetFacts {
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
                 row(f, "", &format!("  {:?} entry {}: {}", example.scene, example.entry, example.detail))?;
             }
+        }
+        if self.leaked_images > 0 {
+            row(f, "", &counted(self.leaked_images, Self::LEAKED_IMAGES))?;
         }
         if self.unused_scenes > 0 {
             let what = ["scene of the dataset is not used", "scenes of the dataset are not used"];

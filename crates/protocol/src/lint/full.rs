@@ -3,7 +3,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::display::counted;
-use super::{Comparability, LintReport, Verdict};
+use super::{Comparability, DatasetFacts, LintReport, Verdict};
 use crate::{IndexFile, IndexMatch, IndexMismatch, Preset};
 
 /// A [`LintReport`], how the index fits a preset, and whether its results compare with those of a second one.
@@ -55,7 +55,9 @@ impl FullLint<'_> {
         let own = leaked.into_iter().chain(lint.odd_entries()).filter(|_| !self.is_published());
         let repeated_keys = lint.file.as_ref().map_or(0, |file| file.notices.duplicate_keys.len() as u64);
         let dropped: u64 = lint.dataset.as_ref().map_or(0, |dataset| dataset.dropped.values().sum());
+        let leaked_images = lint.dataset.as_ref().map_or(0, |dataset| dataset.leaked_images);
         let others = [
+            (leaked_images, DatasetFacts::LEAKED_IMAGES),
             (repeated_keys, ["repeated scene key", "repeated scene keys"]),
             (dropped, ["entry gives no trial on the dataset", "entries give no trial on the dataset"]),
         ];

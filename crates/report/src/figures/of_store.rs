@@ -159,11 +159,11 @@ impl<'a> ProtocolResults<'a> {
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
             let x = self.title(other);
             let difference = format!(
-                "{}{interval} to {x}; better in {} of {}, sign test p = {:.3}",
+                "{}{interval} to {x}; better in {} of {}, sign test p {}",
                 signed(pair.difference),
                 pair.wins,
                 counted(pair.scenes, "scene"),
-                pair.sign_test
+                p_value(pair.sign_test)
             );
             let points: Vec<ScatterPoint> = own_means.iter().filter_map(point).collect();
             (!points.is_empty()).then_some(ScatterPanel { x, difference, points })
@@ -248,12 +248,17 @@ fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
     round.into_iter().find(|step| farthest.div_ceil(u64::from(*step)) <= MOST)
 }
 
+/// A probability of three decimals after its relation; none is printed as zero.
+fn p_value(probability: f64) -> String {
+    if probability < 0.001 { "< 0.001".to_owned() } else { format!("= {probability:.3}") }
+}
+
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, floor, preset, results, results_over};
 
     #[test]
     fn trainings_of_one_title_are_told_apart() {
@@ -302,6 +307,21 @@ mod tests {
             assert!(scenes.texts().any(|text| text.starts_with(&expected)), "{:?}", scenes.texts().collect::<Vec<_>>());
             results.targets.iter_mut().for_each(|row| row.scores.retain(|metric, _| metric != "psnr"));
         }
+    }
+
+    /// All scenes but the one that failed are worse: of 10, with a probability of 2⁻⁹; of 12, of 2⁻¹¹.
+    #[test]
+    fn no_probability_is_printed_as_zero() {
+        for (scenes, expected) in [(10, "sign test p = 0.002"), (12, "sign test p < 0.001")] {
+            let methods = vec![floor(), atsplat("atsplat", |_| ())];
+            let results = results_over(vec![preset("re10k-2v-256")], methods, scenes + 1);
+            let plots = of_store(&Source { label: "run", results: &results }).unwrap();
+            let (_, plot) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
+            let texts = plot.texts().collect::<Vec<_>>();
+            let said = format!("better in 0 of {scenes} scenes, {expected}");
+            assert!(texts.iter().any(|text| text.ends_with(&said)), "{said}: {texts:?}");
+        }
+        assert_eq!([0.0, 0.000_999, 0.001, 1.0].map(p_value), ["< 0.001", "< 0.001", "= 0.001", "= 1.000"]);
     }
 
     #[test]

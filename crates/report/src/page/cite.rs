@@ -1,15 +1,14 @@
 use atsplat_eval::{MethodRecord, Provenance};
 
 use super::PageStore;
-use crate::counted;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Cell, Place, Row, StoreProtocol, Table, Trainings, distinct, short};
+use crate::table::{Cell, Column, Place, Row, StoreProtocol, Table, WITHOUT_LEAKED, distinct, is_changed, short};
 
 /// One line with everything that a number depends on; `None` for published and absent numbers.
 pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
     let cell = row.cell(place);
-    cell.value.number().filter(|_| row.origin == Origin::Measured)?;
+    let number = cell.value.number().filter(|_| row.origin == Origin::Measured)?;
     let (group, column) = (&table.groups[place.0], table.column(place));
     let measured: Vec<(&StoreProtocol, &Provenance)> = row
         .measured(place.0)
@@ -20,22 +19,14 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
         })
         .collect::<Option<_>>()?;
     let (first, provenance) = *measured.first()?;
-    // The interval follows with its level, which cells that print theirs leave out.
-    let printed = Cell { interval: None, ..cell.clone() }.print(column);
-    let mut text = format!("{} {printed}", column.title);
+    // Without the interval and the marks of its cell: they follow in words.
+    let mut text = format!("{} {}", column.title, column.format(number));
     if let Some([low, high]) = cell.interval {
         text.push_str(&format!(" [95 % {}, {}]", column.format(low), column.format(high)));
     }
-    // A slope is over the targets of other columns, whose citations count them.
-    let is_slope = matches!(column.quantity, Quantity::Slope(..));
-    if let Some(counts) = cell.counts.filter(|_| !is_slope) {
-        text.push_str(&format!(" over {}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target")));
-    }
-    if let Some(Trainings { count, .. }) = cell.trainings {
-        text.push_str(&format!(" of {count} trainings"));
-    }
+    text.push_str(&behind(cell, column));
     if row.without_leaked {
-        text.push_str(", leaked targets excluded");
+        text.push_str(&format!(", {WITHOUT_LEAKED}"));
     }
     if !group.title.is_empty() {
         text.push_str(&format!(" ({})", group.title));
@@ -43,11 +34,12 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     let method = method_of(first, provenance).filter(|_| !row.is_over_trainings());
     let name = method.map_or_else(|| row.labels.join(" "), |method| method.title.clone());
     text.push_str(&format!("; method {name}"));
-    if row.untrained {
-        text.push_str(", untrained");
+    // A size over several trainings has no counts that would number them.
+    if row.is_over_trainings() && cell.trainings.is_none() {
+        text.push_str(&format!(", mean of {} trainings", measured.len()));
     }
-    if row.inference_only {
-        text.push_str(", changed at inference only");
+    for remark in distinct(measured.iter().flat_map(|(own, _)| &own.remarks)) {
+        text.push_str(&format!(", {remark}"));
     }
     if row.is_over_trainings() {
         for (own, provenance) in &measured {
@@ -63,10 +55,39 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     if let Quantity::Metric(metric) = column.quantity {
         text.push_str(&format!("; {}: {}", metric.id, metric.convention));
     }
-    for origin in distinct(measured.iter().map(|(_, provenance)| origin(provenance))) {
+    for origin in distinct(measured.iter().map(|(_, provenance)| origin(provenance, cell))) {
         text.push_str(&format!("; {origin}"));
     }
     Some(text)
+}
+
+/// The scenes, targets or repetitions behind a number, and those that it lacks.
+fn behind(cell: &Cell, column: &Column) -> String {
+    let mut text = String::new();
+    if let Some(counts) = cell.counts {
+        // A slope is over the targets of other columns, whose citations count them.
+        let over = match column.quantity {
+            Quantity::Slope(..) => {
+                Some(format!("{}{}", crate::counted(counts.scenes, "scene"), counts.without_score("left out")))
+            }
+            _ => cell.counts_in_words(),
+        };
+        text.push_str(&over.map_or_else(String::new, |over| format!(" over {over}")));
+        if counts.uncomputed > 0 {
+            let why = cell.not_computed.as_ref().map_or_else(String::new, |why| format!(" ({why})"));
+            text.push_str(&format!(", {} not computed{why}", counts.uncomputed));
+        }
+        if counts.outside_bins > 0 {
+            text.push_str(&format!(", {} outside all bins of overlap", counts.outside_bins));
+        }
+    }
+    if cell.lacks_trials {
+        text.push_str(", without trials that failed or are not applicable");
+    }
+    if let Some(timing) = &cell.timing {
+        text.push_str(&timing.in_words(|secs| column.format(secs)));
+    }
+    text
 }
 
 fn method_of<'a>(own: &StoreProtocol, provenance: &'a Provenance) -> Option<&'a MethodRecord> {
@@ -94,8 +115,10 @@ fn protocol(own: &StoreProtocol, provenance: &Provenance) -> Option<String> {
     let preset = provenance.presets.iter().find(|preset| preset.name == own.preset)?;
     let index = preset.index_name.as_deref().unwrap_or("unpublished");
     let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
+    let changed = if is_changed(preset) { " (changed)" } else { "" };
+    let part = provenance.part().map_or_else(String::new, |part| format!(" ({part} of the run)"));
     let mut text = format!(
-        "protocol {}@{hash}, index {index}@{digest}, {} of {} entries, data {}",
+        "protocol {}@{hash}{changed}, index {index}@{digest}, {} of {} entries{part}, data {}",
         preset.name, preset.entries, preset.entries_of_index, preset.dataset
     );
     if let Some(published) = &preset.stands_for {
@@ -104,8 +127,12 @@ fn protocol(own: &StoreProtocol, provenance: &Provenance) -> Option<String> {
     Some(text)
 }
 
-/// What ran, and where.
-fn origin(provenance: &Provenance) -> String {
+/// What ran, and where; a time is that of its machine, which may be another one than that of the scores.
+fn origin(provenance: &Provenance, cell: &Cell) -> String {
     let commit = provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short(commit)));
-    format!("atsplat {}{commit}, {}, {} threads", provenance.atsplat, provenance.processor, provenance.threads)
+    let machine = match &cell.timing {
+        Some(timing) => timing.machine.to_string(),
+        None => format!("{}, {} threads", provenance.processor, provenance.threads),
+    };
+    format!("atsplat {}{commit}, {machine}", provenance.atsplat)
 }

@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use super::{PageStore, escaped};
-use crate::table::{Table, short, verdict};
+use crate::table::{Table, distinct, short, verdict};
 use crate::{counted, noun};
 
 /// A summary in a few numbers, then a line per table.
@@ -94,7 +94,11 @@ fn store(store: &PageStore<'_>) -> String {
         let count = counted(provenance.skipped.len() as u64, "index entry");
         facts.push(("Skipped", format!("{count}; the first: {} {}: {}", first.scene, first.reason, first.detail)));
     }
-    let facts: String =
-        facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();
+    let names = distinct(facts.iter().map(|(name, _)| *name));
+    let values = |name: &str| -> String {
+        let own = facts.iter().filter(|(other, _)| *other == name);
+        own.map(|(_, value)| format!("<dd>{}</dd>", escaped(value))).collect()
+    };
+    let facts: String = names.into_iter().map(|name| format!("<dt>{name}</dt>{}", values(name))).collect();
     format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(store.source.label))
 }

@@ -139,9 +139,9 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
          <option value=\"worst\">worst first</option><option value=\"typical\">typical first</option><option value=\"best\">best \
          first</option><option value=\"difference\">by difference</option></select></label> \
          <label>by <select id=\"metric\"></select></label></div>\n<div class=\"strip\" id=\"extremes\"></div>\n\
-         <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"Scenes\"><table><thead><tr>\
+         <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"List of scenes\"><table><thead><tr>\
          <th class=\"label\">Scene</th>{heads}\
-         <th id=\"lead\" title=\"positive: better than the run beside\" hidden>Lead</th><th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
+         <th id=\"lead\" title=\"positive: better than the run beside\" hidden>Lead</th><td></td></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )

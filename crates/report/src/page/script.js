@@ -32,9 +32,19 @@
   theme.addEventListener('click', () => { root.dataset.theme = dark() ? 'light' : 'dark'; showTheme(); });
   showTheme();
 
-  // Wide tables and plots say that they scroll; notes are printed.
+  // Wide tables and plots say that they scroll; notes are printed. A plot takes the keyboard's focus only while it scrolls; boxes of
+  // tables always do.
   const hint = () => {
-    for (const box of document.querySelectorAll('.scroll, .list, .plots figure')) box.classList.toggle('overflowing', box.scrollWidth > box.clientWidth + 1);
+    for (const box of document.querySelectorAll('.scroll, .list, .plots figure')) {
+      const overflows = box.scrollWidth > box.clientWidth + 1;
+      box.classList.toggle('overflowing', overflows);
+      if (!box.matches('.plots figure')) continue;
+      const label = box.querySelector('svg').getAttribute('aria-label');
+      for (const [name, value] of [['tabindex', '0'], ['role', 'group'], ['aria-label', 'Scrolls sideways: ' + label]]) {
+        if (overflows) box.setAttribute(name, value);
+        else box.removeAttribute(name);
+      }
+    }
   };
   hint();
   addEventListener('resize', hint);

@@ -11,6 +11,13 @@
     check('tables', all('#tables table').length > 0);
     check('plots', all('#plots svg').length > 0);
     check('anchors', all('nav a').every(link => document.querySelector(link.getAttribute('href'))));
+    const plots = all('.plots figure');
+    const scrolls = box => box.tabIndex === 0 && box.getAttribute('role') === 'group' && Boolean(box.getAttribute('aria-label'));
+    check('plots-by-keyboard', plots.every(box => scrolls(box) === box.scrollWidth > box.clientWidth + 1) && (innerWidth > 640 || plots.some(scrolls)));
+    const widths = width => { for (const box of plots) box.querySelector('svg').style.width = width; dispatchEvent(new Event('resize')); };
+    widths('100%');
+    check('plots-that-fit', plots.every(box => !['tabindex', 'role', 'aria-label'].some(name => box.hasAttribute(name))));
+    widths('');
     const before = getComputedStyle(document.body).backgroundColor;
     at('theme').click();
     check('theme', getComputedStyle(document.body).backgroundColor !== before && at('theme').textContent !== '');

@@ -8,7 +8,13 @@ const WIDE: usize = 11;
 
 /// Every table as a card.
 pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
-    tables.iter().map(|table| card(table, stores)).collect()
+    tables.iter().map(|table| card(table, &region(table, tables), stores)).collect()
+}
+
+/// The name of a table's region; tables of one title, as of several protocols, would share it.
+fn region(table: &Table, tables: &[Table]) -> String {
+    let twins = tables.iter().filter(|other| other.title == table.title).count();
+    if twins > 1 { format!("{} ({})", table.title, table.name) } else { table.title.clone() }
 }
 
 /// A table alone, without buttons and style, as notebooks show it.
@@ -22,7 +28,7 @@ pub fn table_html(table: &Table) -> String {
     )
 }
 
-fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
+fn card(table: &Table, region: &str, stores: &[PageStore<'_>]) -> String {
     let name = escaped(&table.name);
     let buttons: String = [("latex", "LaTeX"), ("markdown", "Markdown"), ("csv", "CSV")]
         .map(|(format, title)| {
@@ -44,7 +50,7 @@ fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
          <details class=\"notes\"><summary>Convention, counts, intervals</summary><ul>{notes}</ul></details>\n</article>\n",
         escaped(&table.title),
         escaped(&table.caption),
-        escaped(&table.title),
+        escaped(region),
         body(table, stores),
     )
 }
@@ -58,10 +64,13 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
     let mut text = format!("<table class=\"numbers{wide}\"><thead>");
     if table.groups.iter().any(|group| !group.title.is_empty()) {
         let groups = table.groups.iter().map(|group| {
-            let class = if group.title.is_empty() { "" } else { " class=\"group\"" };
-            format!("<th{class} colspan=\"{}\" scope=\"colgroup\">{}</th>", group.columns.len(), escaped(&group.title))
+            let (columns, title) = (group.columns.len(), escaped(&group.title));
+            if title.is_empty() {
+                return blank(columns);
+            }
+            format!("<th class=\"group\" colspan=\"{columns}\" scope=\"colgroup\">{title}</th>")
         });
-        text.push_str(&format!("<tr><th colspan=\"{labels}\"></th>{}</tr>", groups.collect::<String>()));
+        text.push_str(&format!("<tr>{}{}</tr>", blank(labels), groups.collect::<String>()));
     }
     text.push_str("<tr>");
     for label in table.labels.iter().map(String::as_str).chain(measured.then_some("from")) {
@@ -87,6 +96,11 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
     }
     text.push_str("</tbody></table>");
     text
+}
+
+/// Columns without a common heading: an empty heading would be read aloud as one.
+fn blank(columns: usize) -> String {
+    format!("<td colspan=\"{columns}\"></td>")
 }
 
 fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {

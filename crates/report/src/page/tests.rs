@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use atsplat_eval::runner::image_path;
-use atsplat_eval::{MethodRecord, Results, TrainingRecord};
+use atsplat_eval::{MethodRecord, Results, Shard, TrainingRecord};
 use atsplat_pixels::{ImageU8, encode_png};
 
 use super::browser::{chromium, report_in_frame};
 use super::*;
-use crate::definition::TableDefinition;
+use crate::definition::{Quantity, TableDefinition};
 use crate::figures::{of_store, of_table};
-use crate::sample::{HOSTILE, atsplat, floor, preset, results, results_over, store};
-use crate::table::{Mixing, protocol_tables, tables};
+use crate::sample::{HOSTILE, atsplat, floor, preset, random, results, results_over, store};
+use crate::table::{Mixing, Row, protocol_tables, tables};
 
 /// Owns the contents of a page.
 struct Sample {
@@ -216,15 +216,77 @@ fn a_citation_names_the_method_of_its_column() {
         ..atsplat(name, |_| ())
     };
     let joint = trained("joint", "1234", "rooms train 0 to 9, yards train 0 to 9");
-    let results = results(vec![preset("rooms-2v-128")], vec![trained("apart", "abcd", "simulated rooms"), joint]);
+    let results = results(vec![preset("rooms-2v-128")], vec![trained("apart", "abcd", "simulated yards"), joint]);
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
     let tables = tables(&TableDefinition::named("unified").unwrap(), &[store.source], Mixing::Apart).unwrap();
     let row = tables[0].rows.iter().find(|row| row.measured_on.is_some()).unwrap();
-    let expected = [("method apart, weights abcdabcdabcd,", "joint"), ("method joint, weights 123412341234,", "apart")];
+    // Only one of them never saw the data of both.
+    let expected = [
+        ("method apart, never saw rooms, weights abcdabcdabcd,", "joint"),
+        ("method joint, weights 123412341234,", "apart"),
+    ];
     for (group, (own, other)) in expected.into_iter().enumerate() {
         let citation = cite::citation(&tables[0], row, (group, 0), &[store]).unwrap();
         assert!(citation.contains(own) && !citation.contains(other), "{citation}");
     }
+}
+
+/// The second method fails in a scene, never saw rooms, and has the weights of the first.
+#[test]
+fn a_citation_has_the_caveats_of_its_row() {
+    let training = Some(TrainingRecord { data: "simulated yards".to_owned(), seed: None });
+    let mut changed = MethodRecord { training: training.clone(), ..random() };
+    changed.parameters.insert("threshold-quantiles".to_owned(), json!([0.8, 0.8, 0.9]));
+    let methods = vec![MethodRecord { training, ..atsplat("atsplat", |_| ()) }, changed];
+    let mut results = results_over(vec![preset("rooms-2v-128")], methods, 7);
+    results.provenance.shard = Some(Shard { number: 2, count: 3 });
+    results.provenance.presets[0].hash = "another".to_owned();
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
+    let rows: Vec<&Row> = table.rows.iter().filter(|row| row.method.as_deref() == Some("atsplat-random")).collect();
+    assert_eq!(rows.len(), 2, "with and without context frames");
+    for row in rows {
+        let psnr = cite::citation(&table, row, (0, 0), &[store]).unwrap();
+        let targets = if row.without_leaked { 17 } else { 18 };
+        let own = [format!(" over 6 scenes, {targets} targets, 3 failed and not in the mean")];
+        let common =
+            [", never saw rooms", ", thresholds by quantile", ", changed at inference only", "@another (changed), "];
+        let part = " entries (shard 2 of 3 of the run), data ";
+        for expected in own.iter().chain(&row.remarks).map(String::as_str).chain(common).chain([part]) {
+            assert_eq!(psnr.matches(expected).count(), 1, "{expected}: {psnr}");
+        }
+        let size = table.columns().find(|(_, column)| column.quantity == Quantity::Gaussians).unwrap().0;
+        let size = cite::citation(&table, row, size, &[store]).unwrap();
+        assert!(size.contains(", without trials that failed or are not applicable"), "{size}");
+    }
+}
+
+/// A process, timed on another machine than its scores are of, while others used it.
+#[test]
+fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ())], 7);
+    results.provenance.methods[0].kind = "exec".to_owned();
+    for row in &mut results.timings {
+        row.machine.processor = "the timed processor".to_owned();
+        row.load.others = Some(0.4);
+    }
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
+    let row = table.rows.iter().find(|row| !row.without_leaked).unwrap();
+    let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+    assert_eq!(row.cell(place).print(column), "0.260 ‡ §");
+    let time = cite::citation(&table, row, place, &[store]).unwrap();
+    for expected in [
+        "Time (s) 0.260, median over 3 trials with 5 repetitions each, quartiles 0.25",
+        ", the whole answer, with reading and writing of files, unreliable: the machine was busy with something else (40 % of its \
+         processors); method ATSplat",
+        ", the timed processor, 2 threads on 2 logical processors",
+    ] {
+        assert!(time.contains(expected), "{expected}: {time}");
+    }
+    assert!(!time.contains(['‡', '§']) && !time.contains("a processor"), "{time}");
+    let score = cite::citation(&table, row, (0, 0), &[store]).unwrap();
+    assert!(score.ends_with(", a processor, 2 threads"), "{score}");
 }
 
 /// Two trainings, each in a store of its own, one from another machine.
@@ -253,6 +315,42 @@ fn a_citation_of_a_mean_over_trainings_names_every_store() {
         assert!(citation.contains(expected), "{expected}: {citation}");
     }
     assert_eq!(citation.matches("; protocol ").count(), 1, "one protocol: {citation}");
+}
+
+/// Screen readers name a landmark by its label, and read headings of columns aloud.
+#[test]
+fn landmarks_have_names_of_their_own_and_no_heading_is_empty() {
+    let page = Sample::new().write(usize::MAX, None);
+    let titles = page.split("<h2 id=").skip(1).filter_map(|rest| Some(rest.split_once('>')?.1.split_once('<')?.0));
+    let regions = |text: &'_ str| -> Vec<String> {
+        let labels = text.split("role=\"region\" aria-label=\"").skip(1);
+        labels.filter_map(|rest| Some(rest.split_once('"')?.0.to_owned())).collect()
+    };
+    let mut names: Vec<String> = titles.map(str::to_owned).chain(regions(&page)).collect();
+    assert!(names.len() > 8 && names.iter().any(|name| name == "Scenes"), "{names:?}");
+    let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
+    let results = results(presets, vec![atsplat("atsplat", |_| ())]);
+    let source = Source { label: LABEL, results: &results };
+    let twins = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap();
+    assert_eq!(twins[0].title, twins[1].title);
+    for names in [&mut names, &mut regions(&tables::write(&twins, &[]))] {
+        let all = names.len();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), all, "{names:?}");
+    }
+    let headings = page.split("<th").skip(1).filter_map(|rest| Some(rest.split_once('>')?.1));
+    assert!(headings.clone().count() > 20 && headings.clone().all(|inside| !inside.starts_with("</th>")));
+}
+
+#[test]
+fn facts_of_one_kind_share_their_name() {
+    let results = results(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let card = facts::origin(&[PageStore { source: Source { label: LABEL, results: &results }, folder: None }]);
+    assert_eq!(card.matches("<dt>Method</dt><dd>atsplat (").count(), 1, "{card}");
+    assert!(card.contains("</dd><dd>nearest-view (nearest-view): Nearest view</dd>"), "{card}");
+    let names: Vec<&str> = card.split("<dt>").skip(1).filter_map(|rest| Some(rest.split_once('<')?.0)).collect();
+    assert_eq!(names, ["atsplat", "Machine", "Command", "Schema", "Protocol", "Method", "Skipped"]);
 }
 
 /// Two stores of one protocol, and one of another.

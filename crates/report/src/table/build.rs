@@ -8,7 +8,7 @@ use super::measured_on::{MeasuredOn, ProtocolRun};
 use super::orders::orders;
 use super::rank::rank;
 use super::trainings::{distinguish, mean_rows};
-use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials};
+use super::{Cell, Column, Group, Row, Source, StoreProtocol, Table, Value, distinct, has_trials};
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, by_quantile, has_own_training,
@@ -162,6 +162,7 @@ fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -
         trainings: Vec::new(),
         untrained: false,
         inference_only: false,
+        not_retrained: false,
         without_leaked: false,
         rule_above: known.is_some_and(|known| known.rule_above),
         cells: row.values.iter().map(|values| values.iter().map(cell).collect()).collect(),
@@ -200,20 +201,21 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
 
 /// Whether an ablation that the paper trains has the weights of another network of any store, so that it was changed only
 /// after training.
-pub(super) fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
-    let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
-    has_own_training(record)
-        && record.weights_sha256.is_some()
-        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && !has_own_training(other))
+pub(super) fn is_not_retrained(edition: &Edition<'_>, record: &MethodRecord) -> bool {
+    has_own_training(record) && has_weights_of(edition, record, |other| !has_own_training(other))
 }
 
 /// Whether a method runs the weights of another method under another configuration that expands or selects differently.
-fn shares_weights(edition: &Edition<'_>, record: &MethodRecord) -> bool {
-    let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
+fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
     let trained_so = |other: &MethodRecord| is_full(other) || (is_ablation(record) && !is_ablation(other));
-    !is_full(record)
-        && record.weights_sha256.is_some()
-        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && trained_so(other))
+    (!is_full(record) && has_weights_of(edition, record, trained_so)) || is_not_retrained(edition, record)
+}
+
+/// Whether any such method of any store has the weights of this one.
+fn has_weights_of(edition: &Edition<'_>, record: &MethodRecord, is_such: impl Fn(&MethodRecord) -> bool) -> bool {
+    let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
+    record.weights_sha256.is_some()
+        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && is_such(other))
 }
 
 /// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run. A
@@ -299,18 +301,23 @@ fn measured_once(
     // A row with the labels of a published row would not name its method otherwise.
     let by_setting = definition.measured_label == MeasuredLabel::Published && reproduced.is_some();
     let measured_on = MeasuredOn::of(&ran, by_setting.then(|| titles.join(" and ")));
+    let protocols: Vec<Option<StoreProtocol>> = chosen
+        .iter()
+        .map(|own| own.map(|(part, record)| part.store_protocol(&record.name, remarks(edition, part, record))))
+        .collect();
     let row = |leaked: Leaked| Row {
         labels: settings(definition, &ran, labels(definition, edition, reproduced.map(|(_, row, _)| row), method)),
         measured_on: Some(measured_on.clone()),
-        remarks: remarks(edition, chosen, leaked, &measured_on),
+        remarks: remarks_of_row(&protocols, leaked),
         origin: Origin::Measured,
         answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
-        protocols: chosen.iter().map(|own| own.map(|(part, record)| part.store_protocol(&record.name))).collect(),
+        protocols: protocols.clone(),
         trainings: Vec::new(),
         untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
         inference_only: chosen.iter().flatten().any(|(_, record)| is_inference_only(edition, record)),
+        not_retrained: chosen.iter().flatten().any(|(_, record)| is_not_retrained(edition, record)),
         without_leaked: leaked == Leaked::Excluded,
         rule_above: false,
         cells: cells_of(leaked),
@@ -325,34 +332,25 @@ fn measured_once(
     rows
 }
 
-/// What the label of a measured row has to add.
-fn remarks(
-    edition: &Edition<'_>,
-    chosen: &[Option<(&Part<'_>, &MethodRecord)>],
-    leaked: Leaked,
-    measured_on: &MeasuredOn,
-) -> Vec<String> {
-    let mut remarks: Vec<String> = Vec::new();
-    for (part, record) in chosen.iter().flatten() {
-        if record.untrained && !record.title.contains("untrained") && !measured_on.text.contains("untrained") {
-            remarks.push("untrained".to_owned());
-        }
-        remarks.extend(zero_shot_note(record, &part.protocol.dataset));
-        if let Some(thresholds) = by_quantile(record) {
-            remarks.push(format!("thresholds {thresholds}"));
-        }
-        if shares_weights(edition, record) {
-            remarks.push(INFERENCE_ONLY.to_owned());
-        }
-    }
-    if leaked == Leaked::Excluded {
-        remarks.push("without context frames".to_owned());
-    }
-    distinct(remarks)
+/// What the label of a measured row has to add: the remarks on its methods, and on its targets.
+fn remarks_of_row(protocols: &[Option<StoreProtocol>], leaked: Leaked) -> Vec<String> {
+    let of_methods = protocols.iter().flatten().flat_map(|own| &own.remarks).cloned();
+    distinct(of_methods.chain((leaked == Leaked::Excluded).then(|| WITHOUT_LEAKED.to_owned())))
+}
+
+/// What the name of a method has to add under a protocol.
+fn remarks(edition: &Edition<'_>, part: &Part<'_>, record: &MethodRecord) -> Vec<String> {
+    let untrained = (record.untrained && !record.title.contains("untrained")).then(|| "untrained".to_owned());
+    let thresholds = by_quantile(record).map(|thresholds| format!("thresholds {thresholds}"));
+    let inference_only = is_inference_only(edition, record).then(|| INFERENCE_ONLY.to_owned());
+    let unseen = zero_shot_note(record, &part.protocol.dataset);
+    [untrained, unseen, thresholds, inference_only].into_iter().flatten().collect()
 }
 
 /// Remark on a row that shares its weights with another row and differs at inference.
 const INFERENCE_ONLY: &str = "changed at inference only";
+/// Remark on a row without the targets that are also context frames.
+pub(crate) const WITHOUT_LEAKED: &str = "without context frames";
 
 /// Labels that print the published data or size say what was measured instead.
 fn settings(definition: &TableDefinition, ran: &[ProtocolRun<'_>], labels: Vec<String>) -> Vec<String> {

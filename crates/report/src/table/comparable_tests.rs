@@ -130,6 +130,25 @@ fn an_order_that_identical_renders_would_change_is_not_marked() {
     assert!(!own(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
 }
 
+/// A method that copies context frames almost to the bit wins by targets that it was given, and by them alone.
+#[test]
+fn an_order_that_leaked_targets_decide_is_not_marked() {
+    for (copy, expected) in [(95.0, NONE), (20.0, SECOND_IS_BEST)] {
+        let [mut first, mut second] = two_stores("re10k-2v-256");
+        for row in first.targets.iter_mut().chain(&mut second.targets) {
+            row.leaked = row.key.scene == SCENES[0];
+        }
+        let copied = first.targets.iter_mut().filter(|row| row.leaked);
+        copied.filter_map(|row| row.scores.get_mut("psnr")).for_each(|score| *score = copy);
+        let table = built("re10k", &[&first, &second]);
+        let marks_of_others = [SSIM, GAUSSIANS].map(|place| marks(&table, place));
+        assert_eq!((marks(&table, PSNR), marks_of_others), (expected, [SECOND_IS_BEST; 2]), "{copy} dB");
+        let said = notes(&table, NoteKind::Unranked).join(" ");
+        let why = "because the order without targets that are context frames is another one: PSNR";
+        assert_eq!(said.contains(why), expected == NONE, "{said}");
+    }
+}
+
 #[test]
 fn metrics_of_other_weights_are_not_ranked() {
     let [mut first, mut second] = two_stores("re10k-2v-256");

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::SkippedEntry;
+use atsplat_eval::{PresetRecord, SkippedEntry};
 use atsplat_protocol::trial::SkipReason;
 use atsplat_protocol::{AcceptedIndex, DropReason, PoseNormalisation, Preset};
 
@@ -39,7 +39,7 @@ impl Part<'_> {
         if let Some(unfinished) = self.unfinished.first() {
             return Some(unfinished.clone());
         }
-        let changed = || self.is_changed().then(|| format!("{}: the preset was changed", record.name));
+        let changed = || is_changed(record).then(|| format!("{}: the preset was changed", record.name));
         self.without_trial(methods).or_else(changed)
     }
 
@@ -76,12 +76,12 @@ impl Part<'_> {
         let own = rows.iter().flat_map(|row| row.protocols.iter().flatten()).filter(|own| self.is(own));
         distinct(own.map(|own| own.method.as_str()))
     }
+}
 
-    /// Whether the preset differs from the built-in one of its name.
-    pub(super) fn is_changed(&self) -> bool {
-        let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
-        !known.is_ok_and(|hash| hash.to_string() == self.preset.hash)
-    }
+/// Whether a preset differs from the built-in one of its name.
+pub(crate) fn is_changed(record: &PresetRecord) -> bool {
+    let known = Preset::named(&record.preset).and_then(|preset| preset.hash());
+    !known.is_ok_and(|hash| hash.to_string() == record.hash)
 }
 
 /// Whether published numbers are without the entries that were skipped for this reason: by a `null` in the index, or by a filter on

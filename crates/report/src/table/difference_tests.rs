@@ -1,11 +1,11 @@
 //! Runs of a whole index that are not the published setting all the same: on an alternative index, or without some of the trials.
 
-use atsplat_eval::{MethodRecord, Results, SkippedEntry, TrialKey};
+use atsplat_eval::{MethodRecord, PresetRecord, Results, SkippedEntry, TrialKey};
 use atsplat_protocol::Preset;
 
 use super::*;
 use crate::definition::TableDefinition;
-use crate::sample::{SCENES, atsplat, floor, preset, results};
+use crate::sample::{SCENES, atsplat, floor, preset, results, results_over};
 
 /// The table of the paper that a protocol fills.
 const TABLE_OF: [(&str, &str); 5] = [
@@ -170,4 +170,39 @@ fn an_entry_that_one_method_lacks_is_a_difference_of_its_rows_alone() {
     let table = built(&results);
     assert_eq!((settings(&table), best(&table, "re10k-2v-256")), (vec![], vec![Origin::Measured]));
     assert_eq!(table.groups[0].measured_on, None);
+}
+
+/// The protocol's number of scenes is that of its own index: 24 scenes of 30 are not all.
+#[test]
+fn the_scenes_of_an_own_index_are_counted_in_that_index() {
+    let said = |name: &str, run: usize, index: Option<u64>, entries: [u64; 2]| {
+        let [entries, entries_of_index] = entries;
+        let own = preset(name);
+        let record = PresetRecord { index_name: None, scenes_of_index: index, entries, entries_of_index, ..own };
+        let results = results_over(vec![record], vec![atsplat("atsplat", |_| ())], run);
+        let found = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap();
+        measured_on(&found[0], "atsplat").text.clone()
+    };
+    for (run, index, entries, expected) in [
+        (24, Some(30), [24, 30], "24 of 30 scenes, own index"),
+        (12, Some(12), [12, 12], "all 12 scenes, own index"),
+        (4, Some(6), [8, 12], "4 of 6 scenes, own index"),
+        // Older stores have numbers of entries alone.
+        (24, None, [24, 30], "24 scenes, 24 of 30 index entries, own index"),
+        (12, None, [12, 12], "all 12 scenes, own index"),
+    ] {
+        let text = said("rooms-2v-128", run, index, entries);
+        assert_eq!(text, format!("simulated rooms, 16×16, {expected}"), "{run} of {index:?}");
+    }
+    let of_capture = [Some(6), Some(4), None].map(|index| said("photos-3v-256", 4, index, [4, 4]));
+    assert_eq!(of_capture, ["4 of 6", "all 4", "4"].map(|scenes| format!("capture re10k, 16×16, {scenes} scenes")));
+    let mut named = preset("rooms-2v-128");
+    named.scenes_of_index = Some(4);
+    let named = results_over(vec![named], vec![atsplat("atsplat", |_| ())], 4);
+    let found = protocol_tables(&[Source { label: "run", results: &named }], Mixing::Apart).unwrap();
+    assert_eq!(
+        measured_on(&found[0], "atsplat").text,
+        "simulated rooms, 16×16, 4 of 24 scenes",
+        "the protocol's own index"
+    );
 }

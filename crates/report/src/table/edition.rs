@@ -185,10 +185,10 @@ impl Part<'_> {
         protocol.store == self.source.label && protocol.preset == self.preset.name
     }
 
-    /// Its names in rows of tables, with the method that was measured.
-    pub(super) fn store_protocol(&self, method: &str) -> StoreProtocol {
+    /// Its names in rows of tables, with the method that was measured and the remarks on it.
+    pub(super) fn store_protocol(&self, method: &str, remarks: Vec<String>) -> StoreProtocol {
         let (store, preset) = (self.source.label.to_owned(), self.preset.name.clone());
-        StoreProtocol { store, preset, method: method.to_owned() }
+        StoreProtocol { store, preset, method: method.to_owned(), remarks }
     }
 
     /// [`Self::mismatched_overlaps`] for the preset's own bins.

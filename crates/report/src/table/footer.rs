@@ -8,6 +8,7 @@ use atsplat_metrics::{Definition, Measure};
 use super::edition::{Edition, Part};
 use super::leads::changes_of_leads;
 use super::orders::means;
+use super::time_scope::was_busy;
 use super::{
     BUSY, Cell, CellTiming, Counts, Group, Note, NoteKind, Row, StoreProtocol, Table, Trainings, Value, distinct,
 };
@@ -61,11 +62,11 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
                 .to_owned(),
         );
     }
-    if table.rows.iter().any(|row| row.inference_only) {
+    if table.rows.iter().any(|row| row.not_retrained) {
         notes.add(
             NoteKind::Setting,
-            "changed at inference only: the weights of another row in a network that was changed after training; the paper \
-             trains one for each such row"
+            "changed at inference only: the weights of another row in a network that was changed after training; for an \
+             ablation the paper trains one, unless it changes only thresholds or how many blocks expand"
                 .to_owned(),
         );
     }
@@ -359,14 +360,8 @@ fn times(notes: &mut Notes, table: &Table) {
         }
     }
     if let Some(others) = busiest {
-        let percent = 100.0 * others;
-        notes.add(
-            NoteKind::Busy,
-            format!(
-                "{BUSY} the machine was busy with something else ({percent:.0} % of its processors): such times are \
-                 unreliable and not ranked"
-            ),
-        );
+        let why = was_busy(others);
+        notes.add(NoteKind::Busy, format!("{BUSY} {why}: such times are unreliable and not ranked"));
     }
 }
 
@@ -401,20 +396,7 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 fn counts_of(cells: &[Cell]) -> Option<String> {
     let with_counts: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
     let (cell, counts) = with_counts.iter().find(|(_, counts)| counts.targets > 0).or(with_counts.first())?;
-    let mut text = format!("{}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target"));
-    if let Some(Trainings { count, .. }) = cell.trainings {
-        text.push_str(&format!(" of {count} trainings"));
-    }
-    let missing =
-        [(counts.failed, "failed"), (counts.not_applicable, "not applicable"), (counts.non_finite, "not finite")];
-    for (count, what) in missing {
-        if count > 0 {
-            text.push_str(&format!(", {count} {what} and not in the mean"));
-        }
-    }
-    if counts.identical > 0 {
-        text.push_str(&format!(", {} more identical to the truth and left out", counts.identical));
-    }
+    let mut text = cell.counts_in_words()?;
     if with_counts.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
         text.push_str(", metrics over different targets");
     }

@@ -3,10 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use atsplat_eval::{TargetRow, TargetStatus};
+use atsplat_eval::{PresetRecord, TargetRow, TargetStatus};
 use serde::Serialize;
 
+use super::difference::is_changed;
 use super::edition::Part;
+use crate::counted;
 use crate::definition::dataset_name;
 
 /// Data, size of images and number of scenes of a measured row.
@@ -102,13 +104,17 @@ impl Part<'_> {
         let not_finite = with(TargetStatus::NonFinite).count();
         // Copies of a context view are common among targets; here only where a scene has nothing else.
         let identical = if copied.is_subset(&scored) { 0 } else { with(TargetStatus::Identical).count() };
-        let all = self.protocol.index.scenes;
-        let mut text = match scenes {
-            1 if all <= 1 => "1 scene".to_owned(),
-            own if own == all => format!("all {all} scenes"),
-            own if own < all => format!("{own} of {all} scenes"),
-            own => format!("{own} scenes"),
+        let all = self.scenes_there();
+        let mut text = match (scenes, all) {
+            (1, Some(0 | 1)) => "1 scene".to_owned(),
+            (own, Some(all)) if own == all => format!("all {all} scenes"),
+            (own, Some(all)) if own < all => format!("{own} of {all} scenes"),
+            (own, _) => counted(own, "scene"),
         };
+        if all.is_none() {
+            let PresetRecord { entries, entries_of_index, .. } = self.preset;
+            text.push_str(&format!(", {entries} of {entries_of_index} index entries"));
+        }
         let without_score = [
             (failed.len(), "failed"),
             (not_finite, "not finite"),
@@ -123,15 +129,44 @@ impl Part<'_> {
         if let Some(part) = self.source.results.provenance.part() {
             text.push_str(&format!(", {part} of the run"));
         }
-        if !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none() {
+        if self.has_own_index() {
             text.push_str(", own index");
         }
         if let Some(index) = self.alternative_index() {
             text.push_str(&format!(", alternative index {}", index.name));
         }
-        if self.is_changed() {
+        if is_changed(self.preset) {
             text.push_str(", protocol changed");
         }
         text
+    }
+
+    /// Whether the index is another one than those that the protocol accepts.
+    fn has_own_index(&self) -> bool {
+        !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none()
+    }
+
+    /// Scenes of the index that was run: the number that the protocol states is that of its own index. `None` for another index in
+    /// an older store, unless all of its entries were processed.
+    fn scenes_there(&self) -> Option<u64> {
+        let (record, stated) = (self.preset, self.protocol.index.scenes);
+        if self.has_own_index() {
+            let all_known = || (record.entries == record.entries_of_index).then(|| self.scenes_with_entries());
+            return record.scenes_of_index.or_else(all_known);
+        }
+        // A protocol without accepted indices, such as one for captures, states the least number.
+        let states_least = self.protocol.index.accepted.is_empty();
+        let found =
+            record.scenes_of_index.filter(|all| self.alternative_index().is_some() || (states_least && *all > stated));
+        Some(found.unwrap_or(stated))
+    }
+
+    /// Scenes of which an entry was processed, with a trial or without.
+    fn scenes_with_entries(&self) -> u64 {
+        let results = self.source.results;
+        let trials = results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
+        let skipped = results.provenance.skipped.iter().filter(|entry| entry.preset == self.preset.name);
+        let scenes = trials.map(|trial| trial.key.scene.as_str()).chain(skipped.map(|entry| entry.scene.as_str()));
+        scenes.collect::<BTreeSet<_>>().len() as u64
     }
 }

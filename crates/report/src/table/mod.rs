@@ -3,6 +3,7 @@
 mod build;
 #[cfg(test)]
 mod comparable_tests;
+mod counts;
 mod difference;
 #[cfg(test)]
 mod difference_tests;
@@ -11,6 +12,7 @@ mod footer;
 mod leads;
 mod measure;
 mod measured_on;
+mod note;
 mod orders;
 #[cfg(test)]
 mod process_tests;
@@ -29,10 +31,14 @@ use atsplat_eval::timing::{Machine, Spread};
 use atsplat_metrics::Direction;
 use serde::Serialize;
 
+pub(crate) use build::WITHOUT_LEAKED;
 pub use build::{Mixing, tables};
+pub use counts::Counts;
+pub(crate) use difference::is_changed;
 pub(crate) use edition::is_same_data;
 pub(crate) use footer::short;
 pub use measured_on::MeasuredOn;
+pub use note::{Note, NoteKind};
 pub use orders::{Order, Outcome};
 pub use protocol::protocol_tables;
 pub use time_scope::TimeScope;
@@ -59,6 +65,8 @@ pub struct StoreProtocol {
     pub preset: String,
     /// Name of the method in the store's rows.
     pub method: String,
+    /// What the method's name has to add under this protocol: never saw such data, changed at inference only, and the like.
+    pub remarks: Vec<String>,
 }
 
 /// A table, ready to be written in any format.
@@ -144,8 +152,11 @@ pub struct Row {
     pub trainings: Vec<Vec<StoreProtocol>>,
     /// Whether its weights are random; such rows are never ranked.
     pub untrained: bool,
-    /// Whether its weights are those of another row whose network differs: an ablation that was not retrained.
+    /// Whether its weights are those of another row whose network differs: it was changed after training, at inference only.
     pub inference_only: bool,
+    /// Whether the paper trains a network of its own for such a row: an ablation that was not retrained.
+    #[serde(skip)]
+    pub not_retrained: bool,
     /// Whether targets that are also context frames are excluded.
     pub without_leaked: bool,
     /// Whether a line is drawn above it.
@@ -177,6 +188,9 @@ pub struct Cell {
     /// context views.
     #[serde(skip)]
     pub with_identical: Option<f64>,
+    /// The number without targets that are context frames, if there are any.
+    #[serde(skip)]
+    pub without_leaked: Option<f64>,
     /// SHA-256 of the metric's learned weights, if it has any.
     #[serde(skip)]
     pub metric_weights: Option<String>,
@@ -230,36 +244,6 @@ pub struct CellTiming {
     pub busy: bool,
 }
 
-/// The numbers of scenes and targets behind a mean; behind a mean over several trainings, the targets of all of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Counts {
-    /// Scenes in the mean.
-    pub scenes: u64,
-    /// Targets in the mean.
-    pub targets: u64,
-    /// Targets whose render is identical to the truth; not in the mean.
-    pub identical: u64,
-    /// Targets without a render or a truth.
-    pub failed: u64,
-    /// Targets of trials that the method does not support.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub not_applicable: u64,
-    /// Targets whose score is not finite.
-    pub non_finite: u64,
-    /// Targets whose score was not computed; not in the mean.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub uncomputed: u64,
-    /// Targets of the row without an overlap, or with one outside all bins, if the mean is over a bin.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub outside_bins: u64,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
-const fn is_zero(count: &u64) -> bool {
-    *count == 0
-}
-
 /// The value of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -284,48 +268,6 @@ pub enum Mark {
     Best,
     /// The second-best value: underlined.
     Second,
-}
-
-/// A line below a table.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Note {
-    /// Its subject.
-    pub kind: NoteKind,
-    /// The text.
-    pub text: String,
-}
-
-/// The subject of a note.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum NoteKind {
-    /// Source of the published numbers, and their authors' remarks.
-    Published,
-    /// Definitions of metrics; preset, index and renderer.
-    Convention,
-    /// Numbers of scenes and targets, and failures.
-    Counts,
-    /// Intervals.
-    Interval,
-    /// How measured numbers differ from the published setting.
-    Setting,
-    /// Random weights.
-    Untrained,
-    /// What was not computed, and how to get it.
-    NotComputed,
-    /// Times measured on a busy machine.
-    Busy,
-    /// Slopes over a setting, and of leads over overlap or distance.
-    Trend,
-    /// Targets that are left out of means, and intervals of too few scenes.
-    LeftOut,
-    /// The spread of several trainings.
-    Trainings,
-    /// Columns whose measured numbers do not compare with each other.
-    Unranked,
-    /// Rows of different protocols.
-    Forced,
 }
 
 impl Value {

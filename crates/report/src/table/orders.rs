@@ -7,7 +7,7 @@ use atsplat_eval::statistics::{
 use atsplat_metrics::Definition;
 use serde::Serialize;
 
-use super::build::is_inference_only;
+use super::build::is_not_retrained;
 use super::edition::{Edition, Part};
 use super::{Row, Table};
 use crate::definition::{Quantity, TableDefinition};
@@ -142,7 +142,7 @@ fn compared(
     rows: [&Row; 2],
 ) -> Option<Order> {
     let (first, second) = (one.first()?, other.first()?);
-    let inference_only = [first, second].iter().any(|(_, record)| is_inference_only(edition, record));
+    let inference_only = [first, second].iter().any(|(_, record)| is_not_retrained(edition, record));
     let (measured, interval, scenes) = if one.len() + other.len() == 2 {
         let [a, b] = [first, second].map(|own| query(own, metric));
         let pair = paired_between((first.0.source.results, &a), (second.0.source.results, &b))?;

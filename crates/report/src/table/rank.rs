@@ -14,7 +14,7 @@ use crate::plot::Origin;
 /// separately; times always, because published ones are of other machines. Untrained rows, rows without leaked targets, and
 /// means that lack targets or trials are not ranked, nor are measured rows of a column that differ in their targets, in the learned
 /// weights of its metric, or in the machine or device of their times, or would be in another order with renders that are identical to
-/// the truth. Weights that are not the published ones give a ranking of their
+/// the truth or without targets that are context frames. Weights that are not the published ones give a ranking of their
 /// own. A second place shared by more than two rows is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<Note> {
     if marks == Marks::None {
@@ -47,6 +47,7 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
             Incomparable::Identical => {
                 "renders that are identical to the truth, which means leave out, would change the order"
             }
+            Incomparable::Leaked => "the order without targets that are context frames is another one",
             Incomparable::Weights => "metrics have different weights",
             Incomparable::Machines => "times are of different machines or devices",
         };
@@ -63,6 +64,8 @@ enum Incomparable {
     Targets,
     /// Without the renders that are identical to the truth, the order is another one: a method would lose by its best targets.
     Identical,
+    /// Without targets that are context frames, the order is another one: a copy of one scores tens of decibels more than any view.
+    Leaked,
     /// Other learned weights of the metric.
     Weights,
     /// Times of another machine or device.
@@ -82,6 +85,9 @@ fn incomparable(cells: &[&Cell], direction: Direction) -> Option<Incomparable> {
     let own = |cell: &Cell| cell.value.number();
     if order(&own) != order(&|cell| cell.with_identical.or_else(|| own(cell))) {
         return Some(Incomparable::Identical);
+    }
+    if order(&own) != order(&|cell| cell.without_leaked.or_else(|| own(cell))) {
+        return Some(Incomparable::Leaked);
     }
     if differ(cells.iter().map(|cell| &cell.metric_weights)) {
         return Some(Incomparable::Weights);

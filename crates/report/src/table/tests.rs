@@ -2,7 +2,9 @@ use atsplat_eval::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus,
 use atsplat_numeric::Tolerance;
 
 use super::*;
+use crate::csv_text;
 use crate::definition::TableDefinition;
+use crate::emit::TableFormat;
 use crate::figures::of_table;
 use crate::sample::{atsplat, floor, preset, random, results, store};
 
@@ -169,12 +171,41 @@ fn an_ablation_with_the_weights_of_the_full_network_is_marked() {
     for (weights, expected) in [(shared.as_str(), true), ("of its own training", false)] {
         let results = results(vec![preset("re10k-2v-256")], vec![full.clone(), ablation(weights)]);
         let table = built("ablation_ate", &[("run", &results)], Mixing::Apart).swap_remove(0);
-        assert_eq!(own(&table, "atsplat-random").inference_only, expected);
+        let random = own(&table, "atsplat-random");
+        assert_eq!((random.inference_only, random.not_retrained), (expected, expected));
         assert!(!own(&table, "atsplat").inference_only);
         let said = |row: &Row| row.printed_labels()[0].ends_with("changed at inference only");
         assert_eq!(said(own(&table, "atsplat-random")), expected);
         assert!(!said(own(&table, "atsplat")));
         assert_eq!(notes(&table, NoteKind::Setting).iter().any(|note| note.starts_with("changed at")), expected);
+    }
+}
+
+/// The paper chooses thresholds at inference too: files say that the row was changed, and nothing says that the paper trains it.
+#[test]
+fn files_mark_the_rows_whose_labels_say_that_they_were_changed_at_inference() {
+    let thresholds = atsplat("thresholds", |config| *config = config.with_thresholds(&[0.1, 0.1, 0.4]).unwrap());
+    let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), thresholds]);
+    let source = Source { label: "run", results: &results };
+    let mut tables = protocol_tables(&[source], Mixing::Apart).unwrap();
+    tables.extend(built("dynamic_budget", &[("run", &results)], Mixing::Apart));
+    for table in &tables {
+        let row = own(table, "thresholds");
+        assert_eq!((row.inference_only, row.not_retrained), (true, false), "{}", table.name);
+        assert!(
+            !notes(table, NoteKind::Setting).iter().any(|note| note.starts_with("changed at")),
+            "{:?}",
+            table.footer
+        );
+        assert!(!verdict(table).inference_only, "{}", table.name);
+        let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+        let at = records[0].iter().position(|name| name == "inference_only").unwrap();
+        let says = |record: &[String]| record.iter().any(|text| text.contains("changed at inference only"));
+        let marked: Vec<bool> = records[1..].iter().map(|record| record[at] == "true").collect();
+        assert_eq!(marked, records[1..].iter().map(|record| says(record)).collect::<Vec<_>>(), "{}", table.name);
+        assert!(marked.contains(&true) && marked.contains(&false), "{}", table.name);
+        let json = serde_json::to_value(row).unwrap();
+        assert_eq!(json["inference-only"], true);
     }
 }
 

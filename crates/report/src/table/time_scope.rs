@@ -1,6 +1,7 @@
 use serde::Serialize;
 
-use super::{BUSY, Cell};
+use super::{BUSY, Cell, CellTiming};
+use crate::counted;
 
 /// What the time of a method with a process of its own covers; other methods are timed while they encode, within this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -46,5 +47,27 @@ impl Cell {
     pub(crate) fn marks(&self) -> String {
         let busy = self.is_busy().then_some(BUSY);
         self.time_scope().map(TimeScope::mark).into_iter().chain(busy).collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// What the mark of a busy machine stands for; `others` is the share of its processors that others used.
+pub(crate) fn was_busy(others: f64) -> String {
+    format!("the machine was busy with something else ({:.0} % of its processors)", 100.0 * others)
+}
+
+impl CellTiming {
+    /// What a time says beside its number: over what it is the median, and the meaning of its marks.
+    pub(crate) fn in_words(&self, print: impl Fn(f64) -> String) -> String {
+        let [low, high] = self.spread.quartiles.map(print);
+        let trials = counted(self.trials, "trial");
+        let mut text =
+            format!(", median over {trials} with {} repetitions each, quartiles {low} to {high}", self.repetitions);
+        if let Some(scope) = self.scope {
+            text.push_str(&format!(", {}", scope.remark()));
+        }
+        if self.busy {
+            text.push_str(&format!(", unreliable: {}", was_busy(self.others.unwrap_or_default())));
+        }
+        text
     }
 }

@@ -80,7 +80,7 @@ pub fn verdict(table: &Table) -> Verdict {
         undecided: votes(Outcome::Undecided),
         few_scenes: table.orders.iter().any(|order| order.interval.is_none()),
         untrained: pairs.iter().any(|(_, own)| own.untrained),
-        inference_only: pairs.iter().any(|(_, own)| own.inference_only),
+        inference_only: pairs.iter().any(|(_, own)| own.not_retrained),
         ..Verdict::default()
     };
     for (place, column) in table.columns() {

@@ -1,6 +1,7 @@
 //! COLMAP's sparse models, text and binary: cameras, posed images, points.
 
 mod binary;
+mod both_encodings;
 mod camera;
 mod displacement;
 mod order;
@@ -20,7 +21,7 @@ pub use camera::{ColmapCamera, ColmapCameraModel};
 pub use displacement::{Displacement, displacement};
 pub use source::{ColmapOptions, ColmapScenes, points_folder};
 
-pub(crate) use source::{model_folders, model_in, part_of_model};
+pub(crate) use source::{model_below, model_folders, model_in, part_of_model};
 
 const FORMAT: &str = "COLMAP model";
 
@@ -40,6 +41,11 @@ impl Encoding {
             Self::Binary => "bin",
         };
         folder.join(format!("{name}.{extension}"))
+    }
+
+    /// Whether a folder has cameras and images in this encoding.
+    fn is_whole(self, folder: &Path) -> bool {
+        ["cameras", "images"].iter().all(|name| self.file(folder, name).is_file())
     }
 }
 
@@ -131,8 +137,7 @@ pub fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
 /// The encoding of the model in a folder: binary if it is there in both, which COLMAP prefers too. Cameras in one encoding
 /// and images in the other do not form a model: they may stem from two reconstructions.
 fn encoding_of(folder: &Path) -> Option<Encoding> {
-    let is_whole = |encoding: &Encoding| ["cameras", "images"].iter().all(|name| encoding.file(folder, name).is_file());
-    [Encoding::Binary, Encoding::Text].into_iter().find(is_whole)
+    [Encoding::Binary, Encoding::Text].into_iter().find(|encoding| encoding.is_whole(folder))
 }
 
 /// One of the model's files. Points may be in the other encoding, if they are in that alone.

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::Camera;
 use atsplat_numeric::Tolerance;
 
+use super::both_encodings::{other_encoding, report_other_encoding};
 use super::order::report_order;
 use super::{ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::{Times, report_cameras};
@@ -14,6 +15,9 @@ use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, WarningKind, War
 
 /// Subfolders of a capture that may hold its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+
+/// Subfolders of a folder in which [`model_below`] looks.
+const FOLDERS_SEARCHED: usize = 100;
 
 /// Length of a quaternion; tools that write three decimals are within this.
 pub(super) const UNIT: Tolerance = Tolerance::absolute(1e-3);
@@ -81,7 +85,11 @@ impl SceneSource for ColmapScenes {
 
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         let model = self.model_folder(key)?;
-        Ok(["cameras", "images", "points3D"].map(|name| model_file(model, name).0).to_vec())
+        let mut files = ["cameras", "images", "points3D"].map(|name| model_file(model, name).0).to_vec();
+        if let Some(other) = other_encoding(model) {
+            files.extend(["cameras", "images"].map(|name| other.file(model, name)));
+        }
+        Ok(files)
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
@@ -95,6 +103,7 @@ impl SceneSource for ColmapScenes {
         }
         images.sort_by(|a, b| a.name.cmp(&b.name));
         report_quaternions(key, &images, warnings);
+        report_other_encoding(key, model, (&cameras, &images), warnings);
         if model != self.path {
             report_other_models(key, model, &self.models, warnings)?;
         }
@@ -141,6 +150,21 @@ pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, Scene
 
 pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
     places(folder).find(|folder| holds_model(folder))
+}
+
+/// The first model in the subfolders of a folder that holds none where [`model_in`] looks, and in theirs, as a path below it:
+/// `sparse/1`, `model`. Hidden folders are skipped.
+pub(crate) fn model_below(folder: &Path) -> Option<String> {
+    let subfolders = |folder: &Path| -> Vec<PathBuf> {
+        let entries = list(folder).unwrap_or_default().into_iter();
+        let shown = entries.filter(|(name, is_folder)| *is_folder && !name.starts_with('.'));
+        shown.take(FOLDERS_SEARCHED).map(|(name, _)| folder.join(name)).collect()
+    };
+    let first = subfolders(folder);
+    let model = first.iter().find_map(|below| model_in(below));
+    let model =
+        model.or_else(|| first.iter().flat_map(|below| subfolders(below)).find_map(|below| model_in(&below)))?;
+    Some(model.strip_prefix(folder).ok()?.to_str()?.replace('\\', "/"))
 }
 
 /// The folder of the points of a capture, which are where models are, with or without cameras and images.

@@ -75,7 +75,11 @@ impl<'a> ImageFinder<'a> {
         let folder = self.folder(&folders.join("/"))?;
         let split_name = split_image_name(name);
         let stem = split_name.map_or(*name, |(stem, _)| stem);
-        let of_stem = |listing: &ImageListing| Some((listing.by_stem(stem)?, listing.choice_of_stem(stem)));
+        // A TIFF in the place of a missing JPEG may be its depth map.
+        let of_stem = |listing: &ImageListing| {
+            let path = if split_name.is_some() { listing.read_by_stem(stem) } else { listing.by_stem(stem) };
+            Some((path?, listing.choice_of_stem(stem)))
+        };
         let of_name = |listing: &ImageListing| Some((listing.by_name(name)?, None));
         let found = folder.listing.as_ref().and_then(|listing| of_name(listing).or_else(|| of_stem(listing)));
         let Some((path, choice_of_stem)) = found else {

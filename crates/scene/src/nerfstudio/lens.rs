@@ -5,6 +5,7 @@ use atsplat_numeric::Tolerance;
 use serde_json::Value;
 
 use super::transforms::Object;
+use super::unread_fields::require_no_other_coefficients;
 use crate::SceneError;
 
 const UNSUPPORTED: &str = "neither perspective nor OPENCV_FISHEYE";
@@ -69,6 +70,7 @@ pub(super) struct ResolvedLens {
 impl LensFields {
     pub(super) fn read(object: &Object<'_>) -> Result<Self, SceneError> {
         let (radial, tangential) = read_coefficients(object)?;
+        require_no_other_coefficients(object)?;
         let flag = object.value("is_fisheye").map(|_| object.flag("is_fisheye")).transpose()?;
         let of_model = match object.text("camera_model")? {
             Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "PERSPECTIVE") => Some(false),
@@ -188,6 +190,10 @@ impl LensFields {
             (Some(_), None) => return Err(malformed("h", "a height beside the width w", "none")),
             (None, Some(_)) => return Err(malformed("w", "a width beside the height h", "none")),
         };
+        if let Some(axis) = self.fisheye_axis_without_length() {
+            let expected = "a focal length in pixels, because a fisheye's field of view has several definitions";
+            return Err(malformed(&format!("fl_{axis}"), expected, "only a field of view"));
+        }
         let pixels = |focal: Option<Focal>, side: f64| focal.map(|focal| focal.pixels(side));
         let (x, y) = (pixels(self.focal_x, width), pixels(self.focal_y, height));
         let (Some(fl_x), Some(fl_y)) = (x.or(y), y.or(x)) else {
@@ -203,6 +209,13 @@ impl LensFields {
             size: whole_size(width, height),
             contradiction: self.contradiction(width, height),
         })
+    }
+
+    /// The axis along which a fisheye states a field of view, but no focal length.
+    fn fisheye_axis_without_length(&self) -> Option<&'static str> {
+        let is_angle = |focal: Option<Focal>| matches!(focal, Some(Focal::Angle(_)));
+        let axes = [("x", self.focal_x), ("y", self.focal_y)];
+        axes.into_iter().find(|(_, focal)| self.fisheye == Some(true) && is_angle(*focal)).map(|(axis, _)| axis)
     }
 
     /// How the first focal length differs from the field of view beside it. That of a fisheye has several definitions.

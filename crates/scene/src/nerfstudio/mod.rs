@@ -5,6 +5,7 @@ mod lens;
 mod sizes;
 mod source;
 mod transforms;
+mod unread_fields;
 
 pub use lens::{Focal, LensFields};
 pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};

@@ -1,4 +1,7 @@
+use std::path::Path;
+
 use atsplat_camera::ImageSize;
+use rayon::prelude::*;
 
 use super::lens::LensFields;
 use super::{FoundImage, Transforms};
@@ -12,10 +15,19 @@ pub(super) fn needs_image_sizes(transforms: &Transforms) -> bool {
 
 /// Each frame's lens, completed by the global one and, if the file states no size, by that of the image in the listed folder.
 ///
-/// All images are assumed to have the size of the first: others may be scaled copies. Only a frame that states lengths in
-/// pixels of its own has those of its own image, if that can be read.
-pub(super) fn lenses(key: &str, transforms: &Transforms, images: &[FoundImage]) -> Result<Vec<LensFields>, SceneError> {
+/// A frame that states lengths in pixels of its own has those of its own image, if that can be read. For all others images have
+/// the size of the first; if lengths are in pixels, another size is an error.
+pub(super) fn lenses(
+    key: &str,
+    transforms: &Transforms,
+    images: &[FoundImage],
+    file: &Path,
+) -> Result<Vec<LensFields>, SceneError> {
     let first = if needs_image_sizes(transforms) { size_of_first(images, key)? } else { None };
+    if let Some((first, size)) = first {
+        require_one_size(key, transforms, images, (first, size), file)?;
+    }
+    let first = first.map(|(_, size)| size);
     let frames = transforms.frames.iter().zip(images).enumerate();
     let lenses = frames.map(|(at, (frame, image))| {
         let stated = frame.lens.or(transforms.lens);
@@ -29,9 +41,37 @@ pub(super) fn lenses(key: &str, transforms: &Transforms, images: &[FoundImage]) 
     Ok(lenses.collect())
 }
 
-/// Size of the first image found where the file lists it.
-fn size_of_first(images: &[FoundImage], key: &str) -> Result<Option<ImageSize>, SceneError> {
-    images.iter().enumerate().find_map(|(at, image)| size_as_listed(image, key, at)).transpose()
+/// Position and size of the first image found where the file lists it.
+fn size_of_first(images: &[FoundImage], key: &str) -> Result<Option<(usize, ImageSize)>, SceneError> {
+    let mut sizes = images.iter().enumerate().filter_map(|(at, image)| Some((at, size_as_listed(image, key, at)?)));
+    sizes.next().map(|(at, size)| Ok((at, size?))).transpose()
+}
+
+/// An error if frames share lengths in pixels, but their images differ in size: nothing says which image the lengths are for.
+///
+/// Headers of all these images are read; one that cannot be read is reported where it is decoded.
+fn require_one_size(
+    key: &str,
+    transforms: &Transforms,
+    images: &[FoundImage],
+    (first, size): (usize, ImageSize),
+    file: &Path,
+) -> Result<(), SceneError> {
+    let shares_pixels = |at: usize| {
+        transforms.frames.get(at).is_some_and(|frame| {
+            let stated = frame.lens.or(transforms.lens);
+            stated.states_no_size() && stated.states_pixels() && !frame.lens.states_pixels()
+        })
+    };
+    let other = images.par_iter().enumerate().filter(|(at, _)| shares_pixels(*at)).find_map_first(|(at, image)| {
+        let found = size_as_listed(image, key, at)?.ok()?;
+        (found != size).then(|| format!("{found} in frame {at} ({})", image.image.place()))
+    });
+    let Some(other) = other else { return Ok(()) };
+    let place = images.get(first).map(|image| image.image.place()).unwrap_or_default();
+    let expected = "the size that lengths in pixels are stated for, because images have several sizes";
+    let found = format!("neither, and images of {size} in frame {first} ({place}) and {other}");
+    Err(SceneError::malformed("transforms.json", file, "w, h", expected, found))
 }
 
 /// Size of the image of the frame at `position`; `None` if it is not where the file lists it.

@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::images::{is_of_images, without_factor};
 use super::lens::LensFields;
 use super::sizes::{lenses, needs_image_sizes};
+use super::unread_fields::report_unread_fields;
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
@@ -133,12 +134,13 @@ impl SceneSource for NerfstudioScenes {
             found.report(key, at, warnings);
         }
         finder.report_choices(key, warnings);
+        report_unread_fields(key, &transforms, warnings);
         let lenses = if needs_image_sizes(&transforms) && self.options.images != ImageFolder::Listed {
             // A scaled copy does not have the size that lengths in pixels refer to.
             let mut finder = ImageFinder::new(root, file, ImageFolder::Listed);
-            lenses(key, &transforms, &find_images(&mut finder, &transforms)?)?
+            lenses(key, &transforms, &find_images(&mut finder, &transforms)?, file)?
         } else {
-            lenses(key, &transforms, &images)?
+            lenses(key, &transforms, &images, file)?
         };
         let applied =
             self.options.undo_applied_transform.then(|| AppliedTransform::of(&transforms, file)).transpose()?;

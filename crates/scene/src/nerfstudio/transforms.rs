@@ -4,6 +4,7 @@ use atsplat_camera::WorldFromCamera;
 use serde_json::{Map, Value};
 
 use super::LensFields;
+use super::unread_fields::unread_fields;
 use crate::SceneError;
 
 const FORMAT: &str = "transforms.json";
@@ -22,6 +23,8 @@ pub struct Transforms {
     pub applied_transform: Option<[f64; 12]>,
     /// Factor that nerfstudio applied to the world's lengths; by default not undone.
     pub applied_scale: Option<f64>,
+    /// Global fields that are not read, although they are about images or intrinsics.
+    pub unread_fields: Vec<&'static str>,
 }
 
 /// One entry of `frames`.
@@ -36,12 +39,14 @@ pub struct ListedFrame {
     pub world_from_camera: WorldFromCamera,
     /// Intrinsics that this frame states itself.
     pub lens: LensFields,
+    /// Fields that are not read, although they are about its image or intrinsics, such as `mask_path`.
+    pub unread_fields: Vec<&'static str>,
 }
 
 /// Parses a `transforms.json`; `path` is for messages only.
 ///
 /// Poses are camera-to-world, 4×4 or 3×4, OpenGL axes (+x right, +y up, +z back; nerfstudio
-/// `docs/quickstart/data_conventions.md`). Unknown fields are ignored.
+/// `docs/quickstart/data_conventions.md`). Other fields are ignored; those about images and intrinsics are listed in the result.
 ///
 /// # Errors
 /// [`SceneError::Malformed`] with line and column for invalid JSON and repeated keys, with the field (`frames[3].fl_x`)
@@ -68,6 +73,7 @@ pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneErr
         frames: frames.map(|(at, frame)| read_frame(frame, at, path)).collect::<Result<_, _>>()?,
         applied_transform: root.value("applied_transform").map(|_| root.matrix("applied_transform")).transpose()?,
         applied_scale: root.number("applied_scale")?,
+        unread_fields: unread_fields(&root),
     })
 }
 
@@ -81,6 +87,7 @@ fn read_frame(frame: &Value, at: usize, path: &Path) -> Result<ListedFrame, Scen
         file_path: file_path.to_owned(),
         world_from_camera: pose.opencv_from_opengl(),
         lens: LensFields::read(&frame)?,
+        unread_fields: unread_fields(&frame),
     })
 }
 

@@ -302,6 +302,44 @@ fn scenes_in_other_formats_are_counted() {
     expect_ignored(&beside, Format::Nerfstudio, "a", &[("1K", "holds 2 folders with a transforms.json")]);
 }
 
+/// COLMAP numbers the parts of a capture, and `0` may have been deleted; other programs name the folder.
+#[test]
+fn models_in_other_folders_than_those_of_captures_are_counted() {
+    let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
+    let model = |folder: &str| [(format!("{folder}/cameras.txt"), cameras), (format!("{folder}/images.txt"), images)];
+    let own = [model("a/sparse/0"), model("b/sparse/1"), model("b/sparse/2"), model("c/model"), model("d/.old")];
+    let own = own.concat();
+    let mut files: Vec<_> = own.iter().map(|(name, bytes)| (name.as_str(), *bytes)).collect();
+    files.extend([("b/images/a.png", &b""[..]), ("c/images/a.png", b""), ("d/sparse/0/points3D.txt", b"")]);
+    let part = "holds points3D.txt without cameras.txt and images.txt";
+    let left = [
+        ("b", "a COLMAP model in sparse/1, which is not read: a capture's model is looked for in the folder itself"),
+        ("c", "a COLMAP model in model, which is not read"),
+        ("d", part),
+    ];
+    expect_ignored(&files, Format::Colmap, "a", &left);
+    files.retain(|(name, _)| !name.starts_with("a/") && !name.starts_with("d/"));
+    files.push(("e/transforms.json", TRANSFORMS.as_bytes()));
+    expect_ignored(&files, Format::Nerfstudio, "e", &left[..2]);
+    files.retain(|(name, _)| name.starts_with("b/"));
+    let message = opened(&files, "").unwrap_err().to_string();
+    assert!(
+        message.contains("but with a COLMAP model in ") && message.contains("b/sparse/1: give that folder ("),
+        "{message}"
+    );
+}
+
+/// As Blender's synthetic scenes are split.
+#[test]
+fn errors_point_at_files_named_like_a_transforms_json() {
+    let json = TRANSFORMS.as_bytes();
+    let files = [("lego/transforms_train.json", json), ("lego/transforms_val.json", json), ("lego/train/a.png", b"")];
+    let message = opened(&files, "lego").unwrap_err().to_string();
+    let expected = "a folder without these, but with transforms_train.json and transforms_val.json: give that file (";
+    assert!(message.contains(expected) && message.ends_with("lego)"), "{message}");
+    expect(&files, "lego/transforms_train.json", Format::Nerfstudio, &["lego"]);
+}
+
 /// Its own model of structure from motion, copies of images and notes.
 #[test]
 fn what_lies_in_a_capture_is_its_own() {

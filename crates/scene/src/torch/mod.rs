@@ -7,6 +7,7 @@ mod chunk;
 mod chunks;
 mod pickle_writer;
 mod record;
+mod rounding;
 mod writer;
 
 use std::path::Path;

@@ -6,6 +6,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::pickle_writer::PickleWriter;
+use super::rounding::require_kept_trajectory;
 use super::{ChunkScene, TorchError};
 use crate::{SceneError, SceneSource, WarningKind, Warnings};
 
@@ -65,7 +66,8 @@ impl ChunkWriter {
     ///
     /// # Errors
     /// [`SceneError::Torch`] if the scene's lengths differ, its key is repeated, an image is neither JPEG, PNG nor WebP,
-    /// or a camera overflows f32: the scene is skipped, and writing may continue. [`SceneError::Io`] if a chunk cannot be
+    /// a camera overflows f32, or f32 moves one by more than a hundredth of the median distance between consecutive frames, as
+    /// in georeferenced coordinates: the scene is skipped, and writing may continue. [`SceneError::Io`] if a chunk cannot be
     /// written.
     pub fn push(&mut self, scene: ChunkScene) -> Result<(), SceneError> {
         self.check(&scene).map_err(SceneError::torch(&self.folder))?;
@@ -126,7 +128,7 @@ impl ChunkWriter {
         #[expect(clippy::cast_possible_truncation, reason = "checks whether it overflows")]
         let is_f32 = |number: &f64| (*number as f32).is_finite();
         match scene.cameras.iter().position(|row| !row.iter().all(is_f32)) {
-            None => Ok(()),
+            None => require_kept_trajectory(scene),
             Some(position) => {
                 let location = format!("scene {:?}, field cameras[{position}]", scene.key);
                 Err(TorchError::malformed(location, "numbers in the range of f32", "larger ones"))

@@ -147,7 +147,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     }
 
     /// As [`Recording::backward_into`], with the sums over pixels of the magnitudes of their gradients with respect to each
-    /// projected mean, along columns and rows: `AbsGS`' densification criterion (Ye et al. 2024). Zero where nothing is
+    /// projected mean, along columns and rows: `AbsGS`' criterion for splits (Ye et al. 2024). Zero where nothing is
     /// drawn.
     ///
     /// # Errors

@@ -36,6 +36,9 @@ impl Effect for ExposureEffect {
         }
         let background = request.options.background.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
         let brightest = scene.brightest(request.degree(scene.gaussians())).maximum_of(background);
+        if !brightest.is_finite() {
+            return Assessment::keep("a colour is not finite or too large to be drawn");
+        }
         let bound = difference.gain() * brightest + offset;
         if bound <= budget {
             let reason = format!("it changes no colour of this scene by more than {bound:.1e}");

@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use super::{Assessment, Effect, EffectPlan, Request, Scene, amplitude};
-use crate::{Gaussians, Harmonics};
+use crate::{Gaussians, Harmonics, LARGEST_CHANNEL};
 
 /// Spherical harmonics above degree 0: view-dependent colour.
 ///
@@ -38,11 +38,18 @@ impl Effect for ViewDependence {
                 "for {few} views, finding the visible bands would take longer than skipping the others saves"
             ));
         }
-        match scene.harmonics(degree, SHARE * budget / gain) {
+        match scene.harmonics(degree, before_exposure(SHARE * budget, gain)) {
             Some(packed) => packed_into(request, packed, gain),
             None => Assessment::keep(format!("bands up to degree {degree} are visible in nearly every Gaussian")),
         }
     }
+}
+
+/// The change of composited colour that exposure makes a change of at most `budget`. Larger ones than any colour has are not
+/// told apart: an exposure to black makes nothing of all of them.
+fn before_exposure(budget: f64, gain: f64) -> f64 {
+    let change = budget / gain;
+    if change < LARGEST_CHANNEL { change } else { LARGEST_CHANNEL }
 }
 
 fn packed_into(request: &Request, packed: Arc<Harmonics>, gain: f64) -> Assessment {

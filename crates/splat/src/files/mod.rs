@@ -81,7 +81,7 @@ pub struct Import {
     /// The file's format.
     pub format: Format,
     /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
-    /// ([`Cleaning::Import`]).
+    /// ([`Cleaning::Import`]). Opacities of 0 and 1, which formats without logits can store, count as infinite logits.
     pub validation: Validation,
     /// Ignored contents of the file: properties, elements, extensions.
     pub unused: Vec<String>,
@@ -90,6 +90,27 @@ pub struct Import {
     /// Whether all opacity values of a PLY file lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
     /// where all others write logits, without marking the file. [`Gaussians::with_linear_opacities`] converts them.
     pub opacities_may_be_no_logits: bool,
+    /// Whether all log-scales of a PLY file lie in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
+    /// are negative, so that these may be scales without their logarithm.
+    pub scales_may_be_no_logarithms: bool,
+    /// Properties of a PLY file that are integers, where 3DGS has floats, by type, as in "opacity is stored as uchar". They
+    /// are read as they are, though they may stand for fractions of a range.
+    pub integers: Vec<String>,
+}
+
+impl Import {
+    /// What may be stored in another way than it was read, in words. Opacities are not among it, because a caller may know
+    /// how they are stored.
+    pub fn doubts(&self) -> Vec<String> {
+        let scales =
+            "every log-scale of the file lies in (0, 1]: they may be scales without their logarithm".to_owned();
+        let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
+        self.scales_may_be_no_logarithms
+            .then_some(scales)
+            .into_iter()
+            .chain(self.integers.iter().map(integer))
+            .collect()
+    }
 }
 
 /// Report of writing a file: how many values a format's ranges changed by more than its usual rounding does, by kind.
@@ -127,6 +148,7 @@ struct Stored {
     parts: GaussianParts,
     format: Format,
     unused: Vec<String>,
+    integers: Vec<String>,
     antialiased: Option<bool>,
 }
 
@@ -145,26 +167,47 @@ pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
 /// [`SplatError::Format`] for an unknown format or a malformed file, including bytes after the last row that a PLY
 /// header declares; [`SplatError::LfsPointer`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatError> {
+    parse_cleaned(bytes, path, Cleaning::Import)
+}
+
+/// As [`parse`], but with [`Cleaning::Reject`] infinite logits of a PLY file are rejected instead of repaired. In the other
+/// formats they are opacities of 0 and 1, with which nothing is wrong.
+pub(crate) fn parse_cleaned(bytes: &[u8], path: &Path, policy: Cleaning) -> Result<(Gaussians, Import), SplatError> {
     if bytes.starts_with(LFS_POINTER) {
         return Err(SplatError::LfsPointer { path: path.to_owned() });
     }
-    let Stored { parts, format, unused, antialiased } =
+    let Stored { parts, format, unused, integers, antialiased } =
         read_stored(bytes, path).map_err(|malformed| malformed.in_file(path))?;
-    let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(Cleaning::Import);
-    let logits = &gaussians.parts().opacity_logits;
+    let is_ply = matches!(format, Format::Ply(_));
+    let policy = if is_ply && policy == Cleaning::Reject { policy } else { Cleaning::Import };
+    let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(policy);
+    let GaussianParts { opacity_logits, log_scales, .. } = gaussians.parts();
+    let is_doubtful = is_ply && !gaussians.is_empty();
     let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
-    let opacities_may_be_no_logits =
-        matches!(format, Format::Ply(_)) && !logits.is_empty() && logits.iter().all(is_opacity);
-    Ok((gaussians, Import { format, validation, unused, antialiased, opacities_may_be_no_logits }))
+    let opacities_may_be_no_logits = is_doubtful && opacity_logits.iter().all(is_opacity);
+    let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
+    let scales_may_be_no_logarithms = is_doubtful && log_scales.as_flattened().iter().all(is_scale);
+    let import = Import {
+        format,
+        validation,
+        unused,
+        antialiased,
+        opacities_may_be_no_logits,
+        scales_may_be_no_logarithms,
+        integers,
+    };
+    Ok((gaussians, import))
 }
 
 fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
-    let has_extension = |expected: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(expected));
+    let is_splat = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("splat"));
+    // Rows may begin with the first bytes of gzip's header, but not with all of it: no coordinate is so small.
+    let is_gzip = if is_splat { spz::is_gzip(bytes) } else { bytes.starts_with(&spz::GZIP_MAGIC) };
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
         ply::read(bytes)
-    } else if bytes.starts_with(&spz::GZIP_MAGIC) || bytes.starts_with(&spz::MAGIC) {
+    } else if is_gzip || bytes.starts_with(&spz::MAGIC) {
         spz::read(bytes)
-    } else if has_extension("splat") {
+    } else if is_splat {
         splat::read(bytes)
     } else {
         let start = bytes.get(..8).unwrap_or(bytes).escape_ascii();

@@ -24,5 +24,5 @@ pub(super) fn read(bytes: &[u8]) -> Result<Stored, Malformed> {
         parts.opacity_logits.push(logit(f64::from(*opacity) / 255.0));
         parts.quaternions.push(quaternion.map(|byte| (f32::from(byte) - 128.0) / 128.0));
     }
-    Ok(Stored { parts, format: Format::Splat, unused: Vec::new(), antialiased: None })
+    Ok(Stored { parts, format: Format::Splat, unused: Vec::new(), integers: Vec::new(), antialiased: None })
 }

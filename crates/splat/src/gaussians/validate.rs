@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
 use super::{GaussianParts, Gaussians, sh_coefficients};
@@ -118,6 +119,17 @@ impl Validation {
 }
 
 impl Gaussians {
+    /// Number of Gaussians whose centre is so far from the origin that f32 moves it by more than an eighth of their largest
+    /// standard deviation. Positions of georeferenced captures are an example.
+    pub fn coarsely_placed(&self) -> usize {
+        let is_coarse = |(mean, log_scales): (&[f32; 3], &[f32; 3])| {
+            let step = mean.iter().fold(0.0, |most: f32, value| most.maximum_of(value.abs().next_up() - value.abs()));
+            let largest = log_scales.iter().copied().fold(f32::NEG_INFINITY, f32::maximum_of).exp();
+            0.5 * step > 0.125 * largest
+        };
+        self.parts().means.iter().zip(&self.parts().log_scales).filter(|of_one| is_coarse(*of_one)).count()
+    }
+
     /// Counts the problems by field and kind.
     pub fn validate(&self) -> Validation {
         let mut validation = Validation { total: self.len(), ..Validation::default() };
@@ -179,4 +191,28 @@ fn quaternion_problem(quaternion: &[f32; 4]) -> Option<Problem> {
 
 pub(super) fn squared_norm(quaternion: &[f32; 4]) -> f64 {
     quaternion.iter().map(|part| f64::from(*part) * f64::from(*part)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn centres_far_from_the_origin_are_coarse_for_small_gaussians_only() {
+        // Between 2²² and 2²³ f32 has steps of a half: centres move by up to a quarter.
+        let placed = |mean: [f32; 3], deviations: [f32; 3]| {
+            let parts = GaussianParts {
+                means: vec![mean, [0.0; 3]],
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+                log_scales: vec![deviations.map(f32::ln); 2],
+                opacity_logits: vec![0.0; 2],
+                sh: vec![[0.0; 3]; 2],
+                ..GaussianParts::default()
+            };
+            Gaussians::new(parts).unwrap().coarsely_placed()
+        };
+        assert_eq!(placed([1.0, -5.4e6, 2.0], [0.1, 1.9, 0.1]), 1);
+        assert_eq!(placed([1.0, -5.4e6, 2.0], [0.1, 0.1, 2.1]), 0);
+        assert_eq!(placed([3.0, 1.0, 2.0], [1e-5, 1e-5, 1e-5]), 0);
+    }
 }

@@ -128,9 +128,9 @@ pub fn adapters() -> Vec<AdapterDescription> {
 /// [`GpuError::NoAdapter`], which lists the adapters.
 pub fn select(choice: &AdapterChoice) -> Result<(usize, AdapterDescription), GpuError> {
     let found = adapters();
-    let choice = resolve(choice);
+    let (requested, choice) = (choice, resolve(choice));
     let at = positions(&choice, &found).first().copied();
-    at.and_then(|at| Some((at, found.get(at)?.clone()))).ok_or_else(|| no_adapter(&choice, &found))
+    at.and_then(|at| Some((at, found.get(at)?.clone()))).ok_or_else(|| no_adapter(requested, &choice, &found))
 }
 
 /// An adapter and the result of its self-test.
@@ -202,29 +202,34 @@ pub(super) struct Candidates {
 
 pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     let found = found();
-    let choice = resolve(choice);
+    let (requested, choice) = (choice, resolve(choice));
     let descriptions: Vec<_> = found.iter().map(|(_, description)| description.clone()).collect();
     let order = positions(&choice, &descriptions);
     let adapters = order.into_iter().filter_map(|at| found.get(at).cloned()).collect();
-    Candidates { adapters, none: no_adapter(&choice, &descriptions) }
+    Candidates { adapters, none: no_adapter(requested, &choice, &descriptions) }
 }
 
-/// The error of a choice that matches none of these adapters.
-fn no_adapter(choice: &AdapterChoice, found: &[AdapterDescription]) -> GpuError {
-    let expected = match choice {
+/// The error of a choice that matches none of these adapters; the environment variable may have resolved it from the one requested.
+fn no_adapter(requested: &AdapterChoice, choice: &AdapterChoice, found: &[AdapterDescription]) -> GpuError {
+    let mut expected = match choice {
         AdapterChoice::Automatic => "any".to_owned(),
         AdapterChoice::Index(index) => format!("number {index}"),
         AdapterChoice::Name(name) => format!("one named '{name}'"),
     };
+    if requested != choice {
+        expected.push_str(", by the environment variable ");
+        expected.push_str(ADAPTER_VARIABLE);
+    }
     let names: Vec<String> = found.iter().enumerate().map(|(at, adapter)| format!("{at} {adapter}")).collect();
     GpuError::NoAdapter { expected, found: if names.is_empty() { "none".to_owned() } else { names.join(", ") } }
 }
 
 /// The choice, with [`AdapterChoice::Automatic`] replaced by the environment variable if set.
 pub(super) fn resolve(choice: &AdapterChoice) -> AdapterChoice {
-    match (choice, std::env::var(ADAPTER_VARIABLE)) {
-        (AdapterChoice::Automatic, Ok(value)) if !value.is_empty() => {
-            value.parse().map_or_else(|_| AdapterChoice::Name(value.clone()), AdapterChoice::Index)
+    match (choice, std::env::var_os(ADAPTER_VARIABLE)) {
+        (AdapterChoice::Automatic, Some(value)) if !value.is_empty() => {
+            let value = value.to_string_lossy();
+            value.parse().map_or_else(|_| AdapterChoice::Name(value.clone().into_owned()), AdapterChoice::Index)
         }
         _ => choice.clone(),
     }
@@ -285,6 +290,17 @@ mod tests {
         assert_eq!(positions(&AdapterChoice::Automatic, &[]), [0; 0]);
         // The same GPU through another backend, then the next best.
         assert_eq!(positions(&AdapterChoice::Automatic, &found), [2, 1, 3, 0]);
+    }
+
+    #[test]
+    fn an_error_about_the_environment_variable_names_it() {
+        let choice = AdapterChoice::Name("apple".to_owned());
+        let expected = |requested| no_adapter(requested, &choice, &[]).to_string();
+        assert!(
+            expected(&AdapterChoice::Automatic)
+                .contains("one named 'apple', by the environment variable ATSPLAT_ADAPTER")
+        );
+        assert!(!expected(&choice).contains(ADAPTER_VARIABLE));
     }
 
     #[test]

@@ -27,6 +27,21 @@ fn each_gaussian_keeps_the_bands_that_it_needs() {
     assert!(colour <= EffectPlan::TOLERANCE);
 }
 
+/// It keeps every band, so that nothing changes: neither does the bound.
+#[test]
+fn a_culled_gaussian_adds_nothing_to_the_bound() {
+    for degree in 1..=4 {
+        let mut parts = scene(3, 1e-5, -1.0, None).with_sh_degree(degree).into_parts();
+        parts.sh[sh_coefficients(degree) + 1][2] = f32::NEG_INFINITY;
+        let gaussians = Gaussians::new(parts).unwrap();
+        for tolerance in [1e-3, f64::MAX, f64::INFINITY] {
+            let packed = Harmonics::pack(&gaussians, 4, tolerance).unwrap();
+            assert_eq!((packed.kept()[0], packed.kept()[usize::from(degree)]), (2, 1), "{degree}, {tolerance}");
+            assert!(packed.bound() > 0.0 && packed.bound() < 1e-3, "{degree}: {}", packed.bound());
+        }
+    }
+}
+
 /// Along the axis of its only harmonic, a Gaussian's colour changes by exactly the bound: half of it would not do.
 #[test]
 fn the_bound_is_reached() {

@@ -351,6 +351,41 @@ fn a_coefficient_that_culls_is_kept() {
     }
 }
 
+/// Where exposure makes every colour black, or the tolerance is beyond all colours, every band of the others can go.
+#[test]
+fn no_tolerance_draws_a_culled_gaussian() {
+    let here = view(Distortion::None);
+    let black = Exposure { matrix: [[0.0; 3]; 3], offset: [0.25, 0.5, 0.75] };
+    for (exposure, tolerance) in [
+        (Some(black), EffectPlan::TOLERANCE),
+        (Some(black), 0.0),
+        (Some(Exposure::uniform(0.01)), 1e308),
+        (Some(Exposure::uniform(1e-310)), EffectPlan::TOLERANCE),
+        (None, EffectPlan::TOLERANCE),
+    ] {
+        for value in [f32::INFINITY, f32::NAN, 1e20, -1e20] {
+            let mut parts = scene(5, 0.3, -1.0, Some(0.5)).into_parts();
+            parts.sh[16 + 9][1] = value;
+            let gaussians = Gaussians::new(parts).unwrap();
+            let options = RenderOptions { exposure, background: [0.2, 0.0, 0.1], ..everything() };
+            let what = format!("{exposure:?}, {tolerance}, {value}");
+            let [auto, all] = ["auto", "all"].map(|selection| {
+                let plan = plan_within(tolerance, &gaussians, &here, &options, selection);
+                for decision in plan.decisions() {
+                    assert!(decision.bound.is_none_or(|bound| bound <= tolerance), "{what}: {decision:?}");
+                }
+                plan.render(&mut ReferenceRenderer, &gaussians).unwrap()
+            });
+            assert_eq!((all.counts.drawn, all.counts.invalid), (4, 1), "{what}");
+            assert_eq!(Rendering { rgb: all.rgb.clone(), ..auto }, all, "{what}");
+        }
+    }
+    let gaussians = scene(5, 0.3, -1.0, None);
+    let options = RenderOptions { exposure: Some(black), ..RenderOptions::default() };
+    let plan = plan_within(0.0, &gaussians, &here, &options, "auto");
+    assert_eq!((plan.reduced().options.max_sh_degree, decision(&plan, "view-dependence").bound), (0, Some(0.0)));
+}
+
 #[test]
 fn explicit_selections_are_followed() {
     let gaussians = scene(5, 0.3, -1.0, Some(1.0));

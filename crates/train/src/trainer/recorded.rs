@@ -34,8 +34,8 @@ pub(super) struct Recorded<'a> {
 }
 
 impl Recorded<'_> {
-    /// Draws the samples of the latest steps again. Returns a notice if the log holds no hashes of them, or if samples differ after a
-    /// change of processor.
+    /// Draws the samples of the latest steps again. Returns a notice if the log is gone or holds no hashes of them, or if samples
+    /// differ after a change of processor.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if samples differ or can no longer be drawn; errors of reading the log.
@@ -48,7 +48,7 @@ impl Recorded<'_> {
         let known = logged.iter().rev().filter_map(|record| Some((record.step, record.samples_sha256?)));
         let latest: Vec<(u64, Sha256Digest)> = known.take((SAMPLES / config.batch.get()).max(1)).collect();
         if latest.is_empty() {
-            return Ok((self.done > 0).then(|| unchecked(STEPS, Purpose::Training)));
+            return Ok((self.done > 0).then(|| self.unchecked(STEPS, Purpose::Training, logged.len())));
         }
         for (step, recorded) in latest {
             let sample = |number| source.sample(SampleId { seed: config.seed, number, step });
@@ -70,9 +70,13 @@ impl Recorded<'_> {
     /// [`TrainError::Malformed`] if they differ; errors of reading the log.
     pub(super) fn check_evaluation(&self, evaluation: Option<&Evaluation>) -> Result<Option<String>, TrainError> {
         let Some(evaluation) = evaluation else { return Ok(None) };
-        let Some(last) = self.logged::<EvaluationRecord>(EVALUATIONS)?.pop() else { return Ok(None) };
+        let mut logged = self.logged::<EvaluationRecord>(EVALUATIONS)?;
+        let count = logged.len();
+        let Some(last) = logged.pop() else {
+            return Ok((self.done > 0).then(|| self.unchecked(EVALUATIONS, Purpose::Evaluation, count)));
+        };
         match last.samples_sha256 {
-            None => Ok(Some(unchecked(EVALUATIONS, Purpose::Evaluation))),
+            None => Ok(Some(self.unchecked(EVALUATIONS, Purpose::Evaluation, count))),
             Some(recorded) if recorded == evaluation.digest() => Ok(None),
             Some(_) => {
                 let which = format!("samples after step {}", last.step);
@@ -103,12 +107,18 @@ impl Recorded<'_> {
             format!("{found}: images, cameras or lengths of clips have changed, or this version makes other samples");
         Err(TrainError::malformed(data, which, expected, found))
     }
-}
 
-/// That a log does not tell.
-fn unchecked(log: &str, purpose: Purpose) -> String {
-    let data = purpose.data();
-    format!(
-        "{log}: no hashes of samples, which earlier versions did not write: whether the {data} have changed was not checked"
-    )
+    /// That a log does not tell, although it has so many records of the run, and why.
+    fn unchecked(&self, log: &str, purpose: Purpose, records: usize) -> String {
+        let why = match (records, purpose) {
+            (0, _) if !self.folder.join(log).exists() => "the file is gone",
+            (0, _) => "no records of the run so far",
+            (_, Purpose::Training) => {
+                "no hashes of samples (a log of an earlier version, or all samples so far could not be used)"
+            }
+            (_, Purpose::Evaluation) => "no hashes of samples, which earlier versions did not write",
+        };
+        let data = purpose.data();
+        format!("{log}: {why}: whether the {data} have changed was not checked")
+    }
 }

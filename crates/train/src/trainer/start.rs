@@ -7,6 +7,7 @@ use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
 use atsplat_splat::cpu;
 
+use super::given::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
@@ -85,7 +86,7 @@ pub(super) fn state(
     (folder, checkpoints): (&Path, &Checkpoints),
     adapter: Option<String>,
 ) -> Result<Opened, TrainError> {
-    let (parameters, initial_weights) = initial(config, model, start)?;
+    let Initial { parameters, weights: initial_weights, differences } = initial(config, model, start)?;
     let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
     let weights = start.file().map(|file| file.path.display().to_string());
@@ -121,7 +122,7 @@ pub(super) fn state(
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
-            Ok(Opened { state, notices: notices.into_iter().collect(), has_moved: false })
+            Ok(Opened { state, notices: notices.into_iter().chain(differences).collect(), has_moved: false })
         }
     }
 }
@@ -169,21 +170,31 @@ fn require_no_lost_checkpoint(folder: &Path, config: &TrainConfig) -> Result<(),
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, found))
 }
 
-/// Parameters before the first step, and where they come from if they are given. Those of a run that resumes are without frozen
-/// ones, which its checkpoint may hold.
-fn initial(
-    config: &TrainConfig,
-    model: &ModelConfig,
-    start: &Start,
-) -> Result<(Parameters, Option<InitialWeights>), TrainError> {
+/// Parameters before the first step.
+struct Initial {
+    /// Those of a run that resumes are without frozen ones, which its checkpoint may hold.
+    parameters: Parameters,
+    /// Where they come from, if they are given.
+    weights: Option<InitialWeights>,
+    /// In what given ones differ from the run.
+    differences: Vec<String>,
+}
+
+fn initial(config: &TrainConfig, model: &ModelConfig, start: &Start) -> Result<Initial, TrainError> {
     let file = match start {
-        Start::Resume => return Ok((Parameters::fresh(model, config.seed, StoredTensors::default()), None)),
-        Start::Fresh => return Ok((Parameters::fresh(model, config.seed, frozen(config, model)?), None)),
         Start::Weights(file) => file,
+        Start::Fresh | Start::Resume => {
+            let frozen = if start.is_resumed() { StoredTensors::default() } else { frozen(config, model)? };
+            let parameters = Parameters::fresh(model, config.seed, frozen);
+            if let (Start::Fresh, Some(backbone)) = (start, &config.model.backbone) {
+                require_f16(&parameters, backbone)?;
+            }
+            return Ok(Initial { parameters, weights: None, differences: Vec::new() });
+        }
     };
     let weights = ModelWeights::of_file(file)?;
     #[expect(clippy::expect_used, reason = "weights that were read from a file have its hash")]
-    let sha256 = weights.sha256.expect("the hash of the file");
+    let sha256 = weights.sha256.clone().expect("the hash of the file");
     let data = weights.provenance.get("data").cloned();
     let parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed);
     let mut parameters = parameters.map_err(|error| error.in_file(&file.path))?;
@@ -192,7 +203,11 @@ fn initial(
         require_same(parameters.frozen(), &exact, (&file.path, backbone))?;
         parameters = parameters.with_frozen(exact);
     }
-    Ok((parameters, Some(InitialWeights { sha256, data })))
+    require_f16(&parameters, &file.path)?;
+    let differences = differences(config, model, &weights)?;
+    let recorded = (!differences.is_empty()).then(|| differences.join("; "));
+    let weights = Some(InitialWeights { sha256, data, differences: recorded });
+    Ok(Initial { parameters, weights, differences })
 }
 
 /// The weights of a frozen backbone, from the file that the configuration names.
@@ -213,7 +228,6 @@ fn require_same(
     exact: &StoredTensors,
     (weights, backbone): (&Path, &Path),
 ) -> Result<(), TrainError> {
-    const NAMED: usize = 4;
     let mut others = Vec::new();
     for (name, own) in &given.tensors {
         let is_same = exact.tensors.get(name).is_some_and(|exact| is_rounding_of(own, exact));
@@ -224,13 +238,8 @@ fn require_same(
     if others.is_empty() {
         return Ok(());
     }
-    let more = match others.len().saturating_sub(NAMED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    others.truncate(NAMED);
     let expected = format!("the frozen weights in {}, up to rounding", weights.display());
-    let found = format!("others in {}: {}{more}", backbone.display(), others.join(", "));
+    let found = format!("others in {}: {}", backbone.display(), first_names(&others));
     Err(TrainError::malformed(WHAT, "model.backbone", expected, found))
 }
 

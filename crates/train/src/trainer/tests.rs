@@ -148,6 +148,10 @@ fn a_run_resumes_on_no_other_images_or_clips() {
         std::fs::write(run.join(name), text).unwrap();
     }
     noticed(["steps.jsonl: no hashes of samples", "evaluations.jsonl: no hashes of samples"]);
+    for name in [STEPS, EVALUATIONS] {
+        std::fs::remove_file(run.join(name)).unwrap();
+    }
+    noticed(["steps.jsonl: the file is gone: whether", "evaluations.jsonl: the file is gone: whether"]);
 }
 
 /// Draws of a scene without readable images are replaced: as many in a run that is resumed as in one that is not.

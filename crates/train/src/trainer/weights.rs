@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use atsplat_model::weights::{ModelWeights, Precision};
 
+use super::given::POSE_NORMALISATION;
 use super::{Trainer, WEIGHTS};
 use crate::TrainError;
 use crate::checkpoint::InitialWeights;
@@ -42,7 +43,7 @@ impl Trainer {
             ("replaced-draws", self.state.replaced.to_string()),
             ("batch", self.config.batch.to_string()),
             ("perceptual-loss", self.objective.perceptual()),
-            ("pose-normalisation", self.config.pose_normalisation.name()),
+            (POSE_NORMALISATION, self.config.pose_normalisation.name()),
             ("training-configuration", self.config.to_toml()?),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ];
@@ -60,18 +61,25 @@ impl Trainer {
             }
         };
         provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
-        if let Some(InitialWeights { sha256, .. }) = &self.state.initial_weights {
+        if let Some(InitialWeights { sha256, differences, .. }) = &self.state.initial_weights {
             provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
+            let differences = differences.iter().map(|text| ("initial-weights-differences".to_owned(), text.clone()));
+            provenance.extend(differences);
         }
         Ok(provenance)
     }
 }
 
 /// The first parameter with a finite value that f16 does not hold, and the value.
-fn beyond_f16(parameters: &Parameters) -> Option<(String, f32)> {
+pub(super) fn beyond_f16(parameters: &Parameters) -> Option<(String, f32)> {
     let mut all = parameters.list().iter().zip(parameters.values());
     all.find_map(|(parameter, values)| {
-        let value = values.iter().find(|value| value.is_finite() && value.abs() >= BEYOND_F16)?;
-        Some((parameter.name.clone(), *value))
+        let value = value_beyond_f16(values)?;
+        Some((parameter.name.clone(), value))
     })
+}
+
+/// The first finite value that f16 does not hold.
+pub(super) fn value_beyond_f16(values: &[f32]) -> Option<f32> {
+    values.iter().copied().find(|value| value.is_finite() && value.abs() >= BEYOND_F16)
 }

@@ -178,3 +178,23 @@ fn a_backbone_next_to_given_weights_is_used_and_has_to_be_theirs() {
     let error = opened(&config, "refused", &given).unwrap_err().to_string();
     assert!(error.ends_with(&format!("others in {}: {name}", other.display())), "{error}");
 }
+
+/// Weights files hold the frozen tensors too.
+#[test]
+fn a_backbone_beyond_f16_is_refused() {
+    let folder = tempdir().unwrap();
+    let (path, run) = (folder.path().join("backbone.safetensors"), folder.path().join("run"));
+    let mut config = with_dino();
+    let mut frozen = backbone(&generated(&parameters(&config.model.config().unwrap()), 1));
+    let (name, tensor) = frozen.tensors.first().map(|(name, tensor)| (name.clone(), tensor.clone())).unwrap();
+    let mut values = tensor.to_f32().unwrap();
+    values[0] = 7e4;
+    frozen.tensors.insert(name.clone(), StoredTensor::from_f32(tensor.shape().to_vec(), &values).unwrap());
+    frozen.write(&path).unwrap();
+    config.model.backbone = Some(path.clone());
+    let refused = Trainer::with_samples(config, Box::new(Noise::CLEAN), &run, &Start::Fresh);
+    let error = refused.unwrap_err().to_string();
+    let start = format!("initial weights: {}, field {name}: expected values up to 65504", path.display());
+    assert!(error.starts_with(&start) && error.ends_with("found 70000"), "{error}");
+    assert!(!run.exists());
+}

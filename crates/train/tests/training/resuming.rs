@@ -104,3 +104,24 @@ fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
     }
     assert_eq!(files(), before);
 }
+
+/// A log of an earlier version is another case: it has records, without hashes.
+#[test]
+fn a_log_that_is_gone_is_called_so() {
+    let folder = tempdir().unwrap();
+    run(folder.path(), &Start::Fresh, 4);
+    let log = folder.path().join("steps.jsonl");
+    let whole = std::fs::read(&log).unwrap();
+    let unchecked = "whether the training data have changed was not checked";
+    for (content, why) in [(None, "the file is gone"), (Some(""), "no records of the run so far")] {
+        match content {
+            None => std::fs::remove_file(&log).unwrap(),
+            Some(text) => std::fs::write(&log, text).unwrap(),
+        }
+        let notices = run(folder.path(), &Start::Resume, 4);
+        assert_eq!(notices[0], format!("steps.jsonl: {why}: {unchecked}"));
+        assert_eq!(notices[1], "steps.jsonl: expected the 4 steps so far, found 0");
+    }
+    std::fs::write(&log, whole).unwrap();
+    assert_eq!(run(folder.path(), &Start::Resume, 4), [""; 0]);
+}

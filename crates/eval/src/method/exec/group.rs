@@ -1,14 +1,15 @@
 //! The group of a method's process and all its children.
 
 use std::fs;
+use std::io::Write as _;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 
 use crate::timing::{processor_secs_of_stat, status_bytes};
 
 /// The command in a group of its own. On Linux with util-linux's `setpriv` the kernel kills the process when the calling
-/// thread ends, however it ends; elsewhere the process sees its standard input end.
+/// thread ends, however it ends; elsewhere the process sees its standard input end. For those that it starts, see [`Guard`].
 pub(super) fn ending_with_this_thread(command: Command) -> Command {
     let mut command = if has_setpriv() { with_setpriv(&command) } else { command };
     #[cfg(unix)]
@@ -42,6 +43,33 @@ pub(super) fn kill(group: u32) {
         let mut shell = Command::new("sh");
         shell.args(["-c", "kill -s KILL -- \"-$0\"", &group.to_string()]);
         shell.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status().ok();
+    }
+}
+
+/// Kills all processes of a group when this process ends, however it ends: a shell waits for the end of a pipe that no other
+/// process holds open. A process that left its group is not found. When this is dropped, nothing is killed.
+#[derive(Debug)]
+pub(super) struct Guard(Child);
+
+impl Guard {
+    /// `None` where there are no groups or no shell.
+    pub(super) fn of(group: u32) -> Option<Self> {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "read -r line || kill -s KILL -- \"-$0\"", &group.to_string()]);
+        // In a group of its own, out of reach of the terminal's signals.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut shell, 0);
+        let shell = shell.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        if cfg!(unix) { shell.spawn().ok().map(Self) } else { None }
+    }
+}
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        if let Some(mut line) = self.0.stdin.take() {
+            line.write_all(b"\n").ok();
+        }
+        self.0.wait().ok();
     }
 }
 
@@ -83,5 +111,53 @@ mod tests {
     fn reads_the_group_behind_any_name() {
         assert_eq!(group_of("42 (a) 7 (b) S 1 9 8 0 -1"), Some(9));
         assert_eq!(group_of("42 sh S 1 9"), None);
+    }
+
+    /// A process that waits for one that it started.
+    #[cfg(target_os = "linux")]
+    fn with_child() -> Child {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "sleep 77; true"]).stdin(Stdio::null());
+        std::os::unix::process::CommandExt::process_group(&mut shell, 0);
+        let shell = shell.spawn().unwrap();
+        assert!(eventually(|| living(shell.id()) == 2), "it starts another one");
+        shell
+    }
+
+    #[cfg(target_os = "linux")]
+    fn living(group: u32) -> usize {
+        let is_zombie =
+            |stat: &str| stat.rsplit_once(')').is_some_and(|(_, fields)| fields.trim_start().starts_with('Z'));
+        members(group).iter().filter(|(_, stat)| !is_zombie(stat)).count()
+    }
+
+    #[cfg(target_os = "linux")]
+    fn eventually(condition: impl Fn() -> bool) -> bool {
+        let wait = || std::thread::sleep(std::time::Duration::from_millis(20));
+        (0..500).any(|_| {
+            wait();
+            condition()
+        })
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_guard_kills_the_whole_group_when_the_pipe_ends() {
+        let mut shell = with_child();
+        let mut guard = Guard::of(shell.id()).unwrap();
+        drop(guard.0.stdin.take());
+        assert!(eventually(|| living(shell.id()) == 0), "one of them lives on");
+        shell.wait().unwrap();
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_guard_that_is_dropped_kills_nothing() {
+        let mut shell = with_child();
+        drop(Guard::of(shell.id()).unwrap());
+        assert_eq!(living(shell.id()), 2);
+        kill(shell.id());
+        shell.wait().unwrap();
+        assert!(eventually(|| living(shell.id()) == 0));
     }
 }

@@ -29,8 +29,8 @@ use wire::{Answer, Hello, OutputKind, Request, VERSION, check_seconds};
 /// Gaussians (`docs/methods.md`).
 ///
 /// If a process crashes, hangs or writes anything but an answer, the trial that it was given fails; the process is
-/// killed, and another one is started for the next trial. All processes end when this value is dropped, and on Linux
-/// when this process ends.
+/// killed, and another one is started for the next trial. All processes end when this value is dropped, and on Unix when this
+/// process ends.
 #[derive(Debug)]
 pub struct Exec {
     words: Vec<String>,

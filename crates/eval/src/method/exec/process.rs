@@ -216,6 +216,7 @@ fn spawn_and_write(
         stdin = child.stdin.take();
         child
     });
+    let _guard = child.as_ref().ok().and_then(|child| group::Guard::of(child.id()));
     if started.send(child).is_err() {
         return;
     }

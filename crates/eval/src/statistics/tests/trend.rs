@@ -48,6 +48,36 @@ fn slopes_over_overlap_and_distance_are_least_squares() {
     assert_eq!(along_overlap(&store, &query("m")), None, "no overlaps");
 }
 
+/// Nine scenes, of which only some have two distances: the others must neither narrow the interval nor be counted.
+#[test]
+fn scenes_without_two_distances_are_no_evidence_for_a_slope() {
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    let with_two_distances = |informative: usize| {
+        let scores = |at: u8| vec![30.0 + f64::from(at), 25.0 - f64::from(at * at % 5)];
+        let scenes: Vec<_> = names.iter().zip(0u8..).map(|(name, at)| (*name, 0, scores(at))).collect();
+        let mut store = psnr(&scenes);
+        for (row, at) in store.targets.iter_mut().zip(0..) {
+            row.signed_distance = if at / 2 < informative { [-2, 5][at % 2] } else { 5 };
+        }
+        along_distance(&store, &query("m"))
+    };
+    let alone = |informative: usize| {
+        let names = &names[..informative];
+        let scores = |at: u8| vec![30.0 + f64::from(at), 25.0 - f64::from(at * at % 5)];
+        let mut store = psnr(&names.iter().zip(0u8..).map(|(name, at)| (*name, 0, scores(at))).collect::<Vec<_>>());
+        for (row, distance) in store.targets.iter_mut().zip([-2, 5].into_iter().cycle()) {
+            row.signed_distance = distance;
+        }
+        along_distance(&store, &query("m"))
+    };
+    for informative in [1, 5, 7] {
+        let found = with_two_distances(informative).unwrap();
+        assert_eq!((found.scenes, found.interval.is_some()), (informative as u64, informative >= 6), "{found:?}");
+        assert_eq!(Some(found), alone(informative), "as without the other scenes");
+    }
+    assert_eq!(with_two_distances(0), None);
+}
+
 /// Two methods that share up to 18 dB of noise: it cancels in their lead, whose slopes are exact.
 #[test]
 fn slopes_of_a_lead_are_paired_by_target() {

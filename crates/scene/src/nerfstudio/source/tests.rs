@@ -87,14 +87,14 @@ fn folders_of_numbered_cameras_belong_to_the_scene() {
     assert_eq!(names, ["transforms.json", "cam_1", "cam_2", "images", "train"]);
 }
 
-/// The camera of the second frame, and its image, are half as large; the third frame's image is a scaled copy.
+/// The camera of the second frame, and its image, are half as large.
 #[test]
 fn without_sizes_a_frames_own_lengths_are_in_pixels_of_its_own_image() {
     let [large, small] = [[160, 96], [80, 48]];
     let frames = [
         ("images/a.png", json!({}), Some(large), large),
         ("images/b.png", json!({ "fl_x": 60 }), Some(small), small),
-        ("images/c.png", json!({}), Some(small), large),
+        ("images/c.png", json!({}), Some(large), large),
         ("images/d.png", json!({ "fl_x": 120 }), None, large),
         ("images/e.png", json!({ "fl_x": 60, "cx": 40, "cy": 20 }), Some(small), small),
     ];
@@ -110,6 +110,39 @@ fn without_sizes_a_frames_own_lengths_are_in_pixels_of_its_own_image() {
         let k = frame.camera.intrinsics;
         Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.75, 1.25, 0.5, 40.0 / 96.0], path);
         assert_eq!(frame.stated_size, Some(ImageSize { width, height }), "{path}");
+    }
+}
+
+/// Of a scaled copy, or of another camera: nothing says which. Angles are the same for both, and an own `fl_x` is the image's.
+#[test]
+fn images_of_several_sizes_need_stated_ones_for_shared_lengths_in_pixels() {
+    let sizes = [None, Some([160, 96]), Some([160, 96]), Some([80, 48]), Some([40, 24])];
+    let outcome = |global: Value, own: Value| {
+        let frames = ["a", "b", "c", "d", "e"].map(|name| format!("images/{name}.png"));
+        let listed: Vec<(&str, Value)> = frames.iter().map(|path| (path.as_str(), own.clone())).collect();
+        let folder = capture(global, &listed);
+        for (path, size) in frames.iter().zip(sizes) {
+            if let Some(size) = size {
+                write_image(&folder, path, size);
+            }
+        }
+        load(&folder, ImageFolder::Listed).map(|_| ()).map_err(|error| error.to_string())
+    };
+    for global in [json!({ "fl_x": 120 }), json!({ "camera_angle_x": 1.0, "cx": 80, "cy": 48 })] {
+        let error = outcome(global, json!({})).unwrap_err();
+        assert!(error.contains("w, h: expected the size") && error.contains("transforms.json"), "{error}");
+        assert!(
+            error.contains("images of 160×96 in frame 1 (") && error.contains(" and 80×48 in frame 3 ("),
+            "{error}"
+        );
+        assert!(error.contains("b.png) and") && error.contains("d.png"), "{error}");
+    }
+    for (global, own) in [
+        (json!({ "camera_angle_x": 1.0 }), json!({})),
+        (json!({ "fl_x": 120, "w": 160, "h": 96 }), json!({})),
+        (json!({ "fl_x": 120 }), json!({ "fl_x": 100 })),
+    ] {
+        assert_eq!(outcome(global.clone(), own), Ok(()), "{global}");
     }
 }
 
@@ -139,6 +172,50 @@ fn a_frame_of_another_model_does_not_inherit_coefficients() {
         let inherited = [open_cv(0.1, 0.05), open_cv(0.1, 0.05), open_cv(0.2, 0.0), fisheye(0.0, 0.0)];
         assert_eq!(lenses(perspective, own()), inherited);
     }
+}
+
+/// A fisheye's angle belongs to no one definition of the focal length.
+#[test]
+fn a_fisheye_needs_a_focal_length_in_pixels() {
+    let fisheye = |own: Value| {
+        let mut global = json!({ "w": 16, "h": 12, "camera_model": "OPENCV_FISHEYE", "fl_x": 9.0, "fl_y": 8.0 });
+        global["camera_angle_x"] = json!(2.6);
+        let folder = capture(global, &[("a.png", json!({})), ("a.png", own)]);
+        load(&folder, ImageFolder::Listed).map(|(scene, _)| scene.frames[1].camera.intrinsics.fx)
+    };
+    Tolerance::F64.assert([fisheye(json!({})).unwrap()], [9.0 / 16.0], "the angle beside it is not used");
+    for (own, field) in [
+        (json!({ "camera_angle_x": 2.6 }), "frames[1]: fl_x: expected a focal length in pixels"),
+        (json!({ "y_fov": 90.0 }), "frames[1]: fl_y: expected a focal length in pixels"),
+        (json!({ "fl_x": 9.0, "camera_angle_y": 1.5 }), "frames[1]: fl_y: expected a focal length in pixels"),
+    ] {
+        let error = fisheye(own).unwrap_err().to_string();
+        assert!(error.contains(field) && error.contains("found only a field of view"), "{error}");
+    }
+    let perspective = json!({ "camera_model": "OPENCV", "camera_angle_x": FRAC_PI_2 });
+    Tolerance::F64.assert([fisheye(perspective).unwrap()], [0.5], "tan 45°");
+}
+
+/// The error that names a TIFF's format is worth more than a missing file; beside a JPEG, it is as a PNG is.
+#[test]
+fn images_in_formats_that_are_not_decoded_are_found() {
+    let frames =
+        ["images/a.tif", "images/b.HEIC", "images/c.tif", "images/d.jpg", "images/e"].map(|path| (path, json!({})));
+    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16 }), &frames);
+    for name in ["a.jpg", "c.jpg"] {
+        write_image(&folder, &format!("images/{name}"), [16, 12]);
+    }
+    for name in ["a.tif", "b.HEIC", "d.tif", "e.bmp"] {
+        fs::write(folder.path().join("images").join(name), b"II*\0\x08\0\0\0").unwrap();
+    }
+    let (scene, warnings) = load(&folder, ImageFolder::Listed).unwrap();
+    let expected = ["images/a.tif", "images/b.HEIC", "images/c.jpg", "no images/d.jpg", "images/e.bmp"];
+    assert_eq!(paths(&folder, &scene), expected);
+    let counts = [(WarningKind::MissingImage, 1), (WarningKind::ImageElsewhere, 1)];
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), counts);
+    assert_eq!((scene.frames[0].name.as_str(), scene.frames[1].name.as_str()), ("a", "b"));
+    let error = scene.frames[0].size("s", 0).unwrap_err().to_string();
+    assert!(error.contains("frame 0 of scene \"s\"") && error.contains("a.tif"), "{error}");
 }
 
 /// As Blender and instant-ngp list images; a path with its extension is clear.

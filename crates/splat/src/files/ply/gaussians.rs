@@ -1,7 +1,7 @@
 //! The properties of 3DGS (graphdeco-inria/gaussian-splatting `scene/gaussian_model.py`), Mip-Splatting's
 //! `filter_3D` (autonomousvision/mip-splatting, same file) and ATSplat's `uncertainty`.
 
-use super::header::{Element, Header};
+use super::header::{Element, Header, Kind, Scalar};
 use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 
@@ -33,7 +33,8 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     let others = header.elements.iter().filter(|element| element.name != "vertex");
     let unused = columns.unused.iter().map(|name| format!("property {name}"));
     let unused = unused.chain(others.map(|element| format!("element {}", element.name))).collect();
-    Ok(Stored { parts, format: Format::Ply(header.encoding), unused, antialiased: None })
+    let format = Format::Ply(header.encoding);
+    Ok(Stored { parts, format, unused, integers: columns.integers, antialiased: None })
 }
 
 /// Columns to read from a row: the required ones, then `f_rest`, then the optional ones.
@@ -43,6 +44,8 @@ struct Columns {
     has_filter: bool,
     has_scalar: bool,
     unused: Vec<String>,
+    /// See [`crate::files::Import::integers`].
+    integers: Vec<String>,
 }
 
 impl Columns {
@@ -62,7 +65,8 @@ impl Columns {
         let is_unused = |at: usize, name: &str| !requested.contains(&at) && !NORMALS.contains(&name);
         let names = vertex.properties.iter().enumerate().filter(|(at, property)| is_unused(*at, property.name));
         let unused = names.map(|(_, property)| property.name.to_owned()).collect();
-        Ok(Self { requested, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
+        let integers = integers(vertex, &requested);
+        Ok(Self { requested, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused, integers })
     }
 
     /// Empty arrays with capacity for `count` Gaussians.
@@ -98,6 +102,25 @@ impl Columns {
             column.extend(optional.next());
         }
     }
+}
+
+/// The properties of each integer type.
+fn integers(vertex: &Element<'_>, requested: &[usize]) -> Vec<String> {
+    const NAMED: usize = 3;
+    let of_type = |scalar: Scalar| {
+        let read = requested.iter().filter_map(|at| vertex.properties.get(*at));
+        let names = read.filter(|property| property.kind == Kind::Scalar(scalar)).map(|property| property.name);
+        let names: Vec<&str> = names.collect();
+        let (first, others) = names.split_at_checked(NAMED).unwrap_or((&names, &[]));
+        let (first, scalar) = (first.join(", "), scalar.name());
+        match (names.len(), others.len()) {
+            (0, _) => None,
+            (1, _) => Some(format!("{first} is stored as {scalar}")),
+            (_, 0) => Some(format!("{first} are stored as {scalar}")),
+            (_, more) => Some(format!("{first} and {more} more are stored as {scalar}")),
+        }
+    };
+    Scalar::INTEGERS.into_iter().filter_map(of_type).collect()
 }
 
 /// The SH degree with this many coefficients above degree 0, over all channels.

@@ -51,6 +51,9 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
+    /// Those without fractions.
+    pub(super) const INTEGERS: [Self; 6] = [Self::I8, Self::U8, Self::I16, Self::U16, Self::I32, Self::U32];
+
     fn from_name(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
@@ -63,6 +66,20 @@ impl Scalar {
             "double" | "float64" => Self::F64,
             _ => return None,
         })
+    }
+
+    /// Its name in a header.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "char",
+            Self::U8 => "uchar",
+            Self::I16 => "short",
+            Self::U16 => "ushort",
+            Self::I32 => "int",
+            Self::U32 => "uint",
+            Self::F32 => "float",
+            Self::F64 => "double",
+        }
     }
 
     /// Size in bytes in a binary file.

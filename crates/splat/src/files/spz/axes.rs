@@ -17,9 +17,10 @@ impl Axes {
     /// Right, up, back: the default.
     pub(super) const RUB: Self = Self { signs: DVec3::new(1.0, -1.0, -1.0) };
 
-    /// The axes declared by an extension. Other extensions do not affect the Gaussians and are listed as unused.
+    /// The axes declared by an extension, which may not contradict another. Other extensions do not affect the Gaussians and
+    /// are listed as unused.
     pub(super) fn from_extensions(mut records: &[u8], unused: &mut Vec<String>) -> Result<Self, Malformed> {
-        let mut axes = Self::RUB;
+        let mut declared = None;
         while let Some((kind, rest)) = records.split_first_chunk() {
             let kind = u32::from_le_bytes(*kind);
             let record = rest
@@ -28,7 +29,14 @@ impl Axes {
             let (payload, rest) = record
                 .ok_or_else(|| Malformed::new("SPZ extensions", "a record of (type, length, bytes)", "the end"))?;
             match (kind, payload.first_chunk()) {
-                (COORDINATE_SYSTEM, Some(system)) => axes = Self::from_code(u32::from_le_bytes(*system))?,
+                (COORDINATE_SYSTEM, Some(system)) => {
+                    let code = u32::from_le_bytes(*system);
+                    let first = *declared.get_or_insert(code);
+                    if code != first {
+                        let expected = format!("one coordinate system, {first}");
+                        return Err(Malformed::new("SPZ extensions", expected, format!("another, {code}")));
+                    }
+                }
                 (COORDINATE_SYSTEM, None) => {
                     let found = format!("{} bytes", payload.len());
                     return Err(Malformed::new("SPZ extensions", "a coordinate system of 4 bytes", found));
@@ -37,7 +45,7 @@ impl Axes {
             }
             records = rest;
         }
-        Ok(axes)
+        declared.map_or(Ok(Self::RUB), Self::from_code)
     }
 
     /// 1 to 8 are LDB, RDB, LUB, RUB, LDF, RDF, LUF, RUF; 0 is unspecified.
@@ -107,16 +115,32 @@ mod tests {
         assert_eq!(signs, ["+", "--+", "-++-+", "-+--+-+", "-+-++-+--"].concat());
     }
 
+    fn record(kind: u32, payload: &[u8]) -> Vec<u8> {
+        let length = u32::try_from(payload.len()).unwrap().to_le_bytes();
+        [&kind.to_le_bytes()[..], &length[..], payload].concat()
+    }
+
     /// The default in its place would mirror the Gaussians.
     #[test]
     fn a_coordinate_system_without_its_code_is_rejected() {
-        let of = |payload: &[u8]| {
-            let length = u32::try_from(payload.len()).unwrap().to_le_bytes();
-            let record = [&COORDINATE_SYSTEM.to_le_bytes()[..], &length[..], payload].concat();
-            Axes::from_extensions(&record, &mut Vec::new())
-        };
+        let of = |payload: &[u8]| Axes::from_extensions(&record(COORDINATE_SYSTEM, payload), &mut Vec::new());
         assert_eq!(of(&[7, 0, 0, 0]).unwrap(), Axes::from_code(7).unwrap());
         assert!(of(&[7, 0]).is_err());
+        assert!(of(&[9, 0, 0, 0]).is_err());
+    }
+
+    #[test]
+    fn a_second_coordinate_system_may_not_contradict_the_first() {
+        let of = |codes: [u32; 2]| {
+            let [first, second] = codes.map(|code| record(COORDINATE_SYSTEM, &code.to_le_bytes()));
+            Axes::from_extensions(&[first, record(5, &[1, 2]), second].concat(), &mut Vec::new())
+        };
+        assert_eq!(of([7, 7]).unwrap(), Axes::from_code(7).unwrap());
+        for codes in [[7, 4], [4, 7]] {
+            let error = of(codes).unwrap_err();
+            let expected = (format!("one coordinate system, {}", codes[0]), format!("another, {}", codes[1]));
+            assert_eq!((error.expected, error.found), expected);
+        }
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub(super) struct Container {
     /// header.
     pub(super) attributes: [Vec<u8>; 6],
     pub(super) extensions: Vec<u8>,
-    /// Descriptions of undeclared bytes after the last attribute or the last stream, if any.
+    /// Descriptions of undeclared bytes, if any.
     pub(super) unused: Vec<String>,
 }
 
@@ -68,7 +68,13 @@ impl Container {
             *attribute = take(&mut stream, "SPZ attributes", size)?;
         }
         let mut trailing = Vec::new();
-        stream.take(MOST_EXTENSION_BYTES).read_to_end(&mut trailing).map_err(|error| corrupt("SPZ stream", &error))?;
+        let at_most = stream.by_ref().take(MOST_EXTENSION_BYTES + 1).read_to_end(&mut trailing);
+        at_most.map_err(|error| corrupt("SPZ stream", &error))?;
+        if header.has_extensions && trailing.len() as u64 > MOST_EXTENSION_BYTES {
+            return Err(Malformed::new("SPZ extensions", format!("at most {MOST_EXTENSION_BYTES} bytes"), "more"));
+        }
+        // gzip compares its checksum at the end of the stream alone.
+        io::copy(&mut stream, &mut io::sink()).map_err(|error| corrupt("SPZ stream", &error))?;
         let (mut extensions, mut unused) = (Vec::new(), Vec::new());
         if header.has_extensions {
             extensions = trailing;
@@ -92,8 +98,13 @@ impl Container {
         if usize::from(streams) != declared {
             return Err(Malformed::new("SPZ header", format!("{declared} streams"), streams.to_string()));
         }
-        let extensions = bytes.get(Header::NEW_SIZE..table).ok_or_else(short)?;
-        let extensions = if header.has_extensions { extensions.to_vec() } else { Vec::new() };
+        let before_table = bytes.get(Header::NEW_SIZE..table).ok_or_else(short)?;
+        let (mut extensions, mut unused) = (Vec::new(), Vec::new());
+        if header.has_extensions {
+            extensions = before_table.to_vec();
+        } else if !before_table.is_empty() {
+            unused.push("bytes between the header and the table of streams".to_owned());
+        }
         let (sizes, mut rest) =
             bytes.get(table..).and_then(|rest| rest.split_at_checked(16 * declared)).ok_or_else(short)?;
         let mut sizes = sizes.as_chunks::<8>().0.iter().map(|size| u64::from_le_bytes(*size));
@@ -114,12 +125,14 @@ impl Container {
             *attribute = unpack(stream, needed)?;
             rest = trailing;
         }
-        let trailing = if rest.is_empty() { Vec::new() } else { vec!["bytes after the last stream".to_owned()] };
-        Ok(Self { header, attributes, extensions, unused: trailing })
+        if !rest.is_empty() {
+            unused.push("bytes after the last stream".to_owned());
+        }
+        Ok(Self { header, attributes, extensions, unused })
     }
 }
 
-/// Decompresses a stream that is one Zstandard frame of `length` bytes.
+/// Decompresses a stream that is one Zstandard frame of `length` bytes, whose checksum may be missing.
 fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Malformed> {
     let mut frame = FrameDecoder::new();
     frame.set_max_window_size(if length > ZSTD_WINDOW { length } else { ZSTD_WINDOW });
@@ -128,10 +141,17 @@ fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Malformed> {
     let bytes = take(&mut decoder, "SPZ stream", length)?;
     let mut more = Vec::new();
     decoder.by_ref().take(1).read_to_end(&mut more).map_err(|error| corrupt("SPZ stream", &error))?;
-    if more.is_empty() && decoder.get_ref().is_empty() {
-        return Ok(bytes);
+    if !(more.is_empty() && decoder.get_ref().is_empty()) {
+        return Err(Malformed::new("SPZ stream", format!("{length} bytes"), "more"));
     }
-    Err(Malformed::new("SPZ stream", format!("{length} bytes"), "more"))
+    let frame = decoder.into_frame_decoder();
+    match (frame.get_checksum_from_data(), frame.get_calculated_checksum()) {
+        (Some(stored), Some(found)) if found != stored => {
+            let expected = format!("contents with the checksum 0x{stored:08x}");
+            Err(Malformed::new("SPZ stream", expected, format!("0x{found:08x}")))
+        }
+        _ => Ok(bytes),
+    }
 }
 
 /// The next `length` bytes; memory grows with the bytes present, not with the declared length.
@@ -148,6 +168,12 @@ fn corrupt(location: &str, error: &io::Error) -> Malformed {
     Malformed::new(location, "compressed data", error.to_string())
 }
 
+/// Whether the bytes begin with a whole header of gzip (RFC 1952, 2.3.1): of a deflate stream, without unknown flags. Read as
+/// an f32, such a header is positive and below 1e-19.
+pub(in super::super) fn is_gzip(bytes: &[u8]) -> bool {
+    matches!(bytes, [0x1f, 0x8b, 8, 0..0x20, ..])
+}
+
 /// Writes a gzip stream without a timestamp or name, so that the same Gaussians give the same file.
 pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Result<()> {
     let mut encoder = GzEncoder::new(out, Compression::default());
@@ -159,23 +185,73 @@ pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Re
 mod tests {
     use super::*;
 
-    /// With enough bytes to be mistaken for the attributes.
-    #[test]
-    fn rejects_version_4_within_gzip() {
-        let header = Header {
-            version: 4,
+    fn header(version: u32, has_extensions: bool) -> Header {
+        Header {
+            version,
             count: 2,
             sh_degree: 0,
             fractional_bits: 12,
             antialiased: false,
-            has_extensions: false,
+            has_extensions,
             unknown_flags: 0,
-        };
-        let mut payload = header.to_bytes().to_vec();
+        }
+    }
+
+    /// With enough bytes to be mistaken for the attributes.
+    #[test]
+    fn rejects_version_4_within_gzip() {
+        let mut payload = header(4, false).to_bytes().to_vec();
         payload.extend([7; 200]);
         let mut file = Vec::new();
         compress(&payload, &mut file).unwrap();
         let error = Container::open(&file).err().unwrap();
         assert!(format!("{error:?}").contains("version 1 to 3 within gzip"), "{error:?}");
+    }
+
+    /// However many bytes follow the attributes, the stream is read to its end.
+    #[test]
+    fn the_checksum_of_gzip_is_compared_behind_many_bytes() {
+        let most = usize::try_from(MOST_EXTENSION_BYTES).unwrap();
+        // Stored as it is, so that a byte of a centre can be changed.
+        let file = |has_extensions: bool, trailing: usize| {
+            let attributes: Vec<u8> = (0..2 * (9 + 1 + 3 + 3 + 4)).collect();
+            let payload = [&header(3, has_extensions).to_bytes()[..], &attributes, &vec![0; trailing]].concat();
+            let mut encoder = GzEncoder::new(Vec::new(), Compression::none());
+            encoder.write_all(&payload).unwrap();
+            let bytes = encoder.finish().unwrap();
+            let centres = bytes.windows(18).position(|window| window == &attributes[..18]).unwrap();
+            (bytes, centres)
+        };
+        for trailing in [0, 1, most, most + 1, 3 * most] {
+            let (mut bytes, centres) = file(false, trailing);
+            let unused = Container::open(&bytes).unwrap_or_else(|error| panic!("{trailing}: {error:?}")).unused;
+            assert_eq!(unused.is_empty(), trailing == 0, "{trailing}: {unused:?}");
+            bytes[centres + 4] ^= 0x10;
+            let error = Container::open(&bytes).err().unwrap_or_else(|| panic!("{trailing} bytes hide an error"));
+            assert_eq!((error.location.as_str(), error.expected.as_str()), ("SPZ stream", "compressed data"));
+        }
+        let extensions = |trailing: usize| Container::open(&file(true, trailing).0).map(|of| of.extensions.len());
+        assert_eq!(extensions(most).unwrap(), most);
+        let error = extensions(most + 1).unwrap_err();
+        assert_eq!((error.location.as_str(), error.expected.as_str()), ("SPZ extensions", "at most 65536 bytes"));
+    }
+
+    /// XXH64 of "abc" is 44bc2cf5ad770999 (xxHash's own test vector), of which the frame holds the lower half.
+    #[test]
+    fn the_checksum_of_a_zstandard_frame_is_compared() {
+        let frame = |flags: u8, contents: &[u8; 3], checksum: &[u8]| {
+            [&[0x28, 0xb5, 0x2f, 0xfd, flags, 3, 0x19, 0, 0], &contents[..], checksum].concat()
+        };
+        let (single, checked) = (0x20, 0x24);
+        let checksum = [0x99, 0x09, 0x77, 0xad];
+        assert_eq!(unpack(&frame(checked, b"abc", &checksum), 3).unwrap(), b"abc");
+        assert_eq!(unpack(&frame(single, b"abd", &[]), 3).unwrap(), b"abd", "none to compare");
+        let error = unpack(&frame(checked, b"abd", &checksum), 3).unwrap_err();
+        assert_eq!(error.expected, "contents with the checksum 0xad770999");
+        let error = unpack(&frame(checked, b"abc", &[0x99, 0x09, 0x77, 0xac]), 3).unwrap_err();
+        assert_eq!(
+            (error.expected.as_str(), error.found.as_str()),
+            ("contents with the checksum 0xac770999", "0xad770999")
+        );
     }
 }

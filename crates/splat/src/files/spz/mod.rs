@@ -11,7 +11,7 @@ mod encode;
 mod header;
 mod quaternions;
 
-pub(super) use container::{GZIP_MAGIC, compress};
+pub(super) use container::{GZIP_MAGIC, compress, is_gzip};
 pub(super) use encode::encode;
 pub(super) use header::MAGIC;
 
@@ -30,5 +30,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<Stored, Malformed> {
     }
     let mut parts = decode::decode(&header, &attributes);
     axes.ply_from_stored(&mut parts);
-    Ok(Stored { parts, format: Format::Spz(header.version), unused, antialiased: Some(header.antialiased) })
+    let (format, antialiased) = (Format::Spz(header.version), Some(header.antialiased));
+    Ok(Stored { parts, format, unused, integers: Vec::new(), antialiased })
 }

@@ -1,0 +1,80 @@
+//! What is refused before any work, and how a command line is recorded.
+
+mod common;
+mod evaluation;
+
+use std::fs;
+
+use common::{atsplat, succeed};
+use evaluation::write_noise;
+
+#[test]
+fn urls_as_outputs_are_usage_errors_and_leave_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+    for args in [
+        &["render", scene, "--orbit", "1", "--size", "8x8", "--out", "s3://bucket/frames"][..],
+        &["data", "simulate", "s3://bucket/rooms", "--scenes", "1"],
+        &["data", "simulate", "rooms", "--scenes", "1", "--costs", "--plot", "gs://bucket/costs.svg"],
+        &["stress", "--plot", "S3://bucket/stress.svg"],
+        &["merge", "nowhere", "--out", "gcs://bucket/store"],
+    ] {
+        let refused = atsplat(here, args);
+        let url = args.iter().find(|arg| arg.contains("://")).unwrap();
+        assert!(refused.code == 2 && refused.stderr.contains(url), "{args:?}: {}", refused.stderr);
+    }
+    assert_eq!(fs::read_dir(here).unwrap().count(), 0);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn help_and_version_that_cannot_be_written_are_failures() {
+    for argument in ["--help", "--version"] {
+        let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let output =
+            std::process::Command::new(env!("CARGO_BIN_EXE_atsplat")).arg(argument).stdout(full).output().unwrap();
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            output.status.code() == Some(1) && message.contains("writing to standard output"),
+            "{argument}: {message}"
+        );
+    }
+    let here = tempfile::tempdir().unwrap();
+    assert!(succeed(here.path(), &["--version"]).starts_with("atsplat "));
+    assert!(succeed(here.path(), &["help", "run"]).contains("--method"));
+    assert_eq!(atsplat(here.path(), &["--nothing"]).code, 2);
+}
+
+/// They are Latin-1, as on old disks.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_records_arguments_that_are_not_utf_8() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let data = OsStr::from_bytes(b"caf\xe9");
+    fs::rename(here.join("data"), here.join(data)).unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let command = command.args(["run", "tiny.toml", "--method", "warp", "--out", "store", "--data"]).arg(data);
+    let output = command.current_dir(here).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let command = atsplat_eval::Results::read(&here.join("store")).unwrap().provenance.command;
+    assert_eq!(command.last().unwrap(), "caf\u{fffd}");
+}
+
+#[test]
+fn a_report_is_written_by_one_process_at_a_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    succeed(here, &["run", "tiny.toml", "--data", "data", "--method", "warp", "--out", "store"]);
+    let lock = atsplat_files::FolderLock::of(&here.join("page")).unwrap();
+    let refused = atsplat(here, &["report", "store", "--out", "page"]);
+    assert!(refused.code == 1 && refused.stderr.contains("page is being written by process "), "{}", refused.stderr);
+    drop(lock);
+    succeed(here, &["report", "store", "--out", "page"]);
+    assert!(here.join("page/index.html").is_file());
+}

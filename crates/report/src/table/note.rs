@@ -1,0 +1,43 @@
+use serde::Serialize;
+
+/// A line below a table.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Note {
+    /// Its subject.
+    pub kind: NoteKind,
+    /// The text.
+    pub text: String,
+}
+
+/// The subject of a note.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoteKind {
+    /// Source of the published numbers, and their authors' remarks.
+    Published,
+    /// Definitions of metrics; preset, index and renderer.
+    Convention,
+    /// Numbers of scenes and targets, and failures.
+    Counts,
+    /// Intervals.
+    Interval,
+    /// How measured numbers differ from the published setting.
+    Setting,
+    /// Random weights.
+    Untrained,
+    /// What was not computed, and how to get it.
+    NotComputed,
+    /// Times measured on a busy machine.
+    Busy,
+    /// Slopes over a setting, and of leads over overlap or distance.
+    Trend,
+    /// Targets that are left out of means, and intervals of too few scenes.
+    LeftOut,
+    /// The spread of several trainings.
+    Trainings,
+    /// Columns whose measured numbers do not compare with each other.
+    Unranked,
+    /// Rows of different protocols.
+    Forced,
+}

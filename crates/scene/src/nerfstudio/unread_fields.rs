@@ -1,0 +1,128 @@
+//! Fields of a `transforms.json` that other programs write, and that would change an evaluation if they were read.
+
+use serde_json::Value;
+
+use super::Transforms;
+use super::transforms::Object;
+use crate::{SceneError, WarningKind, Warnings};
+
+/// Coefficients of lenses that cannot be expressed here: OpenCV's rational model, and Metashape's with affinity b1, b2.
+const COEFFICIENTS: [&str; 6] = ["k5", "k6", "p3", "p4", "b1", "b2"];
+
+/// Intrinsics in other notations than `fl_x`.
+const NOTATIONS: [&str; 5] = ["fx", "fy", "intrinsic_matrix", "intrinsics", "K"];
+
+const MASK: &str = "mask_path";
+const ROLLING_SHUTTER: &str = "rolling_shutter";
+
+/// An error for a coefficient that is not zero and that no supported lens has.
+pub(super) fn require_no_other_coefficients(object: &Object<'_>) -> Result<(), SceneError> {
+    for name in COEFFICIENTS {
+        if let Some(value) = object.number(name)?.filter(|value| *value != 0.0) {
+            let expected = "0, because lenses have only the coefficients k1 to k4, p1 and p2";
+            return Err(object.wrong(name, expected, &value.to_string()));
+        }
+    }
+    Ok(())
+}
+
+/// The object's fields that are not read, and not without meaning.
+pub(super) fn unread_fields(object: &Object<'_>) -> Vec<&'static str> {
+    let states_pixels = object.value("fl_x").is_some();
+    let notations = NOTATIONS.into_iter().filter(|name| !states_pixels && object.value(name).is_some());
+    let masks = object.value(MASK).filter(|path| path.as_str() != Some("")).map(|_| MASK);
+    let is_moving = |number: &Value| number.as_f64() != Some(0.0);
+    let shutter = object.value(ROLLING_SHUTTER).and_then(Value::as_array).filter(|list| list.iter().any(is_moving));
+    notations.chain(masks).chain(shutter.map(|_| ROLLING_SHUTTER)).collect()
+}
+
+/// Warns about each field that is not read, with the number of frames that it is about.
+pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings: &mut Warnings) {
+    for name in NOTATIONS.into_iter().chain([MASK, ROLLING_SHUTTER]) {
+        let is_global = transforms.unread_fields.contains(&name);
+        let frames = transforms.frames.iter().enumerate();
+        let mut with = frames.filter(|(_, frame)| is_global || frame.unread_fields.contains(&name)).map(|(at, _)| at);
+        if let Some(first) = with.next() {
+            let (count, frames) = (with.count() + 1, transforms.frames.len());
+            let instead = match name {
+                MASK => "whole images are compared",
+                ROLLING_SHUTTER => "all rows are taken to be exposed at once",
+                _ => "intrinsics are those in fl_x, camera_angle_x or x_fov",
+            };
+            let detail = format!("{count} of {frames} frames, first {first}: {name} is not read; {instead}");
+            warnings.push(WarningKind::UnreadField, key, detail);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::nerfstudio::parse_transforms;
+
+    /// A scene with these fields, and three frames with their own.
+    fn parse(global: &Value, own: [&Value; 3]) -> Result<Transforms, SceneError> {
+        let mut root = global.clone();
+        root["frames"] = own
+            .map(|own| {
+                let mut frame = own.clone();
+                frame["file_path"] = json!("a.png");
+                frame["transform_matrix"] = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
+                frame
+            })
+            .into();
+        parse_transforms(root.to_string().as_bytes(), Path::new("transforms.json"))
+    }
+
+    fn reported(global: &Value, own: [&Value; 3]) -> Vec<String> {
+        let mut warnings = Warnings::new();
+        report_unread_fields("s", &parse(global, own).unwrap(), &mut warnings);
+        assert_eq!(warnings.count(WarningKind::UnreadField), warnings.total());
+        warnings.kept().iter().map(|warning| warning.detail.clone()).collect()
+    }
+
+    #[test]
+    fn coefficients_of_other_lenses_are_errors_unless_zero() {
+        let none = json!({});
+        for name in ["k5", "k6", "p3", "p4", "b1", "b2"] {
+            let with = |value: f64| {
+                let mut fields = json!({});
+                fields[name] = json!(value);
+                fields
+            };
+            let zero = with(0.0);
+            assert!(parse(&zero, [&none, &zero, &none]).is_ok(), "{name}");
+            let error = parse(&none, [&zero, &none, &with(-0.3)]).unwrap_err().to_string();
+            let expected = format!("frames[2].{name}: expected 0, because ");
+            assert!(error.contains(&expected) && error.contains("found -0.3"), "{error}");
+            assert!(parse(&with(0.2), [&none; 3]).unwrap_err().to_string().contains(&format!("{name}: expected 0")));
+        }
+    }
+
+    #[test]
+    fn masks_and_other_notations_of_intrinsics_are_counted() {
+        let (none, mask) = (json!({}), json!({ "mask_path": "masks/a.png" }));
+        let found = reported(&json!({ "fl_x": 9.0 }), [&json!({ "mask_path": "" }), &mask, &mask]);
+        assert_eq!(found, ["2 of 3 frames, first 1: mask_path is not read; whole images are compared"]);
+        let own = json!({ "fx": 50, "fy": 50, "intrinsic_matrix": [[50, 0, 8], [0, 50, 6], [0, 0, 1]] });
+        let mut beside = own.clone();
+        beside["fl_x"] = json!(50);
+        let found = reported(&json!({ "fl_x": 9.0 }), [&none, &beside, &own]);
+        let starts =
+            ["fx", "fy", "intrinsic_matrix"].map(|name| format!("1 of 3 frames, first 2: {name} is not read; "));
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().zip(starts).all(|(found, start)| found.starts_with(&start)), "{found:?}");
+        let found = reported(&json!({ "K": [[9]], "rolling_shutter": [0, 0.0, 0.1] }), [&none; 3]);
+        assert!(
+            found[0].starts_with("3 of 3 frames, first 0: K is") && found[1].contains("rolling_shutter"),
+            "{found:?}"
+        );
+        let still =
+            json!({ "fl_x": 9.0, "fx": 9.0, "rolling_shutter": [0, 0.0], "mask_path": null, "depth_file_path": "d" });
+        assert_eq!(reported(&still, [&none; 3]), [""; 0]);
+    }
+}
