@@ -44,7 +44,9 @@ def arguments():
 
 
 def encoder_of(args):
-    """The repository's encoder, with its experiment's configuration."""
+    """The repository's encoder, with its experiment's configuration, and the number of context views that it needs."""
+    if args.method in ("mvsplat", "depthsplat"):  # As in their src/main.py.
+        torch.set_float32_matmul_precision("high")
     sys.path.insert(0, os.path.abspath(args.repository))
     try:
         __import__(RASTERIZER)
@@ -72,7 +74,14 @@ def encoder_of(args):
         state = state.get("state_dict", state)
         own = {key.removeprefix("encoder."): value for key, value in state.items() if key.startswith("encoder.")}
         encoder.load_state_dict(own, strict=True)
-    return encoder.to(args.device).eval()
+    return encoder.to(args.device).eval(), views_for(args.method, config)
+
+
+def views_for(method, config):
+    """The number of context views that the encoder was built for; none if it takes any."""
+    if method == "depthsplat" or config.model.encoder.name == "noposplat_multi":
+        return None
+    return 2 if method == "noposplat" else config.dataset.view_sampler.num_context_views
 
 
 def views_of(trial, device):
@@ -176,7 +185,7 @@ def is_relative(trial):
 def main():
     args = arguments()
     torch.manual_seed(args.random_weights or 0)
-    encoder = encoder_of(args)
+    encoder, views = encoder_of(args)
     commit = subprocess.run(["git", "-C", args.repository, "rev-parse", "HEAD"], capture_output=True, text=True).stdout.strip()
     weights = hashlib.sha256(open(args.checkpoint, "rb").read()).hexdigest() if args.checkpoint else None
     version = f"{commit or 'unknown commit'}, {args.experiment}, seed {args.random_weights}"
@@ -188,12 +197,18 @@ def main():
         if args.method == "noposplat" and not is_relative(trial):
             answer(trial=number, not_applicable="NoPoSplat needs poses relative to the first context view")
             continue
+        if views not in (None, len(trial["context"])):
+            found = f"the encoder is for {views} context views, found {len(trial['context'])}"
+            answer(trial=number, not_applicable=f"{found}: give the number with --override dataset.view_sampler.num_context_views=N")
+            continue
         try:
             gaussians, seconds = gaussians_of(encoder, trial, args.device)
-        except (AssertionError, RuntimeError) as error:
+            write_ply(os.path.join(trial["folder"], "gaussians.ply"), gaussians, args.method == "noposplat")
+        except Exception as error:
+            if "CUDA error" in str(error):  # Nothing works in this process any more: another one takes over.
+                raise
             answer(trial=number, error=f"{type(error).__name__}: {error}")
             continue
-        write_ply(os.path.join(trial["folder"], "gaussians.ply"), gaussians, args.method == "noposplat")
         answer(trial=number, gaussians="gaussians.ply", seconds={"encode": seconds})
 
 

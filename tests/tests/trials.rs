@@ -49,6 +49,7 @@ fn as_it_is() -> TrialRecipe {
         lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::None,
         near_far: NearFar { near: 0.5, far: 100.0 },
+        disparity_planes: None,
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
         allow_absent_images: false,

@@ -61,6 +61,16 @@ impl fmt::Display for Distortion {
 }
 
 impl Distortion {
+    /// The name of the model and its coefficients in OpenCV's order: `opencv` with k1, k2, p1, p2, k3, or `fisheye`; `None` for a
+    /// pinhole.
+    pub fn in_opencv_order(&self) -> Option<(&'static str, Vec<f64>)> {
+        match *self {
+            Self::None => None,
+            Self::OpenCv { k1, k2, k3, p1, p2 } => Some(("opencv", vec![k1, k2, p1, p2, k3])),
+            Self::Fisheye { k } => Some(("fisheye", k.to_vec())),
+        }
+    }
+
     /// The lens with its invertible range, for mapping points.
     ///
     /// # Errors

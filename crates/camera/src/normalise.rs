@@ -234,12 +234,13 @@ impl PoseNormalisation {
 
     /// NoPoSplat's rule: baseline 1, then relative to the first context view.
     pub fn noposplat() -> Self {
-        Self::Sequence { steps: vec![Self::pixelsplat(), Self::FirstViewRelative] }
+        let scale = Self::BaselineOne { minimum: BASELINE_MINIMUM, maximum: Some(1e10) };
+        Self::Sequence { steps: vec![scale, Self::FirstViewRelative] }
     }
 
     /// YoNoSplat's rule: largest pairwise distance 1, then relative to the first context view.
     pub fn yonosplat() -> Self {
-        let scale = Self::MaxPairwise { minimum: BASELINE_MINIMUM, maximum: None };
+        let scale = Self::MaxPairwise { minimum: BASELINE_MINIMUM, maximum: Some(100.0) };
         Self::Sequence { steps: vec![scale, Self::FirstViewRelative] }
     }
 

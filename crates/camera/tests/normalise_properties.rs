@@ -338,7 +338,8 @@ fn rules_are_parsed_by_kebab_case_names() {
         parse(r#"{"rule": "mean-camera", "scale": "ilrm-main"}"#).unwrap(),
         mean_camera(MeanCameraScale::IlrmMain)
     );
-    let sequence = r#"{"rule":"sequence","steps":[{"rule":"baseline-one"},{"rule":"first-view-relative"}]}"#;
+    let sequence =
+        r#"{"rule":"sequence","steps":[{"rule":"baseline-one","maximum":1e10},{"rule":"first-view-relative"}]}"#;
     assert_eq!(parse(sequence).unwrap(), PoseNormalisation::noposplat());
     assert_eq!(PoseNormalisation::noposplat().name(), "baseline-one, then first-view-relative");
     assert!(parse(r#"{"rule": "mean-camera", "scael": "lvsm"}"#).is_err(), "a misspelt parameter is an error");

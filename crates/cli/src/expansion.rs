@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use atsplat_eval::expansion::{ExpansionGap, ExpansionReport, TrialMeasurement, measure_trial};
 use atsplat_eval::runner::{Dataset, Selection};
 use atsplat_model::network::Network;
@@ -18,6 +18,8 @@ use crate::warnings::print_warnings;
 
 /// Label of random weights in every plot of their expansion.
 pub(crate) const UNTRAINED: &str = "UNTRAINED, random weights";
+/// The kind of the gap of trials whose images are damaged, or which the network rejects.
+const NOT_MEASURED: &str = "trials that could not be measured";
 
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "atsplat expansion <PRESET|FILE>… --data <PATH> [OPTIONS]")]
@@ -58,7 +60,7 @@ fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<bool> {
     let remote = args.protocols.remote()?;
     let selection = Selection { limit: args.limit, shard: None };
     for dataset in args.protocols.open(remote.as_ref(), warnings)? {
-        let (trials, gaps) = trials_of(&network, &dataset, selection, warnings)?;
+        let (trials, gaps) = trials_of(&network, &dataset, selection, warnings);
         RemoteData::check(remote.as_ref())?;
         if trials.is_empty() {
             bail!("{}: none of its trials can be read: {}", dataset.name, why_none(&dataset, &gaps));
@@ -79,34 +81,44 @@ fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
-/// Measures the trials of a dataset, and warns of what is missing from them, as `atsplat run` does.
+/// Measures the trials of a dataset, and warns of what is missing from them, as `atsplat run` does. One that cannot be measured is
+/// missing too.
 fn trials_of(
     network: &Network,
     dataset: &Dataset,
     selection: Selection,
     warnings: &mut Warnings,
-) -> anyhow::Result<(Vec<TrialMeasurement>, Vec<ExpansionGap>)> {
+) -> (Vec<TrialMeasurement>, Vec<ExpansionGap>) {
     let mut gaps = ExpansionGap::of_dataset(dataset, selection);
     for ExpansionGap { kind, count, first } in &gaps {
         warn(&format!("{}: {count} × {kind}\n    {first}", dataset.name));
     }
     let mut trials = dataset.trials(&selection.index_of(dataset));
     let progress = Progress::new("trials", trials.size_hint().0);
-    let mut measurements = Vec::new();
+    let (mut measurements, mut failures) = (Vec::new(), Vec::new());
     for outcome in &mut trials {
         match outcome {
-            Ok((trial, truths)) => {
-                let measured = measure_trial(network, (&trial, &truths), dataset.render_options(&trial), 0);
-                measurements.push(measured.with_context(|| format!("scene {}", trial.scene()))?);
-            }
+            Ok((trial, truths)) => match measure_trial(network, (&trial, &truths), dataset.render_options(&trial), 0) {
+                Ok(measured) => measurements.push(measured),
+                Err(error) => {
+                    let failure = format!("scene {}, entry {}: {error}", trial.scene(), trial.entry_number());
+                    warn(&format!("{}: not measured: {failure}", dataset.name));
+                    failures.push(failure);
+                }
+            },
             Err(skipped) => warn(&skipped.to_string()),
         }
         progress.step();
     }
     gaps.extend(ExpansionGap::of_skipped(&trials.report().skipped));
+    gaps.extend(failures.first().map(|first| ExpansionGap {
+        kind: NOT_MEASURED.to_owned(),
+        count: failures.len() as u64,
+        first: first.clone(),
+    }));
     // A sampler has read the same scenes before.
     warnings.join(trials.warnings());
-    Ok((measurements, gaps))
+    (measurements, gaps)
 }
 
 fn why_none(dataset: &Dataset, gaps: &[ExpansionGap]) -> String {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use atsplat_scene::{Frame, FrameImage};
+use atsplat_scene::Frame;
 
 use crate::paths::canonical_path;
 
@@ -36,10 +36,7 @@ pub(crate) fn refuse_replacing<'a>(
 
 /// The files of the images of these frames.
 pub(crate) fn photos(frames: &[Frame]) -> impl Iterator<Item = Read<'_>> {
-    frames.iter().filter_map(|frame| match &frame.image {
-        FrameImage::File(file) => Some(("the photo", file.as_path())),
-        _ => None,
-    })
+    frames.iter().filter_map(|frame| Some(("the photo", frame.image.file()?)))
 }
 
 /// Where a file has its name, also if that is a link.

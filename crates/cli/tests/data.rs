@@ -267,6 +267,29 @@ fn frames_with_the_same_name_are_all_written() {
     assert_eq!(report["frames"], 2, "{report}");
 }
 
+/// OpenCV's points of the left border end right of those of the right one: the new focal length would be negative.
+#[cfg(feature = "opencv")]
+#[test]
+fn a_lens_without_a_new_camera_matrix_skips_its_scene_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    for (key, k1, p1) in [("a-bent", 0.0, 1.5), ("b-plain", 0.01, 0.0)] {
+        std::fs::create_dir_all(here.join("data").join(key).join("images")).unwrap();
+        std::fs::write(here.join(format!("data/{key}/images/0.png")), image()).unwrap();
+        let pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+        let frames = [serde_json::json!({ "file_path": "images/0.png", "transform_matrix": pose })];
+        let transforms = serde_json::json!({ "w": 16, "h": 16, "fl_x": 8, "k1": k1, "p1": p1, "frames": frames });
+        std::fs::write(here.join(format!("data/{key}/transforms.json")), transforms.to_string()).unwrap();
+    }
+    let args = ["data", "undistort", "data", "-o", "out", "--mode", "long-lrm"];
+    let outcome = atsplat(here, &args);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(outcome.stdout.contains("1 images written, 1 scenes or frames skipped"), "{}", outcome.stdout);
+    assert!(outcome.stderr.contains("a-bent: it cannot be undistorted: lens: "), "{}", outcome.stderr);
+    assert!(here.join("out/b-plain/transforms.json").is_file() && !here.join("out/a-bent").exists());
+    assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
+}
+
 #[test]
 fn errors_do_not_repeat_their_causes() {
     let folder = tempfile::tempdir().unwrap();

@@ -169,6 +169,40 @@ fn expansion_names_what_a_sampler_leaves_out() {
     }
 }
 
+/// The header of half a PNG is whole: the damage is found when the trial is measured.
+#[test]
+fn expansion_counts_trials_with_damaged_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 6);
+    let cut = |scene: u8| {
+        let path = here.join(format!("data/scene-{scene:02}/0.png"));
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    };
+    cut(2);
+    let kind = "trials that could not be measured";
+    let args = ["expansion", "tiny.toml", "--data", "data"];
+    let strict = atsplat(here, &[&args[..], &["--strict", "--json"]].concat());
+    assert_eq!(strict.code, 4, "{}", strict.stderr);
+    let report: Value = serde_json::from_str(&strict.stdout).unwrap();
+    assert_eq!((&report["scenes"], &report["trials"]), (&5.into(), &5.into()), "{report}");
+    let [gap] = report["gaps"].as_array().unwrap().as_slice() else { panic!("{report}") };
+    assert_eq!((&gap["kind"], &gap["count"]), (&kind.into(), &1.into()), "{gap}");
+    let first = gap["first"].as_str().unwrap();
+    assert!(first.starts_with("scene scene-02, entry 0: ") && first.contains("scene-02/0.png"), "{first}");
+    assert!(strict.stderr.contains(&format!("warning: tiny: not measured: {first}\n")), "{}", strict.stderr);
+    let text = succeed(here, &args);
+    assert!(text.contains(&format!("\n- 1 {kind}: {first}\n")), "{text}");
+
+    for scene in [0, 1, 3, 4, 5] {
+        cut(scene);
+    }
+    let nothing = atsplat(here, &args);
+    let error = format!("error: tiny: none of its trials can be read: 6 {kind}: scene scene-00, entry 0: ");
+    assert!(nothing.code == 1 && nothing.stderr.contains(&error), "{}: {}", nothing.code, nothing.stderr);
+}
+
 #[test]
 fn overlaps_of_an_index_without_entries_are_a_failure() {
     let folder = tempfile::tempdir().unwrap();

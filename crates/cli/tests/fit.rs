@@ -11,7 +11,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::adapters;
 use atsplat_tests::skip_without_graphics;
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::tempdir;
 
 use common::{atsplat, succeed};
@@ -160,6 +160,34 @@ fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
     assert_eq!(record["corrections"].as_array().unwrap().len(), 3);
     let extents = [&record["extent"], &record["configuration"]["extent"]].map(|own| own.as_f64().unwrap());
     Tolerance::relative(1e-12).assert(extents, [2.5; 2], "extent");
+    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
+    let hash = Sha256Digest::of(&std::fs::read(weights).unwrap());
+    assert_eq!(record["start"], format!("network micro-rooms, sha256 {hash}"));
+}
+
+/// Each of them decides the Gaussians.
+#[test]
+fn a_record_tells_photos_and_starts_apart() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let record = |start: &'static str, more: &[&'static str]| -> Value {
+        let fit = ["fit", "photos", "--views", "..", "--strategy", "fixed", "--steps", "1", "--start", start];
+        succeed(here, &[&fit[..], &["--out", "fitted.ply"], more].concat());
+        serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap()
+    };
+    let [wide, small] = ["64x36", "48x27"].map(|size| record(SCENE, &["--size", size]));
+    assert_eq!([&wide, &small].map(|own| own["sizes"].clone()), [json!(["64x36"]), json!(["48x27"])]);
+    assert_ne!(wide["views-sha256"], small["views-sha256"]);
+    assert_eq!((&wide["start-sha256"], &wide["start"]), (&small["start-sha256"], &json!(SCENE)));
+    assert!(wide["start-sha256"].is_string() && wide.get("held-out-sha256").is_none(), "{wide}");
+    let held_out = record(SCENE, &["--size", "64x36", "--held-out", "..:4"]);
+    assert!(held_out["held-out-sha256"].is_string(), "{held_out}");
+    assert_ne!(held_out["views-sha256"], wide["views-sha256"]);
+    let [near, far] = ["1,4", "1,9"].map(|depths| record("random:40", &["--size", "64x36", "--depths", depths]));
+    assert_eq!([&near, &far].map(|own| own["start"].clone()), ["random:40, depths 1,4", "random:40, depths 1,9"]);
+    assert_ne!(near["start-sha256"], far["start-sha256"]);
+    assert_eq!(near["views-sha256"], wide["views-sha256"]);
 }
 
 /// Of five Gaussians, two cannot be repaired.
@@ -278,7 +306,7 @@ fn filters_of_a_start_that_stay_as_they_are_are_warned_of() {
     assert!(fit("mip.ply", "fixed", "fixed.ply") && !fit("mip.ply", "mip-splatting", "again.ply"));
 }
 
-/// What density control cannot do is told before the first step.
+/// What density control cannot do is a warning before the first step.
 #[test]
 fn too_few_steps_for_density_control_are_warned_of() {
     let folder = tempdir().unwrap();
@@ -406,7 +434,7 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
 }
 
 #[test]
-fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_told() {
+fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);

@@ -197,6 +197,24 @@ fn the_same_arguments_give_identical_bytes() {
     assert_ne!(fs::read(here.join("other.ply")).unwrap(), outcomes[0][0], "the seed decides the weights");
 }
 
+/// Two photos that have changed places: the same frames and cameras, other data.
+#[test]
+fn the_record_tells_other_photos_apart() {
+    let (folder, tiny) = (capture(), tiny());
+    let here = folder.path();
+    let input = || {
+        succeed(here, &untrained(tiny.to_str().unwrap(), &[]));
+        record(here)["input"].clone()
+    };
+    let before = input();
+    let [first, second] = ["images/000.png", "images/002.png"].map(|file| fs::read(here.join(file)).unwrap());
+    fs::write(here.join("images/000.png"), second).unwrap();
+    fs::write(here.join("images/002.png"), first).unwrap();
+    let after = input();
+    assert_eq!(before["trial"], after["trial"]);
+    assert_ne!(before["data-sha256"], after["data-sha256"]);
+}
+
 #[test]
 fn writes_spz_by_extension_and_keeps_the_order_of_views() {
     let folder = capture();

@@ -108,9 +108,10 @@ fn a_part_that_is_not_done_is_named_and_not_merged() {
         "{}",
         report.stderr
     );
+    assert!(!report.stderr.contains("0 shards"), "{}", report.stderr);
     let accepted = atsplat(here, &["drift", "accept", "one", "--baseline", "b.json", "--why", "first"]);
     assert!(accepted.stdout.contains("warning: a part of the run, shard 1 of 3"), "{}", accepted.stdout);
-    succeed(here, &["merge", "one", "two", "three", "--out", "whole"]);
+    succeed(here, &["merge", "one", "killed", "two", "three", "--out", "whole"]);
 }
 
 /// Eight scenes in four chunks, of which three are no chunks any more when the second of four parts is run.

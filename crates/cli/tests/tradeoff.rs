@@ -95,3 +95,22 @@ fn a_setting_needs_a_label() {
         assert!(!here.join("out").exists(), "nothing is run");
     }
 }
+
+/// As `run` does: a shard is complete without the others, and one that is smaller than a scene is empty.
+#[test]
+fn shards_of_a_sweep_are_complete_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let whole = sweep(here, WHOLE, "first", &["--shard", "1/2", "--strict"]);
+    let empty = sweep(here, WHOLE, "second", &["--shard", "2/2", "--strict"]);
+    let mut codes = [whole.code, empty.code];
+    codes.sort_unstable();
+    assert_eq!(codes, [0, 0], "{}{}", whole.stderr, empty.stderr);
+    let said = [&whole, &empty].map(|outcome| outcome.stderr.contains("nothing was evaluated"));
+    assert_eq!(said.iter().filter(|said| **said).count(), 1, "{}{}", whole.stderr, empty.stderr);
+    assert_eq!(
+        sweep(here, ODD, "odd", &["--shard", "1/2"]).code + sweep(here, ODD, "odd-2", &["--shard", "2/2"]).code,
+        1
+    );
+}

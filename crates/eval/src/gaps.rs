@@ -56,7 +56,8 @@ impl Results {
         };
         if let Some((part, shard)) = self.provenance.part().zip(self.provenance.shard) {
             let missing = u64::from(shard.count).saturating_sub(self.provenance.shards().len() as u64);
-            for preset in &self.provenance.presets {
+            // None is missing where all were merged, but one was not done.
+            for preset in self.provenance.presets.iter().filter(|_| missing > 0) {
                 add(&preset.name, None, GapKind::MissingShards, missing, part.clone());
             }
         }

@@ -205,10 +205,8 @@ fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_beside_a
     let png = encode_png(&image(0, 5)).unwrap();
     write(&folder.path().join("wall-0/000005.PNG"), &png);
     let alone = trial.render(&renders, 0).unwrap_err();
-    assert!(
-        alone.starts_with("no file for frame 5 ") && alone.contains("wall-0/000005.PNG, whose spelling "),
-        "{alone}"
-    );
+    let start = "no file for frame 5 ";
+    assert!(alone.starts_with(start) && alone.contains("wall-0/000005.PNG, whose spelling "), "{alone}");
     write(&folder.path().join("wall-0/color/000005.png"), &png);
     let two = trial.render(&renders, 0).unwrap_err();
     assert!(two.starts_with("two files for frame 5: ") && two.ends_with("wall-0/000005.PNG"), "{two}");

@@ -137,6 +137,12 @@ fn a_setting_that_a_preset_lacks_is_refused_or_noted() {
     let counted: Vec<_> = warnings.map(|warning| (warning.count, warning.example.as_str())).collect();
     assert_eq!(counted, [(1, "NoPoSplat names NoPoSplat")]);
     assert_eq!((summary.evaluated, results.gaps()), (6, Vec::new()));
+    // The rows stay when other methods run, and so does the warning; each method has its own.
+    let (again, _) = run(&["mvsplat"]).run(folder.path()).unwrap();
+    assert_eq!(again.provenance.warnings, results.provenance.warnings);
+    let (both, _) = run(&["YoNoSplat"]).run(folder.path()).unwrap();
+    let examples: Vec<&str> = both.provenance.warnings.iter().map(|warning| warning.example.as_str()).collect();
+    assert_eq!(examples, ["NoPoSplat names NoPoSplat", "YoNoSplat names YoNoSplat"]);
 }
 
 /// pixelSplat's poses refuse the second entry of each scene, whose context views are too close to each other.
@@ -166,6 +172,29 @@ fn entries_skipped_for_one_methods_poses_are_not_done_for_another() {
     assert_eq!(joined.provenance.skipped, expected.provenance.skipped);
     let reasons: Vec<&str> = expected.provenance.skipped.iter().map(|skipped| skipped.reason.as_str()).collect();
     assert_eq!(reasons, ["baseline"; 2]);
+}
+
+/// With other cameras, pixelSplat's poses refuse an entry that has a row from the old ones.
+#[test]
+fn a_row_of_old_cameras_whose_entry_is_skipped_now_stops_the_run() {
+    for methods in [&["pixelSplat"][..], &["pixelSplat", "MVSplat"]] {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |close: bool| {
+            let mut walls = dataset(Walls { close, ..Walls::new(1, 8) }, &[entry(&[0, 4], &[1, 6])]);
+            let pixelsplat = walls.preset.methods.iter_mut().find(|setting| setting.method == "pixelSplat").unwrap();
+            pixelsplat.pose_normalisation = PoseNormalisation::BaselineOne { minimum: 0.5, maximum: None };
+            let methods = methods.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
+            Run::new(vec![walls], methods.collect()).run(folder.path())
+        };
+        assert_eq!(run(false).unwrap().0.trials.len(), methods.len());
+        let error = run(true).unwrap_err();
+        assert!(matches!(error, EvalError::DataChanged { count: 1, .. }), "{error}");
+        let text = error.to_string();
+        assert!(
+            text.contains("pixelSplat") && text.contains("baseline") && text.contains("restore the data"),
+            "{text}"
+        );
+    }
 }
 
 #[test]
@@ -299,6 +328,10 @@ fn images_that_are_asked_for_later_are_added() {
     std::fs::remove_file(image(2, 6)).unwrap();
     assert_eq!(run(KeepImages::All).1, (0, 3));
     std::fs::remove_file(image(1, 6)).unwrap();
+    // As file managers leave them.
+    let path = image(1, 6);
+    let folder = path.ancestors().find(|folder| folder.ends_with("nearest-view")).unwrap();
+    std::fs::write(folder.join(".DS_Store"), "").unwrap();
     assert_eq!(run(KeepImages::Worst).1, (0, 3), "they keep what there is");
     assert_eq!(run(KeepImages::All).1, (1, 2));
     assert!(image(1, 6).is_file());

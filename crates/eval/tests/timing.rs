@@ -208,6 +208,9 @@ fn untimed_methods_have_a_reason() {
     assert!(times(&results, "walls", "unknown").unwrap_err().contains("--timing"));
     assert!(results.trials.iter().any(|trial| trial.status == TrialStatus::Done), "and nothing else is lost");
     assert_eq!(Results::read(folder.path()).unwrap(), results);
+    let quiet = !results.timings.iter().any(|row| row.load.is_busy());
+    let again = timed_run(folder.path(), walls(3), &methods, Some(TimingPlan::default()));
+    assert!(!quiet || again.timings == results.timings, "rejected trials are not tried again");
 }
 
 #[test]
@@ -225,6 +228,16 @@ fn undisturbed_times_are_not_measured_again() {
     let again = timed_run(folder.path(), walls(2), &methods, Some(TimingPlan::default()));
     assert_eq!(calls(), if quiet { 0 } else { 12 });
     assert!(!quiet || again.timings == timed.timings);
+    // One of three entries has no trial.
+    let damaged = || vec![dataset(Walls { damaged: Some((1, 0)), ..Walls::new(3, 8) }, &[entry(&[0, 4], &[2])])];
+    let lacking = tempfile::tempdir().unwrap();
+    let timed = timed_run(lacking.path(), damaged(), &methods, Some(TimingPlan::default()));
+    assert_eq!(timed.timings.len(), 2, "{:?}", timed.provenance.skipped);
+    let quiet = !timed.timings.iter().any(|row| row.load.is_busy());
+    calls();
+    timed_run(lacking.path(), damaged(), &methods, Some(TimingPlan::default()));
+    assert!(!quiet || calls() == 0);
+    calls();
     let more = TimingPlan { repetitions: 6, ..TimingPlan::default() };
     let more = timed_run(folder.path(), walls(2), &methods, Some(more));
     assert_eq!((calls(), more.timings.len(), more.timings[0].encode.len()), (14, 2, 6));

@@ -103,7 +103,10 @@ impl AtomicFile {
     }
 
     fn rename(self, synchronised: bool) -> io::Result<u64> {
-        let bytes = self.writer.finish(synchronised)?;
+        let file = self.writer.finish(synchronised)?;
+        let bytes = file.metadata()?.len();
+        // Locked until it has its name, so that nobody takes it for abandoned; Windows renames no open file.
+        let _locked = cfg!(unix).then_some(file);
         self.temporary.persist(&self.target).map_err(|error| error.error)?;
         if synchronised {
             synchronise_folder(&self.target);
@@ -173,13 +176,13 @@ impl Writer {
         self.lock()?.as_mut().map_or_else(|| Err(complete()), work)
     }
 
-    fn finish(&self, synchronised: bool) -> io::Result<u64> {
-        let mut file = self.lock()?.take().ok_or_else(complete)?;
-        file.flush()?;
+    fn finish(&self, synchronised: bool) -> io::Result<File> {
+        let file = self.lock()?.take().ok_or_else(complete)?;
+        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
         if synchronised {
-            file.get_ref().sync_all()?;
+            file.sync_all()?;
         }
-        Ok(file.get_ref().metadata()?.len())
+        Ok(file)
     }
 }
 

@@ -159,7 +159,7 @@ impl Fit {
                 self.plan_steps(steps);
             }
         }
-        Ok(())
+        Ok(self.check_short_run()?)
     }
 }
 

@@ -36,6 +36,9 @@ struct Metadata {
     filtered: bool,
     memory: Vec<String>,
     history: HistoryFacts,
+    /// Steps of this epoch in which no Gaussian was drawn; earlier versions did not write it.
+    #[serde(default)]
+    empty_steps: u64,
     /// The time so far; earlier versions did not write it.
     #[serde(default)]
     elapsed: Option<Elapsed>,
@@ -94,6 +97,7 @@ impl Fit {
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
             filtered: filters.is_some(),
+            empty_steps: self.empty_steps,
             memory: density.iter().map(|(name, _)| (*name).to_owned()).collect(),
             history: self.history.facts(),
             elapsed: Some(self.elapsed()),
@@ -179,6 +183,7 @@ impl Fit {
         if !history.is_of(&views_hash(held_out)) {
             return Err(wrong("held-out", "the held-out views of this run", "others".to_owned()));
         }
+        fit.empty_steps = metadata.empty_steps;
         fit.before = metadata.elapsed.unwrap_or(Elapsed { seconds: 0.0, since_step: metadata.step });
         if !fit.before.is_possible(metadata.step) {
             return Err(wrong("elapsed", "the time of a run", format!("{:?}", fit.before)));

@@ -39,7 +39,7 @@ impl Strategy {
 pub enum Background {
     /// Black.
     Black,
-    /// White; opacities are also reset when density control begins.
+    /// White; opacities are also reset when density control begins, see [`crate::Schedule::resets_opacities`].
     White,
     /// A random colour in each step, which makes holes visible to the loss; held-out views are rendered on black.
     Random,

@@ -50,7 +50,7 @@ pub struct Fit {
     loss: PhotometricLoss,
     derivative: Derivative,
     /// Steps of this epoch in which no Gaussian was drawn.
-    empty_steps: u64,
+    pub(crate) empty_steps: u64,
 }
 
 /// One step.
@@ -339,7 +339,11 @@ impl Fit {
     /// # Errors
     /// [`FitError::Splat`].
     pub fn render(&mut self, view: &View) -> Result<Rendering<f32>, FitError> {
-        let options = self.options();
+        self.render_exposed(view, None)
+    }
+
+    fn render_exposed(&mut self, view: &View, exposure: Option<Exposure>) -> Result<Rendering<f32>, FitError> {
+        let options = RenderOptions { exposure, ..self.options() };
         let Self { scene, splatter, .. } = self;
         Ok(scene.with_gaussians(|gaussians| splatter.render(gaussians, view, &options))?)
     }
@@ -351,8 +355,20 @@ impl Fit {
     pub fn score(&mut self, view: &TrainingView) -> Result<Score, FitError> {
         view.check()?;
         let rendering = self.render(&view.view)?;
-        let terms = self.loss.evaluate(&rendering.rgb, &view.rgb, view.view.size, 1.0, &mut Vec::new());
-        Ok(Score { psnr: psnr(terms.mse), ssim: 1.0 - terms.d_ssim })
+        Ok(score(&mut self.loss, &rendering.rgb, view))
+    }
+
+    /// Renders a training view, by position, as the optimisation does, with its optimised camera and exposure, and compares it with
+    /// its image; `None` if there is no such view.
+    ///
+    /// # Errors
+    /// As [`Self::render`] and [`Self::optimised_view`].
+    pub fn render_training(&mut self, number: usize) -> Result<Option<(Rendering<f32>, Score)>, FitError> {
+        let Some(view) = self.optimised_view(number)? else { return Ok(None) };
+        let rendering = self.render_exposed(&view, self.exposure(number))?;
+        let Self { views, loss, .. } = self;
+        let score = views.get(number).map(|own| score(loss, &rendering.rgb, own));
+        Ok(score.map(|score| (rendering, score)))
     }
 
     /// The view of a step: a random permutation of all views in each epoch.
@@ -387,15 +403,23 @@ impl Fit {
         Ok(())
     }
 
-    /// Whether `step` ends an epoch, or a run shorter than that, in which no Gaussian was drawn. One view may see none of them;
-    /// if all views do, no step changes anything.
+    /// Whether `step` ends an epoch in which no Gaussian was drawn. One view may see none of them; if none does, no step changes
+    /// anything.
     fn sees_nothing(&mut self, step: u64) -> bool {
         let epoch = self.views.len() as u64;
         if step % epoch == 1 % epoch {
             self.empty_steps = 0;
         }
         self.empty_steps += u64::from(self.derivative.screen.drawn.is_empty());
-        self.empty_steps == epoch.min(self.config.steps)
+        self.empty_steps == epoch
+    }
+
+    /// Fails a run that ended before its first epoch did and saw nothing until then.
+    pub(crate) fn check_short_run(&self) -> Result<(), FitError> {
+        if self.step == 0 || self.empty_steps < self.step {
+            return Ok(());
+        }
+        Err(self.stopped(self.step, self.view_of(self.step), Fault::Unseen { near: self.options.constants.near }))
     }
 
     fn broken_gradient(&self) -> Option<Fault> {
@@ -413,6 +437,12 @@ impl Fit {
         let view = self.views.get(view).map_or_else(String::new, |view| view.name.clone());
         FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), fault }))
     }
+}
+
+/// Compares an image with that of a view of its size.
+fn score(loss: &mut PhotometricLoss, rgb: &[[f32; 3]], view: &TrainingView) -> Score {
+    let terms = loss.evaluate(rgb, &view.rgb, view.view.size, 1.0, &mut Vec::new());
+    Score { psnr: psnr(terms.mse), ssim: 1.0 - terms.d_ssim }
 }
 
 /// The image as an exposure shows it.

@@ -45,7 +45,7 @@ pub use error::{Diagnosis, Fault, FitError};
 pub use fit::{Fit, Score, StepRecord};
 pub use history::History;
 pub use optimised_gaussians::OptimisedGaussians;
-pub use record::{Correction, FitRecord, FitReport};
+pub use record::{Correction, FitInputs, FitRecord, FitReport};
 pub use schedule::Schedule;
 pub use score::{Evaluation, ScaleEvaluation, nearest_view_psnr};
 pub use view::{TrainingView, camera_extent};

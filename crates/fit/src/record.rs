@@ -1,9 +1,11 @@
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_camera::Similarity;
+use atsplat_camera::{ImageSize, Similarity};
 use serde::Serialize;
 
+use crate::checkpoint::views_hash;
 use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
 
 /// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
@@ -18,6 +20,8 @@ pub struct FitRecord {
     pub scene: String,
     pub views: Vec<String>,
     pub held_out: Vec<String>,
+    #[serde(flatten)]
+    pub inputs: FitInputs,
     pub start: String,
     pub start_gaussians: usize,
     /// Initial Gaussians that were dropped because they are invalid, when their file was read or later.
@@ -42,6 +46,21 @@ pub struct FitRecord {
     pub at_scales: Vec<ScaleEvaluation>,
 }
 
+/// Photos and start of a run. Each hash is a SHA-256 in hexadecimal.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct FitInputs {
+    /// Sizes of the training views in pixels, such as `128x96`, each once.
+    pub sizes: Vec<String>,
+    /// Hash of cameras, lenses and pixels of the training views, in order.
+    pub views_sha256: String,
+    /// As `views_sha256`, of the held-out views; `None` without any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_out_sha256: Option<String>,
+    /// Hash of the initial Gaussians as they are given, before invalid ones are dropped.
+    pub start_sha256: String,
+}
+
 /// What was optimised for one view.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -56,6 +75,17 @@ pub struct Correction {
 }
 
 impl Fit {
+    /// The inputs of this run, with the views that it is compared with.
+    pub fn inputs(&self, held_out: &[TrainingView]) -> FitInputs {
+        let sizes: BTreeSet<ImageSize> = self.views.iter().map(|view| view.view.size).collect();
+        FitInputs {
+            sizes: sizes.into_iter().map(|ImageSize { width, height }| format!("{width}x{height}")).collect(),
+            views_sha256: views_hash(&self.views),
+            held_out_sha256: (!held_out.is_empty()).then(|| views_hash(held_out)),
+            start_sha256: self.start.clone(),
+        }
+    }
+
     /// The optimised cameras and exposures of all training views; none if neither is optimised. Cameras are given in the old world
     /// of a similarity whose new world is that of the views.
     ///

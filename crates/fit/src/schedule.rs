@@ -52,6 +52,20 @@ impl Schedule {
         step > self.density_from && step < until && step.is_multiple_of(self.density_every)
     }
 
+    /// Whether 3DGS and Mip-Splatting reset the opacities in this step. On white they also do when density control begins, as
+    /// published, unless the next reset would follow within [`Self::SHORTEST_RESET`] steps.
+    pub const fn resets_opacities(&self, step: u64, on_white: bool) -> bool {
+        let has_time = self.reset_every >= self.density_from.saturating_add(Self::SHORTEST_RESET);
+        let begins = on_white && has_time && step == self.density_from;
+        step < self.density_until && (begins || step.is_multiple_of(self.reset_every))
+    }
+
+    /// The last step, up to this one, in which a strategy resets the opacities; `None` if there is none.
+    pub fn last_reset(&self, strategy: Strategy, on_white: bool, step: u64) -> Option<u64> {
+        let resets = matches!(strategy, Strategy::Gaussians3d | Strategy::MipSplatting);
+        resets.then_some(1..=step)?.rev().find(|step| self.resets_opacities(*step, on_white))
+    }
+
     /// How often a strategy changes the density after a step.
     pub fn density_changes(&self, strategy: Strategy, after: u64) -> u64 {
         let until = match strategy {
@@ -117,6 +131,34 @@ mod tests {
         }
         assert_eq!(Schedule::of(3000).density_changes(Strategy::Mcmc, 0), 24);
         assert_eq!(Strategy::ALL.map(Schedule::fewest_steps), [Some(202), Some(202), Some(122), None]);
+    }
+
+    /// Until the next reset, opacities need [`Schedule::SHORTEST_RESET`] steps to rise again.
+    #[test]
+    fn opacities_are_reset_at_the_beginning_on_white_if_there_is_time() {
+        let resets = |steps: u64, on_white: bool| {
+            let schedule = Schedule::of(steps);
+            (1..=steps).filter(|step| schedule.resets_opacities(*step, on_white)).collect::<Vec<_>>()
+        };
+        let regular = [3000, 6000, 9000, 12_000];
+        assert_eq!(resets(30_000, false), regular);
+        assert_eq!(resets(30_000, true), [&[500][..], &regular].concat());
+        for on_white in [false, true] {
+            assert!([20, 201, 600].iter().all(|steps| resets(*steps, on_white).is_empty()), "{on_white}");
+            assert_eq!(resets(3000, on_white), [300, 600, 900, 1200], "{on_white}");
+        }
+        let fewest = (1..9999).find(|steps| resets(*steps, true).len() > resets(*steps, false).len());
+        assert_eq!(fewest, Some(3590));
+    }
+
+    #[test]
+    fn the_last_reset_is_that_of_the_schedule() {
+        let schedule = Schedule::of(3000);
+        let last = |step: u64| schedule.last_reset(Strategy::MipSplatting, false, step);
+        assert_eq!([0, 299, 300, 599, 600, 3000].map(last), [None, None, Some(300), Some(300), Some(600), Some(1200)]);
+        assert_eq!([Strategy::Mcmc, Strategy::Fixed].map(|own| schedule.last_reset(own, true, 3000)), [None; 2]);
+        let white = [false, true].map(|white| Schedule::of(30_000).last_reset(Strategy::Gaussians3d, white, 600));
+        assert_eq!(white, [None, Some(500)]);
     }
 
     #[test]

@@ -15,7 +15,7 @@ fn fit(strategy: Strategy, steps: u64, most: usize) -> Fit {
 }
 
 #[test]
-fn runs_that_are_too_short_for_density_control_are_told() {
+fn runs_that_are_too_short_for_density_control_say_so() {
     for (strategy, fewest, verb) in [(Strategy::Mcmc, 122, "moves or adds"), (Strategy::Gaussians3d, 202, "clones, ")] {
         let mut short = fit(strategy, fewest - 1, 105);
         let warning = short.density_warning().unwrap();
@@ -62,6 +62,33 @@ fn mcmc_says_if_memory_limits_it_below_its_maximum() {
     let warning = fitting(least).unwrap();
     assert!(warning.contains(" no more fit into ") && warning.contains(" of 112 Gaussians "), "{warning}");
     assert_eq!(fitting(1 << 30), None);
+}
+
+/// Whether density control resets the opacities after these steps of runs with these numbers of steps.
+fn resets<const N: usize>(density: &mut Adaptive, white: bool, steps: [(u64, u64); N]) -> [bool; N] {
+    let mut scene = OptimisedGaussians::new(truth());
+    steps.map(|(step, of)| {
+        let schedule = Schedule::of(of);
+        let (extent, means_rate, seed, limit) = (100.0, 0.0, 1, 1000);
+        let at = StepContext { step, schedule, extent, means_rate, white, seed, limit };
+        density.after_step(&mut scene, &at).unwrap().reset
+    })
+}
+
+/// With a budget in seconds, the number of steps is planned again and again. The first reset needs none before it.
+#[test]
+fn opacities_rise_again_before_the_next_reset_of_another_plan() {
+    let steps = [(300, 3000), (338, 3380), (600, 3000)];
+    assert_eq!(resets(&mut Adaptive::default(), false, steps), [true, false, true]);
+    assert_eq!(resets(&mut Adaptive::default(), false, [(338, 3380)]), [true]);
+}
+
+#[test]
+fn on_white_a_run_begins_with_a_reset_only_if_it_is_long() {
+    for (white, expected) in [(false, [false; 4]), (true, [false, false, false, true])] {
+        let first = [(1, 20), (10, 600), (50, 3000), (500, 30_000)];
+        assert_eq!(first.map(|at| resets(&mut Adaptive::default(), white, [at])).concat(), expected, "{white}");
+    }
 }
 
 /// As gsplat's `absgrad`: the same threshold for small Gaussians, which are cloned, and for large ones, which are split.

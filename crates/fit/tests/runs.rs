@@ -38,28 +38,6 @@ fn only_mcmc_adds_regularisers_to_the_loss() {
 }
 
 #[test]
-fn a_run_that_sees_nothing_in_all_its_views_stops_with_the_near_plane() {
-    let near = |most: usize, near: f64, steps: u64| {
-        let mut config = config(Strategy::Fixed, steps);
-        config.constants.near = near;
-        let views: Vec<TrainingView> = views().0.into_iter().take(most).collect();
-        let mut fit = Fit::new(config, views, &start(Strategy::Fixed, 20)).unwrap();
-        (0..steps).find_map(|_| fit.step().err()).map(|error| error.to_string())
-    };
-    for (views, steps, at) in [(3, 10, 3), (1, 10, 1), (5, 2, 2)] {
-        let error = near(views, 90.0, steps).unwrap();
-        assert!(error.contains(&format!("stopped at step {at} ")) && error.ends_with("at a depth of 90?"), "{error}");
-        assert_eq!(near(views, 0.01, steps), None);
-    }
-    // A view that looks away does not stop the others.
-    let mut views: Vec<TrainingView> = views().0.into_iter().take(2).collect();
-    views[1].view.camera.camera_from_world =
-        CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, -50.0)).unwrap();
-    let mut fit = Fit::new(config(Strategy::Fixed, 6), views, &start(Strategy::Fixed, 20)).unwrap();
-    run(&mut fit, 6);
-}
-
-#[test]
 fn gaussians_are_rendered_with_the_degree_so_far() {
     // With 60 steps, the degree rises after every second one.
     let mut fit = Fit::new(config(Strategy::Fixed, 60), views().0, &start(Strategy::Fixed, 20)).unwrap();

@@ -2,8 +2,7 @@
 //! PyTorch twin in `oracle/`. `NAMES.md` explains the scheme.
 
 use crate::config::{
-    AnchorContext, AnchorDesign, BackboneConfig, DinoArchitecture, ModelConfig, QueryKeyNorm, Selection,
-    TransformerConfig,
+    AnchorContext, AnchorDesign, BackboneConfig, DinoArchitecture, ModelConfig, QueryKeyNorm, TransformerConfig,
 };
 
 /// Number of Plücker coordinates of a ray.
@@ -90,7 +89,7 @@ fn anchors(config: &ModelConfig, list: &mut List<'_>) {
 
 fn decoder(config: &ModelConfig, list: &mut List<'_>) {
     let dim = config.transformer.dim;
-    let scored = matches!(config.expansion.selection, Selection::Uncertainty {} | Selection::StraightThrough {});
+    let scored = config.expansion.selection.is_scored();
     for (position, block) in config.decoder.blocks.iter().enumerate() {
         list.within(format!("decoder.blocks.{position}"), |list| {
             if block.expansion.is_some() {

@@ -124,11 +124,6 @@ impl Mirror {
         self.storage.traffic()
     }
 
-    /// Text with the URL in place of [`Self::path`], for records that are compared between machines.
-    pub fn with_url(&self, text: &str) -> String {
-        text.replace(&*self.root.to_string_lossy(), self.url())
-    }
-
     /// Why contents could not be fetched, if that has happened: nothing is requested since.
     pub fn failure(&self) -> Option<ObjectError> {
         self.lock().failed.clone()

@@ -29,10 +29,10 @@ pub use lint::{
     PresetMatch, RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
 };
 pub use preset::{
-    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
-    LensDistortion, LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
-    PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererOverrides, RendererPrincipalPoint,
-    SsimConvention,
+    AcceptedIndex, Aggregation, Derivation, DisparityPlanes, DropReason, Dropped, EffectiveSetting, Filters,
+    IndexMatch, IndexRule, LensDistortion, LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull,
+    NearFar, PixelValues, PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererOverrides,
+    RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;
 pub use sampling_rule::{BuiltIndex, OverlapRule, SamplingRule};

@@ -2,7 +2,6 @@ mod named;
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
-use atsplat_camera::Camera;
 use atsplat_scene::{FrameImage, Scene, SceneSource, WarningKind, Warnings};
 use serde::{Deserialize, Serialize};
 
@@ -109,21 +108,17 @@ impl SamplingRule {
             Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0, repeated: 0 },
         };
         let (mut missing, mut repeated) = (0, 0);
-        let mut files = HashSet::new();
-        let mut is_usable = |image: &FrameImage| match image {
-            FrameImage::Missing(_) => {
-                missing += 1;
-                false
+        let (mut frame_numbers, mut cameras, mut files) = (Vec::new(), Vec::new(), HashSet::new());
+        for (number, frame) in scene.frames.iter().enumerate() {
+            match &frame.image {
+                FrameImage::Missing(_) => missing += 1,
+                FrameImage::File(path) if !files.insert(path) => repeated += 1,
+                _ => {
+                    frame_numbers.push(number);
+                    cameras.push(frame.camera);
+                }
             }
-            FrameImage::File(path) if !files.insert(path.clone()) => {
-                repeated += 1;
-                false
-            }
-            _ => true,
-        };
-        let frames = scene.frames.iter().enumerate().filter(|(_, frame)| is_usable(&frame.image));
-        let (frame_numbers, cameras): (Vec<usize>, Vec<Camera>) =
-            frames.map(|(number, frame)| (number, frame.camera)).unzip();
+        }
         let mut refused = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
             let sampled: Vec<_> = sampled.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect();

@@ -1,8 +1,10 @@
 //! Every value of the published presets that changes a number, stated once more: as the papers' code has it, and not read from
 //! the preset's own file.
 
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::{Aggregation, Filters, LensDistortion, Preset};
+use glam::{DMat3, DVec3};
 use serde_json::{Value, json};
 
 /// A method's pose normalisation, near and far plane.
@@ -104,7 +106,7 @@ fn published() -> Vec<Published> {
             filters: from(1e-3, Some(100.0)),
             ..on_dl3dv("dl3dv-6v-224", 6, (8, 8), small_square, vec![("YoNoSplat", yonosplat, [0.1, 100.0])])
         },
-        on_dl3dv("re10k-to-dl3dv-256", 2, (50, 50), square, vec![mvsplat(), depthsplat(100.0), ilrm()]),
+        on_dl3dv("re10k-to-dl3dv-256", 2, (50, 50), square, vec![mvsplat(), depthsplat(200.0), ilrm()]),
         on_dl3dv("dl3dv-6v-extrapolation", 6, (20, 20), PATCHES, later()),
         of_re10k(
             "re10k-extrapolation",
@@ -182,4 +184,36 @@ fn every_published_preset_is_checked() {
     };
     let names: Vec<&str> = Preset::names().filter(is_published).collect();
     assert_eq!(names, published().iter().map(|own| own.name).collect::<Vec<_>>());
+}
+
+/// pixelSplat and latentSplat replace their planes by ones from the baseline, in the network and in the renderer (`bounds_shim.py`): where
+/// the disparity is three image sides, and half a pixel.
+#[test]
+fn planes_by_disparity_are_those_of_two_methods() {
+    let camera = |x: f64, focal: f64| {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
+        Camera::pinhole(pose, NormalizedIntrinsics::new(focal, focal, 0.5, 0.5).unwrap())
+    };
+    let size = ImageSize { width: 256, height: 256 };
+    for own in published() {
+        let preset = Preset::named(own.name).unwrap();
+        for (method, ..) in own.methods {
+            let place = format!("{}, {method}", own.name);
+            let planes = preset.setting_for(method).disparity_planes;
+            assert_eq!(planes.is_some(), ["pixelSplat", "latentSplat"].contains(&method), "{place}");
+            let Some(planes) = planes else { continue };
+            // Pixels of 1/(256 · 0.8) and 1/(256 · 1.0), on average 1/227.6; baselines of 1 and 0.02.
+            for baseline in [1.0, 0.02] {
+                let context = [camera(0.0, 0.8), camera(baseline, 1.0), camera(0.3 * baseline, 0.8), camera(0.0, 1.0)];
+                let found = planes.of(&context, size);
+                let pixel = f64::midpoint(1.0 / 204.8, 1.0 / 256.0);
+                let expected = [baseline / (768.0 * pixel), baseline / (0.5 * pixel)];
+                Tolerance::relative(1e-12).assert([found.near, found.far], expected, &place);
+            }
+            // Wide images count their shorter side, and both sides of their pixels.
+            let found = planes.of(&[camera(0.0, 1.0), camera(1.0, 1.0)], ImageSize { width: 448, height: 256 });
+            let pixel = f64::midpoint(1.0 / 448.0, 1.0 / 256.0);
+            Tolerance::relative(1e-12).assert([found.near, found.far], [1.0 / (768.0 * pixel), 2.0 / pixel], &place);
+        }
+    }
 }

@@ -11,11 +11,7 @@ pub(crate) type Numbers = ([f64; 12], [f64; 4], String, Vec<f64>, u32, u32);
 /// The numbers of a camera.
 pub(crate) fn numbers(camera: &Camera, size: ImageSize) -> Numbers {
     let NormalizedIntrinsics { fx, fy, cx, cy } = camera.intrinsics;
-    let (lens, coefficients) = match camera.distortion {
-        Distortion::None => ("pinhole", Vec::new()),
-        Distortion::OpenCv { k1, k2, k3, p1, p2 } => ("opencv", vec![k1, k2, p1, p2, k3]),
-        Distortion::Fisheye { k } => ("fisheye", k.to_vec()),
-    };
+    let (lens, coefficients) = camera.distortion.in_opencv_order().unwrap_or(("pinhole", Vec::new()));
     let pose = camera.camera_from_world.to_rows();
     (pose, [fx, fy, cx, cy], lens.to_owned(), coefficients, size.width, size.height)
 }

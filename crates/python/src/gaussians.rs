@@ -68,6 +68,7 @@ impl Gaussians {
             } else if import.opacities_may_be_no_logits {
                 notes.push("every stored opacity is in [0, 1]: they may be opacities, not logits".to_owned());
             }
+            notes.extend(import.doubts());
             if import.antialiased == Some(true) {
                 notes.push("trained with antialiasing: render it with antialiased=True".to_owned());
             }

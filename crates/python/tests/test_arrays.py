@@ -257,6 +257,24 @@ def test_logits_that_are_read_as_opacities_are_a_warning(tmp_path):
     assert np.isnan(read.opacity_logits).tolist() == [True, False] and np.isclose(read.opacity_logits[1], np.log(3))
 
 
+def test_black_is_an_image():
+    black, grey = np.zeros((1, 16, 16, 3), np.uint8), np.full((1, 16, 16, 3), 128, np.uint8)
+    assert np.isclose(atsplat.psnr(black, grey)[0], -20 * np.log10(128 / 255), rtol=1e-6)
+    with pytest.raises(atsplat.InvalidError, match="floats that were cast"):
+        atsplat.psnr(black + (np.arange(16) % 2 == 0)[:, None].astype(np.uint8), grey)
+
+
+def test_scales_that_may_be_no_logarithms_are_a_warning(tmp_path):
+    rows = {"means": np.zeros((2, 3)), "quaternions": [[1, 0, 0, 0]] * 2, "opacities": [0.9, 0.8], "colours": np.zeros((2, 3))}
+    atsplat.Gaussians(**rows, log_scales=[[0.5, 0.25, 1.0]] * 2).write(tmp_path / "scales.ply")
+    with pytest.warns(UserWarning, match="may be scales without their logarithm"):
+        atsplat.Gaussians.read(tmp_path / "scales.ply")
+    atsplat.Gaussians(**rows, log_scales=[[0.5, 0.25, -1.0]] * 2).write(tmp_path / "logarithms.ply")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        atsplat.Gaussians.read(tmp_path / "logarithms.ply")
+
+
 def test_gaussians_that_are_not_drawn_are_a_warning():
     cameras = atsplat.Cameras.from_arrays(camera_from_world=np.eye(4), intrinsics=[[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]], height=8, width=8)
     means, quaternions = np.tile([0.0, 0, 2], (4, 1)), np.tile([1.0, 0, 0, 0], (4, 1))

@@ -146,6 +146,12 @@ def test_what_pinhole_cameras_cannot_have_is_refused():
     assert len(Cameras.from_arrays(world_from_camera=np.eye(4) + 1e-7, pixel_intrinsics=almost, height=80, width=128)) == 1
 
 
+def moved(x, y, z):
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
 @pytest.mark.parametrize("change, field, problem", [
     ({"camera_from_world": np.eye(4)}, "camera_from_world", "expected N × 4 × 4, found 4 × 4"),
     ({"camera_from_world": np.zeros((3, 3, 4))}, "camera_from_world", "expected N × 4 × 4, found 3 × 3 × 4"),
@@ -153,8 +159,10 @@ def test_what_pinhole_cameras_cannot_have_is_refused():
     ({"intrinsics": np.eye(3)}, "intrinsics", "expected 3 × 3 × 3, found 3 × 3"),
     ({"frames": (0, 1)}, "frames", "expected 3, one for each pose, found 2"),
     ({"lenses": (("pinhole", ()),) * 4}, "lenses", "expected 3, one for each pose, found 4"),
+    ({"camera_from_world": np.stack([moved(1, 2, 3).T] * 3)}, "camera_from_world", "expected the last row 0 0 0 1, found 1 2 3 1"),
+    ({"intrinsics": np.stack([np.eye(3) + [[0, 0.2, 0], [0, 0, 0], [0, 0, 0]]] * 3)}, "intrinsics", "expected 0 in row 0, column 1"),
 ])
-def test_arrays_of_unequal_length_are_refused(change, field, problem):
+def test_arrays_that_are_no_cameras_are_refused(change, field, problem):
     cameras = Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 3), intrinsics=np.eye(3), height=8, width=8)
     with pytest.raises(ValueError, match=problem) as raised:
         replace(cameras, **change)

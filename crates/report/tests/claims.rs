@@ -54,7 +54,7 @@ struct Claim {
 
 const SPARSE: [&str; 3] = ["expansion-sparse", "expansion-sparse-seed-2", "expansion-sparse-seed-3"];
 
-const SPARSEST: [&str; 2] = ["expansion-sparsest", "expansion-sparsest-seed-2"];
+const SPARSEST: [&str; 3] = ["expansion-sparsest", "expansion-sparsest-seed-2", "expansion-sparsest-seed-3"];
 
 const CLAIMS: [Claim; 14] = [
     Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },

@@ -165,7 +165,8 @@ impl Simulation {
     }
 
     fn context(&self) -> SceneContext<'_> {
-        SceneContext { world: &self.world, conditions: &self.conditions, shots: self.shots() }
+        let is_given = self.request().route.is_given();
+        SceneContext { world: &self.world, conditions: &self.conditions, shots: self.shots(), is_given }
     }
 }
 

@@ -33,6 +33,10 @@ impl Route {
     pub fn of_scene(scene: &Scene) -> Self {
         Self::Given(path::timed_cameras(scene))
     }
+
+    pub(crate) const fn is_given(&self) -> bool {
+        matches!(self, Self::Given(_))
+    }
 }
 
 /// Everything on which a simulated scene depends.
@@ -84,7 +88,8 @@ impl Simulation {
     /// Builds the scene and finds a camera path.
     ///
     /// # Errors
-    /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, or samples outside 1 to 256.
+    /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, samples outside 1 to 256, or a given route that does
+    /// not fit into the scene at any scale.
     pub fn new(request: Request) -> Result<Self, RoomsError> {
         let ImageSize { width, height } = request.size;
         let check = |valid: bool, field, expected, found: String| {
@@ -109,7 +114,8 @@ impl Simulation {
             Route::Given(cameras) => path::place(seed, &world, cameras)?,
         };
         let conditions = conditions(request.kind, seed);
-        let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots };
+        let is_given = request.route.is_given();
+        let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, is_given };
         let effects = Effects::choose(&case, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
@@ -125,7 +131,7 @@ impl Simulation {
             |&camera: &Camera| Shot { timestamp_micros: 0, camera, moving_to: camera.camera_from_world.inverse() };
         let shots: Vec<Shot> = cameras.iter().map(still).collect();
         let conditions = conditions(request.kind, seed.bits());
-        let case = SceneContext { world: &world, conditions: &conditions, shots: &shots };
+        let case = SceneContext { world: &world, conditions: &conditions, shots: &shots, is_given: true };
         let effects = Effects::choose(&case, &request.effects);
         Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
     }
@@ -203,10 +209,12 @@ impl fmt::Display for Simulation {
         let (objects, lamps) = (self.world.objects.len(), self.world.lamps.len());
         writeln!(f, "{}: {objects} objects, {lamps} lamps, {} frames", self.key(), self.shots.len())?;
         if self.slowed_to < 1.0 {
+            let speed = if self.request.route.is_given() { "given" } else { "sampled" };
+            let percent = self.slowed_to * 100.0;
+            let percent = if percent < 1.0 { format!("{percent:.1e}") } else { format!("{percent:.0}") };
             writeln!(
                 f,
-                "  the camera moves at {:.0} % of its sampled speed, so that the path fits into the scene",
-                self.slowed_to * 100.0
+                "  the camera moves at {percent} % of its {speed} speed, so that the path fits into the scene"
             )?;
         }
         self.effects.active.iter().try_for_each(|active| writeln!(f, "  {}: {}", active.effect, active.reason))

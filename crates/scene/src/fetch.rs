@@ -1,8 +1,8 @@
 use std::fmt;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use crate::{FrameImage, Scene};
+use crate::Scene;
 
 /// Brings the contents of files to this disk before they are read, for datasets whose files are empty here until then.
 pub trait Fetch: fmt::Debug + Send + Sync {
@@ -16,11 +16,7 @@ pub trait Fetch: fmt::Debug + Send + Sync {
 
 /// The image files of a scene.
 pub(crate) fn image_files(scene: &Scene) -> Vec<PathBuf> {
-    let file = |image: &FrameImage| match image {
-        FrameImage::File(path) => Some(path.clone()),
-        _ => None,
-    };
-    scene.frames.iter().filter_map(|frame| file(&frame.image)).collect()
+    scene.frames.iter().filter_map(|frame| frame.image.file()).map(Path::to_owned).collect()
 }
 
 #[cfg(test)]

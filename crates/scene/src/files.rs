@@ -205,13 +205,13 @@ pub(crate) fn inside<'a>(root: &Path, listed: &'a str) -> Option<Vec<&'a str>> {
     }
     let is_absolute = listed.starts_with(['/', '\\']);
     if is_absolute {
-        let root = std::path::absolute(root).ok()?;
-        let mut root = root.to_str()?.split(['/', '\\']).filter(|part| !matches!(*part, "" | "."));
-        let mut below = parts.into_iter();
-        if !root.all(|part| below.next() == Some(part)) {
-            return None;
-        }
-        parts = below.collect();
+        // The root may be written with `..` or lead through links, which the listed path does not.
+        let roots = [std::path::absolute(root).ok(), root.canonicalize().ok()];
+        parts = roots.iter().flatten().find_map(|root| {
+            let mut root = root.to_str()?.split(['/', '\\']).filter(|part| !matches!(*part, "" | "."));
+            let mut below = parts.iter().copied();
+            root.all(|part| below.next() == Some(part)).then(|| below.collect())
+        })?;
     }
     let leaves = parts.first().is_none_or(|first| is_drive(first));
     (!leaves).then_some(parts)
@@ -246,6 +246,25 @@ mod tests {
         ] {
             assert_eq!(inside(root, listed), expected, "{listed:?}");
         }
+    }
+
+    /// However the folder is written, an absolute path below it stays inside.
+    #[test]
+    fn absolute_paths_are_inside_of_a_root_with_dots_or_links() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().canonicalize().unwrap();
+        fs::create_dir_all(root.join("scene/other")).unwrap();
+        let listed = root.join("scene/images/a.png").to_str().unwrap().to_owned();
+        let mut roots = vec![root.join("scene"), root.join("scene/other/.."), root.join("./scene/../scene")];
+        if cfg!(unix) {
+            #[cfg(unix)]
+            std::os::unix::fs::symlink(root.join("scene"), root.join("link")).unwrap();
+            roots.push(root.join("link"));
+        }
+        for own in roots {
+            assert_eq!(inside(&own, &listed), Some(vec!["images", "a.png"]), "{}", own.display());
+        }
+        assert_eq!(inside(&root.join("scene/other"), &listed), None);
     }
 
     #[test]

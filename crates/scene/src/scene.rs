@@ -33,6 +33,14 @@ impl FrameImage {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
 
+    /// The image's own file, if it is one.
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            _ => None,
+        }
+    }
+
     /// The file, or what the image is in, for messages.
     pub(crate) fn place(&self) -> String {
         match self {

@@ -44,7 +44,7 @@ pub enum WarningKind {
     WideFieldOfView,
     /// The principal point is off the centre by more than 1e-3, which renderers with a symmetric frustum ignore.
     OffCentrePrincipalPoint,
-    /// The lens has distortion, which the protocol's renderer ignores.
+    /// The lens has distortion: protocols render through it, unless they ignore it.
     LensDistortion,
     /// The lens model ends inside the image: no ray belongs to the pixels beyond.
     LensEndsInside,

@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Malformed};
@@ -106,7 +107,8 @@ impl StoredTensors {
     /// select the part that they read.
     ///
     /// # Errors
-    /// [`TensorError::Malformed`] and [`TensorError::Torch`] if the bytes are neither.
+    /// [`TensorError::Malformed`] and [`TensorError::Torch`] if the bytes are neither, and [`TensorError::Malformed`] if repeated
+    /// references would make names or copies of tensors several times as large as the file.
     pub fn parse(file: SharedBytes) -> Result<Self, TensorError> {
         if safetensors::recognises(&file) {
             return safetensors::parse(&file);
@@ -114,7 +116,12 @@ impl StoredTensors {
         if atsplat_pickle::recognises(&file) {
             let bytes = file.len();
             let root = atsplat_pickle::parse(file)?;
-            let mut walk = Walk { found: Self::default(), objects_left: MAX_OBJECTS, copies_left: 2 * bytes };
+            let mut walk = Walk {
+                found: Self::default(),
+                objects_left: MAX_OBJECTS,
+                copies_left: bytes.saturating_mul(2),
+                names_left: bytes.saturating_mul(4),
+            };
             walk.visit(&root, "", MAX_DEPTH)?;
             return Ok(walk.found);
         }
@@ -176,15 +183,20 @@ struct Walk {
     objects_left: usize,
     /// Bytes into which strided tensors may still be copied; others stay in the file's map.
     copies_left: usize,
+    /// Bytes that names and shapes may still take: references of two bytes to one tensor give as many names, each with all keys
+    /// above it.
+    names_left: usize,
 }
 
 impl Walk {
+    /// Collects the tensors of a tensor or container at `path`.
     fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), TensorError> {
         let location = || format!("object {:?}", shortened(path));
-        self.objects_left = self
-            .objects_left
-            .checked_sub(1)
-            .ok_or_else(|| Malformed::new(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more"))?;
+        let dimensions = value.as_tensor().map_or(0, |tensor| tensor.shape().len());
+        self.names_left =
+            self.names_left.checked_sub(path.len() + dimensions * size_of::<usize>()).ok_or_else(|| {
+                Malformed::new(WHAT, location(), "names and shapes of at most four times the file's size", "more")
+            })?;
         if let Some(tensor) = value.as_tensor() {
             let stored = self.stored(tensor, &location())?;
             return match self.found.tensors.insert(path.to_owned(), stored) {
@@ -193,18 +205,35 @@ impl Walk {
             };
         }
         let Some(depth) = depth.checked_sub(1) else { return Ok(()) };
-        let below = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
         for (position, item) in value.as_sequence().unwrap_or_default().iter().enumerate() {
-            self.visit(item, &below(&position.to_string()), depth)?;
+            self.visit_part(item, path, &position, depth)?;
         }
         for (key, item) in value.as_dict().into_iter().flat_map(Dict::iter) {
-            let name = match key {
-                Key::Str(text) => below(text),
-                Key::Int(number) => below(&number.to_string()),
-            };
-            self.visit(item, &name, depth)?;
+            match key {
+                Key::Str(text) => self.visit_part(item, path, text, depth)?,
+                Key::Int(number) => self.visit_part(item, path, number, depth)?,
+            }
         }
         Ok(())
+    }
+
+    /// Visits a part of the container at `path`. Numbers and texts are only counted: names are made for the others alone.
+    fn visit_part(
+        &mut self,
+        value: &Value,
+        path: &str,
+        key: &impl fmt::Display,
+        depth: usize,
+    ) -> Result<(), TensorError> {
+        self.objects_left = self.objects_left.checked_sub(1).ok_or_else(|| {
+            let location = format!("object {:?}", shortened(path));
+            Malformed::new(WHAT, location, format!("at most {MAX_OBJECTS} objects"), "more")
+        })?;
+        if !matches!(value, Value::Tensor(_) | Value::List(_) | Value::Tuple(_) | Value::Dict(_)) {
+            return Ok(());
+        }
+        let name = if path.is_empty() { key.to_string() } else { format!("{path}.{key}") };
+        self.visit(value, &name, depth)
     }
 
     fn stored(&mut self, tensor: &Tensor, location: &str) -> Result<StoredTensor, TensorError> {

@@ -83,6 +83,43 @@ proptest! {
     }
 }
 
+/// A checkpoint in the legacy format: a dict whose only key holds `count` references to one item.
+fn checkpoint(key: &str, item: &[u8], count: usize) -> Vec<u8> {
+    let text = |value: &str| [b"X", &u32::try_from(value.len()).unwrap().to_le_bytes()[..], value.as_bytes()].concat();
+    let object = [b"}", &text(key)[..], b"](", item, b"q\x00", &b"h\x00".repeat(count - 1), b"es"].concat();
+    let storages = [b"]", &text("0")[..], b"a"].concat();
+    // The number of the protocol, what the writer's system was, the object, keys of storages.
+    let pickles = [&b"M\xe9\x03"[..], b"}", &object, &storages].map(|body| [b"\x80\x02", body, b"."].concat());
+    let magic = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.";
+    [&magic[..], &pickles.concat(), &1i64.to_le_bytes(), b"\x07"].concat()
+}
+
+/// A uint8 tensor of shape `[1]`.
+const TENSOR: &[u8] = b"ctorch._utils\n_rebuild_tensor_v2\n((X\x07\0\0\0storagectorch\nByteStorage\nX\x01\0\0\x000\
+    X\x03\0\0\0cpuK\x01tQK\x00K\x01\x85K\x01\x85\x89ccollections\nOrderedDict\n)RtR";
+
+/// Each reference of two bytes would give a name of 4 KiB.
+#[test]
+fn names_of_repeated_references_are_bounded_by_the_file() {
+    let key = "k".repeat(4096);
+    let read = |bytes: Vec<u8>| StoredTensors::parse(shared(bytes));
+    let few = read(checkpoint(&key, TENSOR, 2)).unwrap();
+    let names = few.tensors.keys().collect::<Vec<_>>();
+    assert_eq!(names, [&format!("{key}.0"), &format!("{key}.1")]);
+    assert!(few.tensors.values().all(|tensor| tensor.bytes() == [7]), "{few:?}");
+    // `0` discards the tensor, which the file's storage needs.
+    let (empty, nested) = ([TENSOR, b"0]"].concat(), [b"](", TENSOR, b"e"].concat());
+    for item in [TENSOR, &empty, &nested] {
+        let error = read(checkpoint(&key, item, 4096)).unwrap_err();
+        assert!(matches!(error, TensorError::Malformed(_)), "{error}");
+        let error = error.to_string();
+        assert!(error.contains("names and shapes of at most four times the file's size"), "{error}");
+    }
+    // Numbers get no names.
+    let with_a_number = [TENSOR, b"0K\x05"].concat();
+    assert!(read(checkpoint(&key, &with_a_number, 4096)).unwrap().tensors.is_empty());
+}
+
 /// The folder of a training run is given in place of the weights in it.
 #[test]
 fn a_folder_is_no_weights_file() {

@@ -101,7 +101,7 @@ impl Evaluation {
         let (scored, identical): (Vec<_>, Vec<_>) =
             scored?.concat().into_iter().partition(|pair| pair.iter().all(|scores| !scores.is_identical));
         if scored.is_empty() {
-            let expected = "a target that differs from the context views, as `inset = 1` ensures";
+            let expected = "a target that differs from the context views, such as one of two views with `inset = 1` and `outside = 0`";
             let found = format!("{} identical to their context view or render", identical.len());
             return Err(TrainError::malformed("evaluation", "targets", expected, found));
         }
@@ -119,12 +119,13 @@ impl Evaluation {
         })
     }
 
-    /// The network's renders of the targets of a sample.
+    /// The network's renders of the targets of a sample. Its images are resized as by the weights of a finished run
+    /// ([`Network::input_size`]).
     ///
     /// # Errors
     /// [`TrainError::Model`], [`TrainError::Splat`], [`TrainError::Pixels`].
     pub fn renders(&self, network: &Network, sample: &Sample) -> Result<Vec<Image>, TrainError> {
-        let gaussians = network.forward(&[sample.context.views()?], 0)?.gaussians.scene(0)?;
+        let gaussians = network.reconstruct(&sample.context.views()?, 0)?.gaussians;
         let options = RenderOptions { background: self.background, ..RenderOptions::default() };
         let views = target_views(sample, usize::MAX);
         let rendered = CpuRenderer::default().render_many(&gaussians, &views, &options)?;

@@ -261,7 +261,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
-        let template = Network::new(&self.model, &self.device)?;
+        let template = Network::new(&self.model, &self.device)?.trained_at(self.model.resolution);
         self.current_state()?.result().network(&template)
     }
 

@@ -4,6 +4,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -130,9 +131,9 @@ fn launches_of_a_step_on_an_adapter_do_not_grow_with_the_batch() {
     let _alone = ADAPTER.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let mut launches = |batch: usize| {
-        let text = TINY.replace("batch = 4\ntogether = 2", &format!("batch = {batch}\ntogether = {batch}"));
-        let config = TrainConfig::from_toml(&text).unwrap();
-        assert_eq!(config.micro_batch.get(), batch);
+        let mut config = TrainConfig::from_toml(TINY).unwrap();
+        config.batch = NonZeroUsize::new(batch).unwrap();
+        config.micro_batch = config.batch;
         let at = folder.path().join(batch.to_string());
         let mut trainer = Trainer::on(processor, config, &at, &Start::Fresh).unwrap();
         // Lists of tiles have learnt their lengths.

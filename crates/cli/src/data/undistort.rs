@@ -27,7 +27,8 @@ pub(crate) struct Args {
 pub(crate) enum Mode {
     /// The same intrinsics; the border may be black.
     KeepK,
-    /// New intrinsics without a black border, as Long-LRM and iLRM-wide undistort DL3DV.
+    /// New intrinsics without a black border, as Long-LRM and iLRM-wide undistort DL3DV; portrait captures, which Long-LRM's own
+    /// script skips, are undistorted too.
     LongLrm,
 }
 
@@ -43,7 +44,7 @@ pub(crate) use with_opencv::run;
 mod with_opencv {
     use std::fmt;
 
-    use atsplat_opencv::{UndistortMode, UndistortedFrames, undistort_scene};
+    use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene};
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
 
@@ -83,12 +84,22 @@ mod with_opencv {
             } else {
                 Err("its key is not a folder name".to_owned())
             };
-            match loaded {
+            let undistorted = match loaded {
                 Ok(scene) => {
                     let progress = Progress::new("frames", scene.frames.len());
                     let folder = args.out.join(key);
-                    let UndistortedFrames { written, skipped } =
-                        undistort_scene(&scene, mode, &folder, &mut warnings, &|| progress.step())?;
+                    // A scene that is skipped leaves no empty folder.
+                    let _folders = NewFolders::of(&folder.join("images"))?;
+                    match undistort_scene(&scene, mode, &folder, &mut warnings, &|| progress.step()) {
+                        Ok(frames) => Ok(frames),
+                        Err(error @ OpenCvError::Lens { .. }) => Err(format!("it cannot be undistorted: {error}")),
+                        Err(error) => return Err(error.into()),
+                    }
+                }
+                Err(why) => Err(why),
+            };
+            match undistorted {
+                Ok(UndistortedFrames { written, skipped }) => {
                     report.written += written;
                     report.skipped += skipped;
                 }

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{PointsOf, Start, StartError, StartGaussians, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
+use atsplat_eval::reconstruct::{
+    NetworkSource, PhotoSelection, Photos, ReconstructError, WeightsRecord, rendered_scene,
+};
 use atsplat_fit::{FitConfig, FitError, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
@@ -179,11 +181,18 @@ impl StartArgs {
         self.refine.is_none().then(|| Path::new(&self.start))
     }
 
-    /// For the record.
-    pub(super) fn name(&self) -> String {
+    /// For the record, with the weights of a refinement: another file may have had their path before.
+    fn name(&self, weights: Option<&WeightsRecord>) -> String {
+        if let Some(path) = &self.refine {
+            let hash = match weights {
+                Some(WeightsRecord::File { sha256, .. }) => format!(", sha256 {sha256}"),
+                Some(WeightsRecord::Untrained { .. }) | None => String::new(),
+            };
+            return format!("network {}{hash}", path.display());
+        }
+        let depths = self.depths.map_or_else(String::new, |[near, far]| format!(", depths {near},{far}"));
         let stored = if self.opacities_as_stored { ", opacities as stored" } else { "" };
-        let start = || [self.start.as_str(), stored].concat();
-        self.refine.as_ref().map_or_else(start, |weights| format!("network {}", weights.display()))
+        [self.start.as_str(), &depths, stored].concat()
     }
 
     /// The network of a refinement.
@@ -195,18 +204,19 @@ impl StartArgs {
         Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))
     }
 
-    /// The Gaussians to start from, in the frame of the views, for a configuration that comes from some options. Warns of what is
-    /// wrong with their file.
+    /// The Gaussians to start from, in the frame of the views, for a configuration that comes from some options; and their name for
+    /// the record. Warns of what is wrong with their file.
     pub(super) fn gaussians(
         &self,
         input: &Input,
         args: &InputArgs,
         network: Option<(&NetworkSource, Device)>,
         (config, options): (&FitConfig, &OptimisationArgs),
-    ) -> anyhow::Result<StartGaussians> {
+    ) -> anyhow::Result<(StartGaussians, String)> {
         if let Some((source, device)) = network {
-            let (network, _) = source.load(&device)?;
-            return Ok(network.reconstruct(&input.photos.views()?, config.seed).context("--refine")?.gaussians.into());
+            let (network, weights) = source.load(&device)?;
+            let made = network.reconstruct(&input.photos.views()?, config.seed).context("--refine")?;
+            return Ok((made.gaussians.into(), self.name(Some(&weights))));
         }
         let start = self.start.parse::<Start>().context("--start")?;
         let applied = if start.reads_points() { args.applied_transform(&input.scene.key) } else { Ok(None) };
@@ -223,6 +233,30 @@ impl StartArgs {
         for warning in &made.warnings {
             warn(&format!("--start {}: {warning}", self.start));
         }
-        Ok(made)
+        Ok((made, self.name(None)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    #[test]
+    fn a_start_is_recorded_with_all_that_decides_it() {
+        let start = |depths: Option<[f64; 2]>, opacities_as_stored: bool, refine: Option<&str>| {
+            let (start, refine) = ("start".to_owned(), refine.map(PathBuf::from));
+            StartArgs { start, depths, opacities_as_stored, refine }
+        };
+        assert_eq!(start(None, false, None).name(None), "start");
+        assert_eq!(start(Some([0.5, 20.0]), false, None).name(None), "start, depths 0.5,20");
+        assert_eq!(start(None, true, None).name(None), "start, opacities as stored");
+        let refined = start(None, false, Some("weights"));
+        for sha256 in ["ab", "cd"] {
+            let (file, hash, provenance) = (PathBuf::from("weights"), sha256.to_owned(), BTreeMap::new());
+            let weights = WeightsRecord::File { file, sha256: hash, provenance };
+            assert_eq!(refined.name(Some(&weights)), format!("network weights, sha256 {sha256}"));
+        }
     }
 }

@@ -46,12 +46,14 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
     out: PathBuf,
 
-    /// Folder for the learning curve and a contact sheet: held-out photos above their renders.
+    /// Folder for the learning curve and a contact sheet: renders next to the held-out photos, or next to those of --views if none
+    /// are held out.
     #[arg(long, value_name = "DIR", help_heading = "Output")]
     plots: Option<PathBuf>,
 
-    /// Compare with the held-out photos every N steps; by default eight times in all. Renders are dark just after a
-    /// reset of opacities, which happens at every tenth of the run in its first half.
+    /// Compare with the held-out photos every N steps; by default about eight times in all, and not just after a reset of
+    /// opacities, when renders are dark: 3DGS and Mip-Splatting reset them at every tenth of the run in its first half, at least
+    /// 300 steps apart.
     #[arg(long, value_name = "N", requires = "held_out", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 
@@ -281,7 +283,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let normalisation = input.photos.trial().normalisation().new_from_old;
     let mut config = args.optimisation.config(normalisation.scale);
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
-    let start = args.start.gaussians(&input, &args.input, network, (&config, &args.optimisation))?;
+    let (start, start_name) = args.start.gaussians(&input, &args.input, network, (&config, &args.optimisation))?;
     let (start, removed) = (start.gaussians, start.removed);
     warn_of_start(&start, &config);
     let device = device.backend().fit_device();
@@ -338,7 +340,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         scene: input.photos.trial().scene().to_owned(),
         views: names(&input.training),
         held_out: names(&input.held_out),
-        start: args.start.name(),
+        inputs: fit.inputs(&input.held_out),
+        start: start_name,
         start_gaussians: count + removed,
         dropped: removed + fit.dropped(),
         extent: fit.extent() / normalisation.scale,

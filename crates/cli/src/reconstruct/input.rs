@@ -82,7 +82,7 @@ impl InputArgs {
         let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         check(&scene.frames, &selection)?;
-        let (scene, recipe) = self.prepared(scene, config)?;
+        let (scene, recipe) = self.prepared(scene, config, warnings)?;
         match Photos::new(scene, selection, recipe, warnings) {
             Err(error) if self.protocol.is_none() && is_size_error(&error) => {
                 let ImageSize { width, height } = self.size(config);
@@ -98,7 +98,12 @@ impl InputArgs {
     }
 
     /// The scene with the recipe of the protocol, or with one that suits any photos.
-    fn prepared(&self, mut scene: Scene, config: &ModelConfig) -> anyhow::Result<(Scene, TrialRecipe)> {
+    fn prepared(
+        &self,
+        mut scene: Scene,
+        config: &ModelConfig,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<(Scene, TrialRecipe)> {
         let Some(name) = &self.protocol else {
             return Ok((scene, photo_recipe(self.size(config))));
         };
@@ -106,7 +111,7 @@ impl InputArgs {
         if self.any_size {
             let source: Arc<dyn SceneSource> = Arc::new(OneScene::new(scene.clone()));
             if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
-                (scene, preset) = (cropped.load(&scene.key, &mut Warnings::new())?, adapted);
+                (scene, preset) = (cropped.load(&scene.key, warnings)?, adapted);
             } else {
                 preset.preprocessing.expected_size = None;
             }

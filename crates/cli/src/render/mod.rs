@@ -127,7 +127,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let scene = args.scene.read()?;
     let settings = args.effects.settings(args.settings.options(constants, &scene, args.writes(FormatArg::Exr))?);
-    let RenderPlan { mut requests, path, notes } = args.views.plan(cameras, &scene)?;
+    let RenderPlan { mut requests, path, notes } = args.views.plan(cameras, &scene, args.exposure.is_some())?;
     exposures.expose(&mut requests)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);

@@ -144,7 +144,12 @@ impl ViewArgs {
     }
 
     /// Plans the views from which the Gaussians are rendered.
-    pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, scene: &SceneFile) -> anyhow::Result<RenderPlan> {
+    pub(crate) fn plan(
+        &self,
+        cameras: Option<Vec<FileCamera>>,
+        scene: &SceneFile,
+        has_exposure: bool,
+    ) -> anyhow::Result<RenderPlan> {
         let mut notes = Vec::new();
         let Some(cameras) = cameras else { return self.orbit(scene) };
         if let Some(file) = &self.cameras {
@@ -155,7 +160,7 @@ impl ViewArgs {
         let file = self.file().context("a path along a spline needs a camera file")?;
         let option = format!("--spline {}", file.display());
         require_same_aspect_ratio(&cameras).context(option.clone())?;
-        if cameras.iter().any(|key| key.exposure.is_some()) {
+        if !has_exposure && cameras.iter().any(|key| key.exposure.is_some()) {
             notes.push("a path between cameras ignores their exposures: see --exposure".to_owned());
         }
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
@@ -304,7 +309,7 @@ mod tests {
         let plan = |last: Option<(u32, u32)>, args: &[&str]| {
             let args = [&["render", "--spline", "keys.json", "3"][..], args].concat();
             let keys = vec![key(0, Some((400, 300))), key(1, Some((200, 150))), key(2, last)];
-            let plan = Command::parse_from(args).views.plan(Some(keys), &scene);
+            let plan = Command::parse_from(args).views.plan(Some(keys), &scene, false);
             plan.map(|plan| plan.requests.len()).map_err(|error| format!("{error:#}"))
         };
         for same in [Some((400, 300)), Some((100, 75)), Some((133, 100)), None] {

@@ -5,6 +5,7 @@ use atsplat_eval::expansion::{ExpansionScene, study_trial};
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
+use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_report::figures::{of_expansion, of_trial};
 use atsplat_report::page::{LiveTrial, PlotSection};
 
@@ -14,7 +15,7 @@ use super::film::film;
 const PROTOCOL: &str = "re10k-2v-256";
 /// Number of scenes shown.
 const SCENES: usize = 2;
-/// Number of scenes tried if images of the first are missing.
+/// Number of scenes tried if images of the first are missing or damaged.
 const CANDIDATES: usize = 8;
 
 /// The section with plots, and the trials of the live view.
@@ -22,7 +23,7 @@ const CANDIDATES: usize = 8;
 pub(super) struct ReportParts {
     pub(super) section: PlotSection,
     pub(super) live: Vec<LiveTrial>,
-    /// Films that could not be made.
+    /// Scenes that could not be studied, and films that could not be made.
     pub(super) not_run: Vec<NotRun>,
 }
 
@@ -33,35 +34,49 @@ pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> an
     let found = datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first());
     let Some(dataset) = found else { anyhow::bail!("there is no dataset") };
     let network = trained.network_for(&trained.config)?;
-    let mut first_skipped = None;
+    let study = |trial: &Trial, truths: &TargetImages| {
+        let (studied, scene) = study_trial(&network, (trial, truths), dataset.render_options(trial), 0, 1)?;
+        let context = trial.context().iter().map(|view| Ok((view.frame, view.image()?)));
+        let context = context.collect::<anyhow::Result<Vec<_>>>()?;
+        let images = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
+        anyhow::Ok((studied, scene, images.unwrap_or_default()))
+    };
+    let mut first_problem = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
     let (mut live, mut not_run) = (Vec::new(), Vec::new());
     for outcome in dataset.trials(&first_trials(dataset)) {
-        match outcome {
-            Ok((trial, truths)) => {
-                let (studied, scene) = study_trial(&network, (&trial, &truths), dataset.render_options(&trial), 0, 1)?;
-                let context = trial.context().iter().map(|view| Ok((view.frame, view.image()?)));
-                let context = context.collect::<anyhow::Result<Vec<_>>>()?;
-                let images = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
-                let film = film(dataset, trained, &trial).map_err(|error| {
-                    not_run.push(NotRun { what: format!("film of {}", trial.scene()), why: format!("{error:#}") });
-                });
+        let (trial, truths) = match outcome {
+            Ok(trial) => trial,
+            Err(skipped) => {
+                first_problem = first_problem.or(Some(skipped.to_string()));
+                continue;
+            }
+        };
+        let mut failed = |what: &str, error: &anyhow::Error| {
+            not_run.push(NotRun { what: format!("{what} of {}", trial.scene()), why: format!("{error:#}") });
+        };
+        match study(&trial, &truths) {
+            Ok((studied, scene, images)) => {
+                let film = film(dataset, trained, &trial).inspect_err(|error| failed("film", error));
                 live.push(LiveTrial {
                     title: format!("{} of {}, {}", trial.scene(), dataset.name, trained.config.name),
                     scene,
-                    images: images.unwrap_or_default(),
+                    images,
                     film: film.ok(),
                 });
                 scenes.push(studied);
             }
-            Err(skipped) => first_skipped = first_skipped.or(Some(skipped)),
+            Err(error) => {
+                failed("expansion", &error);
+                first_problem = first_problem.or(Some(format!("{error:#}")));
+            }
         }
         if scenes.len() == SCENES {
             break;
         }
     }
-    if let (true, Some(skipped)) = (scenes.is_empty(), first_skipped) {
-        anyhow::bail!("{skipped}");
+    if let (true, Some(problem)) = (scenes.is_empty(), first_problem) {
+        anyhow::bail!("{problem}");
     }
     let subject = format!("{} on {}", trained.config.name, dataset.name);
     let section = PlotSection {
@@ -86,8 +101,60 @@ fn first_trials(dataset: &Dataset) -> EvaluationIndex {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use atsplat_eval::discovery::simulated_datasets;
+    use atsplat_pixels::{ImageU8, encode_png};
+    use atsplat_scene::{FrameImage, Scene, SceneError, SceneSource, SharedBytes, Warnings};
+
+    /// The scenes of another source, the images of some of which are cut to half: their headers are whole.
+    struct CutShort {
+        source: Arc<dyn SceneSource>,
+        damaged: Vec<String>,
+    }
+
+    impl SceneSource for CutShort {
+        fn keys(&self) -> &[String] {
+            self.source.keys()
+        }
+
+        fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+            let mut scene = self.source.load(key, warnings)?;
+            if self.damaged.iter().any(|damaged| damaged == key) {
+                let size = scene.frames[0].size(key, 0)?;
+                let grey = vec![128; size.width as usize * size.height as usize * 3];
+                let png = encode_png(&ImageU8::new(size.width, size.height, grey).unwrap()).unwrap();
+                let half = SharedBytes::new(png[..png.len() / 2].to_vec());
+                for frame in &mut scene.frames {
+                    frame.image = FrameImage::Encoded(half.clone());
+                }
+            }
+            Ok(scene)
+        }
+    }
+
+    #[test]
+    fn goes_on_after_a_scene_with_damaged_images() {
+        let trained = crate::embedded::trained(None).unwrap();
+        let with_damaged = |count: usize| {
+            let datasets = simulated_datasets(|_, _| 2).unwrap();
+            let own = datasets.into_iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
+            let scenes: Vec<String> = own.index.index.scenes.keys().cloned().collect();
+            let source = CutShort { source: Arc::clone(&own.source), damaged: scenes[..count].to_vec() };
+            (scenes, report_parts(&[Dataset { source: Arc::new(source), ..own }], &trained))
+        };
+        let (scenes, parts) = with_damaged(1);
+        let ReportParts { live, not_run, .. } = parts.unwrap();
+        assert_eq!(live.len(), 1);
+        assert!(live[0].title.starts_with(&format!("{} of ", scenes[1])), "{}", live[0].title);
+        let failed: Vec<&str> = not_run.iter().map(|own| own.what.as_str()).collect();
+        assert_eq!(failed, [format!("expansion of {}", scenes[0])]);
+        assert!(not_run[0].why.contains(&format!("of scene {:?}: ", scenes[0])), "{}", not_run[0].why);
+        let (scenes, parts) = with_damaged(2);
+        let error = parts.unwrap_err().to_string();
+        assert!(error.contains(&format!("of scene {:?}: ", scenes[0])), "{error}");
+    }
 
     #[test]
     fn shows_the_stand_in_of_the_papers_protocol() {

@@ -137,6 +137,11 @@ impl MethodArgs {
         methods.iter().map(|spec| self.method(spec, &device)).collect()
     }
 
+    /// Of methods whose Gaussians are not imported: they are rendered in their own mode.
+    fn own_splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
+        Ok(Splatting { mode: None, ..self.gaussians.splatting(device)? })
+    }
+
     fn method(
         &self,
         MethodSpec { name, kind }: &MethodSpec,
@@ -148,20 +153,20 @@ impl MethodArgs {
             MethodKind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let splatting = self.gaussians.splatting(device)?;
+                let splatting = self.own_splatting(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
                 Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let splatting = self.gaussians.splatting(device)?;
+                let splatting = self.own_splatting(device)?;
                 let method = Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?;
                 Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Optimised(strategy, budget) => {
                 let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);
-                let splatting = self.gaussians.splatting(device)?;
+                let splatting = self.own_splatting(device)?;
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
             MethodKind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {

@@ -1,11 +1,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
+use atsplat_eval::{GapKind, Results};
 use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
@@ -53,13 +53,14 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let parts = parts(&sweep, &base, &datasets)?;
     let steps = parts.iter().map(|part| plan(args, &suite, part).steps()).sum::<u64>();
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
-    let mut empty_parts = Vec::new();
+    let (mut empty_parts, mut is_empty_shard) = (Vec::new(), true);
     for part in &parts {
         let plan = plan(args, &suite, part);
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
         let (results, _) = runner::run(&plan, store, &|| progress.step())?;
         RemoteData::check(remote.as_ref())?;
         let results = name_urls(args.settings.out(), results)?;
+        is_empty_shard &= plan.is_shard_without_trials(&results);
         if let Some(why) = plan.nothing_evaluated(&results) {
             let labels: Vec<String> = part.methods.iter().map(|method| method.record().name).collect();
             empty_parts.push(format!("{}: nothing was evaluated: {why}", labels.join(", ")));
@@ -78,13 +79,15 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     print_findings(&[&results], &warnings);
     // Settings without a trial are in no table.
     let all_empty = empty_parts.len() == parts.len();
-    if let Some(why) = all_empty.then(|| empty_parts.join("; ")).or_else(|| report.nothing_scored()) {
+    let nothing = all_empty.then(|| empty_parts.join("; ")).or_else(|| report.nothing_scored());
+    if let Some(why) = nothing.filter(|_| !is_empty_shard) {
         bail!("no setting has a result: {why}");
     }
     for why in &empty_parts {
         warn(why);
     }
-    Ok(results.gaps().is_empty())
+    // A shard alone is complete, as for `run`.
+    Ok(results.gaps().iter().all(|gap| gap.kind == GapKind::MissingShards))
 }
 
 fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {

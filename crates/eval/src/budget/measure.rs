@@ -41,7 +41,7 @@ impl BudgetMeasurer {
     pub fn run(&mut self, config: &ModelConfig, views: usize, size: ImageSize) -> Result<MeasuredBudget, ModelError> {
         let start = Instant::now();
         let kept = self.network.take().filter(|network| network.config() == config);
-        memory::reset_peak();
+        let is_peak_reset = memory::reset_peak();
         let network = match kept {
             Some(network) => network,
             None => Network::new(config, &self.device)?,
@@ -50,7 +50,8 @@ impl BudgetMeasurer {
         let build_secs = start.elapsed().as_secs_f64();
         let made = network.reconstruct(&views, 0)?;
         self.network = Some(network);
-        Ok(MeasuredBudget { budget: made.budget, seconds: made.seconds, build_secs, peak_bytes: memory::peak_bytes() })
+        let peak_bytes = memory::peak_bytes().filter(|_| is_peak_reset);
+        Ok(MeasuredBudget { budget: made.budget, seconds: made.seconds, build_secs, peak_bytes })
     }
 }
 

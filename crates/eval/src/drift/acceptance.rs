@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::probe::Recipe;
 use super::{Baseline, BaselineTarget, DriftError, Limit, Verdict};
-use crate::store::Unfinished;
 use crate::{MetricRecord, Results, TargetStatus, TrialKey, TrialStatus};
 
 /// Why a run was accepted as the baseline.
@@ -35,10 +34,7 @@ pub fn acceptable(results: &Results) -> Result<(), DriftError> {
         let found = format!("{count} {targets} without scores; an empty baseline cannot detect drift");
         return refused("results with scores", found);
     }
-    let has_trials = |run: &&Unfinished| {
-        results.trials.iter().any(|trial| (&trial.key.preset, &trial.key.method) == (&run.preset, &run.method))
-    };
-    match results.unfinished().iter().find(has_trials) {
+    match results.interrupted().first() {
         Some(run) => refused("a finished run", format!("{run}; the command that started it resumes it")),
         None => Ok(()),
     }

@@ -189,17 +189,13 @@ impl Method for Optimised {
         let (steps, deadline) = self.budget.plan(&config, &views, &start, &device).map_err(failed)?;
         config.steps = steps;
         let mut fit = Fit::new(config, views, &start).map_err(failed)?.on(device);
-        let mut training = Vec::new();
-        fit.run(deadline, |_, step| {
-            training.push(step.psnr());
-            Ok::<_, FitError>(())
-        })
-        .map_err(failed)?;
+        fit.run(deadline, |_, _| Ok::<_, FitError>(())).map_err(failed)?;
+        if fit.step_count() == 0 {
+            return Err(MethodError::Failed("the time was over before the first step".to_owned()));
+        }
         cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
-        // The last pass over the context, so that overfitting shows next to the held-out PSNR.
-        let last = training.len().saturating_sub(input.images.len());
-        let last = training.get(last..).unwrap_or(&[]);
-        cost.context_psnr = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
+        // Of the last step on each view, so that overfitting shows next to the held-out PSNR.
+        cost.context_psnr = fit.history().training_psnr();
         cost.notes.push(format!("{STEPS_TAKEN}{} steps", fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }
@@ -228,6 +224,35 @@ mod tests {
     use crate::method::atsplat::tests::trials;
     use crate::method::{AtSplat, Backend};
 
+    /// Of the last step on each view, also after a number of steps that is no multiple of theirs.
+    #[test]
+    fn the_context_psnr_is_over_all_views() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
+        for steps in [3, 5, 7] {
+            let budget = Budget::Steps(steps);
+            let method = Optimised::from_scratch(None, Strategy::Mcmc, budget, 400, 0, Splatting::default());
+            let context = trial.context().iter().zip(&images);
+            let views: Vec<TrainingView> =
+                context.map(|(view, image)| training_view(String::new(), view.camera, view.size, image)).collect();
+            let mut config = method.config(&input);
+            let start = method.start(&input, &views, &mut config, &mut Cost::default()).unwrap();
+            config.steps = steps;
+            let mut fit = Fit::new(config, views, &start).unwrap();
+            let mut last = std::collections::BTreeMap::new();
+            fit.run(None, |_, step| {
+                last.insert(step.view, step.psnr());
+                Ok::<_, FitError>(())
+            })
+            .unwrap();
+            let expected = last.values().sum::<f64>() / 2.0;
+            let found = method.predict(input).unwrap().cost().context_psnr.unwrap();
+            atsplat_numeric::Tolerance::relative(1e-12).assert([found], [expected], "both views");
+            assert_eq!(last.len(), 2);
+        }
+    }
+
     #[test]
     fn optimises_the_context_of_a_trial_within_its_budget() {
         let preset = Preset::named("rooms-2v-128").unwrap();
@@ -255,6 +280,17 @@ mod tests {
         let method = refined(Splatting::default());
         let (cost, _) = rendered(&method);
         assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
+
+    #[test]
+    fn an_optimisation_without_a_step_is_a_failure() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
+        let budget = Budget::Seconds(1e-9);
+        let method = Optimised::from_scratch(None, Strategy::Mcmc, budget, 400, 0, Splatting::default());
+        let expected = MethodError::Failed("the time was over before the first step".to_owned());
+        assert_eq!(method.predict(input).err(), Some(expected));
     }
 
     #[test]

@@ -40,6 +40,7 @@ pub fn photo_recipe(size: ImageSize) -> TrialRecipe {
         lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
         near_far: NEAR_FAR,
+        disparity_planes: None,
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
         allow_absent_images: false,

@@ -4,7 +4,7 @@ use atsplat_camera::{Distortion, Fallback, PoseNormalisation};
 use atsplat_files::Sha256Digest;
 use atsplat_model::network::{Processor, Reconstruction};
 use atsplat_protocol::NearFar;
-use atsplat_protocol::trial::AppliedNormalisation;
+use atsplat_protocol::trial::{AppliedNormalisation, ImageDigests};
 use atsplat_splat::Gaussians;
 use serde::Serialize;
 
@@ -24,6 +24,8 @@ pub struct InputRecord {
     pub targets: Vec<ViewRecord>,
     /// Identity of the trial: frames, source cameras, preprocessing, normalisation, near and far planes.
     pub trial: Sha256Digest,
+    /// Identity of the data: bytes of the images of all views, and the source cameras with their lenses.
+    pub data_sha256: Sha256Digest,
     /// The protocol whose recipe was used, if any.
     pub protocol: Option<String>,
     /// Preprocessing of images and intrinsics.
@@ -141,6 +143,7 @@ impl InputRecord {
             views: trial.context().iter().map(|context| view(context.frame)).collect(),
             targets: trial.targets().iter().map(|target| view(target.frame)).collect(),
             trial: trial.hash(),
+            data_sha256: trial.data_hash(photos.ground_truth(), &ImageDigests::default()),
             protocol,
             preprocessing: trial.preprocessing().to_string(),
             normalisation: trial.normalisation().into(),

@@ -74,7 +74,7 @@ pub enum PathRecord {
     /// A smooth path through the cameras of a file.
     Spline {
         file: PathBuf,
-        /// Number of cameras in the file.
+        /// Number of cameras that the path goes through.
         keys: usize,
         closed: bool,
         spacing: PathSpacing,

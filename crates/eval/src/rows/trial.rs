@@ -46,7 +46,7 @@ pub struct TrialRow {
     pub gaussians: Option<u64>,
     /// Gaussians that contributed to an image, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
-    /// Mean PSNR in dB on the context views in the last pass of an optimisation over them; `None` for methods that are not
+    /// Mean PSNR in dB of an optimisation's last step on each context view; `None` for methods that are not
     /// optimised for each trial, and in rows of older versions.
     #[serde(default)]
     pub context_psnr: Option<f64>,

@@ -63,7 +63,7 @@ impl Dataset {
 
     /// The trials of an index, each read when it is needed, with the poses that the protocol gives ATSplat.
     pub fn trials(&self, index: &EvaluationIndex) -> Trials {
-        let recipe = TrialRecipe::of(&self.preset, "ATSplat");
+        let recipe = TrialRecipe::of(&self.preset, Preset::OWN_METHOD);
         Trials::new(Arc::clone(&self.source), index, recipe, Prefetch::NONE)
     }
 

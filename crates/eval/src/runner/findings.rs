@@ -9,9 +9,9 @@ use atsplat_scene::Warnings;
 
 use super::{Dataset, Missing, Selection, Summary};
 use crate::method::Method;
-use crate::{SkippedEntry, WarningCount};
+use crate::{Provenance, SkippedEntry, WarningCount};
 
-/// The kind of the warning about methods whose settings other presets state.
+/// How the kinds of warnings begin about methods whose settings other presets state; the method's name follows.
 const UNLISTED_SETTINGS: &str =
     "methods with the preset's own poses and planes, because it states none of the method they name";
 /// The kind of the warning about learned metrics with other weights than the published ones, whose numbers are of another metric.
@@ -19,7 +19,7 @@ pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than t
 
 /// Whether a kind of warning is about a whole run, which every shard of it counts.
 pub(crate) fn is_of_run(kind: &str) -> bool {
-    [UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS].contains(&kind)
+    kind.starts_with(UNLISTED_SETTINGS) || kind == UNPUBLISHED_WEIGHTS
 }
 
 /// Problems with datasets that did not stop a run.
@@ -98,12 +98,22 @@ impl Findings {
     /// Adds the methods that name a method whose settings other presets state: they run with the preset's own.
     pub(super) fn add_unlisted_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
         for method in methods.iter().filter(|method| !dataset.preset.has_setting_of(method.setting())) {
-            self.add(
-                &dataset.name,
-                UNLISTED_SETTINGS,
-                1,
-                format!("{} names {}", method.record().name, method.setting()),
-            );
+            let (name, setting) = (method.record().name, method.setting());
+            let kind = format!("{UNLISTED_SETTINGS}: {name}");
+            self.add(&dataset.name, &kind, 1, format!("{name} names {setting}"));
+        }
+    }
+
+    /// Keeps what earlier runs of other methods than `own` under the same presets found about settings: their rows are still there.
+    pub(super) fn keep_unlisted_settings(&mut self, before: &Provenance, own: &BTreeSet<String>) {
+        let is_of_another = |found: &&WarningCount| {
+            let name = found.kind.strip_prefix(UNLISTED_SETTINGS).and_then(|rest| rest.strip_prefix(": "));
+            name.is_some_and(|name| !own.contains(name))
+        };
+        for found in before.warnings.iter().filter(is_of_another) {
+            if !self.warnings.contains(found) {
+                self.warnings.push(found.clone());
+            }
         }
     }
 

@@ -35,7 +35,7 @@ pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Ar
 }
 
 pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
-    TrialRecipe::of(&dataset.preset, methods.first().map_or("ATSplat", |method| method.setting()))
+    TrialRecipe::of(&dataset.preset, methods.first().map_or(Preset::OWN_METHOD, |method| method.setting()))
 }
 
 pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
@@ -123,7 +123,7 @@ impl GroupRun<'_> {
                     state.is_incomplete |= !self.missing(&trial, &data).is_empty();
                 }
                 Err(skipped) => {
-                    outdated.check_skipped(&skipped);
+                    outdated.check_skipped(&skipped, &names);
                     state.skipped += 1;
                 }
             }

@@ -210,16 +210,27 @@ fn reasons(built: &BuiltIndex) -> String {
 /// The first of a preset's accepted indices in a folder, in any subfolder and under any name.
 fn published_below(folder: &Path, preset: &Preset) -> Result<PathBuf, EvalError> {
     let mut found: Vec<(Sha256Digest, PathBuf)> = Vec::new();
+    // Such as `lost+found`, which only the administrator may read.
+    let mut unread: Vec<PathBuf> = Vec::new();
     let mut folders = vec![(folder.to_owned(), 0)];
     while let Some((folder, depth)) = folders.pop() {
-        let entries = fs::read_dir(&folder).map_err(EvalError::io("searching for evaluation indices", &folder))?;
+        let entries = match fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(_) if depth > 0 => {
+                unread.push(folder);
+                continue;
+            }
+            Err(error) => return Err(EvalError::io("searching for evaluation indices", &folder)(error)),
+        };
         for path in entries.flatten().map(|entry| entry.path()) {
             let is_json = path.extension().is_some_and(|extension| extension == "json");
             if path.is_dir() && depth < MAX_DEPTH {
                 folders.push((path, depth + 1));
             } else if is_json && fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= MAX_BYTES) {
-                let bytes = fs::read(&path).map_err(EvalError::io("searching for evaluation indices", &path))?;
-                found.push((Sha256Digest::of(&bytes), path));
+                match fs::read(&path) {
+                    Ok(bytes) => found.push((Sha256Digest::of(&bytes), path)),
+                    Err(_) => unread.push(path),
+                }
             }
         }
     }
@@ -228,10 +239,13 @@ fn published_below(folder: &Path, preset: &Preset) -> Result<PathBuf, EvalError>
     let by_hash = |sha256: &Sha256Digest| found.iter().find(|(hash, _)| hash == sha256).map(|(_, path)| path.clone());
     accepted.iter().find_map(|accepted| by_hash(&accepted.sha256)).ok_or_else(|| {
         let names: Vec<&str> = accepted.iter().map(|accepted| accepted.name.as_str()).collect();
+        let unread = unread.first().map_or_else(String::new, |first| {
+            format!(", and {} that cannot be read, such as {}", unread.len(), first.display())
+        });
         EvalError::Settings {
             what: "evaluation index",
             expected: format!("the file of {} for the preset {}", names.join(" or "), preset.name),
-            found: format!("{} other .json files below {}", found.len(), folder.display()),
+            found: format!("{} other .json files below {}{unread}", found.len(), folder.display()),
         }
     })
 }

@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use atsplat_protocol::trial::{Skipped, Trial};
 
 use super::findings::depends_on_poses;
@@ -33,14 +35,13 @@ impl<'a> Outdated<'a> {
         }
     }
 
-    /// Checks an entry that is skipped now. Whether poses can be normalised depends on the method, so that reason alone does
-    /// not make other methods' results outdated.
-    pub(super) fn check_skipped(&mut self, skipped: &Skipped) {
-        if depends_on_poses(skipped.reason) {
-            return;
-        }
+    /// Checks an entry that is skipped now for the methods of a group. Whether poses can be normalised depends on the method, so
+    /// that reason alone does not make other methods' results outdated.
+    pub(super) fn check_skipped(&mut self, skipped: &Skipped, group: &BTreeSet<String>) {
+        let is_of_group = depends_on_poses(skipped.reason);
         let key = self.key(&skipped.scene, skipped.entry_number);
-        for method in self.store.known().methods(&key.preset, &key.scene, key.entry) {
+        let methods = self.store.known().methods(&key.preset, &key.scene, key.entry);
+        for method in methods.filter(|method| !is_of_group || group.contains(*method)) {
             let why = format!("its entry is skipped now, {}: {}", skipped.reason.name(), skipped.detail);
             self.note(&key, method, &why, RESTORE);
         }

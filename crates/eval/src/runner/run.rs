@@ -1,5 +1,7 @@
 use std::collections::BTreeSet;
 
+use atsplat_protocol::KnownIndex;
+
 use super::findings::SceneWarnings;
 use super::group_run::{GroupRun, groups};
 use super::images::ImageSink;
@@ -58,7 +60,10 @@ pub fn run_until(
             outdated.check_missing_scene(scene);
         }
         outdated.into_result()?;
-        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256) {
+        // Recognised by all of its entries, of which a shard has a part.
+        let known = KnownIndex::by_content(&dataset.index.index.content_hash());
+        let sha256 = known.map_or(dataset.index.sha256, |known| known.sha256);
+        for mismatch in dataset.preset.mismatches(&index, &sha256) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         findings.add_notices(dataset, plan.selection, &mut summary);
@@ -92,6 +97,7 @@ pub fn run_until(
     let before = store.provenance();
     findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());
     let own: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();
+    findings.keep_unlisted_settings(before, &own);
     let kept = |found: &SkippedEntry| if is_run(&found.preset) { found.for_others(&own) } else { Some(found.clone()) };
     findings.skipped.extend(before.skipped.iter().filter_map(kept));
     let findings = findings.in_order();

@@ -73,7 +73,7 @@ pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Resul
 }
 
 fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
-    for path in disk::files(folder)?.into_iter().filter(|path| !kept.contains(path)) {
+    for path in disk::files(folder)?.into_iter().filter(|path| path.is_dir() && !kept.contains(path)) {
         fs::remove_dir_all(&path).map_err(EvalError::io("removing images", &path))?;
     }
     Ok(())

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::contrast::weighted_sums;
-use super::scene_means::{clusters, mean_of_clusters};
+use super::scene_means::{Cluster, clusters, mean_of_clusters};
 use super::selection::{SelectedTarget, select};
 use super::{MetricQuery, direction, sign_test};
 use crate::Results;
@@ -45,6 +45,18 @@ pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Pai
 pub fn paired_between(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Paired> {
     let found = of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))?;
     Some(Paired { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found })
+}
+
+/// Each scene's means of `a` and of `b`, over the targets that both have a score for.
+pub fn paired_scene_means(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Vec<(String, [f64; 2])> {
+    let (a, b) = (select(results, a), select(results, b));
+    let (middle, _) = weighted_sums(&[(&a, 0.5), (&b, 0.5)]);
+    let differences = scene_differences(&a, &b);
+    let both = |(middle, (scene, difference)): (Cluster, (&str, f64))| {
+        let mean = middle.sum / middle.weight;
+        (scene.to_owned(), [mean + difference / 2.0, mean - difference / 2.0])
+    };
+    clusters(&middle, Aggregation::SceneMeans).into_iter().zip(differences).map(both).collect()
 }
 
 /// Like [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.

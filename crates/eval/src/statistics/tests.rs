@@ -195,6 +195,11 @@ fn pairs_match_targets_and_respect_the_metrics_direction() {
     Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
     assert_eq!(paired_between((&store, &of("a")), (&b, &of("b"))), Some(found));
     assert_eq!(paired(&store, &of("a"), &of("unknown")), None);
+    // Without the target of z that b alone has.
+    let means = paired_scene_means(&store, &of("a"), &of("b"));
+    assert_eq!(means.iter().map(|(scene, _)| scene.as_str()).collect::<Vec<_>>(), ["x", "y", "z"]);
+    let means = means.iter().flat_map(|(_, means)| *means);
+    Tolerance::F64.assert(means, [0.15, 0.2, 0.4, 0.3, 0.3, 0.3], "means of a and of b");
 }
 
 /// Three scenes of four with more of the metric, one with less: three wins where higher is better, one where lower is.

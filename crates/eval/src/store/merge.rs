@@ -139,15 +139,19 @@ impl Results {
         }
         let all = count.into_iter().flat_map(|count| 1..=count);
         let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
-        if missing_shards.is_empty() && unfinished.is_empty() {
-            provenance.shard = None;
-        }
-        let is_several = provenance.shard.is_some() && shards.len() > 1;
-        provenance.merged_shards = if is_several { Vec::from_iter(shards) } else { Vec::new() };
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;
-        let results = rows.into_results(provenance)?;
+        let mut results = rows.into_results(provenance)?;
+        // A store may hold runs of other methods under other protocols, or be an unfinished copy of another part.
+        let interrupted = results.interrupted();
+        let is_same = |a: &Unfinished, b: &Unfinished| (&a.preset, &a.method) == (&b.preset, &b.method);
+        unfinished.retain(|run| interrupted.iter().any(|other| is_same(run, other)));
+        if missing_shards.is_empty() && unfinished.is_empty() {
+            results.provenance.shard = None;
+        }
+        let is_several = results.provenance.shard.is_some() && shards.len() > 1;
+        results.provenance.merged_shards = if is_several { Vec::from_iter(shards) } else { Vec::new() };
         check_consistent(&results)?;
         Ok(Merged { results, missing_shards, unfinished, repeated })
     }

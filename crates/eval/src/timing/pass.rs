@@ -112,14 +112,16 @@ impl Pass<'_> {
     ) -> Result<(), EvalError> {
         let known = self.store.timings()?;
         let mut trials = TimingTrials::new(dataset, index, methods, self.timing.trials as usize);
+        // Some entries have no trial.
+        trials.prepare(self.timing.trials as usize);
+        let prepared = trials.prepared.len();
         let (new, done): (Vec<_>, Vec<_>) =
-            methods.iter().partition(|method| !self.is_timed(&known, dataset, method.as_ref(), trials.len()));
+            methods.iter().partition(|method| !self.is_timed(&known, dataset, method.as_ref(), prepared));
         for _ in &done {
             (self.step)();
         }
         let mut rows = Vec::new();
-        // Images are decoded first: decoding is part of neither the times nor the load.
-        trials.prepare(self.timing.trials as usize);
+        // Images are decoded by now: decoding is part of neither the times nor the load.
         let outcome = new.iter().try_for_each(|method| {
             rows.extend(self.method(dataset, &mut trials, method.as_ref())?);
             (self.step)();
@@ -136,7 +138,7 @@ impl Pass<'_> {
     }
 
     /// Whether the known rows already hold what this pass would measure.
-    fn is_timed(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, available: usize) -> bool {
+    fn is_timed(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, prepared: usize) -> bool {
         let name = method.record().name;
         let own = known.iter().filter(|row| row.key.preset == dataset.name && row.key.method == name);
         let valid = own.filter(|row| {
@@ -146,7 +148,7 @@ impl Pass<'_> {
                 && (!row.is_timed() || self.is_enough(row))
         });
         let (timed, rejected): (Vec<_>, Vec<_>) = valid.partition(|row| row.is_timed());
-        timed.len() >= (self.timing.trials as usize).min(available) || (timed.is_empty() && !rejected.is_empty())
+        timed.len() + rejected.len() >= prepared || (timed.is_empty() && !rejected.is_empty())
     }
 
     fn is_enough(&self, row: &TimingRow) -> bool {
@@ -154,7 +156,8 @@ impl Pass<'_> {
         self.timing.is_enough(row.repetitions(), secs)
     }
 
-    /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.
+    /// The rows of one method: the requested number of timed trials and those that it rejected on the way, with the reason; the
+    /// first of these alone if it rejects all.
     fn method(
         &self,
         dataset: &Dataset,
@@ -162,7 +165,7 @@ impl Pass<'_> {
         method: &dyn Method,
     ) -> Result<Vec<TimingRow>, EvalError> {
         let (requested, available) = (self.timing.trials as usize, trials.len());
-        let (mut rows, mut rejected) = (Vec::new(), None);
+        let (mut rows, mut rejected) = (Vec::new(), Vec::new());
         let timed = method.timed();
         for position in 0..requested + SPARE {
             self.check_stop()?;
@@ -182,14 +185,16 @@ impl Pass<'_> {
                 }
                 Err(detail) => {
                     row.detail = Some(detail);
-                    rejected.get_or_insert(row);
+                    rejected.push(row);
                 }
             }
-            if rows.len() == requested || (rejected.is_some() && !timed.encoding && !timed.rendering) {
+            if rows.len() == requested || (!rejected.is_empty() && !timed.encoding && !timed.rendering) {
                 break;
             }
         }
-        Ok(if rows.is_empty() { rejected.into_iter().collect() } else { rows })
+        rejected.truncate(if rows.is_empty() { 1 } else { rejected.len() });
+        rows.extend(rejected);
+        Ok(rows)
     }
 
     /// Times one trial, and takes the machine's load meanwhile: a burst of other work is one trial's alone.

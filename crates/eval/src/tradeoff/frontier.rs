@@ -256,12 +256,33 @@ impl Ranking<'_> {
             points[at].standing = standing;
             frontier.extend((standing == Standing::Frontier).then_some(at));
         }
+        self.compare_with_final(points, &frontier);
         // The cheapest point has no predecessor and is compared with its successor.
         if let Some(cheapest) = frontier.first().copied() {
             let next = frontier.get(1).copied().or_else(|| (0..points.len()).find(|at| *at != cheapest));
             points[cheapest].against = next.and_then(|next| self.compared(&points[cheapest], &points[next]));
         }
         frontier
+    }
+
+    /// Compares points off the frontier again whose point of comparison was dropped later: with the last point of the frontier that
+    /// costs no more, or the same.
+    fn compare_with_final(&self, points: &mut [Point], frontier: &[usize]) {
+        let is_final = |label: &str| frontier.iter().any(|on| points[*on].label == label);
+        let outdated = |point: &Point| {
+            let dropped = point.against.as_ref().is_some_and(|against| !is_final(&against.label));
+            point.standing != Standing::Frontier && dropped
+        };
+        let outdated: Vec<usize> = (0..points.len()).filter(|at| outdated(&points[*at])).collect();
+        for at in outdated {
+            let costs_no_more = |on: &&usize| **on < at || same_cost(&points[**on], &points[at]);
+            let Some(last) = frontier.iter().rev().find(costs_no_more) else { continue };
+            let difference = self.difference(&points[at], &points[*last]);
+            if difference.is_some_and(|difference| self.is_better(&difference.negated())) {
+                points[at].standing = Standing::Worse;
+            }
+            points[at].against = self.compared(&points[at], &points[*last]);
+        }
     }
 
     /// Costs that differ by less than their measurement error are equal: a worse point of that cost is dropped in favour of the

@@ -68,6 +68,17 @@ fn dominated_points_are_not_on_the_frontier() {
     assert_eq!((labels(&rotated), &rotated.knee, &rotated.prices), (labels(&found), &found.knee, &found.prices));
 }
 
+/// Three settings of one cost: the best takes the place of the first, which the second was compared with.
+#[test]
+fn points_are_compared_with_the_frontier_as_it_is_in_the_end() {
+    let samples = [("first", 20.0, 1.0), ("twin", 20.0, 1.02), ("better", 25.0, 1.05), ("dear", 30.0, 2.0)];
+    let samples = samples.map(|(label, quality, secs)| Sample { secs_error: 0.1, ..sample(label, quality, secs) });
+    let found = frontier_with_intervals(0.1, &samples, Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!(standings(&found), [("first", Worse), ("twin", Worse), ("better", On), ("dear", On)]);
+    let against = found.points.iter().filter_map(|point| Some(point.against.as_ref()?.label.as_str()));
+    assert_eq!(against.collect::<Vec<_>>(), ["better", "better", "dear", "better"]);
+}
+
 /// A point is better only if the interval of the difference excludes 0.
 #[test]
 fn points_with_overlapping_intervals_are_not_ranked() {

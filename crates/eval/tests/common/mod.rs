@@ -38,6 +38,8 @@ pub(crate) struct Walls {
     pub(crate) gaps: bool,
     /// Scenes and frames whose image shows another scene.
     pub(crate) replaced: Vec<(usize, usize)>,
+    /// Whether cameras stand together more closely than where the images were taken.
+    pub(crate) close: bool,
     /// Whether loading a scene emits a warning.
     pub(crate) warns: bool,
 }
@@ -51,13 +53,18 @@ impl Walls {
             brighter: None,
             gaps: false,
             replaced: Vec::new(),
+            close: false,
             warns: false,
         }
     }
 }
 
 pub(crate) fn camera(frame: usize) -> Camera {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-0.2 * frame as f64, 0.0, 0.0)).unwrap();
+    camera_at(0.2 * frame as f64)
+}
+
+fn camera_at(x: f64) -> Camera {
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
     Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap())
 }
 
@@ -103,7 +110,7 @@ impl SceneSource for Walls {
             Frame {
                 name: frame.to_string(),
                 timestamp_micros: None,
-                camera: camera(frame),
+                camera: if self.close { camera_at(0.05 * frame as f64) } else { camera(frame) },
                 stated_size: Some(SIZE),
                 image: match frame % 7 {
                     3 if self.gaps => FrameImage::Missing(format!("{frame}.png").into()),

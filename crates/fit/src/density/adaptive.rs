@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use super::{Changes, DensityControl, DensityError, StepContext, ViewGradients};
 use crate::optimised_gaussians::{logit, narrowed, sigmoid};
 use crate::random::{Purpose, normals};
-use crate::{Fault, OptimisedGaussians};
+use crate::{Fault, OptimisedGaussians, Schedule};
 
 /// Smallest opacity that is kept.
 const LEAST_OPACITY: f64 = 0.005;
@@ -30,12 +30,14 @@ pub struct Adaptive {
     threshold: f64,
     sums: Vec<f32>,
     counts: Vec<f32>,
+    /// The step of the last reset. A checkpoint does not hold it: the schedule of a fixed number of steps keeps resets apart.
+    last_reset: Option<u64>,
 }
 
 impl Default for Adaptive {
     /// Threshold 2e-4.
     fn default() -> Self {
-        Self { threshold: 2e-4, sums: Vec::new(), counts: Vec::new() }
+        Self { threshold: 2e-4, sums: Vec::new(), counts: Vec::new(), last_reset: None }
     }
 }
 
@@ -119,8 +121,11 @@ impl DensityControl for Adaptive {
         if schedule.changes_density(at.step, schedule.density_until) {
             changes = self.densify(scene, at)?;
         }
-        if at.step.is_multiple_of(schedule.reset_every) || (at.white && at.step == schedule.density_from) {
+        // A new plan has other multiples, of which the next may follow at once.
+        let has_risen = self.last_reset.is_none_or(|last| at.step.saturating_sub(last) >= Schedule::SHORTEST_RESET);
+        if has_risen && schedule.resets_opacities(at.step, at.white) {
             reset(scene);
+            self.last_reset = Some(at.step);
             changes.reset = true;
         }
         Ok(changes)

@@ -34,6 +34,13 @@ pub enum Selection {
     StraightThrough {},
 }
 
+impl Selection {
+    /// Whether tokens are selected by a predicted score.
+    pub const fn is_scored(self) -> bool {
+        matches!(self, Self::Uncertainty {} | Self::StraightThrough {})
+    }
+}
+
 /// How many tokens a block expands; in TOML, `{ ratio = 0.5 }` or `{ threshold = 0.05 }`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -222,13 +222,17 @@ impl ModelConfig {
     }
 
     /// The same network in the paper's setting for large images (supplement, "High-Resolution"): the coarse branch takes
-    /// them at half their size, and the first block that expands a ratio expands four fifths. Weights stay the same.
+    /// them at half their size, so that images of twice the resolution have as many patches, and the first expanding block
+    /// expands four fifths if it expands a ratio. Weights stay the same.
     ///
     /// # Errors
     /// [`ModelError::Malformed`] if the configuration was not valid before.
     pub fn for_high_resolution(&self) -> Result<Self, ModelError> {
+        let Grid { rows, columns } = self.coarse_grid(self.resolution)?;
         let mut config = self.clone();
         config.coarse.image_downscale = 2;
+        let step = 2 * config.coarse.patch_size;
+        config.resolution = ImageSize::new(rows * step, columns * step);
         let expansions = config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut());
         for expansion in expansions.take(1) {
             if let BlockExpansion::Ratio(ratio) = expansion {

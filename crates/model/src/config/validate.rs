@@ -109,7 +109,7 @@ fn decoder(config: &ModelConfig) -> Result<(), ModelError> {
         counted(&format!("{field}.layers"), block.layers, 0, MAX_LAYERS)?;
         let Some(BlockExpansion::Threshold(threshold)) = block.expansion else { continue };
         finite(&format!("{field}.expansion.threshold"), threshold)?;
-        let scored = matches!(selection, Selection::Uncertainty {} | Selection::StraightThrough {});
+        let scored = selection.is_scored();
         ensure(scored, &format!("{field}.expansion"), "a ratio, because this selection has no scores", &"a threshold")?;
     }
     let expands = blocks.iter().any(|block| block.expansion.is_some());

@@ -1,7 +1,7 @@
 use atsplat_camera::Ray;
-use atsplat_nn::f32_values;
 use atsplat_nn::layers::{Linear, Norm};
 use atsplat_nn::ops::{gather_max, gelu, linear};
+use atsplat_nn::{MatmulPrecision, f32_values};
 use burn::Tensor;
 use burn::module::{Initializer, Module, Param};
 use burn::tensor::{Device, Int, TensorData, activation};
@@ -123,7 +123,9 @@ impl Context {
         // `fc1` of (neighbour's feature, its anchor − own anchor) is a sum of three terms: the maximum is taken over the
         // neighbour's terms before the token's own term is subtracted.
         let weight = self.fc1.weight.val();
-        let own = linear(anchors.clone(), weight.clone().slice_dim(0, dim..dim + 3), None);
+        // Positions are large and their differences small: these would be lost in the rounding of lower precisions.
+        let of_position = weight.clone().slice_dim(0, dim..dim + 3);
+        let own = MatmulPrecision::F32.scope(|| linear(anchors.clone(), of_position, None));
         let bias = self.fc1.bias.as_ref().map(Param::val);
         let neighbours = linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + own.clone();
         let largest = gather_max(neighbours, indices) - own;
@@ -187,4 +189,33 @@ fn tensors(rays: &[Ray], scenes: usize, width: usize, device: &Device) -> [Tenso
 #[expect(clippy::cast_possible_truncation, reason = "the one rounding to the network's precision")]
 pub(super) fn f32_from_f64(value: f64) -> f32 {
     value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::{SplitMix64, Tolerance};
+
+    use super::*;
+
+    /// The context of a token comes from offsets between anchors, which do not change where the whole scene lies elsewhere. In
+    /// bfloat16, positions near 50 are a quarter apart.
+    #[test]
+    fn offsets_between_anchors_keep_their_precision_far_from_the_origin() {
+        let device = &Device::flex();
+        let config = ModelConfig::named("nano").unwrap();
+        let anchors = Anchors::new(&config, LayerBuilder { transformer: &config.transformer, device });
+        let (context, tokens, dim) = (anchors.context.unwrap(), 40, config.transformer.dim);
+        let mut random = SplitMix64::new(5);
+        let positions: Vec<f32> = (0..3 * tokens).map(|_| (random.next_u64() % 1000) as f32 / 1000.0).collect();
+        let positions = Tensor::<3>::from_data(TensorData::new(positions, [1, tokens, 3]), device);
+        let of = |anchors: Tensor<3>| {
+            let features = Tensor::zeros([1, tokens, dim], device);
+            let forward = || context.forward(features, &anchors, device).unwrap();
+            f32_values(MatmulPrecision::Bf16.scope(forward)).into_iter().map(f64::from).collect::<Vec<_>>()
+        };
+        let (near, far) = (of(positions.clone()), of(positions + 50.0));
+        let range = near.iter().fold(0.0, |most: f64, value| if value.abs() > most { value.abs() } else { most });
+        assert!(range > 0.0);
+        Tolerance::absolute(0.01 * range).assert(far, near, "a scene moved by 50");
+    }
 }

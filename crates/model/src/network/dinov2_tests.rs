@@ -13,7 +13,7 @@ use super::*;
 use crate::ImageSize;
 use crate::config::{BackboneConfig, DinoArchitecture, DinoSize, Grid};
 use crate::parameters::parameters;
-use crate::weights::{StoredTensors, TensorFile, generated, read_backbone};
+use crate::weights::{KeyMap, StoredTensors, TensorFile, generated, read_backbone};
 
 /// Largest distance of a token from PyTorch's in f64, relative to its norm: a tenth of the promised accuracy.
 const OF_NORM: f64 = 1e-5;
@@ -90,6 +90,21 @@ fn trained_weights_give_the_authors_features() {
         cases += 1;
     }
     assert_eq!(cases, 3);
+}
+
+/// Every other tensor of the file fits.
+#[test]
+fn a_backbone_with_registers_is_none_without() {
+    let mut list = parameters(&with_backbone(DinoSize::Tiny, true));
+    list.retain(|parameter| !parameter.trained);
+    let folder = tempfile::tempdir().unwrap();
+    for map in ["dinov2-official", "dinov2-hugging-face"] {
+        let path = folder.path().join(format!("{map}.safetensors"));
+        KeyMap::resolve(map).unwrap().export(&generated(&list, 3)).unwrap().write(&path).unwrap();
+        read_backbone(&path, &with_backbone(DinoSize::Tiny, true), None).unwrap();
+        let error = read_backbone(&path, &with_backbone(DinoSize::Tiny, false), None).unwrap_err().to_string();
+        assert!(error.contains("expected DINOv2 without registers") && error.contains("register_tokens"), "{error}");
+    }
 }
 
 #[test]

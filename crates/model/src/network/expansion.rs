@@ -32,7 +32,7 @@ pub struct Expanded {
 
 impl Expansion {
     pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
-        let scored = matches!(config.expansion.selection, Selection::Uncertainty {} | Selection::StraightThrough {});
+        let scored = config.expansion.selection.is_scored();
         let dim = builder.transformer.dim;
         Self { score: scored.then(|| builder.head(1)), children: builder.linear(dim, config.expansion.children * dim) }
     }

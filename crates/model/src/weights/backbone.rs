@@ -25,7 +25,8 @@ pub struct BackboneWeights {
 ///
 /// # Errors
 /// [`super::TensorError::Missing`] with where to get them, [`ModelError::InFile`] around
-/// [`ModelError::Unfit`], or around [`ModelError::Malformed`] if the file's sha256 is not `expected_sha256`.
+/// [`ModelError::Unfit`], or around [`ModelError::Malformed`] if the file's sha256 is not `expected_sha256`, or if it has
+/// registers and the model's backbone has none.
 pub fn read_backbone(
     path: &Path,
     config: &ModelConfig,
@@ -42,6 +43,13 @@ pub fn read_backbone(
         if official.1.missing.len() > hugging_face.1.missing.len() { hugging_face } else { official };
     if !report.is_complete() {
         return Err(ModelError::Unfit(Box::new(report)).in_file(path));
+    }
+    // All other tensors of a backbone with registers fit one without them.
+    if let Some(extra) = report.left_over.iter().find(|own| own.tensor.ends_with("register_tokens")) {
+        let found = format!("{} {}", extra.tensor, extra.found);
+        return Err(
+            ModelError::malformed("weights", "file", "DINOv2 without registers, as in the model", found).in_file(path)
+        );
     }
     let known = KnownFile::with_sha256(&file.sha256);
     Ok(BackboneWeights { tensors, report, sha256: file.sha256, known })

@@ -51,9 +51,10 @@ impl<B: Backend> Array<B> {
         Self(B::float_transpose(self.0))
     }
 
-    /// The product of matrices, in the current [`MatmulPrecision`].
+    /// The product of matrices, in the current [`MatmulPrecision`] if the device has it.
     pub(super) fn matmul(self, right: Self) -> Self {
-        if MatmulPrecision::current() != MatmulPrecision::F16 || self.0.dtype() != DType::F32 {
+        let is_half = MatmulPrecision::current() == MatmulPrecision::F16 && self.0.dtype() == DType::F32;
+        if !is_half || !B::supports_dtype(&self.0.device(), DType::F16) {
             return Self(B::float_matmul(self.0, right.0));
         }
         let [left, right] = [self, right].map(|factor| B::float_cast(factor.0, FloatDType::F16));

@@ -101,7 +101,8 @@ fn logits<B: Backend>(
     range: std::ops::Range<usize>,
     sizes: &AttentionSizes,
 ) -> Array<B> {
-    let logits = queries.clone().matmul(keys.clone().range(2, range.clone()).transposed()).times(sizes.scale());
+    // Queries are scaled, not products, which are beyond the range of float16 sooner.
+    let logits = queries.clone().times(sizes.scale()).matmul(keys.clone().range(2, range.clone()).transposed());
     let Some(ignored) = ignored else { return logits };
     let shape = logits.0.shape();
     let ignored = B::bool_slice(ignored.clone(), &[Slice::from(0..sizes.batch), Slice::from(range.clone())]);

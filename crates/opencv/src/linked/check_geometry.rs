@@ -22,7 +22,7 @@ const GAPS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
 #[serde(rename_all = "kebab-case")]
 pub enum PairChoice {
     /// From this many frames, evenly spread over those with an image, the widest gap of 64, 32, …, 1 such frames that
-    /// still matches. The choice depends on images only, because poses may be wrong.
+    /// still matches and was not measured from another frame. The choice depends on images only, because poses may be wrong.
     Spread(usize),
     /// These positions in [`Scene::frames`].
     Listed(Vec<(usize, usize)>),
@@ -77,7 +77,7 @@ pub struct PairCheck {
     pub declared_px: Option<f64>,
 }
 
-/// A pair, or all pairs of a spread frame, that could not be used.
+/// A pair that could not be used, or a spread frame of which no pair could.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPair {
     /// Positions in [`Scene::frames`]; the second is `None` if no partner was found for the first.
@@ -127,27 +127,32 @@ pub fn check_geometry(
     options: &GeometryCheckOptions,
     warnings: &mut Warnings,
 ) -> Result<GeometryCheck, OpenCvError> {
-    let mut matcher = Matcher { scene, image_of: &mut image_of, options, warnings, described: BTreeMap::new() };
-    let (mut measured, mut skipped) = (Vec::new(), Vec::new());
+    let mut matcher = Matcher {
+        scene,
+        image_of: &mut image_of,
+        options,
+        warnings,
+        described: BTreeMap::new(),
+        measured: Vec::new(),
+        skipped: Vec::new(),
+    };
     match &options.pairs {
         PairChoice::Listed(pairs) => {
             for frames in pairs {
                 match matcher.matched(*frames)? {
-                    Ok(pair) => measured.push(pair),
-                    Err(reason) => skipped.push(SkippedPair { frames: (frames.0, Some(frames.1)), reason }),
+                    Ok(pair) => matcher.measured.push(pair),
+                    Err(reason) => matcher.skipped.push(SkippedPair { frames: (frames.0, Some(frames.1)), reason }),
                 }
             }
         }
         PairChoice::Spread(anchors) => {
             let candidates = frames_with_images(scene);
             for anchor in spread(candidates.len(), *anchors) {
-                match matcher.widest(&candidates, anchor)? {
-                    Ok(pair) => measured.push(pair),
-                    Err(skip) => skipped.push(skip),
-                }
+                matcher.measure_widest(&candidates, anchor)?;
             }
         }
     }
+    let Matcher { measured, skipped, .. } = matcher;
     let (pairs, matched): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     let scores = score_conventions(&matched);
     let diagonal = median(matched.iter().map(|pair| pair.first.diagonal()));
@@ -165,13 +170,15 @@ fn spread(length: usize, count: usize) -> Vec<usize> {
     (0..count).map(|step| step * length / count).collect()
 }
 
-/// Decodes each frame and computes its features once.
+/// Decodes each frame and computes its features once, and collects the pairs.
 struct Matcher<'a> {
     scene: &'a Scene,
     image_of: &'a mut dyn FnMut(usize) -> Result<ImageU8, SceneError>,
     options: &'a GeometryCheckOptions,
     warnings: &'a mut Warnings,
     described: BTreeMap<usize, Described>,
+    measured: Vec<Measured>,
+    skipped: Vec<SkippedPair>,
 }
 
 type Measured = (PairCheck, MatchedPair);
@@ -180,22 +187,35 @@ type Measured = (PairCheck, MatchedPair);
 type Described = Option<(View, Features)>;
 
 impl Matcher<'_> {
-    /// The pair with the widest usable gap from one anchor, forwards or, near the end, backwards.
-    fn widest(&mut self, candidates: &[usize], anchor: usize) -> Result<Result<Measured, SkippedPair>, OpenCvError> {
+    /// Measures the pair with the widest usable gap from one anchor, forwards or, near the end, backwards, that is not measured
+    /// yet: backwards it may be the pair of an earlier anchor, and would count twice.
+    fn measure_widest(&mut self, candidates: &[usize], anchor: usize) -> Result<(), OpenCvError> {
         let Some(first) = candidates.get(anchor).copied() else {
-            return Ok(Err(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() }));
+            self.skipped.push(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() });
+            return Ok(());
         };
         let mut reason = "no other frame has an image".to_owned();
+        let mut is_measured = false;
         for gap in GAPS {
             let forwards = candidates.get(anchor + gap).map(|other| (first, *other));
             let backwards = || anchor.checked_sub(gap).and_then(|other| candidates.get(other)).map(|o| (*o, first));
             let Some(frames) = forwards.or_else(backwards) else { continue };
+            if self.measured.iter().any(|(check, _)| check.frames == frames) {
+                is_measured = true;
+                continue;
+            }
             match self.matched(frames)?.and_then(|measured| self.informative(measured)) {
-                Ok(pair) => return Ok(Ok(pair)),
+                Ok(pair) => {
+                    self.measured.push(pair);
+                    return Ok(());
+                }
                 Err(why) => reason = format!("at every gap; last with frame {}: {why}", other_of(frames, first)),
             }
         }
-        Ok(Err(SkippedPair { frames: (first, None), reason }))
+        if !is_measured {
+            self.skipped.push(SkippedPair { frames: (first, None), reason });
+        }
+        Ok(())
     }
 
     /// The matches between two frames, or why they cannot be used.
@@ -308,5 +328,43 @@ impl fmt::Display for GeometryCheck {
             writeln!(f, "  {convention:width$}  {median_px:10.3} px  {:5.1} % in front{mark}", 100.0 * in_front)?;
         }
         write!(f, "{verdict}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_scene::{Frame, FrameImage, SharedBytes};
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::linked::test_images::shifted_noise;
+
+    /// A wall in three depths, which a camera passes: 13, 11 and 9 pixels a frame.
+    fn passed(position: usize) -> ImageU8 {
+        let position = i32::try_from(position).unwrap();
+        let bands = [13, 11, 9].map(|step| shifted_noise(320, 80, position * step, 1000 * step));
+        let samples = bands.iter().flat_map(|band| band.samples().iter().copied());
+        ImageU8::new(320, 240, samples.collect()).unwrap()
+    }
+
+    /// From the last frames, the widest gap goes backwards to a frame that has paired forwards.
+    #[test]
+    fn no_pair_of_frames_is_measured_twice() {
+        let frame = |position: usize| {
+            let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(position as f64), 0.0, 0.0)).unwrap();
+            let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap());
+            let image = FrameImage::Encoded(SharedBytes::new(Vec::new()));
+            Frame { name: position.to_string(), timestamp_micros: None, camera, stated_size: None, image }
+        };
+        let scene = Scene { key: "wall".to_owned(), url: None, frames: (0..16).map(frame).collect() };
+        let options = GeometryCheckOptions { pairs: PairChoice::Spread(12), ..GeometryCheckOptions::default() };
+        let checked = check_geometry(&scene, |at| Ok(passed(at)), &options, &mut Warnings::new()).unwrap();
+        let frames: Vec<(usize, usize)> = checked.pairs.iter().map(|pair| pair.frames).collect();
+        assert!(frames.len() >= 10 && frames.contains(&(0, 8)) && frames.contains(&(8, 12)), "{checked:?}");
+        assert_eq!(frames.iter().collect::<BTreeSet<_>>().len(), frames.len(), "{frames:?}");
+        assert!(frames.iter().all(|(earlier, later)| earlier < later), "{frames:?}");
     }
 }

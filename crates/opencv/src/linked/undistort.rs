@@ -24,7 +24,7 @@ pub enum UndistortMode {
     /// `cv2.getOptimalNewCameraMatrix` with `alpha = 0`, then `cv2.undistort`. Like theirs it passes K to OpenCV
     /// unchanged, although OpenCV's origin is the centre of the first pixel: an error of half a pixel times the lens's
     /// local change of scale. A fisheye, which their data does not contain, uses `cv2.fisheye`'s estimate with
-    /// `balance = 0`.
+    /// `balance = 0`. Their script skips portrait captures; here they are undistorted too.
     LongLrm,
 }
 

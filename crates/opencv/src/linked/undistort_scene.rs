@@ -23,7 +23,8 @@ pub struct UndistortedFrames {
 /// in the list, because indices of protocols are positions in it.
 ///
 /// # Errors
-/// [`OpenCvError::Io`] and [`OpenCvError::Pixels`] if a file cannot be written, and as [`Undistorter::new`].
+/// [`OpenCvError::Lens`] if a frame's lens has no pinhole camera for `mode`: no list is written then. [`OpenCvError::Io`] and
+/// [`OpenCvError::Pixels`] if a file cannot be written, and as [`Undistorter::new`].
 pub fn undistort_scene(
     scene: &Scene,
     mode: UndistortMode,

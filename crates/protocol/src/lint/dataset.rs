@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::sync::Arc;
 
-use atsplat_scene::{FrameImage, Scene, SceneSource, Warnings};
+use atsplat_scene::{Scene, SceneSource, Warnings};
 use serde::Serialize;
 
 use crate::loading::{in_parallel, load};
@@ -108,10 +108,7 @@ fn check_scene(
 
 /// Number of targets that are no context frames but show the image file of one.
 fn leaked_images(scene: &Scene, entry: &IndexEntry) -> u64 {
-    let file = |frame: &usize| match &scene.frames.get(*frame)?.image {
-        FrameImage::File(path) => Some(path),
-        _ => None,
-    };
+    let file = |frame: &usize| scene.frames.get(*frame)?.image.file();
     let seen: HashSet<_> = entry.context.iter().filter_map(file).collect();
     let others = entry.target.iter().filter(|frame| !entry.is_context(**frame));
     others.filter_map(file).filter(|path| seen.contains(path)).count() as u64
@@ -119,6 +116,8 @@ fn leaked_images(scene: &Scene, entry: &IndexEntry) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_scene::FrameImage;
+
     use super::*;
     use crate::test_source::scene;
 

@@ -1,4 +1,4 @@
-use atsplat_camera::{Camera, Distortion};
+use atsplat_camera::Camera;
 use serde::{Deserialize, Serialize};
 
 /// What a protocol makes of the lens distortion that data state.
@@ -24,7 +24,7 @@ impl LensDistortion {
     pub fn seen(self, camera: &Camera) -> Camera {
         match self {
             Self::Used => *camera,
-            Self::Ignored => Camera { distortion: Distortion::None, ..*camera },
+            Self::Ignored => camera.without_distortion(),
         }
     }
 }

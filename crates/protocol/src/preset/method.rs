@@ -1,6 +1,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
+use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::{PoseNormalisation, Preset, RendererConvention, RendererOverrides};
@@ -16,6 +18,37 @@ pub struct NearFar {
     pub far: f64,
 }
 
+/// Planes by disparity, in place of fixed ones: where a movement by the largest distance between two context views moves a point
+/// by so many pixels (pixelSplat `src/dataset/shims/bounds_shim.py`, called in `src/model/encoder/encoder_epipolar.py`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct DisparityPlanes {
+    /// At the near plane, in multiples of the image's shorter side; > `far_pixels`.
+    pub near_sides: f64,
+    /// At the far plane, in pixels; > 0.
+    pub far_pixels: f64,
+}
+
+impl DisparityPlanes {
+    /// The planes for context views of this size, in the unit of their cameras.
+    pub fn of(&self, context: &[Camera], size: ImageSize) -> NearFar {
+        // As published, so that views in one place have planes.
+        const LEAST: f64 = 1e-6;
+        let centres: Vec<DVec3> = context.iter().map(|camera| camera.camera_from_world.inverse().centre()).collect();
+        let distances = centres.iter().flat_map(|a| centres.iter().map(|b| a.distance(*b)));
+        let baseline = distances.fold(LEAST, |most, distance| if distance > most { distance } else { most });
+        let [width, height] = [size.width, size.height].map(f64::from);
+        let pixels = context.iter().flat_map(|camera| {
+            let NormalizedIntrinsics { fx, fy, .. } = camera.intrinsics;
+            [1.0 / (width * fx), 1.0 / (height * fy)]
+        });
+        let mean_pixel = pixels.sum::<f64>() / (2 * context.len()) as f64;
+        let shorter = f64::from(size.width.min(size.height));
+        let plane = |disparity: f64| baseline / (disparity * mean_pixel);
+        NearFar { near: plane(self.near_sides * shorter), far: plane(self.far_pixels) }
+    }
+}
+
 /// The settings one method published under a protocol, if they differ from the preset's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -26,6 +59,9 @@ pub struct MethodSetting {
     pub pose_normalisation: PoseNormalisation,
     /// Its near and far plane.
     pub near_far: NearFar,
+    /// What replaces them, in the network and the renderer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub disparity_planes: Option<DisparityPlanes>,
     /// Repository file that states these settings.
     pub source: String,
     /// How its renderer differs from the preset's; `None` if the preset's is its own.
@@ -40,6 +76,8 @@ pub struct EffectiveSetting<'a> {
     pub pose_normalisation: &'a PoseNormalisation,
     /// Near and far plane.
     pub near_far: NearFar,
+    /// What replaces them.
+    pub disparity_planes: Option<DisparityPlanes>,
 }
 
 impl Preset {
@@ -70,10 +108,14 @@ impl Preset {
     /// The settings of `method`: the ones it published, or else the preset's. Names are case-insensitive.
     pub fn setting_for(&self, method: &str) -> EffectiveSetting<'_> {
         match self.published_by(method) {
-            Some(MethodSetting { pose_normalisation, near_far, .. }) => {
-                EffectiveSetting { pose_normalisation, near_far: *near_far }
+            Some(MethodSetting { pose_normalisation, near_far, disparity_planes, .. }) => {
+                EffectiveSetting { pose_normalisation, near_far: *near_far, disparity_planes: *disparity_planes }
             }
-            None => EffectiveSetting { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
+            None => EffectiveSetting {
+                pose_normalisation: &self.pose_normalisation,
+                near_far: self.near_far,
+                disparity_planes: None,
+            },
         }
     }
 
@@ -186,7 +228,7 @@ mod tests {
     fn a_method_without_a_renderer_is_written_without_the_key() {
         let mut preset = Preset::named("re10k-2v-256").unwrap();
         let with = preset.hash().unwrap();
-        preset.methods.iter_mut().for_each(|setting| setting.renderer = None);
+        preset.methods.iter_mut().for_each(|setting| (setting.renderer, setting.disparity_planes) = (None, None));
         let without = preset.hash().unwrap();
         assert_ne!(with, without, "another background gives other numbers");
         assert!(

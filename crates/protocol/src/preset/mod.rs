@@ -23,7 +23,7 @@ pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
 pub use lens::LensDistortion;
-pub use method::{EffectiveSetting, MethodSetting, NearFar};
+pub use method::{DisparityPlanes, EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererOverrides, RendererPrincipalPoint};
 

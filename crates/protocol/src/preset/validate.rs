@@ -2,7 +2,7 @@ use std::fmt::Display;
 
 use atsplat_files::Malformed;
 
-use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
+use super::{DisparityPlanes, NearFar, PoseNormalisation, Preset, RendererConvention};
 use crate::{IndexEntry, KnownIndex, ProtocolError, SamplingRule};
 
 /// Checks each field of a preset, and that the fields are consistent.
@@ -22,6 +22,11 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
         ensure(repeated == 1, &field, "every method once", &repeated)?;
         poses(&field, &setting.pose_normalisation, 0)?;
         planes(&field, setting.near_far)?;
+        if let Some(DisparityPlanes { near_sides, far_pixels }) = setting.disparity_planes {
+            let in_order = 0.0 < far_pixels && far_pixels < near_sides && near_sides.is_finite();
+            let found = format!("{near_sides} and {far_pixels}");
+            ensure(in_order, &format!("{field}, disparity-planes"), "near-sides > far-pixels > 0", &found)?;
+        }
         if setting.renderer.is_some() {
             renderer(&format!("{field}, renderer"), &preset.renderer_for(&setting.method))?;
         }

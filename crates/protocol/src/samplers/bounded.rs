@@ -83,18 +83,13 @@ impl GapSchedule {
         bounds.into_iter().find(|(_, initial, last)| self.warm_up_steps > 0 && initial > last)
     }
 
-    /// Bounds for fewer views than the maximum in training: divided by `⌊most / views⌋`
+    /// The gaps at a training step for fewer views than the maximum: divided by `⌊most / views⌋` after the interpolation
     /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
     #[must_use]
-    pub fn divided_for(&self, views: NonZeroUsize, most: usize) -> Self {
+    pub fn divided_for(&self, views: NonZeroUsize, most: usize, step: u64) -> Self {
         let divisor = (most / views).max(1);
-        Self {
-            min: self.min / divisor,
-            max: self.max / divisor,
-            initial_min: self.initial_min / divisor,
-            initial_max: self.initial_max / divisor,
-            warm_up_steps: self.warm_up_steps,
-        }
+        let (min, max) = self.at(step);
+        Self { min: min / divisor, max: max / divisor, initial_min: 0, initial_max: 0, warm_up_steps: 0 }
     }
 }
 
@@ -215,9 +210,11 @@ mod tests {
     fn fewer_views_get_narrower_windows() {
         // DepthSplat on DL3DV: 15–30 → 20–50 over 10 000 steps.
         let gaps = GapSchedule { min: 20, max: 50, initial_min: 15, initial_max: 30, warm_up_steps: 10_000 };
-        let two = gaps.divided_for(NonZeroUsize::new(2).unwrap(), 6);
-        assert_eq!((two.min, two.max, two.initial_min, two.initial_max), (6, 16, 5, 10));
-        assert_eq!(gaps.divided_for(NonZeroUsize::new(10).unwrap(), 6), gaps);
+        let of = |views: usize, step: u64| gaps.divided_for(NonZeroUsize::new(views).unwrap(), 6, step).at(step);
+        assert_eq!([0, 10_000, 20_000].map(|step| of(2, step)), [(5, 10), (6, 16), (6, 16)]);
+        // 15 → 15.75 and 30 → 33 by step 1500; 16 and 34 by step 2000.
+        assert_eq!([of(2, 1500), of(3, 2000)], [(5, 11), (8, 17)]);
+        assert_eq!(of(10, 1500), gaps.at(1500));
     }
 
     #[test]

@@ -196,6 +196,7 @@ mod tests {
             preprocessing: Preprocessing { expected_size: Some(SIZE), ..Preprocessing::of([]) },
             pose_normalisation: PoseNormalisation::None,
             near_far: NearFar { near: 0.5, far: 100.0 },
+            disparity_planes: None,
             filters: Filters::default(),
             decode_limits: DecodeLimits::default(),
             allow_absent_images: true,

@@ -33,6 +33,7 @@ use atsplat_files::{Malformed, Sha256Digest};
 use sha2::{Digest, Sha256};
 
 use super::TrialRecipe;
+use crate::preset::DisparityPlanes;
 use crate::{IndexEntry, ProtocolError};
 
 /// Hash of the whole trial. `cameras` are those of the source, context then target.
@@ -59,6 +60,11 @@ pub(super) fn of_trial(
     text(&mut hasher, &rule);
     hasher.update((recipe.near_far.near + 0.0).to_le_bytes());
     hasher.update((recipe.near_far.far + 0.0).to_le_bytes());
+    if let Some(DisparityPlanes { near_sides, far_pixels }) = recipe.disparity_planes {
+        text(&mut hasher, "planes by disparity");
+        hasher.update(near_sides.to_le_bytes());
+        hasher.update(far_pixels.to_le_bytes());
+    }
     Ok(Sha256Digest::finish(hasher))
 }
 

@@ -67,14 +67,20 @@ pub(super) fn prepare(
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
         .map_err(|error| Refusal { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
     let multiplier = normalised.near_far_multiplier;
+    let context: Vec<ContextView> = context.collect();
+    let stated = NearFar { near: recipe.near_far.near * multiplier, far: recipe.near_far.far * multiplier };
+    let near_far = recipe.disparity_planes.zip(context.first()).map_or(stated, |(planes, first)| {
+        let cameras: Vec<Camera> = context.iter().map(|view| view.camera).collect();
+        planes.of(&cameras, first.size)
+    });
     let trial = Trial {
         scene: scene.key.clone(),
         entry_number,
         entry: entry.clone(),
-        context: context.collect(),
+        context,
         targets: targets.collect(),
         preprocessing: recipe.preprocessing.clone(),
-        near_far: NearFar { near: recipe.near_far.near * multiplier, far: recipe.near_far.far * multiplier },
+        near_far,
         normalisation: AppliedNormalisation {
             rule: recipe.pose_normalisation.clone(),
             new_from_old: normalised.new_from_old,

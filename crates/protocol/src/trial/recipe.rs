@@ -2,7 +2,7 @@ use atsplat_camera::PoseNormalisation;
 use atsplat_pixels::DecodeLimits;
 use atsplat_scene::preprocess::Preprocessing;
 
-use crate::preset::{Filters, LensDistortion, NearFar, Preset};
+use crate::preset::{DisparityPlanes, Filters, LensDistortion, NearFar, Preset};
 
 /// How index entries become trials: the parts of a preset that affect cameras and images.
 #[derive(Clone, Debug)]
@@ -15,6 +15,8 @@ pub struct TrialRecipe {
     pub pose_normalisation: PoseNormalisation,
     /// Near and far plane, before [`atsplat_camera::Normalised::near_far_multiplier`].
     pub near_far: NearFar,
+    /// What replaces them.
+    pub disparity_planes: Option<DisparityPlanes>,
     /// Which scenes the published loaders drop.
     pub filters: Filters,
     /// Limits for decoding image files.
@@ -34,6 +36,7 @@ impl TrialRecipe {
             lens_distortion: preset.lens_distortion,
             pose_normalisation: setting.pose_normalisation.clone(),
             near_far: setting.near_far,
+            disparity_planes: setting.disparity_planes,
             filters: preset.filters.clone(),
             decode_limits: DecodeLimits::default(),
             allow_absent_images: false,

@@ -8,7 +8,7 @@ use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{FrameImage, Scene, SharedBytes, WarningKind};
 
 use super::*;
-use crate::preset::{DropReason, Filters, LensDistortion};
+use crate::preset::{DisparityPlanes, DropReason, Filters, LensDistortion};
 use crate::test_source::{MemorySource, SIZE, camera, png, scene};
 use crate::{EvaluationIndex, ProtocolError};
 
@@ -18,6 +18,7 @@ fn recipe() -> TrialRecipe {
         lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
         near_far: NearFar { near: 0.5, far: 100.0 },
+        disparity_planes: None,
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
         allow_absent_images: false,
@@ -98,6 +99,30 @@ fn near_and_far_follow_the_baseline() {
     let (trial, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), by_baseline).unwrap();
     let near_far = trial.near_far();
     Tolerance::F64.assert([near_far.near, near_far.far], [0.25, 50.0], "a baseline of two units");
+}
+
+/// Of poses normalised to a baseline of 1, whatever it was.
+#[test]
+fn planes_by_disparity_replace_the_stated_ones() {
+    let disparity_planes = Some(DisparityPlanes { near_sides: 3.0, far_pixels: 0.5 });
+    let by_disparity =
+        TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), disparity_planes, ..recipe() };
+    let planes = |context: [usize; 2]| {
+        let (trial, _) = only_trial(scene("s", 9, 5), entry(&context, &[4]), by_disparity.clone()).unwrap();
+        let (camera, size) = (trial.context()[0].camera.intrinsics, trial.context()[0].size);
+        let [x, y] = [f64::from(size.width) * camera.fx, f64::from(size.height) * camera.fy].map(f64::recip);
+        let pixel = f64::midpoint(x, y);
+        let shorter = f64::from(size.width.min(size.height));
+        let found = trial.near_far();
+        Tolerance::relative(1e-9).assert(
+            [found.near * 3.0 * shorter, found.far * 0.5],
+            [1.0 / pixel; 2],
+            "a baseline of 1",
+        );
+        found
+    };
+    let [wide, narrow] = [planes([2, 6]), planes([3, 5])];
+    Tolerance::relative(1e-9).assert([wide.near, wide.far], [narrow.near, narrow.far], "four units and two");
 }
 
 /// One scene for every reason, and a valid scene that is not affected by them.
@@ -314,8 +339,16 @@ fn hashes_distinguish_trials_and_ignore_images_and_overlap() {
     nearer.2.near_far.near = 0.25;
     let mut bent = base();
     bent.0.frames[4].camera.distortion = Distortion::OpenCv { k1: 1e-3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
-    let changes =
-        [("key", renamed), ("rule", replaced), ("crop", recropped), ("near", nearer), ("lens of a target", bent)];
+    let mut by_disparity = base();
+    by_disparity.2.disparity_planes = Some(DisparityPlanes { near_sides: 3.0, far_pixels: 0.5 });
+    let changes = [
+        ("key", renamed),
+        ("rule", replaced),
+        ("crop", recropped),
+        ("near", nearer),
+        ("disparity", by_disparity),
+        ("lens of a target", bent),
+    ];
     for (what, changed) in changes {
         let changed = hashes(changed);
         assert_ne!(changed.0, reference.0, "{what}");

@@ -68,7 +68,8 @@ def images(value: Any, field: str = "images") -> Stored:
         hint = "; permute channels to the end" if array.ndim == 4 and array.shape[1] == 3 else ""
         raise invalid(field, f"expected count × height × width × 3, found {describe(array)}{hint}")
     if array.dtype == np.uint8:
-        if array.size and array.max() <= 1:
+        # Black is an image.
+        if array.size and array.max() == 1:
             problem = "found only 0 and 1, as floats that were cast: multiply them by 255 before"
             raise invalid(field, f"expected uint8 from 0 to 255, {problem}, or give floats in [0, 1]")
         return list(array.shape), "u1", array.tobytes()

@@ -65,6 +65,7 @@ class Cameras:
             if len(listed) != count:
                 raise invalid(field, f"expected {count}, one for each pose, found {len(listed)}")
         _check_poses(poses, "camera_from_world")
+        _check_fixed(matrices, matrices, "intrinsics")
         _check_focal(matrices, matrices, "intrinsics")
 
     @classmethod
@@ -187,9 +188,6 @@ def _poses(value: Any, field: str) -> np.ndarray:
     if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)):
         raise invalid(field, f"expected N × 4 × 4 or N × 3 × 4, found {describe(poses)}")
     _check_poses(poses, field)
-    for at, row in enumerate(poses[:, 3:]):
-        if (abs(row - (0, 0, 0, 1)) > ROUNDING).any():
-            raise invalid(field, f"pose {at}: expected the last row 0 0 0 1, found {' '.join(f'{value:g}' for value in row[0])}")
     whole = np.tile(np.eye(4), (len(poses), 1, 1))
     whole[:, :3] = poses[:, :3]
     return whole
@@ -204,12 +202,7 @@ def _intrinsics(value: Any, field: str, count: int, size: tuple[int, int]) -> np
     if len(given) not in (1, count):
         raise invalid(field, f"expected 1 or {count} matrices, found {len(given)}")
     matrices = given / np.array([[size[0]], [size[1]], [1.0]])
-    # NaN is wrong too.
-    wrong = np.argwhere(FIXED & ~(abs(matrices - np.eye(3)) <= ROUNDING))
-    if len(wrong):
-        at, row, column = wrong[0]
-        expected, found = np.eye(3)[row, column], given[at, row, column]
-        raise invalid(field, f"matrix {at}: expected {expected:g} in row {row}, column {column}, found {found:g}")
+    _check_fixed(matrices, given, field)
     _check_focal(matrices, given, field)
     _check_unit(matrices, given, field)
     return np.broadcast_to(matrices, (count, 3, 3)).copy()
@@ -226,6 +219,18 @@ def _check_poses(poses: np.ndarray, field: str) -> None:
             kind = f"one with a scale of {scale:.4g}" if abs(scale - 1) > ROTATION / 10 else f"a matrix that is off by {residual:.2g}"
             kind = "a mirrored one" if determinant < 0 else kind
             raise invalid(field, f"pose {at}: expected a rotation in the left 3 × 3, found {kind}")
+        for row in pose[3:]:
+            if (abs(row - (0, 0, 0, 1)) > ROUNDING).any():
+                raise invalid(field, f"pose {at}: expected the last row 0 0 0 1, found {' '.join(f'{value:g}' for value in row)}")
+
+
+def _check_fixed(matrices: np.ndarray, given: np.ndarray, field: str) -> None:
+    # NaN is wrong too.
+    wrong = np.argwhere(FIXED & ~(abs(matrices - np.eye(3)) <= ROUNDING))
+    if len(wrong):
+        at, row, column = wrong[0]
+        expected, found = np.eye(3)[row, column], given[at, row, column]
+        raise invalid(field, f"matrix {at}: expected {expected:g} in row {row}, column {column}, found {found:g}")
 
 
 def _check_focal(matrices: np.ndarray, given: np.ndarray, field: str) -> None:

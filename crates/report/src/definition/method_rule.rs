@@ -28,7 +28,7 @@ pub struct MethodRule {
 
 /// The paper's K.
 const GAUSSIANS_PER_TOKEN: usize = 16;
-/// The paper's expansion ratios, and those at its highest resolution.
+/// The paper's expansion ratios, and those at its highest resolution, where the coarse branch sees images at half their size.
 const RATIOS: [[f64; 3]; 2] = [[0.5, 0.5, 0.25], [0.8, 0.5, 0.25]];
 
 impl MethodRule {
@@ -87,7 +87,7 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
         Some("partial-expansion")
     } else if ratios.is_empty() {
         Some("thresholds")
-    } else if !RATIOS.iter().any(|known| known.as_slice() == ratios) {
+    } else if RATIOS[usize::from(config.coarse.image_downscale == 2)].as_slice() != ratios {
         Some("other-ratios")
     } else {
         match config.expansion.selection {
@@ -160,6 +160,8 @@ fn configuration(record: &MethodRecord) -> Option<ModelConfig> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_model::config::SelectionRatio;
+
     use super::*;
 
     fn record(config: &ModelConfig) -> MethodRecord {
@@ -179,11 +181,18 @@ mod tests {
         let mut rays = nano.clone();
         rays.anchors.design = AnchorDesign::RayDepth {};
         let thresholds = nano.clone().with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
+        let large = nano.for_high_resolution().unwrap();
+        let with_ratios = |config: &ModelConfig, ratios: [f64; 3]| {
+            config.with_ratios(&ratios.map(|ratio| SelectionRatio::new(ratio).unwrap())).unwrap()
+        };
         for (config, expected) in [
             (&nano, "full"),
             (&random, "random"),
             (&rays, "ray-depth"),
             (&thresholds, "thresholds"),
+            (&with_ratios(&nano, [0.8, 0.5, 0.25]), "other-ratios"),
+            (&large, "full"),
+            (&with_ratios(&large, [0.5, 0.5, 0.25]), "other-ratios"),
             (&nano.clone().with_expansion_in_first(0), "no-expansion"),
             (&nano.clone().with_expansion_in_first(1), "partial-expansion"),
         ] {

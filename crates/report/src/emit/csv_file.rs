@@ -1,7 +1,7 @@
 use crate::csv_text::line;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Row, Table, Value};
+use crate::table::{BESIDE_NUMBERS, Row, Table, Value};
 
 /// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
 /// scenes. Times also have their median absolute deviation, the machine and whether it was busy. Columns have the names
@@ -13,7 +13,7 @@ pub(super) fn write(table: &Table) -> String {
     for (_, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());
-        head.extend(["low", "high", "scenes"].map(|what| format!("{name}_{what}")));
+        head.extend(BESIDE_NUMBERS.map(|what| format!("{name}_{what}")));
         if column.quantity == Quantity::Seconds {
             head.extend(["mad", "machine", "busy"].map(|what| format!("{name}_{what}")));
         }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::definition::TableDefinition;
 use crate::sample::{HOSTILE, atsplat, floor, preset, results, results_over, store};
-use crate::table::{Mark, Mixing, Source, tables};
+use crate::table::{Mark, Mixing, Source, protocol_tables, tables};
 
 fn measured(name: &str) -> Table {
     let results = store();
@@ -30,6 +30,20 @@ fn writes_ablations_and_grouped_tables() {
     insta::assert_snapshot!("overlap-txt", TableFormat::Terminal.write(&measured("re10k_overlap")).unwrap());
     insta::assert_snapshot!("dl3dv-tex", TableFormat::Latex.write(&published("dl3dv")).unwrap());
     insta::assert_snapshot!("budget-txt", TableFormat::Terminal.write(&published("budget")).unwrap());
+}
+
+/// The ends of an interval are called `low` and `high` too.
+#[test]
+fn columns_of_csv_have_names_of_their_own_whatever_the_bins_are_called() {
+    let mut own = preset("re10k-overlap");
+    own.toml = own.toml.replace("\"small\"", "\"low\"").replace("\"large\"", "\"high\"");
+    let results = results(vec![own], vec![floor()]);
+    let table = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap().swap_remove(0);
+    let text = TableFormat::Csv.write(&table).unwrap();
+    let head: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    assert!(head.contains(&"psnr_low") && head.contains(&"psnr_low_overlap"), "{head:?}");
+    let distinct: std::collections::BTreeSet<&&str> = head.iter().collect();
+    assert_eq!(distinct.len(), head.len(), "{head:?}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::statistics::{
-    Identical, Leaked, MetricQuery, SceneMean, Summary, by_distance_steps, by_overlap, paired, scene_means,
+    Identical, Leaked, MetricQuery, Summary, by_distance_steps, by_overlap, paired, paired_scene_means,
 };
 use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
@@ -144,15 +144,9 @@ impl<'a> ProtocolResults<'a> {
         const NAMED: usize = 3;
         let methods: Vec<&MethodRecord> = self.methods().collect();
         let own = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
-        let means = |method: &'a MethodRecord| scene_means(self.results, &self.query(&method.name, metric));
-        let own_means = means(own);
         let against = |other: &&'a MethodRecord| {
-            let others = means(other);
-            let point = |mean: &SceneMean| {
-                let other = others.iter().find(|other| other.scene == mean.scene)?;
-                Some(ScatterPoint { scene: mean.scene.clone(), x: other.mean, y: mean.mean })
-            };
-            let pair = paired(self.results, &self.query(&own.name, metric), &self.query(&other.name, metric))?;
+            let queries = [own, other].map(|method| self.query(&method.name, metric));
+            let pair = paired(self.results, &queries[0], &queries[1])?;
             let decimals = if metric.unit == "dB" { 2 } else { 3 };
             let signed = |value: f64| format!("{value:+.decimals$}").replace('-', "−");
             let interval = pair.interval.map(|ends| ends.map(signed));
@@ -165,7 +159,9 @@ impl<'a> ProtocolResults<'a> {
                 counted(pair.scenes, "scene"),
                 p_value(pair.sign_test)
             );
-            let points: Vec<ScatterPoint> = own_means.iter().filter_map(point).collect();
+            let means = paired_scene_means(self.results, &queries[0], &queries[1]);
+            let points: Vec<ScatterPoint> =
+                means.into_iter().map(|(scene, [y, x])| ScatterPoint { scene, x, y }).collect();
             (!points.is_empty()).then_some(ScatterPanel { x, difference, points })
         };
         let plot = SceneScatter {

@@ -3,7 +3,9 @@ use atsplat_eval::{MethodRecord, Provenance};
 use super::PageStore;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Cell, Column, Place, Row, StoreProtocol, Table, WITHOUT_LEAKED, distinct, is_changed, short};
+use crate::table::{
+    Cell, Column, Place, Row, StoreProtocol, Table, WITHOUT_LEAKED, distinct, is_changed, short, short_commit,
+};
 
 /// One line with everything that a number depends on; `None` for published and absent numbers.
 pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
@@ -129,7 +131,8 @@ fn protocol(own: &StoreProtocol, provenance: &Provenance) -> Option<String> {
 
 /// What ran, and where; a time is that of its machine, which may be another one than that of the scores.
 fn origin(provenance: &Provenance, cell: &Cell) -> String {
-    let commit = provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short(commit)));
+    let commit =
+        provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short_commit(commit)));
     let machine = match &cell.timing {
         Some(timing) => timing.machine.to_string(),
         None => format!("{}, {} threads", provenance.processor, provenance.threads),

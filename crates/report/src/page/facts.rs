@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use super::{PageStore, escaped};
-use crate::table::{Table, distinct, short, verdict};
+use crate::table::{Table, distinct, short, short_commit, verdict};
 use crate::{counted, noun};
 
 /// A summary in a few numbers, then a line per table.
@@ -55,7 +55,7 @@ fn store(store: &PageStore<'_>) -> String {
             format!(
                 "{} {}",
                 provenance.atsplat,
-                provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short)
+                provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short_commit)
             ),
         ),
         ("Machine", format!("{}, {}, {} threads", provenance.processor, provenance.platform, provenance.threads)),

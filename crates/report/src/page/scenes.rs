@@ -52,7 +52,14 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
             let record = results.provenance.methods.iter().find(|record| record.name == method);
             let title = record.map_or_else(|| method.to_owned(), |record| title_of(results, record));
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
-            runs.push(json!({ "label": format!("{preset} · {title}{store}"), "protocol": preset, "title": format!("{title}{store}"), "trials": trials }));
+            let own = results.provenance.presets.iter().find(|own| own.name == preset);
+            runs.push(json!({
+                "label": format!("{preset} · {title}{store}"),
+                "protocol": preset,
+                "protocol_hash": own.map(|own| format!("{} {}", own.hash, own.index_sha256)),
+                "title": format!("{title}{store}"),
+                "trials": trials,
+            }));
         }
     }
     runs
@@ -77,16 +84,16 @@ fn trial_to_json(
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
     seen: &[(u64, usize)],
 ) -> Value {
-    let mut sums: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
+    // A target may be listed twice, and then weighs twice.
+    let mut by_frame: BTreeMap<&str, Vec<(u64, f64)>> = BTreeMap::new();
     // As in tables, a render that is identical to the truth is in no mean, of whichever metric.
-    let compared = targets.iter().filter(|row| row.status == TargetStatus::Scored);
-    for (metric, score) in compared.flat_map(|row| &row.scores).filter(|(_, score)| score.is_finite()) {
-        let (sum, count) = sums.entry(metric).or_default();
-        *sum += score;
-        *count += 1;
+    for row in targets.iter().filter(|row| row.status == TargetStatus::Scored) {
+        for (metric, score) in row.scores.iter().filter(|(_, score)| score.is_finite()) {
+            by_frame.entry(metric).or_default().push((row.frame, *score));
+        }
     }
-    let means: BTreeMap<&str, f64> =
-        sums.into_iter().map(|(metric, (sum, count))| (metric, sum / count as f64)).collect();
+    let mean = |scores: &[(u64, f64)]| scores.iter().map(|(_, score)| score).sum::<f64>() / scores.len() as f64;
+    let means: BTreeMap<&str, f64> = by_frame.iter().map(|(metric, scores)| (*metric, mean(scores))).collect();
     let images = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;
         let scores: BTreeMap<&str, f64> = scores(row, psnrs).collect();
@@ -98,6 +105,8 @@ fn trial_to_json(
         "status": trial.status.name(),
         "detail": trial.detail,
         "scores": means,
+        "by_frame": by_frame,
+        "data": trial.data_hash,
         "context": trial.context,
         "gaussians": trial.gaussians,
         "encode": encode,
@@ -141,7 +150,7 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
          <label>by <select id=\"metric\"></select></label></div>\n<div class=\"strip\" id=\"extremes\"></div>\n\
          <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"List of scenes\"><table><thead><tr>\
          <th class=\"label\">Scene</th>{heads}\
-         <th id=\"lead\" title=\"positive: better than the run beside\" hidden>Lead</th><td></td></tr></thead><tbody id=\"list\"></tbody></table></div>\
+         <th id=\"lead\" title=\"positive: better than the run beside, over the targets that both have on the same data\" hidden>Lead</th><td></td></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )

@@ -89,21 +89,23 @@
   const others = () => {
     const before = beside.selectedOptions[0] && beside.selectedOptions[0].textContent;
     const own = data.runs[runs.value];
-    const same = data.runs.map((run, place) => [place, run]).filter(([, run]) => run !== own && run.protocol === own.protocol);
+    const same = data.runs.map((run, place) => [place, run]).filter(([, run]) => run !== own && run.protocol === own.protocol && run.protocol_hash === own.protocol_hash);
     fill(beside, [[-1, 'the truth alone'], ...same.map(([place, run]) => [place, run.title])]);
     const again = [...beside.options].find(option => option.textContent === before);
     if (again) beside.value = again.value;
   };
   const partner = trial => {
     const run = data.runs[beside.value];
-    return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry);
+    return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry && other.data === trial.data);
   };
   const numbers = value => value !== undefined && value !== null;
-  // How much better a trial is than under the other method; negative if it is worse, by whichever metric.
+  // How much better a trial is than under the other method, over the targets that both have; negative if it is worse, by whichever metric.
   const lead = (trial, by) => {
-    const other = partner(trial);
-    if (!other || !numbers(trial.scores[by.id]) || !numbers(other.scores[by.id])) return undefined;
-    return (by.higher ? 1 : -1) * (trial.scores[by.id] - other.scores[by.id]);
+    const [own, others] = [trial, partner(trial)].map(each => (each && each.by_frame[by.id]) || []);
+    const other = new Map(others);
+    const differences = own.filter(([frame]) => other.has(frame)).map(([frame, score]) => score - other.get(frame));
+    if (!differences.length) return undefined;
+    return (by.higher ? 1 : -1) * differences.reduce((sum, difference) => sum + difference, 0) / differences.length;
   };
 
   const list = () => {

@@ -72,6 +72,8 @@
     choose('order', 'difference');
     const leads = () => all('#list tr').map(tr => tr.children[tr.children.length - 2].textContent).filter(text => text !== '–').map(Number);
     check('by-difference', !at('lead').hidden && leads().length > 1 && leads().every((value, place, list) => place === 0 || list[place - 1] <= value));
+    // Every scene has the same lead, also the one of whose targets the other run has only two.
+    check('paired-lead', new Set(leads().map(value => value.toFixed(2))).size === 1);
     // The first run is better everywhere, which a lower error shows.
     const lower = JSON.parse(at('data').textContent).metrics.findIndex(metric => !metric.higher);
     choose('metric', lower);

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use atsplat_eval::runner::image_path;
-use atsplat_eval::{MethodRecord, Results, Shard, TrainingRecord};
+use atsplat_eval::{MethodRecord, Results, Shard, TargetRow, TargetStatus, TrainingRecord};
 use atsplat_pixels::{ImageU8, encode_png};
 
 use super::browser::{chromium, report_in_frame};
 use super::*;
 use crate::definition::{Quantity, TableDefinition};
 use crate::figures::{of_store, of_table};
-use crate::sample::{HOSTILE, atsplat, floor, preset, random, results, results_over, store};
+use crate::sample::{HOSTILE, SCENES, atsplat, floor, preset, random, results, results_over, store};
 use crate::table::{Mixing, Row, protocol_tables, tables};
 
 /// Owns the contents of a page.
@@ -163,7 +163,7 @@ fn the_worst_and_the_best_come_first(sample: &Sample) {
     let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
     let runs = data["runs"].as_array().unwrap();
     // By rising quality; all methods are best on the first scene.
-    let counts = crate::sample::SCENES.iter().rev().map(|scene| {
+    let counts = SCENES.iter().rev().map(|scene| {
         let trials = runs.iter().flat_map(|run| run["trials"].as_array().unwrap());
         trials.filter(|trial| trial["scene"] == *scene).map(|trial| trial["images"].as_array().unwrap().len()).sum()
     });
@@ -278,8 +278,8 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
     let time = cite::citation(&table, row, place, &[store]).unwrap();
     for expected in [
         "Time (s) 0.260, median over 3 trials with 5 repetitions each, quartiles 0.25",
-        ", the whole answer, with reading and writing of files, unreliable: the machine was busy with something else (40 % of its \
-         processors); method ATSplat",
+        ", the whole answer, with reading and writing of files, unreliable: other work or a quota took 40 % of the \
+         processors; method ATSplat",
         ", the timed processor, 2 threads on 2 logical processors",
     ] {
         assert!(time.contains(expected), "{expected}: {time}");
@@ -423,6 +423,18 @@ fn a_browser_clicks_through_the_page() {
     for row in &mut sample.results.targets {
         let error = row.scores.get("psnr").map(|psnr| 1.0 - psnr / 40.0);
         row.scores.extend(error.map(|error| ("l1".to_owned(), error)));
+    }
+    // One target is far better under the first method than its others, and identical to the truth under the last one of the list.
+    let in_one = |row: &&mut TargetRow| row.key.scene == SCENES[0] && row.target == 1;
+    for row in sample.results.targets.iter_mut().filter(in_one) {
+        match row.key.method.as_str() {
+            "atsplat" => *row.scores.get_mut("psnr").unwrap() += 6.0,
+            "nearest-view" => {
+                row.status = TargetStatus::Identical;
+                row.scores.retain(|metric, _| metric == "ssim");
+            }
+            _ => {}
+        }
     }
     let page = sample.write(usize::MAX, Some(include_str!("selftest.js")));
     for width in [1280, 500] {

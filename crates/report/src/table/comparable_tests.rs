@@ -1,6 +1,6 @@
 //! Which measured rows are ranked together, and what a table says of what its numbers lack.
 
-use atsplat_eval::{Results, TargetRow, TargetStatus, TrialKey};
+use atsplat_eval::{MethodRecord, Results, TargetRow, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -147,6 +147,31 @@ fn an_order_that_leaked_targets_decide_is_not_marked() {
         let why = "because the order without targets that are context frames is another one: PSNR";
         assert_eq!(said.contains(why), expected == NONE, "{said}");
     }
+}
+
+/// The mean of two trainings of one network, which stands between them, has no row without leaked targets.
+#[test]
+fn a_mean_over_trainings_changes_no_order() {
+    let trained = |seed: &str| MethodRecord {
+        weights_sha256: Some(seed.repeat(16)),
+        training: Some(TrainingRecord { data: "simulated rooms".to_owned(), seed: Some(seed.to_owned()) }),
+        ..atsplat(seed, |_| ())
+    };
+    let mut results = results(vec![preset("re10k-2v-256")], vec![trained("1"), trained("2"), floor()]);
+    // The second training is level with the first, but for a tenth of a decibel.
+    for row in &mut results.targets {
+        let copied = row.key.method != "nearest-view" && row.key.scene == SCENES[0];
+        row.leaked = row.key.scene == SCENES[0];
+        (row.status, row.not_computed) = (TargetStatus::Scored, [].into());
+        let psnr = 20.0 + f64::from(row.key.method == "1") * 0.1 + f64::from(row.key.method != "nearest-view");
+        row.scores = [("psnr".to_owned(), psnr + 10.0 * f64::from(copied)), ("ssim".to_owned(), psnr / 32.0)].into();
+    }
+    results.trials.iter_mut().for_each(|trial| (trial.status, trial.detail) = (TrialStatus::Done, None));
+    let table = built("re10k", &[&results]);
+    assert!(table.rows.iter().any(Row::is_over_trainings));
+    let said = notes(&table, NoteKind::Unranked).join(" ");
+    assert!(!said.contains("context frames"), "{said}");
+    assert_eq!(own(&table, "1").cell(PSNR).mark, Mark::Best);
 }
 
 #[test]

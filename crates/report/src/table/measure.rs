@@ -25,17 +25,16 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
         }
         Quantity::Slope(metric, along) => {
             let query = MetricQuery { preset, method, metric: metric.id, leaked, identical };
-            let trend = |query: &MetricQuery<'_>| match along {
-                SlopeOver::Overlap => along_overlap(results, query),
-                SlopeOver::Distance => along_distance(results, query),
-            };
-            let (targets, unit) = match along {
-                SlopeOver::Overlap => (summary(results, &query, part.protocol.aggregation), 0.1),
-                SlopeOver::Distance => (within_distances(results, &query, 1..=u64::MAX), 1.0),
-            };
-            let others = without_leaked(part, &query).and_then(|query| trend(&query));
-            let without_leaked = others.map(|trend| trend.slope * unit);
-            Cell { without_leaked, ..slope_cell(trend(&query), &targets, unit) }
+            match along {
+                SlopeOver::Overlap => {
+                    let targets = summary(results, &query, part.protocol.aggregation);
+                    slope_cell(along_overlap(results, &query), &targets, 0.1)
+                }
+                SlopeOver::Distance => {
+                    let outside = within_distances(results, &query, 1..=u64::MAX);
+                    slope_cell(along_distance(results, &query), &outside, 1.0)
+                }
+            }
         }
         Quantity::Seconds => time_cell(times(results, preset, method), is_process(part, method)),
         quantity => cost_cell(quantity, &cost),
@@ -45,40 +44,34 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
 
 fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let results = part.source.results;
-    let of_query = |query: &MetricQuery<'_>| match (&group.bin, &part.protocol.overlap_bins) {
+    let mut outside_bins = 0;
+    let mut of_query = |query: &MetricQuery<'_>| match (&group.bin, &part.protocol.overlap_bins) {
         (None, _) => match group.distances {
-            Some([low, high]) => (within_distances(results, query, low..=high), 0),
-            None => (summary(results, query, part.protocol.aggregation), 0),
+            Some([low, high]) => within_distances(results, query, low..=high),
+            None => summary(results, query, part.protocol.aggregation),
         },
         (Some(bin), Some(bins)) => {
             let binned = by_overlap(results, query, bins);
+            outside_bins = binned.ignored;
             let own = binned.bins.into_iter().find(|(name, _)| *name == *bin).map(|(_, summary)| summary);
-            let found = own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default();
-            (found, binned.ignored)
+            own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default()
         }
-        (Some(_), None) => (Summary::default(), 0),
+        (Some(_), None) => Summary::default(),
     };
-    let (found, outside_bins) = of_query(query);
-    let mean = |query: MetricQuery<'_>| of_query(&query).0.mean;
+    let found = of_query(query);
     let capped = MetricQuery { identical: Identical::Capped, ..*query };
-    let is_alternative = found.identical > 0 && has_identical(results, query);
+    let with_identical =
+        if found.identical > 0 && has_identical(results, query) { of_query(&capped).mean } else { None };
     Cell {
         value: found.mean.map_or(Value::Absent, Value::Number),
         interval: found.interval,
         counts: Some(Counts { outside_bins, ..counts_of(&found) }),
         set_hash: found.target_set_hash,
-        with_identical: is_alternative.then(|| mean(capped)).flatten(),
-        without_leaked: without_leaked(part, query).and_then(mean),
+        with_identical,
         metric_weights: weights_of(results, query.metric),
         not_computed: found.not_computed,
         ..Cell::default()
     }
-}
-
-/// The query without targets that are context frames, if it has any.
-fn without_leaked<'a>(part: &Part<'_>, query: &MetricQuery<'a>) -> Option<MetricQuery<'a>> {
-    let others = MetricQuery { leaked: Leaked::Excluded, ..*query };
-    (query.leaked == Leaked::Included && has_leaked(part, query.method)).then_some(others)
 }
 
 /// Whether a render is identical to the truth although the method was not given that frame.

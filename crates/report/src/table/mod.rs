@@ -36,7 +36,7 @@ pub use build::{Mixing, tables};
 pub use counts::Counts;
 pub(crate) use difference::is_changed;
 pub(crate) use edition::is_same_data;
-pub(crate) use footer::short;
+pub(crate) use footer::{short, short_commit};
 pub use measured_on::MeasuredOn;
 pub use note::{Note, NoteKind};
 pub use orders::{Order, Outcome};
@@ -188,9 +188,6 @@ pub struct Cell {
     /// context views.
     #[serde(skip)]
     pub with_identical: Option<f64>,
-    /// The number without targets that are context frames, if there are any.
-    #[serde(skip)]
-    pub without_leaked: Option<f64>,
     /// SHA-256 of the metric's learned weights, if it has any.
     #[serde(skip)]
     pub metric_weights: Option<String>,
@@ -307,6 +304,9 @@ pub(crate) type Place = (usize, usize);
 pub(crate) fn has_trials(results: &Results, preset: &str, method: &str) -> bool {
     results.trials.iter().any(|trial| trial.key.preset == preset && trial.key.method == method)
 }
+
+/// What CSV has beside a number, as endings of its column's name.
+pub(crate) const BESIDE_NUMBERS: [&str; 3] = ["low", "high", "scenes"];
 
 /// Marks times measured on a busy machine.
 pub(crate) const BUSY: &str = "§";

@@ -8,7 +8,7 @@ use atsplat_metrics::{Definition, definitions};
 
 use super::build::table;
 use super::edition::{Edition, editions};
-use super::{Mixing, Source, Table, distinct};
+use super::{BESIDE_NUMBERS, Mixing, Source, Table, distinct};
 use crate::ReportError;
 use crate::definition::{
     ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
@@ -99,7 +99,9 @@ fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
     let bins = edition.parts.first().and_then(|part| part.protocol.overlap_bins.as_ref());
     for name in bins.iter().flat_map(|bins| bins.names()) {
         let set = |own: &mut ColumnGroup| own.bin = Some(name.clone());
-        groups.push(breakdown(format!("{name} overlap"), format!("_{name}"), &set));
+        // An ending of its own, where the name is that of an end of an interval.
+        let ending = if BESIDE_NUMBERS.contains(&name.as_str()) { "_overlap" } else { "" };
+        groups.push(breakdown(format!("{name} overlap"), format!("_{name}{ending}"), &set));
     }
     if bins.is_some() {
         groups.push(slope(SlopeOver::Overlap));

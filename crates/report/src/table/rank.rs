@@ -27,9 +27,17 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
     let measured = |row: &Row| row.origin == Origin::Measured;
     for (place, direction) in directed {
         let is_time = table.column(place).quantity == Quantity::Seconds;
-        let cells: Vec<&Cell> =
-            printed(table, place, &measured).into_iter().map(|(at, _)| table.rows[at].cell(place)).collect();
-        let rankings: &[&dyn Fn(&Row) -> bool] = if let Some(why) = incomparable(&cells, direction) {
+        // The mean of several trainings compares if these do.
+        let rows: Vec<usize> = printed(table, place, &measured).into_iter().map(|(at, _)| at).collect();
+        let rows: Vec<usize> = rows.into_iter().filter(|at| !table.rows[*at].is_over_trainings()).collect();
+        let cells: Vec<&Cell> = rows.iter().map(|at| table.rows[*at].cell(place)).collect();
+        // The same row without leaked targets follows it, if it has any.
+        let without_leaked = |at: usize| {
+            let next = table.rows.get(at + 1).filter(|row| row.without_leaked)?.cell(place);
+            next.value.number().map(|_| next)
+        };
+        let others: Vec<&Cell> = rows.iter().zip(&cells).map(|(at, own)| without_leaked(*at).unwrap_or(own)).collect();
+        let rankings: &[&dyn Fn(&Row) -> bool] = if let Some(why) = incomparable(&cells, &others, direction) {
             unranked.entry(why).or_default().push(table.heading(place));
             &[&published]
         } else if one_ranking && !is_time && has_published_weights(table.column(place), &cells) {
@@ -72,21 +80,22 @@ enum Incomparable {
     Machines,
 }
 
-fn incomparable(cells: &[&Cell], direction: Direction) -> Option<Incomparable> {
+/// `others` are the cells without leaked targets.
+fn incomparable(cells: &[&Cell], others: &[&Cell], direction: Direction) -> Option<Incomparable> {
     if differ(cells.iter().map(|cell| cell.set_hash)) {
         return Some(Incomparable::Targets);
     }
-    let order = |value: &dyn Fn(&Cell) -> Option<f64>| {
+    let order = |cells: &[&Cell], value: &dyn Fn(&Cell) -> Option<f64>| {
         let mut order: Vec<(usize, f64)> =
             cells.iter().enumerate().filter_map(|(at, cell)| Some((at, value(cell)?))).collect();
         order.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
         order.into_iter().map(|(at, _)| at).collect::<Vec<_>>()
     };
     let own = |cell: &Cell| cell.value.number();
-    if order(&own) != order(&|cell| cell.with_identical.or_else(|| own(cell))) {
+    if order(cells, &own) != order(cells, &|cell| cell.with_identical.or_else(|| own(cell))) {
         return Some(Incomparable::Identical);
     }
-    if order(&own) != order(&|cell| cell.without_leaked.or_else(|| own(cell))) {
+    if order(cells, &own) != order(others, &own) {
         return Some(Incomparable::Leaked);
     }
     if differ(cells.iter().map(|cell| &cell.metric_weights)) {

@@ -483,7 +483,7 @@ fn times_come_from_the_timing_pass_or_are_absent_with_a_reason() {
     results.timings.iter_mut().for_each(|row| row.load.others = Some(0.4));
     let (printed, cell, notes) = time(&results, "atsplat");
     assert_eq!((printed.as_str(), cell.mark), ("0.260 §", Mark::Plain));
-    assert!(notes.contains("§ the machine was busy with something else (40 % of its processors)"), "{notes}");
+    assert!(notes.contains("§ other work or a quota took 40 % of the processors"), "{notes}");
     assert_eq!(serde_json::to_value(&cell).unwrap()["timing"]["busy"], true);
 
     results.timings.clear();

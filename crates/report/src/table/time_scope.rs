@@ -50,9 +50,9 @@ impl Cell {
     }
 }
 
-/// What the mark of a busy machine stands for; `others` is the share of its processors that others used.
+/// What the mark of a busy machine stands for; `others` is the share of its processors that a timing did not have.
 pub(crate) fn was_busy(others: f64) -> String {
-    format!("the machine was busy with something else ({:.0} % of its processors)", 100.0 * others)
+    format!("other work or a quota took {:.0} % of the processors", 100.0 * others)
 }
 
 impl CellTiming {

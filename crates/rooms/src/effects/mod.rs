@@ -162,6 +162,8 @@ pub(crate) struct SceneContext<'a> {
     pub world: &'a World,
     pub conditions: &'a Conditions,
     pub shots: &'a [Shot],
+    /// Whether the route was given, instead of sampled from the seed.
+    pub is_given: bool,
 }
 
 impl Effects {
@@ -284,15 +286,41 @@ mod tests {
         builder.finish(sky, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
     }
 
-    fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
+    /// The effects of a route from the origin to another pose.
+    fn chosen(world: &World, conditions: &Conditions, moving_to: WorldFromCamera, is_given: bool) -> Vec<ActiveEffect> {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
         let shots = [0, 33_333].map(|timestamp_micros| Shot { timestamp_micros, camera, moving_to });
-        let turned = Camera { camera_from_world: moving_to.inverse(), ..camera };
-        let shots = [shots[0], Shot { camera: turned, ..shots[1] }];
-        let effects = Effects::choose(&SceneContext { world, conditions, shots: &shots }, &EffectChoice::Auto);
-        effects.active.iter().map(|active| active.effect).collect()
+        let moved = Camera { camera_from_world: moving_to.inverse(), ..camera };
+        let shots = [shots[0], Shot { camera: moved, ..shots[1] }];
+        Effects::choose(&SceneContext { world, conditions, shots: &shots, is_given }, &EffectChoice::Auto).active
+    }
+
+    fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
+        let turned = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
+        chosen(world, conditions, turned, false).iter().map(|active| active.effect).collect()
+    }
+
+    /// They move what is seen at the border of an image, not at its centre.
+    #[test]
+    fn a_given_dolly_and_a_given_roll_need_motion_blur() {
+        let open = Conditions { lens: [0.0; 2], shutter: 0.3, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
+        let world = world(0.0, Vec::new());
+        let to = |turn: DMat3, z: f64| WorldFromCamera::new(turn, DVec3::new(0.0, 0.0, z)).unwrap();
+        let roll = |angle: f64| to(DMat3::from_rotation_z(angle), 0.0);
+        for moved in [to(DMat3::IDENTITY, 0.05), to(DMat3::IDENTITY, -0.05), roll(0.01), roll(-0.01)] {
+            let given = chosen(&world, &open, moved, true);
+            assert_eq!(given.iter().map(|active| active.effect).collect::<Vec<_>>(), [EffectKind::MotionBlur]);
+            assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, moved, true), []);
+            assert_eq!(chosen(&world, &open, moved, false), [], "images of seeds stay as they were");
+        }
+        for still in [roll(0.0), roll(0.001), to(DMat3::IDENTITY, 1e-4)] {
+            assert_eq!(chosen(&world, &open, still, true), [], "{still:?}");
+        }
+        let behind = to(DMat3::from_rotation_y(std::f64::consts::PI), 0.0);
+        let reason = "up to 30.0 % of the image width while the shutter is open";
+        assert_eq!(chosen(&world, &open, behind, true)[0].reason, reason);
+        assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, behind, true), []);
     }
 
     /// Each condition needs its own effect and no other, just above its bound and not below.

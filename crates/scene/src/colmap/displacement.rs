@@ -34,20 +34,21 @@ pub fn displacement(
         return Ok(None);
     }
     let images = parse_images(&read_file("reading COLMAP images", &file)?, encoding, &file)?;
-    let centres: HashMap<&str, DVec3> = scene
-        .frames
-        .iter()
-        .map(|frame| (frame.name.as_str(), frame.camera.camera_from_world.inverse().centre()))
-        .collect();
+    // A name that several frames have says nothing.
+    let mut centres: HashMap<&str, Option<DVec3>> = HashMap::new();
+    for frame in &scene.frames {
+        let centre = frame.camera.camera_from_world.inverse().centre();
+        centres.entry(&frame.name).and_modify(|known| *known = None).or_insert(Some(centre));
+    }
     let pairs: Vec<(DVec3, DVec3)> = images
         .iter()
         .filter_map(|image| {
-            // Frames of a COLMAP model have their folder in their name, those of nerfstudio do not.
+            // Frames of a COLMAP model have their folder in their name, those of nerfstudio only if it tells them apart.
             let path = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
             let name = path.rsplit('/').next().unwrap_or(path);
-            let frame = centres.get(path).or_else(|| centres.get(name))?;
+            let frame = (*centres.get(path).or_else(|| centres.get(name))?)?;
             let centre = image.camera_from_world.inverse().centre();
-            Some((applied.map_or(centre, |applied| applied.saved_point(centre)), *frame))
+            Some((applied.map_or(centre, |applied| applied.saved_point(centre)), frame))
         })
         .collect();
     let (low, high) = pairs
@@ -108,6 +109,32 @@ mod tests {
         Tolerance::F64.assert([found.distance], [1.0 / 7.0], "median");
         let found = displacement(folder.path(), &scene, None).unwrap().unwrap();
         Tolerance::F64.assert([found.distance], [0.5 * (2.0 + 20.0_f64.sqrt()) / 7.0], "without the scale");
+    }
+
+    /// Frames of nerfstudio in three folders, as the model has them.
+    #[test]
+    fn images_of_one_name_are_told_apart_by_their_folders() {
+        let centres = [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+        let frames: Vec<_> = ["left", "right", "top"]
+            .iter()
+            .zip(centres)
+            .map(|(folder, [x, y, z])| {
+                let rows = [[1.0, 0.0, 0.0, x], [0.0, -1.0, 0.0, y], [0.0, 0.0, -1.0, z], [0.0, 0.0, 0.0, 1.0]];
+                json!({ "file_path": format!("./images/{folder}/frame_7.png"), "transform_matrix": rows })
+            })
+            .collect();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("transforms.json");
+        std::fs::write(&file, json!({ "w": 4, "h": 3, "fl_x": 4, "frames": frames }).to_string()).unwrap();
+        let source = NerfstudioScenes::open(&file, NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
+        let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+        let names: Vec<&str> = scene.frames.iter().map(|frame| frame.name.as_str()).collect();
+        assert_eq!(names, ["left/frame_7", "right/frame_7", "top/frame_7"]);
+        assert!(scene.frames.iter().all(|frame| frame.timestamp_micros == Some(7)));
+        let images = "1 1 0 0 0 -1 0 0 1 left/frame_7.png\n\n2 1 0 0 0 0 -2 0 1 right/frame_7.png\n\n\
+                      3 1 0 0 0 0 0 -2 1 top/frame_7.png\n\n";
+        let found = displacement(model(images).path(), &scene, None).unwrap();
+        assert_eq!(found, Some(Displacement { images: 3, distance: 0.0 }));
     }
 
     #[test]

@@ -110,6 +110,8 @@ impl SceneSource for ColmapScenes {
 
         let capture = capture_of(model);
         let root = self.options.images_root.clone().unwrap_or_else(|| capture.join("images"));
+        // Of `.` and `..`, the folder above is not what stands before the last component.
+        let root = if root.file_name().is_some() { root } else { root.canonicalize().unwrap_or(root) };
         let above = root.parent().unwrap_or(&root).to_owned();
         let folder = last_name(&root);
         let mut finder = ImageFinder::new(&above, &images_file, self.options.images);

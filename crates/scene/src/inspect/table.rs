@@ -33,7 +33,7 @@ impl Inspection {
             (images.empty, "empty"),
             (images.absent, "without an image"),
         ];
-        writeln!(f, "images  {}", counted(&places))?;
+        writeln!(f, "images    {}", counted(&places))?;
         if images.headers_read + images.headers_unreadable > 0 {
             let headers = [
                 (images.headers_read, "headers read"),

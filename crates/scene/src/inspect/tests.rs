@@ -216,7 +216,7 @@ fn files_that_are_empty_or_cut_short_are_problems() {
         let first = &warnings.kept()[0];
         let path = folder.path().join("1.png");
         assert_eq!(first.detail, format!("frame 1: the file is empty ({})", path.display()));
-        assert!(report.to_string().contains("images  6 in files, 2 empty\n"), "{report}");
+        assert!(report.to_string().contains("images    6 in files, 2 empty\n"), "{report}");
     }
     let (_, warnings) = inspected(&source, InspectOptions::default());
     let detail = &warnings.kept()[2].detail;

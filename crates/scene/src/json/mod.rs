@@ -26,8 +26,12 @@ const SHOWN: usize = 20;
 /// # Errors
 /// For invalid JSON and for a repeated key in an object, with line and column.
 pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    serde_json::from_slice(text).map(|Unique(value)| value)
+    serde_json::from_slice(without_mark(text)).map(|Unique(value)| value)
+}
+
+/// Text without a byte order mark, which some editors write.
+fn without_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
 /// Parses a JSON object with values of type `V`, in the file's order.
@@ -35,7 +39,7 @@ pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
 /// # Errors
 /// Those of [`parse`], and for a value that is not a `V`.
 pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
-    serde_json::from_slice(text).map(|Object(entries)| entries)
+    serde_json::from_slice(without_mark(text)).map(|Object(entries)| entries)
 }
 
 /// What was expected and found where `text` could not be parsed, for messages that state the place themselves. `value`
@@ -168,6 +172,13 @@ mod tests {
             assert!(error.to_string().contains("a second time") && error.line() == line, "{text}: {error}");
         }
         assert!(parse_object::<u32>(br#"{"b": 1, "a": 2, "b": 1}"#).unwrap_err().to_string().contains("\"b\""));
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_part_of_the_text() {
+        let text = "\u{feff}{\"a\": 1}";
+        assert_eq!(parse(text.as_bytes()).unwrap()["a"], 1);
+        assert_eq!(parse_object::<u32>(text.as_bytes()).unwrap()["a"], 1);
     }
 
     #[test]

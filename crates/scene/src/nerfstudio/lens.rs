@@ -199,7 +199,12 @@ impl LensFields {
         let (Some(fl_x), Some(fl_y)) = (x.or(y), y.or(x)) else {
             return Err(malformed("fl_x", "a focal length (fl_x, camera_angle_x or x_fov)", "none"));
         };
-        let (cx, cy) = (self.cx.unwrap_or(0.5 * width), self.cy.unwrap_or(0.5 * height));
+        let (cx, cy) = match (self.cx, self.cy) {
+            (Some(cx), Some(cy)) => (cx, cy),
+            (None, None) => (0.5 * width, 0.5 * height),
+            (Some(_), None) => return Err(malformed("cy", "a principal point's cy beside its cx", "none")),
+            (None, Some(_)) => return Err(malformed("cx", "a principal point's cx beside its cy", "none")),
+        };
         let intrinsics = NormalizedIntrinsics::new(fl_x / width, fl_y / height, cx / width, cy / height);
         let unsupported =
             |(model, reason)| SceneError::unsupported_model(path, format!("{location}camera_model"), model, reason);

@@ -1,3 +1,4 @@
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Camera, CameraError, WorldFromCamera};
@@ -174,15 +175,22 @@ fn frames(
 ) -> Result<Vec<Frame>, SceneError> {
     let mut frames = Vec::with_capacity(images.len());
     let mut contradictions = Vec::new();
+    let mut paths_of: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for frame in &transforms.frames {
+        paths_of.entry(stem(&frame.file_path)).or_default().insert(below_images(&frame.file_path));
+    }
     for (at, ((listed, lens), found)) in transforms.frames.iter().zip(lenses).zip(images).enumerate() {
         let lens = lens.resolve(&format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
         let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
-        let name = stem(&listed.file_path);
+        // Images of one name in several folders are told apart by these, as in COLMAP models.
+        let stem = stem(&listed.file_path);
+        let is_repeated = paths_of.get(stem).is_some_and(|paths| paths.len() > 1);
+        let name = if is_repeated { below_images(&listed.file_path) } else { stem.to_owned() };
         contradictions.extend(lens.contradiction.map(|detail| format!("first {at}: {detail}")));
         frames.push(Frame {
-            timestamp_micros: name.rsplit('_').next().and_then(|number| number.parse().ok()),
-            name: name.to_owned(),
+            timestamp_micros: stem.rsplit('_').next().and_then(|number| number.parse().ok()),
+            name,
             camera: Camera {
                 camera_from_world: pose.inverse(),
                 intrinsics: lens.intrinsics,
@@ -234,6 +242,14 @@ impl AppliedTransform {
     fn original_pose(&self, pose: &WorldFromCamera) -> WorldFromCamera {
         pose.scaled_by(self.scale.recip()).moved_by(&self.original_from_moved)
     }
+}
+
+/// The path without its extension, below the folder of images if it lies in one.
+fn below_images(file_path: &str) -> String {
+    let path = split_image_name(file_path).map_or(file_path, |(stem, _)| stem).replace('\\', "/");
+    let parts: Vec<&str> = path.split('/').filter(|part| !matches!(*part, "" | ".")).collect();
+    let images = parts.iter().position(|part| is_of_images(part)).filter(|at| at + 1 < parts.len());
+    parts[images.map_or(0, |at| at + 1)..].join("/")
 }
 
 fn stem(file_path: &str) -> &str {

@@ -18,7 +18,7 @@ const FORMAT: &str = "torch chunks";
 /// A folder of `.torch` chunks, with or without an `index.json` from scene keys to chunks (`real_estate_10k_tools`
 /// `src/generate_index.py`).
 ///
-/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order. The last few chunks stay parsed, so
+/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order, or that of the `index.json`. The last few chunks stay parsed, so
 /// that loading scenes in this order parses each chunk once.
 #[derive(Debug)]
 pub struct TorchChunks {

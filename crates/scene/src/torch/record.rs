@@ -220,11 +220,14 @@ impl Fields<'_> {
     }
 
     fn images(&self, field: &str) -> Result<Vec<SharedBytes>, TorchError> {
-        const EXPECTED: &str = "a list of uint8 tensors of shape [bytes]";
+        const EXPECTED: &str = "a list of contiguous uint8 tensors of shape [bytes]";
         let value = self.get(field, EXPECTED)?;
         let items = value.as_sequence().ok_or_else(|| self.wrong(field, EXPECTED, value))?;
         let bytes = items.iter().enumerate().map(|(position, item)| match item {
-            Value::Tensor(tensor) if tensor.dtype() == super::DType::U8 && tensor.shape().len() == 1 => {
+            // Others would be copied at each of any number of references.
+            Value::Tensor(tensor)
+                if tensor.dtype() == super::DType::U8 && tensor.shape().len() == 1 && tensor.is_contiguous() =>
+            {
                 let wrong = |source| self.wrong(&format!("{field}[{position}]"), EXPECTED, &source);
                 tensor.to_unread_bytes().map_err(wrong)
             }

@@ -401,6 +401,7 @@ fn fields_of_the_wrong_type_or_length_name_the_scene_and_the_field() {
     let bytes = tensor(&storage("ByteStorage", 32), 0, &[3], &[1]);
     let none = tensor(&floats, 0, &[0, 18], &[18, 1]);
     let images = [b"](", &bytes[..], &bytes, b"e"].concat();
+    let strided = [b"](", &bytes[..], &tensor(&storage("ByteStorage", 32), 0, &[3], &[2]), b"e"].concat();
     let field = |name: &str, value: &[u8]| [&text(name)[..], value].concat();
     let error_of = |fields: &[Vec<u8>]| {
         let body = [b"]}(", &field("key", &text("k"))[..], &fields.concat(), b"ua"].concat();
@@ -420,6 +421,10 @@ fn fields_of_the_wrong_type_or_length_name_the_scene_and_the_field() {
         (vec![field("timestamps", &longs), field("cameras", &none)], "field images"),
         (vec![field("timestamps", &longs), field("cameras", &none), field("images", &bytes)], "field images"),
         (vec![field("timestamps", &longs), field("cameras", &none), field("images", b"]K\x01a")], "field images[0]"),
+        (
+            vec![field("timestamps", &longs), field("cameras", &none), field("images", &strided)],
+            "field images[1]: expected a list of contiguous uint8 tensors",
+        ),
         (
             vec![field("timestamps", &longs), field("cameras", &none), field("images", &images)],
             "expected 2, as many as timestamps, found 0",

@@ -101,8 +101,9 @@ pub(super) struct Screen {
     pub(super) centre: [Row; 2],
     /// Slopes `x/z` and `y/z`: true, and clamped for the Jacobian.
     pub(super) slope: [[Row; 2]; 2],
-    /// `∂pixel/∂slope` row by row, and whether the lens sees the Gaussian; filled only with a lens.
+    /// `∂pixel/∂slope` row by row; filled only with a lens.
     pub(super) lens: [[Row; 2]; 2],
+    /// Whether the lens sees the Gaussian.
     pub(super) visible: [bool; CHUNK],
     /// 2D covariance `xx, xy, yy` without the blur, and its determinants without and with it.
     pub(super) cov2d: [Row; 3],
@@ -166,6 +167,8 @@ impl Screen {
     fn project_means(&mut self, optics: &Optics) {
         let (focal, principal) = (optics.focal, optics.principal);
         let Some(lens) = &optics.lens else {
+            // The view before may have had a lens.
+            self.visible = [true; CHUNK];
             let focal_and_principal = [(focal.x, principal.x), (focal.y, principal.y)];
             for ((centres, slopes), (focal, principal)) in
                 self.centre.iter_mut().zip(&self.slope[0]).zip(focal_and_principal)

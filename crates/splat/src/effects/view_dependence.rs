@@ -45,8 +45,8 @@ impl Effect for ViewDependence {
     }
 }
 
-/// The change of composited colour that exposure makes a change of at most `budget`. Larger ones than any colour has are not
-/// told apart: an exposure to black makes nothing of all of them.
+/// The change of composited colour that exposure makes a change of at most `budget`. Larger ones than any colour has count
+/// as equal: an exposure to black makes nothing of all of them.
 fn before_exposure(budget: f64, gain: f64) -> f64 {
     let change = budget / gain;
     if change < LARGEST_CHANNEL { change } else { LARGEST_CHANNEL }

@@ -1,6 +1,7 @@
 //! Work whose results stay on the device.
 
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::bounds::Plan;
 use super::gaussians::GpuGaussians;
@@ -26,6 +27,7 @@ pub struct Pending<T> {
     plan: Plan,
     /// Set once the result is complete.
     counts: OnceLock<GaussianCounts>,
+    was_repeated: AtomicBool,
 }
 
 /// Records a task into its result.
@@ -68,7 +70,9 @@ impl<T> Pending<T> {
         &self.result
     }
 
-    fn submit(&self, work: &mut Work<'_>) -> Result<Plan, SplatError> {
+    /// Computes it again.
+    fn repeat(&self, work: &mut Work<'_>) -> Result<Plan, SplatError> {
+        self.was_repeated.store(true, Ordering::Relaxed);
         work.submit(&self.report, &|recorder, resources| (self.record)(recorder, resources, &self.task, &self.result))
     }
 }
@@ -80,7 +84,7 @@ pub struct Settled<'a, T> {
     pub result: &'a T,
     /// Counts of drawn and culled Gaussians.
     pub counts: GaussianCounts,
-    /// Whether it had to be computed again.
+    /// Whether it had to be computed again since it was begun: what used its first result is to be discarded.
     pub was_repeated: bool,
 }
 
@@ -186,7 +190,6 @@ impl GpuRenderer {
         let mut work = self.work();
         let context = work.context;
         context.guarded(|| {
-            let mut repeated = vec![false; pending.len()];
             let mut open: Vec<(usize, Plan)> = pending.iter().map(|one| one.plan).enumerate().collect();
             open.retain(|(at, _)| pending[*at].counts.get().is_none());
             while !open.is_empty() {
@@ -196,17 +199,16 @@ impl GpuRenderer {
                 for ((at, plan), bytes) in open.into_iter().zip(contents) {
                     let status = Status::parse(&context.name, &bytes)?;
                     if work.bounds.learn(context, &plan, &status)? {
-                        repeated[at] = true;
-                        incomplete.push((at, pending[at].submit(&mut work)?));
+                        incomplete.push((at, pending[at].repeat(&mut work)?));
                     } else {
                         pending[at].counts.get_or_init(|| status.counts);
                     }
                 }
                 open = incomplete;
             }
-            let settled = pending.iter().zip(repeated).map(|(one, was_repeated)| {
+            let settled = pending.iter().map(|one| {
                 let counts = *one.counts.get().expect("the loop ends when every result has its counts");
-                Settled { result: &one.result, counts, was_repeated }
+                Settled { result: &one.result, counts, was_repeated: one.was_repeated.load(Ordering::Relaxed) }
             });
             Ok(settled.collect())
         })
@@ -255,7 +257,7 @@ impl GpuRenderer {
                 if !work.bounds.learn(context, &plan, &status)? {
                     return Ok((finished.contents, *pending.counts.get_or_init(|| status.counts)));
                 }
-                plan = pending.submit(&mut work)?;
+                plan = pending.repeat(&mut work)?;
             }
         })
     }
@@ -270,5 +272,5 @@ fn begin<T>(work: &mut Work<'_>, task: Task, result: T, record: Record<T>) -> Re
     let report = work.context.buffer("report", status::BYTES)?;
     let counts = OnceLock::new();
     let plan = work.submit(&report, &|recorder, resources| record(recorder, resources, &task, &result))?;
-    Ok(Pending { result, task, record, report, plan, counts })
+    Ok(Pending { result, task, record, report, plan, counts, was_repeated: AtomicBool::new(false) })
 }

@@ -1,5 +1,6 @@
 //! Batches against the same views one by one.
 
+use atsplat_camera::Distortion;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::gpu::{
     GpuCounts, GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
@@ -20,6 +21,11 @@ fn views(count: usize, width: u32, height: u32) -> Vec<View> {
             pose.translation() + DVec3::new(0.1 * at as f64, -0.07, 0.05 * at as f64),
         )
         .unwrap();
+        own.camera.distortion = match at % 3 {
+            0 => Distortion::None,
+            1 => Distortion::OpenCv { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.004, p2: -0.003 },
+            _ => Distortion::Fisheye { k: [0.02, -0.01, 0.0, 0.0] },
+        };
         own
     };
     (0..count).map(moved).collect()

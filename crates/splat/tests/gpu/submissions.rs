@@ -109,6 +109,20 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     assert_eq!((asked(counts), next == expected), ([2, 1, 0], true), "{counts:?}");
 }
 
+/// Whoever reads an image learns nothing of a repeat; whoever used its buffers asks later.
+#[test]
+fn an_image_that_was_repeated_when_it_was_read_says_so() {
+    let Some(mut gpu) = open(GpuOptions { first_pairs: 100, ..GpuOptions::default() }) else { return };
+    let (gaussians, view) = (cloud(2000, 0, 7), view(97, 71));
+    let resident = gpu.upload(&gaussians).unwrap();
+    let repeats = [(); 2].map(|()| {
+        let image = gpu.render_resident(&resident, &view, &RenderOptions::default()).unwrap();
+        gpu.read(&image).unwrap();
+        gpu.settle(&image).unwrap().was_repeated
+    });
+    assert_eq!(repeats, [true, false], "the second has learnt how long its lists are");
+}
+
 /// Converted on the device; of several strips, whose lengths are not whole words; after a repeat, too.
 #[test]
 fn images_are_read_in_the_format_asked_for() {

@@ -129,12 +129,14 @@ fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize
     })
 }
 
-/// Size of a protocol's preprocessed images, if the protocol states the source size or crops any image to one size.
+/// Size of a protocol's preprocessed images, if the protocol states the source size or brings any image to one size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
     let preprocessing = &preset.preprocessing;
     let size = match (preprocessing.expected_size, preprocessing.steps.last()) {
         (Some(source), _) => preprocessing.plan(source).ok()?.output(),
         (None, Some(Step::RescaleAndCrop(last))) => PixelSize { width: last.width, height: last.height },
+        (None, Some(Step::CentreCrop(last))) => PixelSize { width: last.width, height: last.height },
+        (None, Some(Step::Resize(last))) => PixelSize { width: last.width, height: last.height },
         (None, _) => return None,
     };
     Some(size.into())
@@ -228,6 +230,8 @@ fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, T
 
 #[cfg(test)]
 mod tests {
+    use atsplat_scene::preprocess::{CentreCrop, Resize};
+
     use super::*;
 
     /// By the shorter side, as inference resizes; of any image, as the preset scales and crops it to that size.
@@ -248,6 +252,18 @@ mod tests {
         let error = check("nano", "rooms-2v-128").unwrap_err();
         let expected = "the shorter side of the model's resolution, 256x256, found 128x128";
         assert!(error.contains("data[0].source.dataset.preset") && error.contains(expected), "{error}");
+        // Whatever the last step is, if it brings any image to one size.
+        let folder = tempfile::tempdir().unwrap();
+        let mut own = Preset::named("rooms-2v-128").unwrap();
+        for (name, last) in
+            [("crop", Step::from(CentreCrop::new(512, 512))), ("resize", Step::from(Resize::new(512, 512)))]
+        {
+            (own.preprocessing.expected_size, own.preprocessing.steps) = (None, vec![last]);
+            let path = folder.path().join(format!("{name}.toml"));
+            std::fs::write(&path, own.to_toml().unwrap()).unwrap();
+            let error = check("nano", &path.to_string_lossy()).unwrap_err();
+            assert!(error.contains("256x256, found 512x512"), "{name}: {error}");
+        }
         let error = check("micro", "photos-3v-256").unwrap_err();
         assert!(error.contains("128x128, found 256x256"), "{error}");
     }

@@ -17,7 +17,8 @@ pub struct ViewChoice {
     pub targets: NonZeroUsize,
     /// Gap between the first and the last context view, in frames of the source.
     pub gaps: GapSchedule,
-    /// Least distance of targets inside the window from its ends, in frames; 1 keeps context frames from being targets.
+    /// Least distance of targets inside the window from its ends, in frames; with two context views and `outside = 0`, 1 keeps them
+    /// from being targets.
     #[serde(default)]
     pub inset: usize,
     /// Largest distance of targets outside the window, in frames.
@@ -59,7 +60,7 @@ impl ViewChoice {
         let sampler = Bounded {
             context_views: views,
             target_views: self.targets,
-            gaps: self.gaps.divided_for(views, most.get()),
+            gaps: self.gaps.divided_for(views, most.get(), step),
             min_distance_to_context: self.inset,
             max_distance_outside: self.outside,
             extra_context: self.extra_context,

@@ -1,4 +1,4 @@
-//! What weights that a run starts from have in common with it: what differs is told, and kept in the run's provenance.
+//! What weights that a run starts from have in common with it: what differs is a notice, and kept in the run's provenance.
 //!
 //! Fine-tuning changes settings on purpose, so a difference is no error; but weights mean something else to another network.
 
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn another_network_or_normalisation_is_told() {
+    fn another_network_or_normalisation_is_noted() {
         let weights = embedded("micro-rooms");
         let (mut config, same) = experiment("micro-rooms");
         assert!(of(&weights, &(config.clone(), same.clone())).is_empty(), "its name and title are others");

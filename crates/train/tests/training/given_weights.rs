@@ -24,7 +24,7 @@ fn run(config: &TrainConfig, folder: &Path, start: &Start, steps: u64) -> (Vec<S
 
 /// Of the same shapes, without some of its tensors, and with other poses.
 #[test]
-fn weights_of_another_network_are_told_and_recorded() {
+fn weights_of_another_network_are_noted_and_recorded() {
     const KEY: &str = "initial-weights-differences";
     let folder = tempdir().unwrap();
     let [first, same, other] = ["first", "same", "other"].map(|name| folder.path().join(name));
@@ -44,7 +44,7 @@ fn weights_of_another_network_are_told_and_recorded() {
     }
     assert_eq!(provenance[KEY], notices.join("; "));
     let (again, provenance) = run(&changed, &other, &Start::Resume, 2);
-    assert_eq!((again, &provenance[KEY]), (Vec::new(), &notices.join("; ")), "told once, and recorded for good");
+    assert_eq!((again, &provenance[KEY]), (Vec::new(), &notices.join("; ")), "noted once, and recorded for good");
 }
 
 /// As f16, 65519 is 65504 and 65520 infinite. The run could not write its weights.

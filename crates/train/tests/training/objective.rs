@@ -1,6 +1,7 @@
 //! Gradients of one sample: which parameters they reach, stop-gradients, terms, hard cases.
 
 use crate::common::{config, sample};
+use atsplat_model::ImageSize;
 use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::{Extremes as _, Tolerance};
@@ -73,6 +74,18 @@ fn the_uncertainty_loss_reaches_only_the_score_heads() {
     let heads: Vec<&str> = heads.map(String::as_str).collect();
     assert_eq!(heads.len(), 9);
     assert_eq!(moved(&result), heads);
+}
+
+/// As inference does with the weights that the run writes.
+#[test]
+fn images_of_an_evaluation_are_resized_to_the_scale_of_the_training() {
+    let (network, sample) = (network(), sample(2));
+    let size = sample.context.views().unwrap().size();
+    let half = ImageSize::new(size.height / 2, size.width / 2);
+    let renders = |network: &Network| Evaluation::from_samples(Vec::new(), [0.0; 3]).renders(network, &sample).unwrap();
+    let as_given = renders(&network);
+    assert_eq!(renders(&network.clone().trained_at(size)), as_given);
+    assert_ne!(renders(&network.trained_at(half)), as_given);
 }
 
 #[test]

@@ -1,20 +1,15 @@
 //! The command of a method: its words, and the files that they name.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::{self, BufRead as _, BufReader};
 use std::path::Path;
 use std::{iter, mem};
 
 use atsplat_files::Sha256Digest;
-use sha2::{Digest as _, Sha256};
 
 use crate::EvalError;
 
 /// What separates commands in the text for a shell, or stands around their words.
 const OPERATORS: [char; 6] = [';', '&', '|', '(', ')', '<'];
-/// Bytes that are read at once: a checkpoint may be larger than the memory.
-const PIECE: usize = 1 << 20;
 
 /// Program and arguments.
 pub(super) fn words(command: &str) -> Result<Vec<String>, EvalError> {
@@ -38,7 +33,8 @@ pub(super) fn files(words: &[String]) -> Result<BTreeMap<String, String>, EvalEr
 pub(super) fn hashed(names: impl IntoIterator<Item = String>) -> Result<BTreeMap<String, String>, EvalError> {
     let hash = |name: String| {
         let path = Path::new(&name);
-        let sha256 = sha256_of(path).map_err(EvalError::io("reading a file of a method's command", path))?;
+        let sha256 =
+            Sha256Digest::of_file(path).map_err(EvalError::io("reading a file of a method's command", path))?;
         Ok((name, sha256.to_string()))
     };
     names.into_iter().map(hash).collect()
@@ -76,20 +72,6 @@ fn is_file(name: &str) -> bool {
     Path::new(name).is_file()
 }
 
-fn sha256_of(path: &Path) -> io::Result<Sha256Digest> {
-    let mut reader = BufReader::with_capacity(PIECE, File::open(path)?);
-    let mut hasher = Sha256::new();
-    loop {
-        let piece = reader.fill_buf()?;
-        if piece.is_empty() {
-            return Ok(Sha256Digest::finish(hasher));
-        }
-        hasher.update(piece);
-        let length = piece.len();
-        reader.consume(length);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -123,14 +105,5 @@ mod tests {
         assert_eq!(files_of(&format!("sh -c 'python {program}'"))[&program], Sha256Digest::of(b"m.py").to_string());
         let missing = hashed([folder.path().join("no.py").display().to_string()]).unwrap_err().to_string();
         assert!(missing.contains("no.py"), "{missing}");
-    }
-
-    #[test]
-    fn a_file_of_several_pieces_has_the_hash_of_its_bytes() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("weights");
-        let bytes: Vec<u8> = (0..PIECE + 7).map(|at| u8::try_from(at % 251).unwrap()).collect();
-        fs::write(&path, &bytes).unwrap();
-        assert_eq!(sha256_of(&path).unwrap(), Sha256Digest::of(&bytes));
     }
 }

@@ -79,9 +79,19 @@ struct View {
     intrinsics: [[f64; 3]; 3],
     /// Rows of the 4×4 matrix; OpenCV axes.
     world_from_camera: [[f64; 4]; 4],
+    /// The lens of its image, unless that is a pinhole's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lens: Option<Lens>,
     /// The context image's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     image: Option<String>,
+}
+
+/// Lens distortion, as [`Distortion::in_opencv_order`](atsplat_camera::Distortion::in_opencv_order) has it.
+#[derive(Debug, Serialize)]
+struct Lens {
+    model: &'static str,
+    coefficients: Vec<f64>,
 }
 
 /// The answer of a process to a request.
@@ -184,6 +194,7 @@ impl View {
             height: size.height,
             intrinsics: [[pixels.fx, 0.0, pixels.cx], [0.0, pixels.fy, pixels.cy], [0.0, 0.0, 1.0]],
             world_from_camera: [[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]],
+            lens: camera.distortion.in_opencv_order().map(|(model, coefficients)| Lens { model, coefficients }),
             image,
         }
     }
@@ -257,6 +268,8 @@ pub(super) fn quoted(line: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::{CameraFromWorld, Distortion, NormalizedIntrinsics};
+
     use super::*;
 
     #[test]
@@ -278,6 +291,21 @@ mod tests {
         assert_eq!(with("null").unwrap().weights_sha256, None);
         let expected = "weights_sha256: expected 64 hexadecimal digits, found \"re10k.ckpt\"";
         assert_eq!(with("\"re10k.ckpt\""), Err(expected.to_owned()));
+    }
+
+    #[test]
+    fn a_view_has_its_lens_unless_it_is_a_pinhole() {
+        let pose = CameraFromWorld::new(glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+        let pinhole = Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 1.0, 0.5, 0.5).unwrap());
+        let size = ImageSize { width: 64, height: 32 };
+        let line = |camera: &Camera| serde_json::to_value(View::of(3, camera, size, None)).unwrap();
+        assert_eq!(line(&pinhole).get("lens"), None);
+        let distortion = Distortion::OpenCv { k1: 0.1, k2: 0.2, k3: 0.3, p1: 0.4, p2: 0.5 };
+        let expected = serde_json::json!({ "model": "opencv", "coefficients": [0.1, 0.2, 0.4, 0.5, 0.3] });
+        assert_eq!(line(&Camera { distortion, ..pinhole })["lens"], expected);
+        let distortion = Distortion::Fisheye { k: [0.1, 0.2, 0.3, 0.4] };
+        let expected = serde_json::json!({ "model": "fisheye", "coefficients": [0.1, 0.2, 0.3, 0.4] });
+        assert_eq!(line(&Camera { distortion, ..pinhole })["lens"], expected);
     }
 
     #[test]

@@ -123,7 +123,35 @@ fn only_methods_with_a_row_were_interrupted() {
     let found = results.interrupted();
     let found: Vec<_> = found.iter().map(|run| (run.preset.as_str(), run.method.as_str(), run.entries)).collect();
     assert_eq!(found, [("p", "m", 1), ("q", "n", 1)]);
-    assert_eq!(results.unfinished().len(), 5, "for merging, the other pairs have no row yet");
+    assert_eq!(results.unfinished().len(), 5, "the other pairs have no row");
+}
+
+/// Each shard ran `m` under `p` and `n` under `q` into one store, as sweeps do.
+#[test]
+fn shards_of_several_runs_are_done_when_each_run_is() {
+    let row = |preset: &str, method: &str, scene: &str| TrialRow {
+        key: TrialKey { preset: preset.to_owned(), ..key(scene).of_method(method) },
+        ..trial(scene)
+    };
+    let part = |number: u32, scene: &str| {
+        let preset = |name: &str| PresetRecord { name: name.to_owned(), entries: 1, ..PresetRecord::default() };
+        let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+        let mut results = Results::default();
+        results.provenance.shard = Some(Shard { number, count: 2 });
+        results.provenance.presets = ["p", "q"].map(preset).to_vec();
+        results.provenance.methods = ["m", "n"].map(method).to_vec();
+        results.trials = vec![row("p", "m", scene), row("q", "n", scene)];
+        results
+    };
+    let merged = Results::merge(vec![part(1, "a"), part(2, "b")]).unwrap();
+    assert_eq!((merged.why_incomplete(), merged.results.provenance.shard), (Vec::new(), None));
+    // One run has no row in one shard, and one shard has a copy that was cut off.
+    let cut_off = Results { trials: vec![row("p", "m", "b")], ..part(2, "b") };
+    let merged = Results::merge(vec![part(1, "a"), cut_off.clone()]).unwrap();
+    assert_eq!(merged.why_incomplete(), ["shard 2 of 2 is not done: 0 of 1 entries of q under n"]);
+    assert!(merged.results.provenance.shard.is_some());
+    let merged = Results::merge(vec![cut_off, part(2, "b"), part(1, "a")]).unwrap();
+    assert_eq!((merged.why_incomplete(), merged.results.provenance.shard), (Vec::new(), None));
 }
 
 #[test]

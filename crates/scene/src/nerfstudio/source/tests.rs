@@ -174,6 +174,26 @@ fn a_frame_of_another_model_does_not_inherit_coefficients() {
     }
 }
 
+/// Both coordinates or neither, which is the centre.
+#[test]
+fn half_a_principal_point_is_an_error() {
+    let principal = |own: Value| {
+        let mut global = json!({ "w": 16, "h": 12, "fl_x": 9.0 });
+        global.as_object_mut().unwrap().extend(own.as_object().unwrap().clone());
+        let folder = capture(global, &[("a.png", json!({}))]);
+        load(&folder, ImageFolder::Listed).map(|(scene, _)| {
+            let intrinsics = scene.frames[0].camera.intrinsics;
+            [intrinsics.cx, intrinsics.cy]
+        })
+    };
+    Tolerance::F64.assert(principal(json!({})).unwrap(), [0.5, 0.5], "the centre");
+    Tolerance::F64.assert(principal(json!({ "cx": 4.0, "cy": 9.0 })).unwrap(), [0.25, 0.75], "as stated");
+    for (own, field) in [(json!({ "cx": 4.0 }), "cy: expected"), (json!({ "cy": 9.0 }), "cx: expected")] {
+        let error = principal(own).unwrap_err().to_string();
+        assert!(error.contains(field), "{error}");
+    }
+}
+
 /// A fisheye's angle belongs to no one definition of the focal length.
 #[test]
 fn a_fisheye_needs_a_focal_length_in_pixels() {

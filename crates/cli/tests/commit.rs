@@ -1,0 +1,55 @@
+//! The commit that a build records.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "../build.rs"]
+#[expect(dead_code, clippy::print_stdout, reason = "its main is that of builds, which cargo listens to")]
+mod build;
+
+use std::path::Path;
+use std::process::Command;
+
+fn git(at: &Path, args: &[&str]) {
+    let identity = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"];
+    let done = Command::new("git").arg("-C").arg(at).args(identity).args(args).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+/// Programs that differ have other commits, also if the difference is not committed.
+#[test]
+fn uncommitted_changes_of_sources_are_part_of_the_commit() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let write = |file: &str, text: &str| {
+        let path = here.join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    };
+    write("crates/splat/src/lib.rs", "one");
+    write("docs/a.md", "one");
+    git(here, &["init", "-q"]);
+    git(here, &["add", "."]);
+    git(here, &["commit", "-q", "-m", "first"]);
+    let commit = || build::commit_of(here).unwrap();
+    let clean = commit();
+    assert!(clean.len() == 40 && clean.bytes().all(|byte| byte.is_ascii_hexdigit()), "{clean}");
+    write("docs/a.md", "two");
+    assert_eq!(commit(), clean, "no part of the program");
+    let mut found = vec![clean.clone()];
+    for (file, text) in [
+        ("crates/splat/src/lib.rs", "two"),
+        ("crates/splat/src/lib.rs", "three"),
+        ("crates/splat/src/other.rs", "one"),
+        ("crates/splat/src/other.rs", "two"),
+        ("eval/presets/a.toml", "one"),
+    ] {
+        write(file, text);
+        let now = commit();
+        assert!(now.starts_with(&format!("{clean}+")) && now.len() == 53, "{file}: {now}");
+        assert!(!found.contains(&now), "{file}");
+        found.push(now);
+    }
+    git(here, &["add", "."]);
+    git(here, &["commit", "-q", "-m", "second"]);
+    assert!(!commit().contains('+') && commit() != clean);
+}
