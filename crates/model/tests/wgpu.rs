@@ -336,8 +336,7 @@ fn gradients_of_scenes_that_are_too_large_together_are_those_one_by_one() {
     of_scenes(true, 25_000, &views, &device.clone().autodiff());
     let made = processor.rendering_counts().unwrap() - before;
     // In one launch there are four, and two more for each repetition. An adapter with larger buffers needs no more.
-    let (_, adapter) = processor.adapter().unwrap().unwrap();
-    let is_small = adapter.largest_binding <= 128 << 20;
+    let is_small = processor.adapter().unwrap().unwrap().1.largest_binding <= 128 << 20;
     assert!(!is_small || made.submissions >= 8 + 2 * made.repeats, "one of the backward pass for each view: {made:?}");
     at_once_and_one_by_one_agree(25_000, &views, &device);
 }

@@ -9,7 +9,7 @@ use atsplat_scene::Warnings;
 
 use super::{Dataset, Missing, Selection, Summary};
 use crate::method::Method;
-use crate::{Provenance, SkippedEntry, WarningCount};
+use crate::{SkippedEntry, WarningCount};
 
 /// How the kinds of warnings begin about methods whose settings other presets state; the method's name follows.
 const UNLISTED_SETTINGS: &str =
@@ -20,6 +20,12 @@ pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than t
 /// Whether a kind of warning is about a whole run, which every shard of it counts.
 pub(crate) fn is_of_run(kind: &str) -> bool {
     kind.starts_with(UNLISTED_SETTINGS) || kind == UNPUBLISHED_WEIGHTS
+}
+
+/// Whether a kind of warning is about the settings of a method that is none of `own`.
+pub(super) fn is_of_another_method(kind: &str, own: &BTreeSet<String>) -> bool {
+    let name = kind.strip_prefix(UNLISTED_SETTINGS).and_then(|rest| rest.strip_prefix(": "));
+    name.is_some_and(|name| !own.contains(name))
 }
 
 /// Problems with datasets that did not stop a run.
@@ -101,19 +107,6 @@ impl Findings {
             let (name, setting) = (method.record().name, method.setting());
             let kind = format!("{UNLISTED_SETTINGS}: {name}");
             self.add(&dataset.name, &kind, 1, format!("{name} names {setting}"));
-        }
-    }
-
-    /// Keeps what earlier runs of other methods than `own` under the same presets found about settings: their rows are still there.
-    pub(super) fn keep_unlisted_settings(&mut self, before: &Provenance, own: &BTreeSet<String>) {
-        let is_of_another = |found: &&WarningCount| {
-            let name = found.kind.strip_prefix(UNLISTED_SETTINGS).and_then(|rest| rest.strip_prefix(": "));
-            name.is_some_and(|name| !own.contains(name))
-        };
-        for found in before.warnings.iter().filter(is_of_another) {
-            if !self.warnings.contains(found) {
-                self.warnings.push(found.clone());
-            }
         }
     }
 

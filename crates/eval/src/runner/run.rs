@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use atsplat_protocol::KnownIndex;
 
-use super::findings::SceneWarnings;
+use super::findings::{SceneWarnings, is_of_another_method};
 use super::group_run::{GroupRun, groups};
 use super::images::ImageSink;
 use super::images_and_times::ImagesAndTimes;
@@ -11,7 +11,7 @@ use super::plan::{Plan, Summary};
 use super::selection::Selected;
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepImages};
-use crate::{EvalError, Results, SkippedEntry, Store, TargetStatus, timing};
+use crate::{EvalError, Results, SkippedEntry, Store, TargetStatus, WarningCount, timing};
 
 /// The kind of the warning about scenes of an index that the data lack.
 pub const MISSING_SCENES: &str = "scenes of the index that are not in the data";
@@ -95,9 +95,10 @@ pub fn run_until(
     let skipped = findings.skipped.iter().map(|skipped| (&skipped.preset, &skipped.scene, skipped.entry));
     summary.skipped += skipped.collect::<BTreeSet<_>>().len() as u64;
     let before = store.provenance();
-    findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());
     let own: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();
-    findings.keep_unlisted_settings(before, &own);
+    // The rows of other methods are still there.
+    let stays = |found: &&WarningCount| !is_run(&found.preset) || is_of_another_method(&found.kind, &own);
+    findings.warnings.extend(before.warnings.iter().filter(stays).cloned());
     let kept = |found: &SkippedEntry| if is_run(&found.preset) { found.for_others(&own) } else { Some(found.clone()) };
     findings.skipped.extend(before.skipped.iter().filter_map(kept));
     let findings = findings.in_order();

@@ -43,7 +43,7 @@ pub fn displacement(
     let pairs: Vec<(DVec3, DVec3)> = images
         .iter()
         .filter_map(|image| {
-            // Frames of a COLMAP model have their folder in their name, those of nerfstudio only if it tells them apart.
+            // Frames of a COLMAP model have their folder in their name, those of nerfstudio only where names repeat.
             let path = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
             let name = path.rsplit('/').next().unwrap_or(path);
             let frame = (*centres.get(path).or_else(|| centres.get(name))?)?;
@@ -113,7 +113,7 @@ mod tests {
 
     /// Frames of nerfstudio in three folders, as the model has them.
     #[test]
-    fn images_of_one_name_are_told_apart_by_their_folders() {
+    fn images_of_one_name_have_their_folders_in_their_names() {
         let centres = [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
         let frames: Vec<_> = ["left", "right", "top"]
             .iter()

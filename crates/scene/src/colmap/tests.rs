@@ -495,26 +495,3 @@ fn points_are_found_wherever_models_are() {
         assert_eq!(found.canonicalize().unwrap(), folder.canonicalize().unwrap());
     }
 }
-
-/// The folder of images may be given as `..` of a folder inside of it.
-#[test]
-fn a_folder_of_images_has_its_own_name_however_it_is_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, photos) = (folder.path().join("sparse"), folder.path().join("photos"));
-    std::fs::create_dir_all(photos.join("raw")).unwrap();
-    std::fs::create_dir_all(&model).unwrap();
-    std::fs::write(photos.join("a.png"), "").unwrap();
-    std::fs::write(model.join("cameras.txt"), "1 PINHOLE 4 3 4 4 2 1.5\n").unwrap();
-    std::fs::write(model.join("images.txt"), "1 1 0 0 0 0 0 0 1 a.png\n\n").unwrap();
-    for root in [photos.clone(), photos.join("raw/..")] {
-        let options = ColmapOptions { images_root: Some(root.clone()), ..ColmapOptions::default() };
-        let source = ColmapScenes::open(&model, options).unwrap();
-        let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
-        assert!(
-            scene.frames[0].image.file().is_some_and(Path::is_file),
-            "{}: {:?}",
-            root.display(),
-            scene.frames[0].image
-        );
-    }
-}

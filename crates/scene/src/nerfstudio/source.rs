@@ -183,7 +183,7 @@ fn frames(
         let lens = lens.resolve(&format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
         let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
-        // Images of one name in several folders are told apart by these, as in COLMAP models.
+        // Images of one name in several folders have these in their names, as in COLMAP models.
         let stem = stem(&listed.file_path);
         let is_repeated = paths_of.get(stem).is_some_and(|paths| paths.len() > 1);
         let name = if is_repeated { below_images(&listed.file_path) } else { stem.to_owned() };
