@@ -197,6 +197,9 @@ def main():
         if args.method == "noposplat" and not is_relative(trial):
             answer(trial=number, not_applicable="NoPoSplat needs poses relative to the first context view")
             continue
+        if any("lens" in view for view in trial["context"]):
+            answer(trial=number, not_applicable="the encoder takes pinholes; `atsplat data undistort` makes them")
+            continue
         if views not in (None, len(trial["context"])):
             found = f"the encoder is for {views} context views, found {len(trial['context'])}"
             answer(trial=number, not_applicable=f"{found}: give the number with --override dataset.view_sampler.num_context_views=N")

@@ -163,7 +163,7 @@ fn desk_comes_in_two_sizes() {
         let (scene, warnings) = loaded(&dataset);
         assert_eq!((scene.frames.len(), found(&scene)), (120, images), "images_{factor}");
         assert_eq!(warnings.count(WarningKind::MissingImage), 120 - images as u64);
-        assert_eq!(warnings.count(WarningKind::ImageElsewhere), elsewhere, "the file says .png");
+        assert_eq!(warnings.count(WarningKind::ImageAtOtherPath), elsewhere, "the file says .png");
         assert_eq!(scene.frames[7].timestamp_micros, Some(8));
         let found = scene.frames[0].size("desk", 0).unwrap();
         assert_eq!((found.width, found.height), size);

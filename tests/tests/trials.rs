@@ -98,7 +98,7 @@ fn overlap_admits_the_pair_that_pixelsplat_published() {
     let backwards = (a..=b - 45).all(|frame| overlap(b, frame) >= 0.6);
     assert!(forwards || backwards, "overlap of the pair: {}", overlap(a, b));
     // The grid hardly matters: four times as many rays move the number by less than a thousandth.
-    let fine = EpipolarRays { grid: ImageSize { width: 640, height: 360 } };
+    let fine = EpipolarRays { grid: ImageSize { width: 640, height: 360 }, ..rays };
     let finer = fine.overlap(&cameras[a], &cameras[b]).unwrap();
     Tolerance::absolute(1e-3).assert([overlap(a, b)], [finer], "published grid against one ray a pixel");
 }

@@ -1,6 +1,6 @@
 use serde::{Deserialize, Deserializer};
 
-/// Refuses fields next to the tag of a variant that has none, which serde would ignore; for `deserialize_with`.
+/// Rejects fields next to the tag of a variant without fields, which serde would ignore; for `deserialize_with`.
 ///
 /// # Errors
 /// That of the deserializer for an unknown field.

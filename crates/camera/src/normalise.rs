@@ -57,7 +57,7 @@ pub enum PoseNormalisation {
         /// How lengths are scaled afterwards.
         #[serde(default)]
         scale: MeanCameraScale,
-        /// An additional factor on all lengths (Long-LRM's `scene_scale`); > 0.
+        /// All lengths are divided by this too: Long-LRM's `scene_scale`, a factor of the length that becomes 1; > 0.
         #[serde(default = "one", skip_serializing_if = "is_one")]
         scene_scale: f64,
     },
@@ -170,31 +170,12 @@ pub fn normalise(
     targets: &[WorldFromCamera],
     rule: &PoseNormalisation,
 ) -> Result<Normalised, CameraError> {
-    if let PoseNormalisation::Sequence { steps } = rule {
-        let start = normalise(context, targets, &PoseNormalisation::None)?;
-        return steps.iter().try_fold(start, |before, step| {
-            let after = normalise(&before.context, &before.targets, step)?;
-            Ok(Normalised {
-                new_from_old: before.new_from_old.then(&after.new_from_old),
-                near_far_multiplier: before.near_far_multiplier * after.near_far_multiplier,
-                fallbacks: [before.fallbacks, after.fallbacks].concat(),
-                ..after
-            })
-        });
-    }
     let Some((first, last)) = context.first().zip(context.last()) else {
         return Err(CameraError::TooFewPoses { what: "context poses of a pose normalisation", expected: 1, found: 0 });
     };
     let step = match rule {
-        PoseNormalisation::None | PoseNormalisation::Sequence { .. } => {
-            return Ok(Normalised {
-                context: context.to_vec(),
-                targets: targets.to_vec(),
-                new_from_old: Similarity::IDENTITY,
-                near_far_multiplier: 1.0,
-                fallbacks: Vec::new(),
-            });
-        }
+        PoseNormalisation::None => return Ok(Normalised::unchanged(context, targets)),
+        PoseNormalisation::Sequence { steps } => return in_sequence(context, targets, steps),
         PoseNormalisation::BaselineOne { minimum, maximum } => {
             let baseline = first.centre().distance(last.centre());
             Step::divided_by(accepted(BASELINE_ONE, baseline, *minimum, *maximum)?)
@@ -206,9 +187,7 @@ pub fn normalise(
             Step { new_from_old: Similarity { rotation, origin: first.centre(), scale: 1.0 }, ..Step::UNCHANGED }
         }
         PoseNormalisation::MaxPairwise { minimum, maximum } => {
-            let pairs = context.iter().enumerate().flat_map(|(i, a)| context[i + 1..].iter().map(move |b| (a, b)));
-            let largest = pairs.fold(0.0f64, |largest, (a, b)| largest.maximum_of(a.centre().distance(b.centre())));
-            Step::divided_by(accepted(MAX_PAIRWISE, largest, *minimum, *maximum)?)
+            Step::divided_by(accepted(MAX_PAIRWISE, largest_distance(context), *minimum, *maximum)?)
         }
         PoseNormalisation::MeanCamera { scale, scene_scale } => {
             mean_camera::step(first, context, targets, *scale, *scene_scale)?
@@ -224,6 +203,41 @@ pub fn normalise(
         near_far_multiplier: step.near_far_multiplier,
         fallbacks: step.fallbacks,
     })
+}
+
+/// Applies several rules, one after the other, to the cameras of a trial with a context view.
+fn in_sequence(
+    context: &[WorldFromCamera],
+    targets: &[WorldFromCamera],
+    steps: &[PoseNormalisation],
+) -> Result<Normalised, CameraError> {
+    steps.iter().try_fold(Normalised::unchanged(context, targets), |before, step| {
+        let after = normalise(&before.context, &before.targets, step)?;
+        Ok(Normalised {
+            new_from_old: before.new_from_old.then(&after.new_from_old),
+            near_far_multiplier: before.near_far_multiplier * after.near_far_multiplier,
+            fallbacks: [before.fallbacks, after.fallbacks].concat(),
+            ..after
+        })
+    })
+}
+
+/// The largest distance between two centres; 0 for a single view.
+fn largest_distance(views: &[WorldFromCamera]) -> f64 {
+    let pairs = views.iter().enumerate().flat_map(|(i, a)| views[i + 1..].iter().map(move |b| (a, b)));
+    pairs.fold(0.0f64, |largest, (a, b)| largest.maximum_of(a.centre().distance(b.centre())))
+}
+
+impl Normalised {
+    fn unchanged(context: &[WorldFromCamera], targets: &[WorldFromCamera]) -> Self {
+        Self {
+            context: context.to_vec(),
+            targets: targets.to_vec(),
+            new_from_old: Similarity::IDENTITY,
+            near_far_multiplier: 1.0,
+            fallbacks: Vec::new(),
+        }
+    }
 }
 
 impl PoseNormalisation {
@@ -250,7 +264,7 @@ impl PoseNormalisation {
     }
 
     /// The rule's name as in a file, with what changes lengths; for a sequence, the names of its steps. Rules of the same
-    /// name transform a scene alike, unless one rejects it.
+    /// name transform a scene equally, unless one rejects it.
     pub fn name(&self) -> String {
         match self {
             Self::None => "none".to_owned(),
@@ -259,7 +273,7 @@ impl PoseNormalisation {
             Self::MaxPairwise { .. } => MAX_PAIRWISE.to_owned(),
             Self::MeanCamera { scale, scene_scale } if is_one(scene_scale) => format!("mean-camera ({})", scale.name()),
             Self::MeanCamera { scale, scene_scale } => {
-                format!("mean-camera ({}, scene_scale {scene_scale})", scale.name())
+                format!("mean-camera ({}, lengths / {scene_scale})", scale.name())
             }
             Self::Sequence { steps } => steps.iter().map(Self::name).collect::<Vec<_>>().join(", then "),
         }

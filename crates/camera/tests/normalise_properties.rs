@@ -321,11 +321,25 @@ fn near_and_far_scale_with_baselines_but_not_with_mean_cameras() {
     Tolerance::F64.assert(rules.map(multiplier), [1.0, 0.25, 1.0], "near and far");
 }
 
+/// Long-LRM `data/dataset.py:208-213`: translations are multiplied by `1 / (scene_scale * position_max)`.
+#[test]
+fn lengths_are_divided_by_the_scale_of_the_scene() {
+    let at = |x: f64| pose(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
+    let across = |scale, scene_scale: f64| {
+        let rule = PoseNormalisation::MeanCamera { scale, scene_scale };
+        let found = normalise(&[at(-2.0), at(2.0)], &[at(1.0)], &rule).unwrap();
+        [found.context[0].centre().x, found.context[1].centre().x, found.targets[0].centre().x]
+    };
+    Tolerance::F64.assert(across(MeanCameraScale::LongLrm, 2.0), [-0.5, 0.5, 0.25], "twice Long-LRM's length");
+    Tolerance::F64.assert(across(MeanCameraScale::LongLrm, 0.5), [-2.0, 2.0, 1.0], "half of it");
+    Tolerance::F64.assert(across(MeanCameraScale::None, 4.0), [-0.5, 0.5, 0.25], "lengths of the dataset");
+}
+
 /// Weights record the name of the rule that they were trained with.
 #[test]
 fn another_scale_of_the_scene_is_another_name() {
     let of = |scene_scale| PoseNormalisation::MeanCamera { scale: MeanCameraScale::LongLrm, scene_scale }.name();
-    assert_eq!([of(1.0), of(1.35)], ["mean-camera (long-lrm)", "mean-camera (long-lrm, scene_scale 1.35)"]);
+    assert_eq!([of(1.0), of(1.35)], ["mean-camera (long-lrm)", "mean-camera (long-lrm, lengths / 1.35)"]);
 }
 
 #[test]

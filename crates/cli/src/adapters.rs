@@ -5,7 +5,7 @@ use std::fmt;
 use atsplat_splat::gpu::{ExaminedAdapter, examine};
 use serde::Serialize;
 
-use crate::adapter_tests::AdapterTests;
+use crate::adapter_self_test::AdapterSelfTests;
 use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
@@ -21,7 +21,7 @@ pub(crate) struct Args {
 
 /// Lists adapters; always `true`, because having none is not a failure.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let tests = AdapterTests::new(args.again);
+    let tests = AdapterSelfTests::new(args.again);
     let examined = examine(&tests);
     tests.finish();
     let rows = examined.into_iter().enumerate().map(|(number, adapter)| Row::of(number, adapter)).collect();

@@ -1,4 +1,4 @@
-//! Reads the command line, and refuses URLs and paths that no command could use, before any command starts.
+//! Reads the command line, and rejects URLs and paths that no command could use, before any command starts.
 
 use std::ffi::{OsStr, OsString};
 use std::io::{ErrorKind, Write as _, stdout};
@@ -69,7 +69,7 @@ fn check(command: &Command, matches: &ArgMatches, path: &str) -> Result<(), clap
             let prints_json = || matches.try_get_one::<bool>("json").is_ok_and(|json| json == Some(&true));
             if value.to_str().is_none() && (lists(&RECORDED, path, id) || lists(&PRINTED, path, id) && prints_json()) {
                 let (name, value) = (name_of(arg), value.to_string_lossy());
-                return Err(usage_error(format!("{name}: {value}: expected a path in UTF-8, which JSON can hold")));
+                return Err(usage_error(format!("{name}: {value}: expected a path in UTF-8, as JSON requires")));
             }
         }
     }
@@ -79,10 +79,10 @@ fn check(command: &Command, matches: &ArgMatches, path: &str) -> Result<(), clap
 }
 
 fn lists(arguments: &[(&str, &[&str])], command: &str, id: &str) -> bool {
-    arguments.iter().any(|(own, ids)| *own == command && ids.contains(&id))
+    arguments.iter().any(|(name, ids)| *name == command && ids.contains(&id))
 }
 
-/// Refuses a URL in place of a path, which would be that of a local folder named `s3:`, and one of unknown storage.
+/// Rejects a URL where only a path is allowed (it would be a local folder named `s3:`), and a URL of unknown storage.
 fn check_url(command: &Command, arg: &Arg, value: &OsStr) -> Result<(), String> {
     let text = value.to_string_lossy();
     let Some(scheme) = scheme(&text).filter(|_| !TEXTS.contains(&arg.get_id().as_str())) else { return Ok(()) };
@@ -124,7 +124,7 @@ fn name_of(arg: &Arg) -> String {
 mod tests {
     use super::*;
 
-    fn refusal(text: &str) -> Option<String> {
+    fn error_of(text: &str) -> Option<String> {
         let words = text.split(' ').map(OsString::from);
         parse(words).err().map(|error| error.to_string())
     }
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn urls_are_refused_where_a_path_is_expected() {
+    fn urls_are_errors_where_a_path_is_expected() {
         let path = "expected a path of this machine, found ";
         for (text, expected) in [
             ("atsplat render a.ply --orbit --out s3://b/out", format!("--out: {path}s3://b/out")),
@@ -182,7 +182,7 @@ mod tests {
             ),
             ("atsplat man --out s3://b/man", format!("--out: {path}s3://b/man")),
         ] {
-            let error = refusal(text).unwrap_or_default();
+            let error = error_of(text).unwrap_or_default();
             assert!(error.contains(&expected), "{text}: {error}");
         }
         let run = "atsplat run re10k-2v-256 --data d --method warp --out";
@@ -194,7 +194,7 @@ mod tests {
             "atsplat report HTTPS://b/x".to_owned(),
             "atsplat data inspect hf://b/x".to_owned(),
         ] {
-            let error = refusal(&text).unwrap_or_default();
+            let error = error_of(&text).unwrap_or_default();
             assert!(error.contains("begins with one of s3://, gs://, az://, file://, found "), "{text}: {error}");
         }
         for text in [
@@ -207,15 +207,15 @@ mod tests {
             "atsplat fit s3://b/d --views .. --steps 1 --strategy 3dgs --out ./s3:/o.ply".to_owned(),
             "atsplat run re10k-2v-256 --data c://d --method exec:a://b --out o".to_owned(),
         ] {
-            assert_eq!(refusal(&text), None, "{text}");
+            assert_eq!(error_of(&text), None, "{text}");
         }
     }
 
     #[cfg(unix)]
     #[test]
-    fn paths_that_records_cannot_hold_are_refused() {
+    fn paths_that_json_cannot_contain_are_errors() {
         use std::os::unix::ffi::OsStringExt as _;
-        let refusal = |text: &str| {
+        let error_of = |text: &str| {
             let latin_1 = |byte: u8| if byte == b'?' { 0xe9 } else { byte };
             let words = text.split(' ').map(|word| OsString::from_vec(word.bytes().map(latin_1).collect()));
             parse(words).err().map(|error| error.to_string())
@@ -228,7 +228,7 @@ mod tests {
             ("atsplat reconstruct d --views .. --weights micro-rooms --out o.ply --plots caf?", "--plots: caf\u{fffd}"),
             ("atsplat merge a --out caf? --json", "--out: caf\u{fffd}"),
         ] {
-            let error = refusal(text).unwrap_or_default();
+            let error = error_of(text).unwrap_or_default();
             assert!(error.contains(name), "{text}: {error}");
         }
         for text in [
@@ -236,7 +236,7 @@ mod tests {
             "atsplat data inspect caf? --json",
             "atsplat merge a --out caf?",
         ] {
-            assert_eq!(refusal(text), None, "{text}");
+            assert_eq!(error_of(text), None, "{text}");
         }
     }
 }

@@ -35,7 +35,7 @@ pub(crate) struct Args {
     run: bool,
 
     /// Device of --run: cpu, wgpu (the best graphics adapter) or wgpu:N (number N of `atsplat adapters`); an adapter
-    /// needs a build with `--features gpu-network`. The printed peak is always that of host memory.
+    /// requires a build with `--features gpu-network`. The printed peak is always that of host memory.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu", requires = "run")]
     processor: Processor,
 

@@ -70,7 +70,7 @@ impl ImageArgs {
         Ok(dataset)
     }
 
-    /// Refuses arguments that datasets of this format do not read; `None` is the output of `atsplat render`.
+    /// Rejects arguments that datasets of this format do not read; `None` is the output of `atsplat render`.
     pub(crate) fn check(&self, format: Option<Format>) -> Result<(), clap::Error> {
         self.options().check(format).map_err(|unread| usage_error(format!("--{unread}")))
     }

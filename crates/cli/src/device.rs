@@ -1,10 +1,11 @@
 //! `--device`: where networks run and Gaussians are rendered.
 
 use anyhow::Context as _;
-use atsplat_eval::ComputeDevice;
+use atsplat_eval::{ComputeDevice, EvalError};
 use atsplat_model::network::Processor;
 
-use crate::adapter_tests::AdapterTests;
+use crate::adapter_self_test::AdapterSelfTests;
+use crate::requirements::GivenOption;
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct DeviceArgs {
@@ -16,29 +17,43 @@ pub(crate) struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// Rejects an adapter that nothing would run on.
-    pub(crate) fn check(self, is_used: bool) -> Result<(), String> {
-        if is_used || self.processor == Processor::Cpu {
-            return Ok(());
-        }
-        Err(format!("{}: no method has a network or Gaussians to render; images are compared on the CPU", self.name()))
+    /// The option, if it names an adapter.
+    pub(crate) fn option(self) -> GivenOption {
+        ("--device", self.processor != Processor::Cpu)
     }
 
     /// Opens the device of an evaluation, and tests an adapter that was not tested before.
     pub(crate) fn open(self) -> anyhow::Result<ComputeDevice> {
+        self.opened(|tests| ComputeDevice::open(self.processor, tests))
+    }
+
+    /// Like [`Self::open`], with a limit on the bytes of a rendering in an adapter's memory.
+    pub(crate) fn open_within(self, memory_limit: u64) -> anyhow::Result<ComputeDevice> {
+        self.opened(|tests| ComputeDevice::open_within(self.processor, memory_limit, tests))
+    }
+
+    fn opened(
+        self,
+        open: impl FnOnce(&AdapterSelfTests) -> Result<ComputeDevice, EvalError>,
+    ) -> anyhow::Result<ComputeDevice> {
         if self.processor == Processor::Cpu {
             return Ok(ComputeDevice::default());
         }
-        let tests = AdapterTests::new(false);
-        let device = ComputeDevice::open(self.processor, &tests);
+        let tests = AdapterSelfTests::new(false);
+        let device = open(&tests);
         tests.finish();
         device.with_context(|| self.name())
     }
 
     /// Like [`Self::open`], for networks: a build that cannot run them on an adapter is rejected first.
     pub(crate) fn open_for_networks(self) -> anyhow::Result<ComputeDevice> {
-        self.processor.check_build().with_context(|| self.name())?;
+        self.check_networks()?;
         self.open()
+    }
+
+    /// Rejects an adapter in a build that cannot run networks on one.
+    pub(crate) fn check_networks(self) -> anyhow::Result<()> {
+        self.processor.check_build().with_context(|| self.name())
     }
 
     fn name(self) -> String {

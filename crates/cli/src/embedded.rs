@@ -30,7 +30,7 @@ pub(crate) fn by_protocol(tables: &BTreeMap<String, Vec<String>>) -> Result<Weig
 
 /// The embedded weights of this name; `None` if there are none.
 pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
-    let (name, bytes) = FILES.into_iter().find(|(own, _)| *own == name)?;
+    let (name, bytes) = FILES.into_iter().find(|(file, _)| *file == name)?;
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
 }
 
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn yards_have_a_network_of_their_own_and_transfer_to_them_has_not() {
+    fn yards_have_their_own_network_and_transfer_to_them_does_not() {
         let list = by_protocol(&TableDefinition::presets_by_name().unwrap()).unwrap();
         for (preset, expected) in [
             ("rooms-2v-128", MICRO_ROOMS),

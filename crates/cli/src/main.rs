@@ -2,7 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 usage error, 3 drift found, 4 done, but not complete: something was skipped or failed (`--strict` only).
 
-mod adapter_tests;
+mod adapter_self_test;
 mod adapters;
 mod arguments;
 mod budget;
@@ -18,6 +18,7 @@ mod log;
 mod model_args;
 mod objects;
 mod output_lock;
+mod overwrite;
 mod parse;
 mod paths;
 mod plot;
@@ -26,11 +27,10 @@ mod progress;
 mod protocol;
 mod reconstruct;
 mod render;
-mod replaced;
 mod report;
 mod reproduce;
+mod requirements;
 mod run;
-mod scene_record;
 mod shell;
 mod stress;
 mod tradeoff;
@@ -56,7 +56,7 @@ const EVERYWHERE: &str = "Every command";
 const REPORT_STRICT: &str = "Exit with code 4 if a store is incomplete (scenes are missing, entries were skipped, trials failed, \
                              renders are not finite, the run was interrupted) or a table of --tables has no results";
 
-const RENDER_STRICT: &str = "Exit with code 4 if a frame could not be written, or none of the Gaussians is drawn";
+const RENDER_STRICT: &str = "Exit with code 4 if a frame could not be written or rendered no Gaussian";
 
 /// Evaluates feed-forward 3D Gaussian Splatting, from a dataset's bytes to a paper's table.
 #[derive(Debug, Parser)]

@@ -4,7 +4,8 @@ use anyhow::{Context as _, ensure};
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::{ModelConfig, ModelError};
 
-use crate::parse::{first_given, name_or_path, not_negative};
+use crate::parse::{name_or_path, not_negative};
+use crate::requirements::GivenOption;
 
 /// Overrides of a configuration for this run; weights stay as they are.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -44,18 +45,17 @@ impl ConfigOverrideArgs {
         Ok(config)
     }
 
-    /// The first argument that is given.
-    pub(crate) fn given(&self) -> Option<&'static str> {
-        first_given([
+    pub(crate) fn options(&self) -> [GivenOption; 3] {
+        [
             ("--thresholds", !self.thresholds.is_empty()),
             ("--ratios", !self.ratios.is_empty()),
             ("--expand-first", self.expand_first.is_some()),
-        ])
+        ]
     }
 
     /// Whether nothing is overridden.
     pub(crate) fn is_empty(&self) -> bool {
-        self.given().is_none()
+        self.options().iter().all(|(_, given)| !given)
     }
 }
 

@@ -28,7 +28,7 @@ impl OutputLock {
     pub(crate) fn of(folder: &Path) -> anyhow::Result<Self> {
         let folders = NewFolders::of(folder)?;
         if let Some(file) = FolderLock::would_replace(folder) {
-            bail!("the lock of the folder would replace {}: choose another folder", file.display());
+            bail!("the lock of the folder would overwrite {}; choose another folder", file.display());
         }
         let lock = Self { lock: Some(FolderLock::of(folder)?), folder: folder.to_owned(), _folders: folders };
         let shown = folder.display();
@@ -40,11 +40,11 @@ impl OutputLock {
         Ok(lock)
     }
 
-    /// Whether a folder has nothing in it but its lock and these `files`.
+    /// Whether a folder contains only its lock and these `files`.
     pub(crate) fn is_alone(folder: &Path, files: &[&str]) -> IoResult<bool> {
         let names = folder.read_dir()?.map(|entry| entry.map(|entry| entry.file_name()));
         let names = names.collect::<IoResult<Vec<_>>>()?;
-        Ok(names.iter().all(|name| FolderLock::FILES.iter().chain(files).any(|own| name == own)))
+        Ok(names.iter().all(|name| FolderLock::FILES.iter().chain(files).any(|file| name == file)))
     }
 }
 
@@ -66,6 +66,16 @@ pub(crate) struct OutputFiles {
 }
 
 impl OutputFiles {
+    /// Locks files, as [`Self::add`] does.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub(crate) fn of<'a>(files: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<Self> {
+        let mut outputs = Self::default();
+        files.into_iter().try_for_each(|file| outputs.add(file))?;
+        Ok(outputs)
+    }
+
     /// Creates the folder of a file if it is missing, and locks the file. What belongs to it shares its lock.
     ///
     /// # Errors
@@ -130,15 +140,15 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_the_user_is_not_replaced() {
+    fn a_file_of_the_user_is_not_overwritten() {
         let folder = tempfile::tempdir().unwrap();
-        let own = folder.path().join("run.json");
-        std::fs::write(&own, br#"{ "pid": 7 }"#).unwrap();
+        let file = folder.path().join("run.json");
+        std::fs::write(&file, br#"{ "pid": 7 }"#).unwrap();
         let error = OutputLock::of(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("run.json: choose another folder"), "{error}");
-        assert_eq!(std::fs::read(&own).unwrap(), br#"{ "pid": 7 }"#);
-        std::fs::write(&own, br#"{ "pid": 7, "host": "a", "since": 1 }"#).unwrap();
+        assert!(error.contains("run.json; choose another folder"), "{error}");
+        assert_eq!(std::fs::read(&file).unwrap(), br#"{ "pid": 7 }"#);
+        std::fs::write(&file, br#"{ "pid": 7, "host": "a", "since": 1 }"#).unwrap();
         drop(OutputLock::of(folder.path()).unwrap());
-        assert!(!own.exists(), "left by a process that was killed");
+        assert!(!file.exists(), "left by a process that was killed");
     }
 }

@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
-use atsplat_eval::EvalError;
-use atsplat_eval::runner::named_metrics;
 use atsplat_files::malformed_toml;
+use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
 use atsplat_splat::{RasterMode, RendererConstants};
@@ -60,8 +59,8 @@ pub(crate) fn finite(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("expected a finite number, found {text:?}"))
 }
 
-fn within(text: &str, expected: &str, holds: impl Fn(f64) -> bool) -> Result<f64, String> {
-    let number = finite(text).ok().filter(|number| holds(*number));
+fn within(text: &str, expected: &str, is_within: impl Fn(f64) -> bool) -> Result<f64, String> {
+    let number = finite(text).ok().filter(|number| is_within(*number));
     number.ok_or_else(|| format!("expected {expected}, found {text:?}"))
 }
 
@@ -117,9 +116,18 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     Ok(constants)
 }
 
+/// The id of a metric.
+pub(crate) fn metric(text: &str) -> Result<String, String> {
+    if definition(text).is_some() {
+        return Ok(text.to_owned());
+    }
+    let ids: Vec<&str> = definitions().iter().map(|definition| definition.id).collect();
+    Err(format!("expected one of {}", ids.join(", ")))
+}
+
 /// The id of a metric, or `all`.
-pub(crate) fn metric(text: &str) -> Result<String, EvalError> {
-    named_metrics([text]).map(|_| text.to_owned())
+pub(crate) fn metric_or_all(text: &str) -> Result<String, String> {
+    if text == "all" { Ok(text.to_owned()) } else { metric(text) }
 }
 
 /// An existing folder.
@@ -212,11 +220,6 @@ pub(crate) fn once(option: &str, values: &[String]) -> Result<(), String> {
     }
 }
 
-/// The first option that is given.
-pub(crate) fn first_given<const N: usize>(options: [(&'static str, bool); N]) -> Option<&'static str> {
-    options.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
-}
-
 /// A usage error, which exits with code 2 as those of the argument parser do.
 pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
     clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("{message}\n"))
@@ -252,14 +255,13 @@ mod tests {
         let conflicts = conflicts(command);
         let mut requirements = 0;
         for arg in command.get_arguments() {
-            let own = arg.get_id().as_str();
+            let id = arg.get_id().as_str();
             for required in required_by(arg) {
                 requirements += 1;
                 for [_, other] in conflicts.iter().filter(|[one, _]| *one == required) {
-                    if !conflicts.contains(&[own.to_owned(), other.clone()]) {
+                    if !conflicts.contains(&[id.to_owned(), other.clone()]) {
                         let name = command.get_name();
-                        faults
-                            .push(format!("{name}: {own} requires {required}, which {other} excludes, but not {own}"));
+                        faults.push(format!("{name}: {id} requires {required}, which {other} excludes, but not {id}"));
                     }
                 }
             }
@@ -343,7 +345,7 @@ mod tests {
         let found = bins("0.05,small:0.3, medium:0.55,large:0.8").unwrap();
         let published = OverlapBins::noposplat(BinRule::Published);
         assert_eq!((found.names(), found.edges()), (published.names(), published.edges()));
-        assert_eq!(found.estimator(), None, "bins of the user are of no estimator");
+        assert_eq!(found.estimator(), None, "the user's bins have no estimator");
         for broken in ["", "0.1", "0.1,a", "0.1,a:x", "0.3,a:0.1", "0.1,a:0.2,a:0.3"] {
             assert!(bins(broken).is_err(), "{broken:?}");
         }
@@ -361,6 +363,15 @@ mod tests {
         assert!(preset("re10k-2v-256").is_ok() && sampler("re10k-2v").is_ok());
         assert!(preset("nope").is_err() && sampler("nope").is_err());
         assert!(preset("no/such.toml").is_ok() && sampler("no/such.toml").is_ok());
+    }
+
+    #[test]
+    fn only_lists_of_metrics_accept_all() {
+        assert_eq!((metric("psnr").as_deref(), metric_or_all("psnr").as_deref()), (Ok("psnr"), Ok("psnr")));
+        assert_eq!(metric_or_all("all").as_deref(), Ok("all"));
+        for unknown in [metric("all"), metric_or_all("pnsr")] {
+            assert!(unknown.unwrap_err().contains("psnr, "), "the ids are listed");
+        }
     }
 
     #[test]

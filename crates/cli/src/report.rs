@@ -41,13 +41,11 @@ pub(crate) struct Args {
     force: bool,
 
     /// Title of the page.
-    #[arg(long, value_name = "TEXT", default_value = "Measured results next to the paper's")]
+    #[arg(long, value_name = "TEXT", default_value = TITLE)]
     title: String,
 
-    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
-    /// worst, typical and best first.
-    #[arg(long, value_name = "MB", default_value_t = 8)]
-    page_size: u16,
+    #[command(flatten)]
+    page: PageArgs,
 
     /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
     /// printed and, when everything is written, fail the command.
@@ -60,6 +58,33 @@ pub(crate) struct Args {
     /// Print the tables as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// Default title of the page.
+pub(crate) const TITLE: &str = "Measured results next to the paper's";
+
+/// The HTML page of a report.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct PageArgs {
+    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
+    /// worst, typical and best first.
+    #[arg(long = "page-size", value_name = "MB", default_value_t = 8)]
+    megabytes: u16,
+}
+
+impl PageArgs {
+    pub(crate) fn max_bytes(self) -> usize {
+        usize::from(self.megabytes) * 1_000_000
+    }
+
+    /// Warns of a page that is larger than allowed even without images.
+    pub(crate) fn warn_of_size(self, report: &Report) {
+        let found = report.page_bytes();
+        if found > self.max_bytes() {
+            let (found, allowed) = (found as f64 / 1e6, self.megabytes);
+            warn(&format!("the page has {found:.1} MB without any image of a trial, more than --page-size {allowed}"));
+        }
+    }
 }
 
 const FORMATS: [(&str, TableFormat); 5] = [
@@ -80,13 +105,7 @@ fn table_name(text: &str) -> Result<String, String> {
 /// Writes the report and prints its tables; `false` if a requested table has no results or a store lacks something. A checked
 /// plot with a fault is an error, when everything is written.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    once("--tables", &args.tables).map_err(usage_error)?;
-    let formats: Vec<String> = FORMATS
-        .iter()
-        .flat_map(|(name, format)| args.format.iter().filter(move |own| *own == format).map(|_| (*name).to_owned()))
-        .collect();
-    once("--format", &formats).map_err(usage_error)?;
-    reject_duplicates(&args.stores)?;
+    args.check()?;
     let labels = store_labels(&args.stores);
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
@@ -98,24 +117,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .zip(&folders)
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
-    let tables = if args.tables.is_empty() {
-        TableDefinition::names().map(str::to_owned).collect()
-    } else {
-        args.tables.clone()
-    };
-    let request = Request {
-        title: args.title.clone(),
-        tables,
-        protocols: args.tables.is_empty(),
-        formats: args.format.clone(),
-        mixing: if args.force { Mixing::Forced } else { Mixing::Apart },
-        max_bytes: usize::from(args.page_size) * 1_000_000,
-        sections: Vec::new(),
-        live: Vec::new(),
-    };
-    let report = Report::new(&request, &stores)?;
+    let report = Report::new(&args.request(), &stores)?;
     let Written { files, removed, others } = report.replace(&args.out)?;
-    warn_of_size(&report, args.page_size);
+    args.page.warn_of_size(&report);
     if args.json {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
         let unmeasured = &report.unmeasured;
@@ -138,20 +142,51 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             complete = false;
         }
     }
-    let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
+    if args.check_plots {
+        check_plots(&report, &args.out)?;
+    }
+    Ok(complete)
+}
+
+impl Args {
+    /// Rejects repeated values before anything is read.
+    fn check(&self) -> anyhow::Result<()> {
+        once("--tables", &self.tables).map_err(usage_error)?;
+        let name_of = |given: &TableFormat| FORMATS.iter().find(|(_, format)| format == given).map(|(name, _)| *name);
+        let formats: Vec<String> = self.format.iter().filter_map(name_of).map(str::to_owned).collect();
+        once("--format", &formats).map_err(usage_error)?;
+        reject_duplicates(&self.stores)
+    }
+
+    fn request(&self) -> Request {
+        let tables = if self.tables.is_empty() {
+            TableDefinition::names().map(str::to_owned).collect()
+        } else {
+            self.tables.clone()
+        };
+        Request {
+            title: self.title.clone(),
+            tables,
+            protocols: self.tables.is_empty(),
+            formats: self.format.clone(),
+            mixing: if self.force { Mixing::Forced } else { Mixing::Apart },
+            max_bytes: self.page.max_bytes(),
+            sections: Vec::new(),
+            live: Vec::new(),
+        }
+    }
+}
+
+/// Warns of the faults of plots; any is an error.
+fn check_plots(report: &Report, folder: &Path) -> anyhow::Result<()> {
+    let faults = report.plot_faults();
     for (plot, fault) in &faults {
         warn(&format!("plot {plot}: {fault}"));
     }
-    if args.check_plots {
-        print_status(&format!(
-            "{} checked, {}",
-            counted(report.plots.len() as u64, "plot"),
-            counted(faults.len() as u64, "fault")
-        ));
-    }
     let found = counted(faults.len() as u64, "fault");
-    ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", args.out.display());
-    Ok(complete)
+    print_status(&format!("{} checked, {found}", counted(report.plots.len() as u64, "plot")));
+    ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", folder.display());
+    Ok(())
 }
 
 /// Reports which files of an earlier report were removed, and that others stay.
@@ -162,16 +197,7 @@ fn report_other_files(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
     }
     if let Some(first) = others.first() {
         let (others, first) = (counted(others.len() as u64, "file"), first.display());
-        warn(&format!("{folder} holds {others} that this report did not write, such as {first}"));
-    }
-}
-
-/// Warns of a page that is larger than allowed even without images.
-pub(crate) fn warn_of_size(report: &Report, megabytes: u16) {
-    let (found, allowed) = (report.page_bytes(), usize::from(megabytes) * 1_000_000);
-    if found > allowed {
-        let found = found as f64 / 1e6;
-        warn(&format!("the page has {found:.1} MB without any image of a trial, more than --page-size {megabytes}"));
+        warn(&format!("{folder} contains {others} that this report did not write, such as {first}"));
     }
 }
 

@@ -8,7 +8,7 @@ use atsplat_splat::hard_cases::{HardCase, catalogue};
 use atsplat_splat::stress::{self, RendererUnderTest, StressReport, StressRow};
 use serde::Serialize;
 
-use crate::adapter_tests::AdapterTests;
+use crate::adapter_self_test::AdapterSelfTests;
 use crate::parse::{once, usage_error};
 use crate::plot::PlotFile;
 use crate::print::{print_report, warn};
@@ -87,7 +87,7 @@ fn run_cases(cases: &[String], names: &[String]) -> anyhow::Result<Vec<StressRow
         renderers.iter().any(|tested| tested.renderer.name().contains(name))
     };
     if names.is_empty() || names.iter().any(|name| !exists(&renderers, name)) {
-        let tests = AdapterTests::new(false);
+        let tests = AdapterSelfTests::new(false);
         let gpu = stress::gpu_under_test(&AdapterChoice::Automatic, &tests);
         tests.finish();
         match gpu {

@@ -24,7 +24,7 @@ pub(crate) fn print_findings(stores: &[&Results], printed: &Warnings) {
 /// once. Those of which as many were printed are left out.
 fn findings<'a>(stores: &[&'a Results], printed: &Warnings) -> BTreeMap<(&'a str, &'a str), (u64, &'a str)> {
     let printed: BTreeMap<String, u64> = printed.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
-    let all = stores.iter().copied().flat_map(|own| &own.provenance.warnings);
+    let all = stores.iter().copied().flat_map(|results| &results.provenance.warnings);
     let mut findings: BTreeMap<(&str, &str), (u64, &str)> = BTreeMap::new();
     for WarningCount { preset, kind, count, example } in all {
         if printed.get(kind).is_none_or(|printed| printed < count) {

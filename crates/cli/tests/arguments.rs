@@ -1,11 +1,11 @@
-//! What is refused before any work, and how a command line is recorded.
+//! What is an error before any work, and how a command line is recorded.
 
 mod common;
 mod evaluation;
 
 use std::fs;
 
-use common::{atsplat, succeed};
+use common::{atsplat, succeed, write_trajectory};
 use evaluation::write_noise;
 
 #[test]
@@ -77,4 +77,41 @@ fn a_report_is_written_by_one_process_at_a_time() {
     drop(lock);
     succeed(here, &["report", "store", "--out", "page"]);
     assert!(here.join("page/index.html").is_file());
+}
+
+/// Two processes would otherwise mix their chunks in a folder, or replace each other's file unseen.
+#[test]
+fn an_output_is_written_by_one_process_at_a_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/aaaa.txt"), 20);
+    fs::write(here.join("given.json"), r#"{ "aaaa": { "context": [4, 14], "target": [9] } }"#).unwrap();
+    let refused_by = |args: &str, out: &str| {
+        let refused = atsplat(here, &args.split(' ').collect::<Vec<_>>());
+        let expected = format!("{out} is being written by process ");
+        assert!(refused.code == 1 && refused.stderr.contains(&expected), "{args}: {}", refused.stderr);
+    };
+    for (args, out) in [
+        ("data export data cameras.csv", "cameras.csv"),
+        ("weights import nowhere.pth --model nano --out imported.safetensors", "imported.safetensors"),
+        ("weights export micro-rooms --key-map identity --out other.safetensors", "other.safetensors"),
+        ("protocol build data --sampler re10k-2v --out index.json", "index.json"),
+        ("protocol extrapolate given.json --out further.json", "further.json"),
+        ("protocol overlap given.json --data data --out overlap.json", "overlap.json"),
+        ("protocol overlap given.json --data data --plot overlap.svg", "overlap.svg"),
+        ("protocol estimators --scenes 1 --plot estimates.png", "estimates.png"),
+    ] {
+        let lock = atsplat_files::FileLock::of(&here.join(out)).unwrap();
+        refused_by(args, out);
+        drop(lock);
+        assert!(!here.join(out).exists(), "{args}");
+    }
+    let lock = atsplat_files::FolderLock::of(&here.join("chunks")).unwrap();
+    refused_by("data export data chunks --chunks", "chunks");
+    drop(lock);
+    succeed(here, &["data", "export", "data", "cameras.csv"]);
+    let files = fs::read_dir(here).unwrap().map(|entry| entry.unwrap().path());
+    let locks: Vec<_> = files.filter(|path| path.extension().is_some_and(|extension| extension == "lock")).collect();
+    assert!(cfg!(not(unix)) || locks.is_empty(), "{locks:?}");
 }

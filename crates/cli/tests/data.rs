@@ -117,7 +117,7 @@ fn writes_chunks_without_the_broken_scene() {
     std::fs::write(here.join("data/b/0.png"), b"no image at all").unwrap();
     for out in ["data", "./data/test"] {
         let refused = atsplat(here, &["data", "export", "data", out, "--chunks"]);
-        let expected = format!("error: {out}: chunks there would be read in place of the scenes of data");
+        let expected = format!("error: {out}: chunks there would be read instead of the scenes of data");
         assert!(refused.code == 1 && refused.stderr.contains(&expected), "{}", refused.stderr);
     }
     assert!(!here.join("data/000000.torch").exists() && !here.join("data/test").exists());
@@ -128,7 +128,7 @@ fn writes_chunks_without_the_broken_scene() {
     assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
 }
 
-/// A truncated copy keeps its header. The chunk holds the same bytes, so that the user must hear of it.
+/// A truncated copy keeps its header. The chunk contains the same bytes, so the user must be told.
 #[test]
 fn images_that_are_cut_short_are_found_without_decoding() {
     let folder = tempfile::tempdir().unwrap();
@@ -190,7 +190,7 @@ fn missing_images_do_not_affect_cameras() {
     }
 }
 
-/// A clone without Git LFS holds pointers instead of large files.
+/// A clone without Git LFS contains pointers instead of large files.
 #[test]
 fn errors_name_git_lfs_pointers_of_any_format() {
     let folder = tempfile::tempdir().unwrap();
@@ -341,14 +341,14 @@ fn a_folder_has_one_simulation_and_tells_if_that_did_not_end() {
     assert!(second.code == 1 && second.stderr.contains("out is being written by process "), "{}", second.stderr);
     assert!(!here.join("out/manifest.json").exists());
     let again = atsplat(here, &many);
-    let message = "out is not empty: a simulation of 4000 scenes into it did not end (planned.json lists them): remove the folder";
+    let message = "out is not empty: a simulation of 4000 scenes into it did not end (planned.json lists them); remove the folder";
     assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
     std::fs::remove_dir_all(here.join("out")).unwrap();
     let one = [&simulate[..], &["1"]].concat();
     succeed(here, &one);
     assert!(here.join("out/manifest.json").is_file() && !here.join("out/planned.json").exists());
     let again = atsplat(here, &one);
-    let message = "out is not empty: give a new or empty folder, or remove this one";
+    let message = "out is not empty; choose a new or empty folder, or remove this one";
     assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
     let failed = atsplat(here, &["data", "simulate", "new", "--route", "nowhere"]);
     assert!(failed.code == 1 && !here.join("new").exists(), "{}", failed.stderr);

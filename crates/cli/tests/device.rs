@@ -1,4 +1,4 @@
-//! `--device`: what is refused, and what results say about a graphics adapter.
+//! `--device`: what is an error, and what results say about a graphics adapter.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -42,9 +42,11 @@ fn images_alone_need_no_device() {
     let here = folder.path();
     write_noise(here, 1);
     let run = run(&["--method", "warp,nearest-view", "--device", "wgpu"]);
-    for args in [texts(&run), [&["score"], &TINY[..], &["--renders", "data", "--device", "wgpu"]].concat()] {
+    let score = [&["score"], &TINY[..], &["--renders", "data", "--device", "wgpu"]].concat();
+    for (args, expected) in
+        [(texts(&run), "--device requires a method with a network or Gaussians"), (score, "--device requires --ply")]
+    {
         let refused = atsplat(here, &args);
-        let expected = "--device wgpu: no method has a network or Gaussians to render";
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
     }
 }

@@ -127,7 +127,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     assert!(size("quick.json") + size("quick.probe.safetensors") < 1_000_000);
 
     let calm = succeed(at, &["drift", "then", "--baseline", "quick.json"]);
-    assert!(calm.ends_with("Verdict: same\n") && calm.contains("no stage changed on the probe."), "{calm}");
+    assert!(calm.ends_with("Verdict: same\n") && calm.contains("no stage of the probe changed."), "{calm}");
 
     let outcome = atsplat(at, &["drift", "now", "--baseline", "quick.json", "--json"]);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
@@ -141,7 +141,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
 
     let moved = atsplat(at, &["drift", "now", "--baseline", "quick.json"]).stdout;
     assert!(
-        moved.contains("no stage changed on the probe. What moved lies outside both: a method's own files"),
+        moved.contains("no stage of the probe changed. The cause is outside atsplat's pipeline: the method's files"),
         "{moved}"
     );
 
@@ -150,7 +150,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     let args = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
     let outcome = atsplat(at, &args);
     assert!(
-        outcome.code == 3 && outcome.stdout.contains("The first stage that changed is the splatter."),
+        outcome.code == 3 && outcome.stdout.contains("The first stage that changed is the renderer."),
         "{}",
         outcome.stdout
     );

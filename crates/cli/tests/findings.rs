@@ -54,7 +54,7 @@ fn build_and_run_choose_the_same_frames() {
     let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
     std::fs::write(here.join("rule.toml"), rule).unwrap();
     let built = succeed(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"]);
-    assert!(built.contains("3  frames skipped, their images are missing"), "{built}");
+    assert!(built.contains("3  frames skipped: no image or no usable pose"), "{built}");
     let entry = &IndexFile::read(&here.join("built.json")).unwrap().index.scenes["scene"][0];
     let named: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
     assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");
@@ -102,7 +102,11 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     assert!(succeed(here, &["protocol", "overlap", "index.json"]).contains("1  small"), "as the index ships it");
     let measure = ["protocol", "overlap", "index.json", "--data", "data", "-o", "measured.json"];
     let message = succeed(here, &measure);
-    for text in ["1  of the index replaced", "a third of the values in each", "were published for roma (--force)"] {
+    for text in [
+        "1  of the index replaced",
+        "bins with a third of the values of epipolar-ray each",
+        "were published for roma (--force)",
+    ] {
         assert!(message.contains(text) && !message.contains("  small"), "{text}: {message}");
     }
     let forced = succeed(here, &[&measure[..], &["--force"]].concat());
@@ -134,12 +138,12 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     };
     assert!(!report("shipped", &[]).contains("published for roma"));
     let plot = here.join("reports/latest/plots/re10k_overlap.svg");
-    let own = here.join("reports/latest/plots/own.svg");
-    std::fs::write(&own, "of the user").unwrap();
+    let other = here.join("reports/latest/plots/other.svg");
+    std::fs::write(&other, "of the user").unwrap();
     assert!(plot.exists());
     let estimated = report("estimated", &[]);
     assert!(!plot.exists(), "a plot of published numbers alone, and of the report before");
-    assert!(own.exists());
+    assert!(other.exists());
     assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
     let forced = report("estimated", &["--force"]);
     assert!(forced.contains("because of --force") && !forced.contains("n/c PSNR"), "{forced}");
@@ -283,7 +287,7 @@ fn images_of_another_size_suggest_any_size() {
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
 }
 
-/// The listed images are twice as large as the protocol expects; a copy beside them fits.
+/// The listed images are twice as large as the protocol expects; a copy next to them fits.
 #[test]
 fn images_of_another_size_suggest_a_copy_that_fits() {
     let folder = tempfile::tempdir().unwrap();
@@ -388,7 +392,7 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
         down.stderr
     );
     let nowhere = score("data/one");
-    assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder holds 0.png"), "{}", nowhere.stderr);
+    assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder contains 0.png"), "{}", nowhere.stderr);
     // Files of another size give rows without numbers.
     let small = score("small");
     assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);

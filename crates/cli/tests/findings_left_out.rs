@@ -39,7 +39,7 @@ fn strict_json(here: &Path, args: &[&str]) -> (i32, Value) {
     (code, report.unwrap())
 }
 
-/// Two trajectories beside a capture, which is what the folder is read as.
+/// Two trajectories next to a capture, which is what the folder is read as.
 #[test]
 fn strict_counts_scenes_of_another_format() {
     let folder = tempfile::tempdir().unwrap();
@@ -70,7 +70,10 @@ fn strict_counts_scenes_of_another_format() {
         (&["data", "inspect", "data"][..], "1 listed: 1 read; 2 left out\n"),
         (&["data", "motion", "data"], "data: 2 scenes were left out\n"),
         (&["data", "export", "data", "again.csv"], "2 scenes skipped\n"),
-        (&["protocol", "build", "data", "--sampler", "rule.toml", "-o", "again.json"], "2  scenes left out"),
+        (
+            &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "again.json"],
+            "2  scenes skipped: could not be read",
+        ),
     ] {
         let said = succeed(here, args);
         assert!(said.contains(text), "not strict: {args:?}: {said}");
@@ -223,7 +226,7 @@ fn overlaps_of_an_index_without_entries_are_a_failure() {
     }
 }
 
-/// The plan is beside the folders of the splits.
+/// The plan is next to the folders of the splits.
 #[test]
 fn strict_counts_a_simulation_that_has_not_ended() {
     let folder = tempfile::tempdir().unwrap();

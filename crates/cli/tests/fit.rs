@@ -106,7 +106,7 @@ fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
     succeed(here, &fit(&[]));
     let (whole, gaussians) = (results(), std::fs::read(here.join("fitted.ply")).unwrap());
     let record: Value = serde_json::from_str(&whole[0]).unwrap();
-    let steps = record["evaluations"].as_array().unwrap().iter().map(|own| own["step"].as_u64());
+    let steps = record["evaluations"].as_array().unwrap().iter().map(|evaluation| evaluation["step"].as_u64());
     assert_eq!(steps.collect::<Vec<_>>(), [2, 4, 6, 7].map(Some));
     assert!(record["training-psnr"].as_f64().is_some_and(f64::is_finite), "{record}");
     succeed(here, &fit(&["--resume"]));
@@ -158,7 +158,7 @@ fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
         close.assert(pose(found), pose(&given["views"][frame]), &format!("frame {frame}"));
     }
     assert_eq!(record["corrections"].as_array().unwrap().len(), 3);
-    let extents = [&record["extent"], &record["configuration"]["extent"]].map(|own| own.as_f64().unwrap());
+    let extents = [&record["extent"], &record["configuration"]["extent"]].map(|extent| extent.as_f64().unwrap());
     Tolerance::relative(1e-12).assert(extents, [2.5; 2], "extent");
     let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
     let hash = Sha256Digest::of(&std::fs::read(weights).unwrap());
@@ -177,7 +177,7 @@ fn a_record_tells_photos_and_starts_apart() {
         serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap()
     };
     let [wide, small] = ["64x36", "48x27"].map(|size| record(SCENE, &["--size", size]));
-    assert_eq!([&wide, &small].map(|own| own["sizes"].clone()), [json!(["64x36"]), json!(["48x27"])]);
+    assert_eq!([&wide, &small].map(|record| record["sizes"].clone()), [json!(["64x36"]), json!(["48x27"])]);
     assert_ne!(wide["views-sha256"], small["views-sha256"]);
     assert_eq!((&wide["start-sha256"], &wide["start"]), (&small["start-sha256"], &json!(SCENE)));
     assert!(wide["start-sha256"].is_string() && wide.get("held-out-sha256").is_none(), "{wide}");
@@ -185,7 +185,7 @@ fn a_record_tells_photos_and_starts_apart() {
     assert!(held_out["held-out-sha256"].is_string(), "{held_out}");
     assert_ne!(held_out["views-sha256"], wide["views-sha256"]);
     let [near, far] = ["1,4", "1,9"].map(|depths| record("random:40", &["--size", "64x36", "--depths", depths]));
-    assert_eq!([&near, &far].map(|own| own["start"].clone()), ["random:40, depths 1,4", "random:40, depths 1,9"]);
+    assert_eq!([&near, &far].map(|record| record["start"].clone()), ["random:40, depths 1,4", "random:40, depths 1,9"]);
     assert_ne!(near["start-sha256"], far["start-sha256"]);
     assert_eq!(near["views-sha256"], wide["views-sha256"]);
 }
@@ -223,8 +223,13 @@ fn errors_name_the_option_that_mends_them() {
     for (more, expected) in [
         (&["--size", "96x80"][..], "error: --size 96x80: "),
         (&["--refine", "micro-rooms"], "error: --refine without --size scales photos to 128x128: "),
-        (&["--held-out", "0,4", "--start", "random:9"], "error: --start random:9 needs --depths NEAR,FAR: "),
+        (&["--held-out", "0,4", "--start", "random:9"], "error: --start random:9 requires --depths NEAR,FAR: "),
         (&["--memory", "1"], "error: --memory 1 (MiB): memory-limit: "),
+        // A held-out photo of 64×64 pixels with twelve bytes for each, and three for each pixel of all three photos.
+        (
+            &["--held-out", "0", "--memory", "1"],
+            " 10000 Gaussians and 2 images, next to 86016 bytes of other images, found ",
+        ),
         // More than any machine can allocate.
         (&["--start", "random:1000000000000000"], "error: --memory 8192 (MiB): memory-limit: expected at least "),
         (
@@ -375,7 +380,8 @@ fn a_run_without_a_step_is_a_failure() {
     photograph(here);
     let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
     let failed = atsplat(here, &[&fit[..], &["--seconds", "1e-9", "--out", "fitted.ply"]].concat());
-    let expected = "error: --seconds: the time was over before the first step; fitted.ply holds the start";
+    let expected =
+        "error: --seconds: the time limit ended before the first step; fitted.ply contains the initial Gaussians";
     assert!(failed.code == 1 && failed.stderr.contains(expected), "{}", failed.stderr);
     assert!(here.join("fitted.ply").is_file());
 }
@@ -439,7 +445,7 @@ fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     let here = folder.path();
     photograph(here);
     let run = ["fitted.ply", "--steps", "1", "--checkpoint", "state", "--resume"];
-    let note = "note: --resume: there is no checkpoint state yet, so that the run starts anew";
+    let note = "note: --resume: no checkpoint at state; starting from step 0";
     let first = atsplat(here, &[&FIT_TO[..], &run].concat());
     assert!(first.code == 0 && first.stderr.contains(note), "{}", first.stderr);
     let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
@@ -454,13 +460,16 @@ fn options_that_nothing_reads_are_usage_errors() {
     let here = folder.path();
     for (more, expected) in [
         (&["--depths", "1,9", "--refine", "micro-rooms"][..], "'--refine <WEIGHTS>'"),
-        (&["--depths", "1,9", "--start", "points"], "--depths is for random points, found --start points"),
-        (&["--opacities-as-stored"], "--opacities-as-stored is for a file of Gaussians, found --start random:10000"),
+        (&["--depths", "1,9", "--start", "points"], "--depths requires --start random:N (found --start points)"),
+        (
+            &["--opacities-as-stored"],
+            "--opacities-as-stored requires --start with a file of Gaussians (found --start random:10000)",
+        ),
         (&["--opacities-as-stored", "--refine", "micro-rooms"], "'--refine <WEIGHTS>'"),
         (&["--evaluate-every", "2"], "--held-out <SEL>"),
         (&["--checkpoint-every", "2"], "--checkpoint <FILE>"),
-        (&["--checkpoint", "./fitted.ply"], "--checkpoint ./fitted.ply: --out writes fitted.ply: "),
-        (&["--checkpoint", "fitted.ply.json"], "--checkpoint fitted.ply.json: --out writes fitted.ply.json: "),
+        (&["--checkpoint", "./fitted.ply"], "--checkpoint ./fitted.ply: --out writes fitted.ply; "),
+        (&["--checkpoint", "fitted.ply.json"], "--checkpoint fitted.ply.json: --out writes fitted.ply.json; "),
         (&["--start", "random:0"], "--start: expected random:N, found \"random:0\"; N is at least 1"),
     ] {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];

@@ -1,4 +1,4 @@
-//! Commands do not replace what they read, nor files that another program wrote.
+//! Commands do not overwrite what they read, nor files that another program wrote.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -40,13 +40,13 @@ fn refuses(here: &Path, calls: &[(&str, &str)]) {
 }
 
 #[test]
-fn weights_do_not_replace_what_they_are_made_of() {
+fn weights_do_not_overwrite_what_they_are_made_from() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let config = ModelConfig::named("nano").unwrap();
     let stored = generated(&parameters(&config), 3);
     let weights = ModelWeights::new(config, BTreeMap::from([("data".to_owned(), "none".to_owned())]), &stored).unwrap();
-    weights.write(&here.join("own.safetensors"), Precision::Single).unwrap();
+    weights.write(&here.join("w.safetensors"), Precision::Single).unwrap();
     fs::write(here.join("map.toml"), "name = \"map\"\n").unwrap();
     fs::write(here.join("nano.toml"), toml::to_string(&weights.config).unwrap()).unwrap();
     assert!(KeyMap::resolve(here.join("map.toml").to_str().unwrap()).is_ok());
@@ -54,44 +54,56 @@ fn weights_do_not_replace_what_they_are_made_of() {
         here,
         &[
             (
-                "weights export own.safetensors --key-map identity --out own.safetensors",
-                "error: --out: own.safetensors is the weights file that is read: give another file",
+                "weights export w.safetensors --key-map identity --out w.safetensors",
+                "error: --out: w.safetensors would overwrite the input weights file; choose another file",
             ),
-            ("weights export own.safetensors --key-map map.toml --out ./map.toml", "--out: ./map.toml is the key map"),
             (
-                "weights import own.safetensors --model nano --out ./own.safetensors --precision bf16",
-                "error: --out: ./own.safetensors is the file that is imported: give another file",
+                "weights export w.safetensors --key-map map.toml --out ./map.toml",
+                "--out: ./map.toml would overwrite the input key map",
             ),
-            ("weights import own.safetensors --model nano.toml --out nano.toml", "nano.toml is the configuration"),
             (
-                "weights import own.safetensors --model nano --key-map map.toml --out map.toml",
-                "--out: map.toml is the key map",
+                "weights import w.safetensors --model nano --out ./w.safetensors --precision bf16",
+                "error: --out: ./w.safetensors would overwrite the input weights; choose another file",
+            ),
+            (
+                "weights import w.safetensors --model nano.toml --out nano.toml",
+                "nano.toml would overwrite the input configuration",
+            ),
+            (
+                "weights import w.safetensors --model nano --key-map map.toml --out map.toml",
+                "--out: map.toml would overwrite the input key map",
             ),
         ],
     );
-    succeed(here, &["weights", "export", "own.safetensors", "--key-map", "map.toml", "--out", "other.safetensors"]);
+    succeed(here, &["weights", "export", "w.safetensors", "--key-map", "map.toml", "--out", "other.safetensors"]);
     succeed(here, &["weights", "import", "other.safetensors", "--model", "nano", "--out", "again.safetensors"]);
-    // The name of something embedded is no file.
+    // The name of something embedded is not a file.
     succeed(here, &["weights", "export", "micro-rooms", "--key-map", "identity", "--out", "micro-rooms"]);
 }
 
 #[test]
-fn indices_do_not_replace_datasets_or_the_index_that_is_read() {
+fn indices_do_not_overwrite_datasets_or_the_input_index() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/aaaa.txt"), 60);
     fs::write(here.join("index.svg"), r#"{"aaaa": {"context": [10, 40], "target": [20]}}"#).unwrap();
     fs::write(here.join("rule.toml"), "").unwrap();
-    let of_dataset = " has the place of a file of the dataset data: give another file";
-    let index = "index.svg is the index that is read: give another file";
+    let of_dataset = " would be read as part of the dataset data; choose a path outside it";
+    let index = "index.svg would overwrite the input index; choose another file";
     refuses(
         here,
         &[
             ("protocol build data --sampler re10k-2v --out data/aaaa.txt", of_dataset),
             ("protocol build data --sampler re10k-2v --out data/transforms.json", of_dataset),
-            ("protocol build data/aaaa.txt --sampler re10k-2v --out data/aaaa.txt", "of the dataset data/aaaa.txt: "),
-            ("protocol build data --sampler rule.toml --out rule.toml", "rule.toml is the sampling rule that is read"),
+            (
+                "protocol build data/aaaa.txt --sampler re10k-2v --out data/aaaa.txt",
+                "part of the dataset data/aaaa.txt; ",
+            ),
+            (
+                "protocol build data --sampler rule.toml --out rule.toml",
+                "rule.toml would overwrite the input sampling rule",
+            ),
             ("protocol overlap index.svg --data data --out index.svg", index),
             ("protocol overlap index.svg --data data --out data/aaaa.txt", of_dataset),
             ("protocol overlap index.svg --data data --plot index.svg", index),
@@ -101,7 +113,7 @@ fn indices_do_not_replace_datasets_or_the_index_that_is_read() {
 }
 
 #[test]
-fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
+fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     succeed(here, &["render", SCENE, "--orbit", "3", "--size", "64x64", "--out", "photos"]);
@@ -109,18 +121,18 @@ fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
     fs::write(here.join("notes"), "what I found").unwrap();
     fs::write(here.join("empty"), "").unwrap();
     let fit = "fit photos --views .. --size 32x32 --strategy fixed --steps 2 --start start.ply";
-    let start = "error: --out: start.ply is the start that is read: give another file";
-    let other = " is no checkpoint of `atsplat fit`: give another file";
-    let of_dataset = "--checkpoint: photos/render.json has the place of a file of the dataset photos: ";
+    let start = "error: --out: start.ply would overwrite the input start; choose another file";
+    let other = " is not a checkpoint written by `atsplat fit`; choose another file";
+    let of_dataset = "--checkpoint: photos/render.json would be read as part of the dataset photos; ";
     let state = |file: &str| format!("{fit} --out fitted.ply --checkpoint-every 1 --checkpoint {file}");
     refuses(
         here,
         &[
             (&format!("{fit} --out start.ply"), start),
             (&format!("{fit} --opacities-as-stored --out start.ply"), start),
-            (&state("start.ply"), "--checkpoint: start.ply is the start that is read"),
+            (&state("start.ply"), "--checkpoint: start.ply would overwrite the input start"),
             (&state("photos/render.json"), of_dataset),
-            (&state("photos/000000.png"), "of the dataset photos"),
+            (&state("photos/000000.png"), "part of the dataset photos"),
             (&state("notes"), &format!("--checkpoint: notes{other}")),
             (&state("empty"), &format!("--checkpoint: empty{other}")),
         ],
@@ -128,7 +140,7 @@ fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
     let run = |text: &str| drop(succeed(here, &text.split(' ').collect::<Vec<_>>()));
     run(&state("state"));
     let first = fs::read(here.join("state")).unwrap();
-    // A checkpoint of another run is one.
+    // A checkpoint of another run is a checkpoint.
     run(&state("state").replace("--steps 2", "--steps 3"));
     assert!(fs::read(here.join("state")).unwrap() != first);
     // Safetensors of another kind are not.
@@ -143,7 +155,7 @@ fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
 
 /// A scene, cameras, exposures and constants next to a capture with photos as renders are named.
 #[test]
-fn renders_replace_nothing_that_they_are_made_from() {
+fn renders_overwrite_nothing_that_they_are_made_from() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     succeed(here, &["render", SCENE, "--orbit", "2", "--size", "16x16", "--out", "made"]);
@@ -163,7 +175,7 @@ fn renders_replace_nothing_that_they_are_made_from() {
         fs::write(here.join(capture).join("transforms.json"), photos).unwrap();
     }
     fs::create_dir(here.join("taken")).unwrap();
-    for scene in ["scene.ply", "scene.png", "taken/000000.png", "own.json"] {
+    for scene in ["scene.ply", "scene.png", "taken/000000.png"] {
         fs::copy(SCENE, here.join(scene)).unwrap();
     }
     fs::create_dir(here.join("exposed")).unwrap();
@@ -175,33 +187,36 @@ fn renders_replace_nothing_that_they_are_made_from() {
         &[
             (
                 "render scene.ply --cameras ds/transforms.json --out ds/images",
-                "error: --out: ds/images/000000.png would replace the photo ds/images/000000.png, which is read: choose another",
+                "error: --out: ds/images/000000.png would overwrite the input photo ds/images/000000.png; choose another",
             ),
             (
                 "render scene.ply --cameras ds --out ds/images",
-                "000000.png would replace the photo ds/images/000000.png",
+                "000000.png would overwrite the input photo ds/images/000000.png",
             ),
-            ("render scene.ply --spline ds 2 --out ds/images", "would replace the photo "),
-            ("render scene.ply --cameras ds --frames 1 --out ds/../ds/images", "000001.png would replace the photo "),
+            ("render scene.ply --spline ds 2 --out ds/images", "would overwrite the input photo "),
+            (
+                "render scene.ply --cameras ds --frames 1 --out ds/../ds/images",
+                "000001.png would overwrite the input photo ",
+            ),
             (
                 "render scene.ply --cameras two --key a --out two/b/images",
-                "would replace the photo two/b/images/000000.png",
+                "would overwrite the input photo two/b/images/000000.png",
             ),
             (
                 &format!("render scene.png {orbit} out --preview scene.png"),
-                "--preview: scene.png would replace the scene",
+                "--preview: scene.png would overwrite the input scene",
             ),
             (
                 &format!("render taken/000000.png {orbit} taken"),
-                "taken/000000.png would replace the scene taken/000000.png",
+                "taken/000000.png would overwrite the input scene taken/000000.png",
             ),
             (
                 &format!("render scene.ply {orbit} exposed --exposure exposed/render.json"),
-                "exposed/render.json would replace the exposures in exposed/render.json",
+                "exposed/render.json would overwrite the input exposures exposed/render.json",
             ),
             (
                 "render scene.ply --cameras made/render.json --out made",
-                "made/render.json would replace the cameras in made/render.json",
+                "made/render.json would overwrite the input cameras made/render.json",
             ),
         ],
     );
@@ -217,7 +232,7 @@ fn renders_replace_nothing_that_they_are_made_from() {
 }
 
 #[test]
-fn reconstructions_and_fits_replace_neither_photos_nor_weights() {
+fn reconstructions_and_fits_overwrite_neither_photos_nor_weights() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     succeed(here, &["render", SCENE, "--orbit", "3", "--size", "32x32", "--out", "made"]);
@@ -245,16 +260,16 @@ fn reconstructions_and_fits_replace_neither_photos_nor_weights() {
         &[
             (
                 &format!("{reconstruct} random:1 --out a.ply --renders ds"),
-                "--renders: ds/inputs/000000.png would replace the photo ds/inputs/000000.png",
+                "--renders: ds/inputs/000000.png would overwrite the input photo ds/inputs/000000.png",
             ),
             (
                 &format!("{reconstruct} random:1 --out a.ply --plots ds"),
-                "--plots: ds/uncertainty.png would replace the photo ds/uncertainty.png",
+                "--plots: ds/uncertainty.png would overwrite the input photo ds/uncertainty.png",
             ),
-            (&format!("{reconstruct} w.ply --out w.ply"), "--out: w.ply is the weights file that is read"),
+            (&format!("{reconstruct} w.ply --out w.ply"), "--out: w.ply would overwrite the input weights file"),
             (
                 "fit ds --views .. --strategy fixed --steps 1 --start random:9 --size 32x32 --out a.ply --plots ds",
-                "--plots: ds/contact-sheet.png would replace the photo ds/contact-sheet.png",
+                "--plots: ds/contact-sheet.png would overwrite the input photo ds/contact-sheet.png",
             ),
         ],
     );

@@ -203,7 +203,10 @@ fn unknown_names_are_usage_errors_before_anything_is_read() {
         (&["overlap", "nowhere", "--bins", "0.5,a:0.2"], "edges that increase"),
         (&["overlap", "nowhere", "--plot", "x.jpg"], ".svg or .png"),
         (&["overlap", "nowhere", "--bins", "0.05,a:0.8", "--force"], "cannot be used with"),
-        (&["overlap", "nowhere", "--data", "nowhere", "--depth", "nowhere"], "epipolar-ray does not use depth"),
+        (
+            &["overlap", "nowhere", "--data", "nowhere", "--depth", "nowhere"],
+            "--depth requires --estimator depth-covisibility (found --estimator epipolar-ray)",
+        ),
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "0"], "expected 1 to 1000 frames"),
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "1001"], "expected 1 to 1000 frames"),
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "18446744073709551615"], "expected 1 to 1000 frames"),

@@ -1,4 +1,4 @@
-//! What would change a number, or lose one, in silence is refused.
+//! What would silently change or lose a number is an error.
 
 mod common;
 mod evaluation;
@@ -9,7 +9,7 @@ use std::fs;
 use atsplat_eval::Results;
 use atsplat_model::ModelConfig;
 use common::{atsplat, succeed, write_trajectory};
-use evaluation::write_noise;
+use evaluation::{bare, write_noise};
 use render_scene::SCENE;
 
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--out", "store"];
@@ -25,21 +25,23 @@ fn arguments_that_nothing_reads_are_usage_errors() {
     let renders = ["score", "tiny.toml", "--data", "data", "--out", "store", "--renders", "data"].to_vec();
     let gone = ["--weights", "/gone.safetensors"];
     for (args, more, expected) in [
-        (&baseline, &gone[..], "--weights is for methods with a network"),
-        (&baseline, &["--model", "nano"], "--model is for methods with a network"),
-        (&optimised, &["--thresholds", "0.1,0.1,0.1"], "--thresholds is for methods with a network"),
-        (&baseline, &["--context-size", "given"], "--context-size is for methods with a network"),
-        (&baseline, &["--max-gaussians", "5"], "--max-gaussians is for 3dgs"),
-        (&baseline, &["--seed", "7"], "--seed is for methods with a network, 3dgs, mip-splatting and mcmc"),
-        (&baseline, &["--seed", "0"], "--seed is for methods with a network, 3dgs, mip-splatting and mcmc"),
-        (&optimised, &["--method-timeout", "3"], "--method-timeout is for exec"),
-        (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
-        (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),
-        (&optimised, &["--mode", "antialiased"], "--mode is for ply and exec"),
-        (&renders, &["--mode", "classic"], "--mode is for --ply"),
-        (&optimised, &["--opacities-as-stored"], "--opacities-as-stored is for ply and exec"),
-        (&baseline, &["--effects", "none"], "--effects is for methods whose Gaussians are rendered"),
-        (&renders, &["--tolerance", "0.1"], "--tolerance is for --ply"),
+        (&baseline, &gone[..], "--weights requires one of the methods atsplat, atsplat+refine"),
+        (&baseline, &["--model", "nano"], "--model requires one of the methods atsplat"),
+        (&optimised, &["--thresholds", "0.1,0.1,0.1"], "--thresholds requires one of the methods atsplat"),
+        (&baseline, &["--context-size", "given"], "--context-size requires one of the methods atsplat"),
+        (&baseline, &["--max-gaussians", "5"], "--max-gaussians requires one of the methods 3dgs, mip-splatting, mcmc"),
+        (&baseline, &["--seed", "7"], "--seed requires one of the methods atsplat, atsplat+refine, 3dgs,"),
+        (&baseline, &["--seed", "0"], "--seed requires one of the methods atsplat, atsplat+refine, 3dgs,"),
+        (&optimised, &["--method-timeout", "3"], "--method-timeout requires the method exec"),
+        (&optimised, &["--method-processes", "3"], "--method-processes requires the method exec"),
+        (&optimised, &["--ply-frame", "trial"], "--ply-frame requires the method ply"),
+        (&optimised, &["--setting", "DepthSplat"], "--setting requires the method ply"),
+        (&renders, &["--setting", "DepthSplat"], "--setting requires --ply"),
+        (&optimised, &["--mode", "antialiased"], "--mode requires one of the methods ply, exec"),
+        (&renders, &["--mode", "classic"], "--mode requires --ply"),
+        (&optimised, &["--opacities-as-stored"], "--opacities-as-stored requires one of the methods ply, exec"),
+        (&baseline, &["--effects", "none"], "--effects requires a method whose Gaussians are rendered"),
+        (&renders, &["--tolerance", "0.1"], "--tolerance requires --ply"),
         (
             &baseline,
             &["--images", "2"],
@@ -49,16 +51,16 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&baseline, &["--metric-weights", "gone"], "expected an existing folder, found \"gone\""),
         (&baseline, &["--metrics", "ssim,pnsr"], "pnsr"),
         (&baseline, &["--method", "nearest-view,warp"], "--method: warp is given twice"),
-        (&baseline, &["--constants", "inria"], "--constants is for methods whose Gaussians are rendered"),
-        (&renders, &["--background", "white"], "--background is for --ply"),
-        (&renders, &["--ply-frame", "trial"], "--ply-frame is for --ply"),
-        (&baseline, &["--warm-up", "2"], "add --timing"),
+        (&baseline, &["--constants", "inria"], "--constants requires a method whose Gaussians are rendered"),
+        (&renders, &["--background", "white"], "--background requires --ply"),
+        (&renders, &["--ply-frame", "trial"], "--ply-frame requires --ply"),
+        (&baseline, &["--warm-up", "2"], "--warm-up requires --timing"),
     ] {
         let refused = atsplat(here, &[&args[..], more].concat());
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
     }
     let refused = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
-    assert!(refused.code == 2 && refused.stderr.contains("--weights is needed: micro-rooms,"), "{}", refused.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("--weights is required: micro-rooms,"), "{}", refused.stderr);
     assert!(!here.join("store").exists());
     succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white", "--seed", "7"]].concat());
 }
@@ -73,16 +75,16 @@ fn weights_keep_their_configuration_and_training() {
     let refused = atsplat(here, &network);
     assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
 
-    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
-    let import = ["weights", "import", own, "--out", "copy.safetensors", "--precision", "f16"];
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
+    let import = ["weights", "import", file, "--out", "copy.safetensors", "--precision", "f16"];
     let refused = atsplat(here, &[&import[..], &["--model", "micro"]].concat());
     assert!(refused.code == 1 && refused.stderr.contains("is a weights file of this toolkit"), "{}", refused.stderr);
-    let config = atsplat_model::weights::ModelWeights::read(own.as_ref()).unwrap();
-    fs::write(here.join("own.toml"), toml::to_string(&config.config).unwrap()).unwrap();
-    succeed(here, &[&import[..], &["--model", "own.toml"]].concat());
-    let refused = atsplat(here, &["weights", "verify", own, "--model", "micro"]);
+    let config = atsplat_model::weights::ModelWeights::read(file.as_ref()).unwrap();
+    fs::write(here.join("same.toml"), toml::to_string(&config.config).unwrap()).unwrap();
+    succeed(here, &[&import[..], &["--model", "same.toml"]].concat());
+    let refused = atsplat(here, &["weights", "verify", file, "--model", "micro"]);
     assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
-    succeed(here, &["weights", "verify", "copy.safetensors", "--model", "own.toml"]);
+    succeed(here, &["weights", "verify", "copy.safetensors", "--model", "same.toml"]);
     let copy = atsplat_model::weights::ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert!(copy.config == config.config && copy.tensors.digest() == config.tensors.digest());
     assert!(config.provenance.contains_key("data"), "{:?}", config.provenance);
@@ -105,7 +107,7 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     assert!(refused.code == 1 && refused.stderr.contains("no window has room"), "{}", refused.stderr);
     assert!(!here.join("wide.json").exists());
     let refused = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
-    assert!(refused.code == 1 && refused.stderr.contains("is the index that is read"), "{}", refused.stderr);
+    assert!(refused.code == 1 && refused.stderr.contains("would overwrite the input index"), "{}", refused.stderr);
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
     succeed(here, &[&extrapolate[..], &["near.json"]].concat());
 }
@@ -166,14 +168,53 @@ fn strict_finds_failed_rows_and_empty_renders() {
     let empty = score("empty");
     assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
     let strict = report("empty", &["--strict"]);
-    let expected = "empty: tiny: 2 trials of behind draw no Gaussian in any target: scene scene-00, entry 0";
+    let expected = "empty: tiny: 2 trials of behind render no Gaussian in any target: scene scene-00, entry 0";
     assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
     let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
     for expected in
-        ["no Gaussian is drawn in 2 of 2 trials", "broken Gaussians were skipped or repaired in 2 of 2 trials"]
+        ["no Gaussian is rendered in 2 of 2 trials", "broken Gaussians were skipped or repaired in 2 of 2 trials"]
     {
         assert!(table.contains(expected), "{expected}: {table}");
     }
+}
+
+/// A Gaussian at a depth of 0.05: DepthSplat culls what is nearer than 0.1 in the dataset's unit, ATSplat what is nearer than 0.002 in the
+/// trial's.
+#[test]
+fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    fs::create_dir(here.join("near")).unwrap();
+    let (header, _) = SCENE.split_once("end_header").unwrap();
+    let row = "0.16 0 0.05 0 0 0 5 -5 -5 -5 1 0 0 0 0\n";
+    let text = format!("{}end_header\n{row}", header.replace("vertex 6", "vertex 1"));
+    fs::write(here.join("near/scene-00.ply"), text).unwrap();
+    let score = |out: &str, more: &[&str]| {
+        let args = ["score", "tiny.toml", "--data", "data", "--ply", "near", "--name", "depthsplat", "--out", out];
+        atsplat(here, &[&args[..], more].concat())
+    };
+    let results = |store: &str| Results::read(&here.join(store)).unwrap();
+    let warning = "although it states others for a method of their name: depthsplat";
+    let unchosen = score("store", &[]);
+    assert!(unchosen.code == 0 && unchosen.stderr.contains(warning), "{}", unchosen.stderr);
+    assert!(!results("store").trials[0].renders_nothing());
+    let other = score("store", &["--setting", "DepthSplat"]);
+    let said = "methods depthsplat of the two runs differ: parameters.setting: none and DepthSplat";
+    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    let chosen = score("chosen", &["--setting", "DepthSplat"]);
+    assert!(chosen.code == 0 && !chosen.stderr.contains(warning), "{}", chosen.stderr);
+    assert!(results("chosen").trials[0].renders_nothing());
+    let method = ["--method", "depthsplat=ply:near", "--setting", "DepthSplat"];
+    succeed(here, &[&RUN[..5], &["run"], &method].concat());
+    assert_eq!(bare(&results("run")), bare(&results("chosen")));
+    let kept = score("kept", &["--setting", "ATSplat"]);
+    assert!(kept.code == 0 && !kept.stderr.contains(warning), "{}", kept.stderr);
+    assert_eq!(bare(&results("kept")), bare(&results("store")));
+    let misspelt = score("misspelt", &["--setting", "DepthSplt"]);
+    assert!(misspelt.code == 1 && misspelt.stderr.contains("\"DepthSplt\""), "{}", misspelt.stderr);
+    let elsewhere = score("elsewhere", &["--setting", "NoPoSplat"]);
+    assert!(elsewhere.stderr.contains("depthsplat names NoPoSplat"), "{}", elsewhere.stderr);
 }
 
 #[test]
@@ -183,7 +224,7 @@ fn an_unfinished_run_is_no_baseline() {
     write_noise(here, 3);
     let run = [&RUN[..], &["--method", "nearest-view"]].concat();
     succeed(here, &run);
-    // As if the run had been killed before its last trial: parts hold one trial each.
+    // As if the run had been killed before its last trial: each part contains one trial.
     let trials = here.join("store").join("trials.parquet");
     assert!(trials.is_file(), "a finished store is compact");
     let mut results = Results::read(&here.join("store")).unwrap();

@@ -27,7 +27,7 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     let one = atsplat(here, &along);
     let keyed = ["render", "scene.ply", "--cameras", "first/render.json", "--key", "garden", "--out", "third"];
     let keyed = atsplat(here, &keyed);
-    assert!(keyed.code == 2 && keyed.stderr.contains("--key is only for datasets"), "{}", keyed.stderr);
+    assert!(keyed.code == 2 && keyed.stderr.contains("--key requires a dataset"), "{}", keyed.stderr);
     assert!(one.code == 1 && one.stderr.contains("error: --spline second/render.json: "), "{}", one.stderr);
     for name in ["000001.png", "000003.png"] {
         assert_eq!(first[name], second[name], "{name}");
@@ -46,18 +46,18 @@ fn reads_the_cameras_of_a_trained_model() {
     }]);
     // camera from world: the transposed rotation, and the centre seen from the camera.
     let translation = [-(cos * 0.25 - sin * -0.5), 0.0, -(sin * 0.25 + cos * -0.5)];
-    let own = json!({ "views": [{
+    let record = json!({ "views": [{
         "number": 0, "name": "a", "width": 40, "height": 30,
         "camera-from-world": [cos, 0.0, -sin, translation[0], 0.0, 1.0, 0.0, 0.0, sin, 0.0, cos, translation[2]],
         "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 },
     }]});
-    for (name, cameras) in [("trained", trained), ("own", own)] {
+    for (name, cameras) in [("trained", trained), ("record", record)] {
         fs::write(here.join(name), cameras.to_string()).unwrap();
         succeed(here, &["render", "scene.ply", "--cameras", name, "--out", &format!("of-{name}"), "--formats", "exr"]);
     }
     let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
-    let (trained, own) = (image("of-trained/000000.exr"), image("of-own/000000.exr"));
-    for (a, b) in trained.channels().iter().zip(own.channels()) {
+    let (trained, recorded) = (image("of-trained/000000.exr"), image("of-record/000000.exr"));
+    for (a, b) in trained.channels().iter().zip(recorded.channels()) {
         let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
         Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
         assert!(
@@ -133,7 +133,7 @@ fn bare_poses_use_the_requested_lens() {
         json!({ "number": number, "name": number.to_string(), "width": 40, "height": 30, "camera-from-world": rows,
                 "intrinsics": { "fx": 0.5, "fy": 0.5 * 40.0 / 30.0, "cx": 0.5, "cy": 0.5 } })
     };
-    fs::write(here.join("own.json"), json!({ "views": [view(0, identity), view(1, rows)] }).to_string()).unwrap();
+    fs::write(here.join("record.json"), json!({ "views": [view(0, identity), view(1, rows)] }).to_string()).unwrap();
     let render = |cameras: &str, more: &[&str]| {
         let args = [
             "render",
@@ -149,22 +149,22 @@ fn bare_poses_use_the_requested_lens() {
     };
     for more in [&[][..], &["--fov", "90"], &["--size", "40x30"]] {
         let outcome = render("poses.json", more);
-        let message = outcome.stderr.contains("poses.json holds camera matrices without intrinsics");
+        let message = outcome.stderr.contains("poses.json contains camera matrices without intrinsics");
         assert!(outcome.code == 1 && message && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
     }
     assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
-    assert_eq!(render("own.json", &[]).code, 0);
+    assert_eq!(render("record.json", &[]).code, 0);
     let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
     for frame in ["000000.exr", "000001.exr"] {
-        let (poses, own) = (image(&format!("poses/{frame}")), image(&format!("own/{frame}")));
-        for (a, b) in poses.channels().iter().zip(own.channels()) {
+        let (poses, recorded) = (image(&format!("poses/{frame}")), image(&format!("record/{frame}")));
+        for (a, b) in poses.channels().iter().zip(recorded.channels()) {
             let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
             Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
         }
     }
-    assert_ne!(image("own/000000.exr"), image("own/000001.exr"), "two views");
-    let outcome = render("own.json", &["--fov", "90"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains("own.json has its own"), "{}", outcome.stderr);
+    assert_ne!(image("record/000000.exr"), image("record/000001.exr"), "two views");
+    let outcome = render("record.json", &["--fov", "90"]);
+    assert!(outcome.code == 1 && outcome.stderr.contains("record.json has intrinsics"), "{}", outcome.stderr);
 }
 
 #[test]
@@ -273,7 +273,7 @@ fn a_record_never_replaces_its_camera_file() {
         let outcome =
             atsplat(here, &[&["render", "scene.ply"], &args[..], &["--frames", "0", "--out", "out"]].concat());
         assert_eq!(outcome.code, 1, "{}", outcome.stderr);
-        assert!(outcome.stderr.contains("would replace the cameras"), "{}", outcome.stderr);
+        assert!(outcome.stderr.contains("would overwrite the input cameras"), "{}", outcome.stderr);
         assert_eq!(contents(&here.join("out")), before);
     }
 }

@@ -310,7 +310,7 @@ fn errors_are_reported_before_the_work_starts() {
     let metric = run(&[&["--out", "store", "--metrics", "psnrs"], &FLOORS[..]].concat());
     assert!(metric.code == 2 && metric.stderr.contains("psnr-unclipped"), "{}", metric.stderr);
     let idle = run(&["--out", "store", "--method", "3dgs:2", "--effects", "all", "--tolerance", "0.1"]);
-    assert!(idle.code == 2 && idle.stderr.contains("--tolerance is for --effects auto"), "{}", idle.stderr);
+    assert!(idle.code == 2 && idle.stderr.contains("--tolerance requires --effects auto"), "{}", idle.stderr);
     assert_eq!(run(&["--out", "store", "--method", "guess"]).code, 2);
     assert_eq!(run(&["--out", "store"]).code, 2, "a method is needed");
     std::fs::remove_file(here.join("data/test/evaluation_index.json")).unwrap();

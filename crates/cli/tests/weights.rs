@@ -197,9 +197,9 @@ fn a_note_replaces_nothing() {
     succeed(here, &[&IMPORT[..], &["--out", "ours.safetensors", "--note", "data=none"]].concat());
     let copy = ["weights", "import", "ours.safetensors", "--model", "tiny.toml", "--out", "copy.safetensors"];
     for (notes, code, expected) in [
-        (&["--note", "steps=1", "--note", " data =fake"][..], 1, "states data = \"none\": give other keys"),
+        (&["--note", "steps=1", "--note", " data =fake"][..], 1, "states data = \"none\"; use other keys"),
         (&["--note", "imported-sha256=00"], 1, "states imported-sha256 = "),
-        (&["--note", "data=a", "--note", "key-map=b"], 1, "states data = \"none\", key-map = \"identity\": "),
+        (&["--note", "data=a", "--note", "key-map=b"], 1, "states data = \"none\", key-map = \"identity\"; "),
         (&["--note", "steps=1", "--note", "steps=2"], 2, "--note: steps is given twice"),
     ] {
         let refused = atsplat(here, &[&copy[..], notes].concat());

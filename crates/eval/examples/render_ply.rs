@@ -14,7 +14,7 @@ fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [scene, out] = arguments.as_slice() else { anyhow::bail!("usage: render_ply SCENE.ply OUT.png") };
     let (gaussians, _) = files::read(Path::new(scene))?;
-    let bounds = gaussians.bounds_of_means().context("the file holds no Gaussian")?;
+    let bounds = gaussians.bounds_of_means().context("the file contains no Gaussian")?;
 
     let size = ImageSize { width: 320, height: 240 };
     let intrinsics = NormalizedIntrinsics::with_horizontal_view(FRAC_PI_3, size)?;

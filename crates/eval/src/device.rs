@@ -6,6 +6,9 @@ use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, SelfTestObserve
 use crate::EvalError;
 use crate::method::{Backend, Splatting};
 
+/// Least limit on an adapter's memory: more than its self-test needs.
+const LEAST_MEMORY: u64 = 64 << 20;
+
 /// Where methods run their networks and render their Gaussians: the CPU, or one graphics adapter for both.
 #[derive(Clone, Debug, Default)]
 pub struct ComputeDevice {
@@ -20,8 +23,23 @@ impl ComputeDevice {
     /// # Errors
     /// [`EvalError::Model`] if there is no such adapter, with a list of them, or if it cannot be opened or fails its self-test.
     pub fn open(processor: Processor, observer: &dyn SelfTestObserver) -> Result<Self, EvalError> {
+        Self::open_within(processor, GpuOptions::default().memory_limit, observer)
+    }
+
+    /// Like [`Self::open`], with a limit on the bytes that a rendering or its gradients may take in the memory of an adapter, raised
+    /// to 64 MiB if it is lower. `observer` caches verdicts of the default limit, 8 GiB, alone: with another one, the self-test runs
+    /// each time.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_within(
+        processor: Processor,
+        memory_limit: u64,
+        observer: &dyn SelfTestObserver,
+    ) -> Result<Self, EvalError> {
         let Some((number, description)) = processor.adapter()? else { return Ok(Self::default()) };
-        let renderer = GpuRenderer::observed(&AdapterChoice::Index(number), GpuOptions::default(), observer);
+        let options = GpuOptions { memory_limit: memory_limit.max(LEAST_MEMORY), ..GpuOptions::default() };
+        let renderer = GpuRenderer::observed(&AdapterChoice::Index(number), options, observer);
         let renderer = renderer.map_err(|error| ModelError::from(SplatError::from(error)))?;
         let backend = Backend::shared(Box::new(renderer), Some((&description).into()));
         Ok(Self { processor: Processor::Wgpu(Some(number)), backend })
@@ -48,5 +66,47 @@ impl ComputeDevice {
     /// [`Splatting::default`], the protocol's constants and background, rendered on this device.
     pub fn splatting(&self) -> Splatting {
         Splatting { backend: self.backend(), ..Splatting::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+    use atsplat_splat::gpu::GpuError;
+    use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    /// A byte is too little for the self-test, so that the least limit applies. It allows two million pixels.
+    #[test]
+    fn a_rendering_on_an_adapter_stays_within_the_limit() {
+        let device = match ComputeDevice::open_within(Processor::Wgpu(None), 1, &()) {
+            Ok(device) => device,
+            Err(EvalError::Model(ModelError::Splat(SplatError::Gpu(error @ GpuError::NoAdapter { .. })))) => {
+                return atsplat_tests::skip_without_graphics("eval device", error);
+            }
+            Err(error) => panic!("{error}"),
+        };
+        let Backend::Shared(renderer, _) = device.backend() else { panic!("an adapter has a renderer") };
+        let parts = GaussianParts {
+            means: vec![[0.0, 0.0, 2.0]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-2.0; 3]],
+            opacity_logits: vec![1.0],
+            sh: vec![[0.5; 3]],
+            ..GaussianParts::default()
+        };
+        let gaussians = Gaussians::new(parts).unwrap();
+        let render = |width: u32, height: u32| {
+            let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+            let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+            let view = View { camera, size: ImageSize { width, height } };
+            let rendered = renderer.lock().unwrap().render(&gaussians, &view, &RenderOptions::default());
+            rendered.map(drop).map_err(|error| error.to_string())
+        };
+        assert_eq!(render(40, 30), Ok(()));
+        let refused = render(3000, 2000).unwrap_err();
+        assert!(refused.ends_with("the limit is 67108864"), "{refused}");
     }
 }

@@ -16,9 +16,9 @@ pub enum EvalError {
     #[error(transparent)]
     Malformed(#[from] Malformed),
     /// A folder without a store.
-    #[error("{} holds no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
+    #[error("{} contains no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
     NoStore { folder: PathBuf },
-    /// A new store in a folder that already holds one, or rows of one.
+    /// A new store in a folder that already contains one, or rows of one.
     #[error("{}: expected a folder without results, found {found}; choose another folder", folder.display())]
     HasResults { folder: PathBuf, found: String },
     /// A store written by a newer atsplat.
@@ -66,8 +66,8 @@ pub enum EvalError {
     Stopped,
     /// Another process is writing to the store.
     #[error(
-        "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a \
-         folder of its own, with --shard 1/2 and --shard 2/2, and merge the parts with `atsplat merge`",
+        "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into \
+         another folder, with --shard 1/2 and --shard 2/2, and merge the parts with `atsplat merge`",
         folder.display()
     )]
     InUse {
@@ -89,7 +89,7 @@ pub enum EvalError {
     /// A non-finite number in a row.
     #[error("{key}: {field}: expected a finite number, found {value}")]
     NotFinite { key: String, field: String, value: f64 },
-    /// A value in a row that cannot be, such as an SSIM above 1.
+    /// An impossible value in a row, such as an SSIM above 1.
     #[error("{key}: {field}: expected {expected}, found {found}")]
     Impossible { key: String, field: String, expected: String, found: String },
     /// An unknown name.

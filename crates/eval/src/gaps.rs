@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
+use atsplat_numeric::counted;
+
 use crate::runner::{DROPPED_BY_SPLIT, MISSING_SCENES, NOT_SAMPLED};
 use crate::{Results, TargetStatus};
 
@@ -40,14 +42,14 @@ pub enum GapKind {
     Incomplete,
     /// Targets with samples that are NaN or infinite.
     NonFinite,
-    /// Trials of whose Gaussians none is drawn in any target.
-    Undrawn,
+    /// Trials of whose Gaussians none contributes to any target's render.
+    EmptyRender,
 }
 
 impl Results {
-    /// What is missing, by protocol, method and kind, the other shards of a run among it. Without a gap, every entry of every index
+    /// What is missing, by protocol, method and kind, including the other shards of a run. Without a gap, every entry of every index
     /// was evaluated without failures and shows something; sampled indices have all scenes and frames of the data. Trials that their
-    /// method does not support are none.
+    /// method does not support are not gaps.
     pub fn gaps(&self) -> Vec<Gap> {
         let mut gaps = BTreeMap::new();
         let mut add = |preset: &str, method: Option<&str>, kind, count, first| {
@@ -66,7 +68,7 @@ impl Results {
                 add(&warning.preset, None, kind, warning.count, warning.example.clone());
             }
         }
-        for run in self.interrupted() {
+        for run in self.cut_off() {
             let first = format!("{} of {} index entries", run.entries, run.total);
             add(&run.preset, Some(&run.method), GapKind::Unfinished, run.total - run.entries, first);
         }
@@ -85,9 +87,9 @@ impl Results {
                 let first = format!("{} {}: {}", key.scene, trial.status.name(), reason(trial.detail.as_deref()));
                 add(&key.preset, Some(&key.method), GapKind::Incomplete, 1, first);
             }
-            if trial.draws_nothing() {
+            if trial.renders_nothing() {
                 let first = format!("scene {}, entry {}", key.scene, key.entry);
-                add(&key.preset, Some(&key.method), GapKind::Undrawn, 1, first);
+                add(&key.preset, Some(&key.method), GapKind::EmptyRender, 1, first);
             }
         }
         for target in self.targets.iter().filter(|target| target.status == TargetStatus::NonFinite) {
@@ -100,7 +102,7 @@ impl Results {
     }
 }
 
-/// The gap that a warning of a run tells of, if it does.
+/// The gap that a warning of a run is about, if it is about one.
 fn of_warning(kind: &str) -> Option<GapKind> {
     if kind == MISSING_SCENES {
         return Some(GapKind::MissingScenes);
@@ -119,30 +121,27 @@ impl fmt::Display for Gap {
     /// The protocol, the count, what is counted, and the first case.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { preset, method, kind, count, first } = self;
-        let one = *count == 1;
-        let [scenes, entries, trials, targets] =
-            if one { ["scene", "entry", "trial", "target"] } else { ["scenes", "entries", "trials", "targets"] };
-        let [are, were, have, draw] = if one { ["is", "was", "has", "draws"] } else { ["are", "were", "have", "draw"] };
+        let [shards, scenes, entries, trials, targets] =
+            ["shard", "scene", "entry", "trial", "target"].map(|what| counted(*count, what));
+        let [are, were, have, render] =
+            if *count == 1 { ["is", "was", "has", "renders"] } else { ["are", "were", "have", "render"] };
         let of = method.as_ref().map_or_else(String::new, |method| format!(" of {method}"));
         write!(f, "{preset}: ")?;
         match kind {
-            GapKind::MissingShards => {
-                let shards = if one { "shard" } else { "shards" };
-                return write!(f, "{count} {shards} of the run {are} missing: this is {first}");
-            }
-            GapKind::MissingScenes => write!(f, "{count} {scenes} of the index {are} not in the data"),
+            GapKind::MissingShards => return write!(f, "{shards} of the run {are} missing: this is {first}"),
+            GapKind::MissingScenes => write!(f, "{scenes} of the index {are} not in the data"),
             GapKind::NotSampled(kind) => write!(f, "{count} {kind}"),
             GapKind::DroppedBySplit => {
-                write!(f, "{count} {entries} of the published index {are} dropped by the split derived from it")
+                write!(f, "{entries} of the published index {are} dropped by the split derived from it")
             }
             GapKind::Unfinished => write!(f, "the run{of} is unfinished"),
             GapKind::Skipped => {
                 let methods = method.as_ref().map_or_else(String::new, |method| format!(" for {method}"));
-                write!(f, "{count} index {entries} {were} skipped{methods}")
+                write!(f, "{} {were} skipped{methods}", counted(*count, "index entry"))
             }
-            GapKind::Incomplete => write!(f, "{count} {trials}{of} {are} incomplete"),
-            GapKind::NonFinite => write!(f, "{count} {targets}{of} {have} NaN or infinite samples"),
-            GapKind::Undrawn => write!(f, "{count} {trials}{of} {draw} no Gaussian in any target"),
+            GapKind::Incomplete => write!(f, "{trials}{of} {are} incomplete"),
+            GapKind::NonFinite => write!(f, "{targets}{of} {have} NaN or infinite samples"),
+            GapKind::EmptyRender => write!(f, "{trials}{of} {render} no Gaussian in any target"),
         }?;
         write!(f, ": {first}")
     }
@@ -153,7 +152,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::{MethodRecord, PresetRecord, TrialRow, WarningCount};
+    use crate::{MethodRecord, PresetRecord, SkippedEntry, TrialKey, TrialRow, WarningCount};
 
     fn trial(method: &str, scene: &str) -> TrialRow {
         serde_json::from_value(json!({
@@ -202,17 +201,73 @@ mod tests {
         assert_eq!(lines(&results), expected);
     }
 
-    /// Killed after two of three entries under the second method; the third was never requested under this protocol.
+    fn preset(name: &str) -> PresetRecord {
+        PresetRecord { name: name.to_owned(), entries: 3, ..PresetRecord::default() }
+    }
+
+    fn method(name: &str) -> MethodRecord {
+        MethodRecord { name: name.to_owned(), ..MethodRecord::default() }
+    }
+
+    /// Killed after two of three entries under the second method, so that the third has no row anywhere.
     #[test]
     fn a_killed_run_is_a_gap() {
-        let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
         let mut results = Results::default();
-        results.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 3, ..PresetRecord::default() }];
+        results.provenance.presets = vec![preset("p")];
         results.provenance.methods = ["first", "second", "third"].map(method).to_vec();
         let rows = [("first", "a"), ("first", "b"), ("first", "c"), ("second", "a"), ("second", "b")];
         results.trials = rows.map(|(method, scene)| trial(method, scene)).to_vec();
-        assert_eq!(lines(&results), ["p: the run of second is unfinished: 2 of 3 index entries"]);
+        let of_third = "p: the run of third is unfinished: 0 of 3 index entries";
+        assert_eq!(lines(&results), ["p: the run of second is unfinished: 2 of 3 index entries", of_third]);
         results.trials.push(trial("second", "c"));
+        assert_eq!(lines(&results), [of_third]);
+        results.trials.extend(["a", "b", "c"].map(|scene| trial("third", scene)));
         assert_eq!(lines(&results), [""; 0]);
+    }
+
+    /// Killed between two protocols: the second has no row of any method.
+    #[test]
+    fn a_protocol_that_a_killed_run_has_not_reached_is_a_gap() {
+        let mut results = Results::default();
+        results.provenance.presets = ["p", "q"].map(preset).to_vec();
+        results.provenance.methods = vec![method("m")];
+        results.trials = ["a", "b", "c"].map(|scene| trial("m", scene)).to_vec();
+        assert_eq!(lines(&results), ["q: the run of m is unfinished: 0 of 3 index entries"]);
+        // A reason for each of its entries ends it.
+        let skipped = ["a", "b", "c"].map(|scene| SkippedEntry {
+            preset: "q".to_owned(),
+            scene: scene.to_owned(),
+            ..SkippedEntry::default()
+        });
+        results.provenance.skipped = skipped[..2].to_vec();
+        assert!(lines(&results).contains(&"q: the run of m is unfinished: 2 of 3 index entries".to_owned()));
+        results.provenance.skipped = skipped.to_vec();
+        assert!(results.gaps().iter().all(|gap| gap.kind == GapKind::Skipped), "{:?}", lines(&results));
+    }
+
+    /// Of three methods, one was run under the first protocol and one under the second; the third has no entry that it could use.
+    #[test]
+    fn methods_that_were_not_requested_under_a_protocol_are_not_gaps() {
+        let mut results = Results::default();
+        results.provenance.presets = ["p", "q"].map(preset).to_vec();
+        results.provenance.methods = ["m", "n", "o"].map(method).to_vec();
+        results.trials = ["a", "b", "c"].map(|scene| trial("m", scene)).to_vec();
+        let of_n = ["a", "b", "c"].map(|scene| {
+            let row = trial("n", scene);
+            TrialRow { key: TrialKey { preset: "q".to_owned(), ..row.key.clone() }, ..row }
+        });
+        results.trials.extend(of_n);
+        let skipped = ["a", "b", "c"].map(|scene| SkippedEntry {
+            preset: "q".to_owned(),
+            scene: scene.to_owned(),
+            methods: ["o".to_owned()].into(),
+            ..SkippedEntry::default()
+        });
+        results.provenance.skipped = skipped.to_vec();
+        assert!(results.gaps().iter().all(|gap| gap.kind == GapKind::Skipped), "{:?}", lines(&results));
+        // Without these reasons, the third was killed before its first row.
+        results.provenance.skipped.clear();
+        let expected = ["p", "q"].map(|preset| format!("{preset}: the run of o is unfinished: 0 of 3 index entries"));
+        assert_eq!(lines(&results), expected);
     }
 }

@@ -6,9 +6,9 @@
 //! elsewhere.
 
 pub mod budget;
-mod context;
 mod device;
 pub mod discovery;
+pub mod doubts;
 pub mod drift;
 mod error;
 pub mod expansion;
@@ -34,11 +34,11 @@ pub mod tradeoff;
 pub mod trained;
 pub mod weights_list;
 
-pub use context::network_views;
 pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
 pub use gaps::{Gap, GapKind};
+pub use reconstruct::network_views;
 pub use rows::difference::differences;
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow,

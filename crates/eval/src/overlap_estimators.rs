@@ -3,14 +3,14 @@
 use std::fmt;
 
 use atsplat_camera::{Camera, ImageSize};
-use atsplat_numeric::{SplitMix64, rank_correlation};
+use atsplat_numeric::{SplitMix64, mean, rank_correlation};
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
 use atsplat_protocol::{BinRule, OverlapBins, ProtocolError};
 use atsplat_rooms::{Geometry, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split};
 use serde::Serialize;
 
-/// The kinds are evaluated separately: results for indoor scenes need not hold outdoors.
+/// The kinds are evaluated separately: results for indoor scenes may not be true outdoors.
 pub const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
 /// Minimum distance of the two frames: neighbouring frames show nearly the same.
 const MIN_GAP: usize = 5;
@@ -175,9 +175,8 @@ impl SimulatedView {
 fn accuracy(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&EstimatedPair]) -> EstimatorAccuracy {
     let both = |pair: &&EstimatedPair| Some((pair.truth, pair.estimates.get(at).copied().flatten()?));
     let (truths, estimates): (Vec<f64>, Vec<f64>) = pairs.iter().filter_map(both).unzip();
-    let mean = |value: &dyn Fn(f64, f64) -> f64| {
-        let sum: f64 = truths.iter().zip(&estimates).map(|(truth, estimate)| value(*truth, *estimate)).sum();
-        (!truths.is_empty()).then(|| sum / truths.len() as f64)
+    let mean_of = |value: &dyn Fn(f64, f64) -> f64| {
+        mean(truths.iter().zip(&estimates).map(|(truth, estimate)| value(*truth, *estimate)))
     };
     let bins = OverlapBins::noposplat(BinRule::Strict);
     EstimatorAccuracy {
@@ -185,9 +184,9 @@ fn accuracy(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&Estim
         estimator,
         measured: truths.len(),
         rank_correlation: rank_correlation(&truths, &estimates),
-        bias: mean(&|truth, estimate| estimate - truth),
-        error: mean(&|truth, estimate| (estimate - truth).abs()),
-        same_bin: mean(&|truth, estimate| f64::from(bins.place(truth) == bins.place(estimate))),
+        bias: mean_of(&|truth, estimate| estimate - truth),
+        error: mean_of(&|truth, estimate| (estimate - truth).abs()),
+        same_bin: mean_of(&|truth, estimate| f64::from(bins.place(truth) == bins.place(estimate))),
     }
 }
 

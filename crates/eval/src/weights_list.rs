@@ -84,51 +84,16 @@ impl WeightsList {
         let whole = "[[weights]] entries with file, preset, table, variant";
         let list: ListToml = toml::from_str(text).map_err(|error| malformed_toml(WHAT, whole, text, &error))?;
         let mut entries: Vec<Entry> = Vec::new();
-        for (at, own) in list.weights.into_iter().enumerate() {
-            let wrong = |field: &str, expected: String, found: String| {
+        for (at, stated) in list.weights.into_iter().enumerate() {
+            let malformed = |WrongField { field, expected, found }: WrongField| {
                 Malformed::new(WHAT, format!("weights entry {}, {field}", at + 1), expected, format!("{found:?}"))
             };
-            if let Some(preset) = own.preset.as_ref().filter(|preset| Preset::named(preset).is_err()) {
-                let known = Preset::names().collect::<Vec<_>>().join(", ");
-                return Err(wrong("preset", format!("one of {known}"), preset.clone()));
-            }
-            let of_table = match &own.table {
-                None => None,
-                Some(table) => Some(tables.get(table).ok_or_else(|| {
-                    let known = tables.keys().cloned().collect::<Vec<_>>().join(", ");
-                    wrong("table", format!("one of {known}"), table.clone())
-                })?),
-            };
-            let presets: Option<BTreeSet<String>> = match (&own.preset, of_table) {
-                (None, None) => None,
-                (None, Some(table)) => Some(table.iter().cloned().collect()),
-                (Some(preset), None) => Some([preset.clone()].into()),
-                (Some(preset), Some(table)) => {
-                    let published = Preset::named(preset).ok().and_then(|own| own.stands_for);
-                    let fits = table.contains(preset) || published.is_some_and(|own| table.contains(&own));
-                    if !fits {
-                        return Err(wrong(
-                            "preset",
-                            format!("a protocol of the table: {}", table.join(", ")),
-                            preset.clone(),
-                        ));
-                    }
-                    Some([preset.clone()].into())
-                }
-            };
-            if let Some(variant) = own.variant.as_ref().filter(|variant| !is_plain(variant)) {
-                let expected = "lower-case letters, digits and hyphens".to_owned();
-                return Err(wrong("variant", expected, variant.clone()));
-            }
-            let is_embedded = own.file.to_str().is_some_and(|name| embedded.contains(&name));
-            let file = if is_embedded { own.file } else { folder.join(own.file) };
-            let conditions = u8::from(own.preset.is_some()) * 2 + u8::from(own.table.is_some());
-            let entry = Entry { file, presets, variant: own.variant, conditions };
-            let key = |of: &Entry| (of.presets.clone(), of.variant.clone(), of.conditions);
-            let same = |other: &Entry| key(other) == key(&entry);
-            if let Some(first) = entries.iter().position(same) {
+            let entry = Entry::of(stated, folder, tables, embedded).map_err(malformed)?;
+            let condition = |entry: &Entry| (entry.presets.clone(), entry.variant.clone(), entry.conditions);
+            if let Some(first) = entries.iter().position(|known| condition(known) == condition(&entry)) {
                 let expected = "one entry for each protocol and variant".to_owned();
-                return Err(wrong("file", expected, format!("the same as entry {}", first + 1)));
+                let found = format!("the same as entry {}", first + 1);
+                return Err(malformed(WrongField { field: "file", expected, found }));
             }
             entries.push(entry);
         }
@@ -144,7 +109,7 @@ impl WeightsList {
         self.best(preset, None)
     }
 
-    /// The variants with weights of their own under a protocol, in alphabetical order.
+    /// The variants with separate weights under a protocol, in alphabetical order.
     pub fn variants(&self, preset: &Preset) -> Vec<(&str, &Path)> {
         let names: BTreeSet<&str> = self.entries.iter().filter_map(|entry| entry.variant.as_deref()).collect();
         names.into_iter().filter_map(|name| Some((name, self.best(preset, Some(name))?))).collect()
@@ -152,11 +117,8 @@ impl WeightsList {
 
     fn best(&self, preset: &Preset, variant: Option<&str>) -> Option<&Path> {
         let names = [Some(&preset.name), preset.stands_for.as_ref()];
-        let fits = |entry: &&Entry| {
-            let presets = entry.presets.as_ref();
-            let own = presets.is_none_or(|presets| names.iter().flatten().any(|name| presets.contains(*name)));
-            own && entry.variant.as_deref() == variant
-        };
+        let is_listed = |presets: &BTreeSet<String>| names.iter().flatten().any(|name| presets.contains(*name));
+        let fits = |entry: &&Entry| entry.presets.as_ref().is_none_or(is_listed) && entry.variant.as_deref() == variant;
         let mut found: Option<&Entry> = None;
         for entry in self.entries.iter().filter(fits) {
             if found.is_none_or(|best| entry.conditions > best.conditions) {
@@ -165,6 +127,66 @@ impl WeightsList {
         }
         found.map(|entry| entry.file.as_path())
     }
+}
+
+/// A field of an entry with another value than expected.
+struct WrongField {
+    field: &'static str,
+    expected: String,
+    found: String,
+}
+
+impl Entry {
+    fn of(
+        stated: EntryToml,
+        folder: &Path,
+        tables: &BTreeMap<String, Vec<String>>,
+        embedded: &[&str],
+    ) -> Result<Self, WrongField> {
+        let presets = presets_of(&stated, tables)?;
+        let EntryToml { file, preset, table, variant } = stated;
+        if let Some(found) = variant.clone().filter(|variant| !is_plain(variant)) {
+            let expected = "lower-case letters, digits and hyphens".to_owned();
+            return Err(WrongField { field: "variant", expected, found });
+        }
+        let is_embedded = file.to_str().is_some_and(|name| embedded.contains(&name));
+        let file = if is_embedded { file } else { folder.join(file) };
+        let conditions = u8::from(preset.is_some()) * 2 + u8::from(table.is_some());
+        Ok(Self { file, presets, variant, conditions })
+    }
+}
+
+/// The protocols that an entry is for; `None` for all.
+fn presets_of(
+    EntryToml { preset, table, .. }: &EntryToml,
+    tables: &BTreeMap<String, Vec<String>>,
+) -> Result<Option<BTreeSet<String>>, WrongField> {
+    let wrong = |field, expected, found: &str| WrongField { field, expected, found: found.to_owned() };
+    if let Some(preset) = preset.as_ref().filter(|preset| Preset::named(preset).is_err()) {
+        let known = Preset::names().collect::<Vec<_>>().join(", ");
+        return Err(wrong("preset", format!("one of {known}"), preset));
+    }
+    let of_table = match table {
+        None => None,
+        Some(table) => Some(tables.get(table).ok_or_else(|| {
+            let known = tables.keys().cloned().collect::<Vec<_>>().join(", ");
+            wrong("table", format!("one of {known}"), table)
+        })?),
+    };
+    match (preset, of_table) {
+        (None, None) => Ok(None),
+        (None, Some(table)) => Ok(Some(table.iter().cloned().collect())),
+        (Some(preset), Some(table)) if !is_of_table(preset, table) => {
+            Err(wrong("preset", format!("a protocol of the table: {}", table.join(", ")), preset))
+        }
+        (Some(preset), _) => Ok(Some([preset.clone()].into())),
+    }
+}
+
+/// Whether a table has this protocol, or the one that it represents.
+fn is_of_table(preset: &str, table: &[String]) -> bool {
+    let published = Preset::named(preset).ok().and_then(|preset| preset.stands_for);
+    table.iter().any(|name| name == preset || Some(name) == published.as_ref())
 }
 
 fn is_plain(name: &str) -> bool {
@@ -202,7 +224,7 @@ mod tests {
             list.variants(&preset).iter().map(|(name, file)| format!("{name} {}", file.display())).collect::<Vec<_>>()
         };
         assert_eq!(variants("rooms-2v-128"), ["random runs/other", "unified runs/joint"]);
-        assert_eq!(variants("re10k-2v-256"), ["unified runs/joint"], "an entry of a stand-in is not for its protocol");
+        assert_eq!(variants("re10k-2v-256"), ["unified runs/joint"], "a stand-in's entry does not apply to it");
         assert_eq!(variants("acid-2v-256"), [""; 0]);
         let same_protocols =
             "[[weights]]\nfile = 'table'\ntable = 're10k'\n[[weights]]\nfile = 'preset'\npreset = 're10k-2v-256'\n";

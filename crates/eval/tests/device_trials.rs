@@ -1,5 +1,5 @@
-//! The trials on which `crates/model/tests/wgpu.rs` compares graphics adapters with the CPU: that crate lies below those that
-//! simulate scenes. `ATSPLAT_BLESS=1` writes them anew.
+//! The trials on which `crates/model/tests/wgpu.rs` compares graphics adapters with the CPU: that crate is below those that
+//! simulate scenes. `ATSPLAT_BLESS=1` writes them again.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -43,8 +43,8 @@ fn tensors(preset: &str) -> StoredTensors {
     };
     let poses = numbers(12, &|camera| camera.camera_from_world.to_rows().to_vec());
     let intrinsics = numbers(4, &|camera| {
-        let own = camera.intrinsics;
-        vec![own.fx, own.fy, own.cx, own.cy]
+        let k = camera.intrinsics;
+        vec![k.fx, k.fy, k.cx, k.cy]
     });
     let mut stored = StoredTensors::default();
     for (name, tensor) in [("images", images), ("camera-from-world", poses), ("intrinsics", intrinsics)] {

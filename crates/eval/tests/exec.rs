@@ -1,4 +1,4 @@
-//! Methods that run as processes of their own: shell scripts that answer with files made before.
+//! Methods that run as separate processes: shell scripts that answer with files made before.
 
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -337,7 +337,7 @@ fn a_process_is_started_again_after_each_crash() {
 }
 
 #[test]
-fn a_process_that_is_another_one_when_started_again_is_refused() {
+fn a_process_that_is_another_one_when_started_again_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let text = r#"n=$(($(cat starts 2>/dev/null) + 1)); echo $n > starts
@@ -425,7 +425,7 @@ fn a_timing_pass_records_wall_time_stages_and_the_processes_own_memory() {
 }
 
 #[test]
-fn what_does_not_start_as_a_method_is_refused_before_the_run() {
+fn what_does_not_start_as_a_method_is_rejected_before_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let refused = |command: &str| {

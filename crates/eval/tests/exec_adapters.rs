@@ -52,3 +52,18 @@ fn the_stated_seconds_are_those_of_the_encoder() {
     assert_eq!(lines[begin + 2], "seconds = now(device) - begin");
     assert_eq!(text.matches("now(device)").count(), 3, "its definition, before and after");
 }
+
+/// The encoder would take a lens's images as those of a pinhole.
+#[test]
+fn trials_with_lenses_are_not_applicable() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/methods/pixelsplat_family.py");
+    let text = fs::read_to_string(path).unwrap();
+    let lines = body(&text, "main");
+    let question = "if any(\"lens\" in view for view in trial[\"context\"]):";
+    let asked = lines.iter().position(|line| *line == question).unwrap();
+    let answered = lines[asked + 1];
+    assert!(answered.contains("not_applicable=") && answered.contains("`atsplat data undistort`"), "{answered}");
+    assert_eq!(lines[asked + 2], "continue");
+    let encoded = lines.iter().position(|line| line.contains("gaussians_of(encoder")).unwrap();
+    assert!(asked < encoded);
+}

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, Similarity};
 use atsplat_eval::method::{ChangedConstants, ConstantsChoice, GaussianFrame, Method, Ply, Splatting, TrialInput};
+use atsplat_eval::runner::Dataset;
 use atsplat_eval::tradeoff::RendererKnobs;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_pixels::Image;
@@ -20,7 +21,7 @@ use atsplat_splat::files::{self, Encoding, Output};
 use atsplat_splat::{
     GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, RendererConstants, View, sh_coefficients,
 };
-use common::{SIZE, Walls, entry, preset};
+use common::{Run, SIZE, Walls, dataset, entry, preset};
 use glam::{DMat3, DVec3};
 
 /// The walls in a world with other axes, so that the trial's world, whose axes are those of the mean camera, is turned.
@@ -112,7 +113,7 @@ fn named(preset: &str) -> RendererConstants {
     RendererConstants::named(preset).unwrap()
 }
 
-/// One Gaussian lies between a near plane in the dataset's unit and the same number in the trial's, another between the far
+/// One Gaussian is between a near plane in the dataset's unit and the same number in the trial's, another between the far
 /// planes.
 #[test]
 fn planes_of_constants_are_in_the_unit_of_the_dataset() {
@@ -186,6 +187,33 @@ fn harmonics_that_are_not_drawn_are_noted() {
     let (drawn, notes) = of(&gaussians.with_sh_degree(3), ConstantsChoice::FromPreset);
     assert_eq!(notes, [""; 0]);
     assert_eq!(limited, drawn);
+}
+
+/// A Gaussian at a depth of 0.05: the near cull of `DepthSplat` is at 0.2 · 0.5 in the dataset's unit, and ATSplat's at 0.2 · 0.01 in the
+/// trial's.
+#[test]
+fn files_are_drawn_under_the_setting_that_was_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    files::write(&folder.path().join("wall-0.ply"), &row(0, &[0.05]), Output::Ply(Encoding::Ascii)).unwrap();
+    let drawn = |name: &str, setting: Option<&str>| {
+        let ply = Ply::new(folder.path(), Some(name), GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+        let methods: Vec<Arc<dyn Method>> = vec![Arc::new(ply.with_setting(setting))];
+        let walls = dataset(Walls::new(1, 8), &[entry(&[0, 4], &[2])]);
+        let walls = Dataset { source: Arc::new(Turned(Walls::new(1, 8))), ..walls };
+        let store = tempfile::tempdir().unwrap();
+        let (results, _) = Run::new(vec![walls], methods).run(store.path()).unwrap();
+        let recorded = results.provenance.methods[0].parameters.get("setting").cloned();
+        let kinds = results.provenance.warnings.iter().map(|warning| warning.kind.clone());
+        let kinds: Vec<String> = kinds.filter(|kind| kind.contains("poses and planes")).collect();
+        (!results.trials[0].renders_nothing(), recorded, kinds)
+    };
+    assert_eq!(drawn("mine", None), (true, None, Vec::new()), "and a record as in older stores");
+    assert_eq!(drawn("mine", Some("depthsplat")), (false, Some("depthsplat".into()), Vec::new()));
+    // The preset lists other planes for its name, and nobody chose.
+    let (is_drawn, _, kinds) = drawn("DEPTHSPLAT", None);
+    assert!(is_drawn && kinds.len() == 1 && kinds[0].ends_with("for a method of their name: DEPTHSPLAT"), "{kinds:?}");
+    assert_eq!(drawn("DEPTHSPLAT", Some("ATSplat")), (true, Some("ATSplat".into()), Vec::new()));
+    assert_eq!(drawn("ATSplat", None).2, [""; 0], "the preset's poses and planes are those of ATSplat");
 }
 
 /// A store says in which unit the planes of its constants are.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::GapKind;
+use atsplat_eval::doubts::FLAT;
 use atsplat_eval::method::{
     AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
     constants_of,
@@ -147,7 +148,7 @@ fn renders_are_found_in_every_layout() {
         assert!(renders.clone().deterministic(true).record().deterministic);
         assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&image(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
-        assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");
+        assert!(second.contains("no file for frame 5"), "another entry of the scene has another folder: {second}");
         write(&folder.path().join("wall-0-1/color/5.png"), &png);
         assert!(trials[1].render(&renders, 0).is_ok());
     }
@@ -168,7 +169,7 @@ fn exr_takes_precedence_and_two_files_for_a_frame_are_an_error() {
     assert!(Renders::new(&folder.path().join("nowhere"), None).is_err());
 }
 
-/// Frames 5 and 7: one layout may hold both files, but not one frame in two places.
+/// Frames 5 and 7: one layout may contain both files, but not one frame in two places.
 #[test]
 fn a_frame_in_two_layouts_fails_alone() {
     let trial = test_trials(&[entry(&[0, 4], &[5, 7])]).remove(0);
@@ -198,7 +199,7 @@ fn a_frame_in_two_layouts_fails_alone() {
 }
 
 #[test]
-fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_beside_another() {
+fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_with_another() {
     let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
@@ -213,7 +214,7 @@ fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_beside_a
 }
 
 #[test]
-fn float_renders_in_another_range_or_of_other_channels_are_refused() {
+fn float_renders_in_another_range_or_of_other_channels_are_rejected() {
     let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
@@ -308,9 +309,9 @@ fn imported_gaussians_are_in_the_dataset_frame() {
     files::write(&path, &gaussians(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
     let imported = |frame| Ply::new(folder.path(), None, frame, false, Splatting::default()).unwrap();
     let seen = trial.render(&imported(GaussianFrame::Dataset), 0).unwrap();
-    let own = imported(GaussianFrame::Dataset);
+    let ply = imported(GaussianFrame::Dataset);
     assert!(
-        !own.record().deterministic && own.deterministic(true).record().deterministic,
+        !ply.record().deterministic && ply.deterministic(true).record().deterministic,
         "nobody can tell it from files"
     );
 
@@ -355,7 +356,7 @@ fn missing_and_malformed_gaussian_files_are_errors() {
     assert!(matches!(ply.predict(trial.input()).map(drop), Err(MethodError::Failed(_))));
 }
 
-/// `.spz` beside `.ply` holds the same Gaussians in less space; a file in another place may hold others.
+/// `.spz` next to `.ply` contains the same Gaussians in less space; a file in another place may contain others.
 #[test]
 fn two_files_of_a_scenes_gaussians_are_ambiguous() {
     let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
@@ -400,13 +401,13 @@ fn gaussians_that_draw_nothing_are_noted() {
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
     let run = Run::new(vec![dataset(Walls::new(3, 8), &[entry(&[0, 4], &[1, 2])])], vec![Arc::new(ply)]);
     let (results, summary) = run.run(&folder.path().join("store")).unwrap();
-    assert_eq!((summary.incomplete, summary.undrawn), (0, 2), "scored, but empty");
+    assert_eq!((summary.incomplete, summary.empty_renders), (0, 2), "scored, but empty");
     let gaps: Vec<_> = results.gaps().into_iter().map(|gap| (gap.kind, gap.count, gap.first)).collect();
-    assert_eq!(gaps, [(GapKind::Undrawn, 2, "scene wall-0, entry 0".to_owned())]);
+    assert_eq!(gaps, [(GapKind::EmptyRender, 2, "scene wall-0, entry 0".to_owned())]);
     let notes: Vec<String> = results.trials.iter().map(|trial| trial.notes.join("; ")).collect();
     assert_eq!(notes[0], "no Gaussian is left: 2 of 2 renders show the background");
     assert!(notes[1].starts_with("no Gaussian is drawn: 2 of 2 renders show the background; do "), "{}", notes[1]);
-    assert_eq!(notes[2], "");
+    assert_eq!(notes[2], format!("{FLAT}2 of 2 (wrong poses, scale or axes?)"), "a few Gaussians on black");
 }
 
 #[test]

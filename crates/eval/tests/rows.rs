@@ -103,7 +103,7 @@ impl Method for WithPosesOf {
     }
 }
 
-/// Methods with poses of their own read every scene again.
+/// Methods with other poses read every scene again.
 #[test]
 fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
     let store = tempfile::tempdir().unwrap();
@@ -123,7 +123,7 @@ fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
 
 /// NoPoSplat's settings are those of another preset. A misspelt name would mean the preset's own.
 #[test]
-fn a_setting_that_a_preset_lacks_is_refused_or_noted() {
+fn a_setting_that_a_preset_lacks_is_rejected_or_noted() {
     let run = |names: &[&'static str]| {
         let methods = names.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
         Run::new(vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6])])], methods.collect())
@@ -137,7 +137,7 @@ fn a_setting_that_a_preset_lacks_is_refused_or_noted() {
     let counted: Vec<_> = warnings.map(|warning| (warning.count, warning.example.as_str())).collect();
     assert_eq!(counted, [(1, "NoPoSplat names NoPoSplat")]);
     assert_eq!((summary.evaluated, results.gaps()), (6, Vec::new()));
-    // The rows stay when other methods run, and so does the warning; each method has its own.
+    // The rows stay when other methods run, and so does the warning; each method has another.
     let (again, _) = run(&["mvsplat"]).run(folder.path()).unwrap();
     assert_eq!(again.provenance.warnings, results.provenance.warnings);
     let (both, _) = run(&["YoNoSplat"]).run(folder.path()).unwrap();
@@ -297,7 +297,7 @@ fn scenes_whose_keys_differ_only_in_punctuation_have_separate_images() {
     };
     for row in results.targets.iter().filter(|row| row.frame == 1) {
         let scene = ["a/b", "a_b", "A_b", "a%2Fb"].iter().position(|key| *key == row.key.scene).unwrap();
-        assert_eq!(read(row), common::image(scene, 0), "{}: the nearest view is its own scene's", row.key.scene);
+        assert_eq!(read(row), common::image(scene, 0), "{}: the nearest view is of this scene", row.key.scene);
     }
 }
 
@@ -339,7 +339,7 @@ fn images_that_are_asked_for_later_are_added() {
 
 /// In object storage, after a writer was killed between two uploads.
 #[test]
-fn old_images_beside_new_rows_are_replaced() {
+fn old_images_next_to_new_rows_are_replaced() {
     let store = tempfile::tempdir().unwrap();
     let run = |replaced: &[(usize, usize)]| {
         let walls = Walls { replaced: replaced.to_vec(), ..Walls::new(2, 8) };

@@ -156,7 +156,7 @@ fn every_outcome_is_a_row() {
 
 /// One scene that the method does not support, and then one in which it fails.
 #[test]
-fn what_a_method_does_not_support_is_no_failure() {
+fn what_a_method_does_not_support_is_not_a_failure() {
     let run_on = |scenes| {
         let folder = tempfile::tempdir().unwrap();
         let run = settings(Walls::new(scenes, 8), vec![Arc::new(Faulty::default())]);

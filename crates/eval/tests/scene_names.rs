@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use atsplat_eval::method::{GaussianFrame, Method, NearestView, Ply, Renders, Splatting};
-use atsplat_eval::runner::KeepImages;
+use atsplat_eval::runner::{Dataset, KeepImages};
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_pixels::encode_png;
 use atsplat_splat::files::{Encoding, Output};
@@ -20,7 +20,7 @@ fn run_of(keys: &[&str], method: Arc<dyn Method>) -> Run {
     Run::new(vec![dataset(walls, &[entry(&[0, 4], &[5])])], vec![method])
 }
 
-/// Names that need escaping, beside a plain one.
+/// Names that need escaping, and a plain one.
 #[test]
 fn kept_images_of_any_scene_can_be_scored() {
     let folder = tempfile::tempdir().unwrap();
@@ -71,7 +71,7 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
     assert_eq!(score(&ROOMS[..1], &[("room-0", 0)]), alone, "where no scene has that name");
 }
 
-/// `room-0` is the first entry of `room`, and the scene `room-0` lies in `room-0-0`.
+/// `room-0` is the first entry of `room`, and the scene `room-0` is in `room-0-0`.
 #[test]
 fn kept_images_of_such_scenes_can_be_scored() {
     let root = tempfile::tempdir().unwrap();
@@ -115,4 +115,49 @@ fn gaussians_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
     assert!(first.starts_with("no Gaussians of scene room: expected room.ply or "), "{first}");
     assert!(first.ends_with("; room-0 is the scene of that name"), "{first}");
     assert_eq!(second, None);
+}
+
+/// None of the scenes that are looked for first has files.
+#[test]
+fn a_folder_with_one_of_many_scenes_is_accepted() {
+    let keys: Vec<String> = (0..200).map(|scene| format!("wall-{scene}")).collect();
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let files = || {
+        let run = run_of(&keys, Arc::new(Renders::new(folder.path(), Some("theirs")).unwrap()));
+        run.plan().find_imported_files().map(|found| found[0].to_string()).map_err(|error| error.to_string())
+    };
+    let none = files().unwrap_err();
+    assert!(none.contains("none of 200 scenes there; the folder contains nothing"), "{none}");
+    std::fs::create_dir(folder.path().join("wall-1")).unwrap();
+    std::fs::write(folder.path().join("wall-1/000005.png"), encode_png(&image(1, 5)).unwrap()).unwrap();
+    let one = files().unwrap();
+    assert!(one.ends_with(": SCENE/000029.png (1); 199 of 200 scenes are missing"), "{one}");
+}
+
+/// The images of one folder, scored under protocols of two and three views.
+#[test]
+fn files_that_serve_protocols_with_other_context_views_are_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    for scene in 0..2 {
+        let of_scene = folder.path().join(format!("renders/wall-{scene}"));
+        std::fs::create_dir_all(&of_scene).unwrap();
+        std::fs::write(of_scene.join("000005.png"), encode_png(&image(scene, 5)).unwrap()).unwrap();
+    }
+    let two = || dataset(Walls::new(2, 8), &[entry(&[0, 4], &[5])]);
+    let named = |name: &str, data: Dataset| Dataset { name: name.to_owned(), ..data };
+    let warnings = |store: &str, datasets: Vec<Dataset>| {
+        let renders: Arc<dyn Method> = Arc::new(Renders::new(&folder.path().join("renders"), Some("theirs")).unwrap());
+        let (results, _) = Run::new(datasets, vec![renders]).run(&folder.path().join(store)).unwrap();
+        let found = results.provenance.warnings.into_iter();
+        let found = found.filter(|warning| warning.kind.starts_with("scenes whose files serve "));
+        found.map(|warning| (warning.preset, warning.count, warning.example)).collect::<Vec<_>>()
+    };
+    let three = named("three", dataset(Walls::new(2, 8), &[entry(&[0, 2, 4], &[5])]));
+    let expected = [
+        ("three".to_owned(), 2, "wall-0, entry 0: frames 0, 2, 4, and 0, 4 under walls".to_owned()),
+        ("walls".to_owned(), 2, "wall-0, entry 0: frames 0, 4, and 0, 2, 4 under three".to_owned()),
+    ];
+    assert_eq!(warnings("both", vec![two(), three]), expected);
+    assert!(warnings("same", vec![two(), named("again", two())]).is_empty());
 }

@@ -94,7 +94,7 @@ fn a_trial_alone_has_the_rows_of_a_run() {
         let (trial, truth) = outcome.unwrap();
         for method in &run.methods {
             let (row, targets) = evaluate_trial(dataset, &run.suite, trial.clone(), &truth, method.as_ref()).unwrap();
-            let ran: Vec<_> = results.targets.iter().filter(|own| own.key == row.key).cloned().collect();
+            let ran: Vec<_> = results.targets.iter().filter(|target| target.key == row.key).cloned().collect();
             assert!(results.trials.contains(&row) && targets == ran, "{row:?}");
             seen += 1;
         }

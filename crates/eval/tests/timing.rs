@@ -11,10 +11,11 @@ use std::time::{Duration, Instant};
 
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Timed, TrialInput};
 use atsplat_eval::runner::{Dataset, KeepImages};
-use atsplat_eval::timing::{TimingPlan, times};
+use atsplat_eval::timing::{Load, TimingPlan, TimingRow, times};
 use atsplat_eval::{MethodRecord, Results, Store, TrialStatus};
 use atsplat_numeric::median;
 use atsplat_protocol::trial::Trial;
+use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 use common::{Run, Walls, dataset, entry, grey, record};
 use rayon::prelude::*;
 
@@ -97,8 +98,8 @@ fn keep_busy(stop: &AtomicBool) {
 #[test]
 fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let threads = rayon::current_num_threads();
-    let own = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let alone = own.install(|| median((0..9).map(|_| secs_of(encode)))).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let alone = pool.install(|| median((0..9).map(|_| secs_of(encode)))).unwrap();
     let image = median((0..9).map(|_| secs_of(|| std::thread::sleep(IMAGE)))).unwrap();
     let (stop, folders) = (AtomicBool::new(false), [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()]);
     let (shared, results) = std::thread::scope(|scope| {
@@ -260,6 +261,47 @@ fn undisturbed_times_are_not_measured_again() {
     assert_ne!(changed.timings[0].trial_hash, known[0].trial_hash);
 }
 
+/// Counts how often a scene is loaded.
+struct Counting(Walls, Arc<AtomicUsize>);
+
+impl SceneSource for Counting {
+    fn keys(&self) -> &[String] {
+        self.0.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        self.1.fetch_add(1, Ordering::Relaxed);
+        self.0.load(key, warnings)
+    }
+}
+
+/// All of four scenes are evaluated again to see whether their data changed; two are timed.
+#[test]
+fn trials_that_are_timed_are_not_prepared_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let loads = Arc::new(AtomicUsize::new(0));
+    let methods: [Arc<dyn Method>; 2] = [Arc::new(NearestView), Arc::new(Rejecting("rejecting"))];
+    let run = |timing| {
+        let mut datasets = walls(4);
+        datasets[0].source = Arc::new(Counting(Walls::new(4, 8), Arc::clone(&loads)));
+        let results = timed_run(folder.path(), datasets, &methods, timing);
+        (loads.swap(0, Ordering::Relaxed), results.timings.len())
+    };
+    let plan = Some(TimingPlan { trials: 2, warm_up: 0, repetitions: 1, ..TimingPlan::default() });
+    let (untimed, none) = run(None);
+    let (timed, rows) = run(plan);
+    assert!(timed > untimed && (none, rows) == (0, 3), "{untimed} and {timed} loads, {rows} rows");
+    // As on a machine without other work.
+    let store = Store::open(folder.path()).unwrap();
+    let quiet = store.timings().unwrap().into_iter().map(|row| TimingRow { load: Load::default(), ..row });
+    store.add_timings(quiet.collect()).unwrap();
+    drop(store);
+    assert_eq!(run(plan), (untimed, 3), "nothing is left");
+    let more = Some(TimingPlan { trials: 3, warm_up: 0, repetitions: 1, ..TimingPlan::default() });
+    let (loads, rows) = run(more);
+    assert!(loads > untimed && rows == 4, "{loads} loads, {rows} rows");
+}
+
 /// Renders what was made elsewhere: a file for each scene.
 #[derive(Debug)]
 struct Imported(PathBuf);
@@ -347,7 +389,7 @@ fn a_pass_on_a_busy_machine_is_marked() {
     assert!(found.busy && found.others.unwrap() > 0.5, "{:?}", found.others);
 }
 
-/// The sleeper, beside other work on every processor during one of its trials.
+/// The sleeper, with other work on every processor during one of its trials.
 #[derive(Debug, Default)]
 struct Disturbed(SleepingMethod);
 
@@ -379,7 +421,7 @@ fn a_burst_marks_the_trial_that_it_disturbs_alone() {
     let load = |scene: &str| results.timings.iter().find(|row| row.key.scene == scene).unwrap().load;
     let [before, burst, after] = ["wall-0", "wall-1", "wall-2"].map(load);
     assert!(burst.is_busy() && burst.others.unwrap() > 0.3, "{burst:?}");
-    // Other tests may run beside this one, but each row has a measurement of its own.
+    // Other tests may run at the same time, but the load is measured for each row.
     assert!(before != burst && after != burst, "{before:?} {after:?}");
 }
 

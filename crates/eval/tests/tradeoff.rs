@@ -149,9 +149,9 @@ fn settings_keep_the_training_of_their_weights() {
     let other = ModelWeights::new(base.config.clone(), provenance, &base.tensors).unwrap();
     other.write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!(
-        "[[settings]]\nlabel = 'own'\n\
+        "[[settings]]\nlabel = 'of the sweep'\n\
          [[settings]]\nlabel = 'other'\nknobs = {{ weights = '{path}' }}\n\
-         [[settings]]\nlabel = 'own, refined'\nknobs = {{ steps = 1 }}\n\
+         [[settings]]\nlabel = 'of the sweep, refined'\nknobs = {{ steps = 1 }}\n\
          [[settings]]\nlabel = 'other, refined'\nknobs = {{ weights = '{path}', steps = 1 }}\n",
         path = path.display()
     ));

@@ -115,8 +115,8 @@ impl AtomicFile {
     }
 }
 
-/// Removes the temporary files of [`AtomicFile`]s in a folder, but not in those below it, that processes left behind which were killed.
-/// Those of running processes are locked and stay, as do all on file systems without locks. Returns how many were removed.
+/// Removes the temporary files of [`AtomicFile`]s that killed processes left in a folder, but not in those below it. Files of
+/// running processes are locked and stay, as do all on file systems without locks. Returns how many were removed.
 ///
 /// # Errors
 /// I/O errors of listing the folder and of removing a file.

@@ -27,8 +27,8 @@ mod tests {
         // Absolute on the system that runs this test.
         let root = env::temp_dir();
         let of = |system: &str, set: &[&str]| {
-            let own = |name: &str| set.contains(&name).then(|| root.join(name).into_os_string());
-            folder(system, &own).map(|path| path.strip_prefix(&root).unwrap().to_owned())
+            let variable = |name: &str| set.contains(&name).then(|| root.join(name).into_os_string());
+            folder(system, &variable).map(|path| path.strip_prefix(&root).unwrap().to_owned())
         };
         let all = ["HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"];
         assert_eq!(of("linux", &all), Some("XDG_CACHE_HOME/atsplat".into()));

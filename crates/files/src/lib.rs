@@ -1,5 +1,5 @@
-//! Atomic file writes, locks of folders, SHA-256 digests, dates, changes of records, and the parts that errors about files
-//! share.
+//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, and the parts that
+//! errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -10,6 +10,7 @@ mod cache;
 mod changes;
 mod date;
 mod digest;
+mod embedded;
 mod error;
 mod lock;
 mod toml_error;
@@ -19,6 +20,7 @@ pub use cache::cache_folder;
 pub use changes::changes;
 pub use date::{date, unix_seconds};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
+pub use embedded::{Embedded, is_toml_path};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use toml_error::malformed_toml;

@@ -68,11 +68,11 @@ impl FolderLock {
     /// A file that a lock of the folder would replace, although no lock wrote it.
     pub fn would_replace(folder: &Path) -> Option<PathBuf> {
         let holder = folder.join(HOLDER);
-        let is_own = match fs::read(&holder) {
+        let is_of_lock = match fs::read(&holder) {
             Ok(bytes) => serde_json::from_slice::<Holder>(&bytes).is_ok(),
             Err(error) => error.kind() == io::ErrorKind::NotFound,
         };
-        (!is_own).then_some(holder)
+        (!is_of_lock).then_some(holder)
     }
 
     /// Removes what a lock left behind in a folder that nothing was written to; a lock that stays is locked again by the next writer.
@@ -134,7 +134,7 @@ impl FileLock {
 
 impl Drop for FileLock {
     fn drop(&mut self) {
-        // While it is locked: whoever has opened it meanwhile finds that it is gone. Elsewhere it stays behind.
+        // While it is locked: a process that has opened it meanwhile finds that it is gone. Elsewhere it stays behind.
         if cfg!(unix) {
             fs::remove_file(&self.path).ok();
         }
@@ -146,7 +146,7 @@ impl Drop for FileLock {
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     let place = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
-    file.metadata().map(place).ok().is_some_and(|own| fs::metadata(path).is_ok_and(|found| place(found) == own))
+    file.metadata().map(place).ok().is_some_and(|opened| fs::metadata(path).is_ok_and(|found| place(found) == opened))
 }
 
 #[cfg(not(unix))]
@@ -250,7 +250,7 @@ mod tests {
         assert_eq!(fs::read(&left).unwrap(), b"of the user");
     }
 
-    /// Whoever waits between opening and locking must not hold a file that is gone.
+    /// A process that waits between opening and locking must not lock a file that is gone.
     #[test]
     fn one_of_many_has_the_lock_of_a_file() {
         use std::sync::atomic::{AtomicBool, Ordering};

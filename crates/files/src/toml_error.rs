@@ -13,8 +13,7 @@ pub fn malformed_toml(what: &'static str, whole: &str, text: &str, error: &toml:
     Malformed::new(what, format!("line {line} column {column}"), expected, found)
 }
 
-/// Where a field stands that its table does not have. The parser reports only the table if an entry of it says which fields
-/// it has.
+/// The position of a field that its table does not define. The parser reports only the position of the table.
 fn unknown_field(message: &str, text: &str, table: usize) -> Option<usize> {
     let (name, _) = message.strip_prefix("unknown field `")?.split_once('`')?;
     let text = text.get(table..)?;

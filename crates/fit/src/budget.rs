@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use atsplat_files::InvalidText;
 use atsplat_splat::Gaussians;
 
-use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingView};
+use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingViews};
 
 /// How long an optimisation runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +62,7 @@ impl Budget {
     pub fn plan(
         self,
         config: &FitConfig,
-        views: &[TrainingView],
+        views: &TrainingViews,
         start: &Gaussians,
         device: &FitDevice,
     ) -> Result<(u64, Option<Deadline>), FitError> {
@@ -79,7 +79,7 @@ impl Budget {
         let begin = Instant::now();
         // Long enough that no schedule begins.
         let config = FitConfig { steps: 30_000, ..config.clone() };
-        let mut trial = Fit::new(config, views.to_vec(), start)?.on(device.clone());
+        let mut trial = Fit::new(config, views.clone(), start)?.on(device.clone());
         // Not timed: the first step allocates, and compiles the kernels of an adapter.
         trial.step()?;
         let trial_begin = Instant::now();
@@ -131,7 +131,7 @@ impl Pace {
         }
         self.planned = (step, elapsed);
         let more = whole_steps(left.as_secs_f64() * done as f64 / spent.as_secs_f64());
-        // After a standstill, the pace says that there is no time for anything.
+        // After a pause, the pace would leave no time for any step.
         let least = u64::from(left >= self.shortest);
         Some(step.saturating_add(more.max(least)))
     }
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn parses_steps_and_seconds() {
         assert_eq!(("3000".parse(), "0.5s".parse()), (Ok(Budget::Steps(3000)), Ok(Budget::Seconds(0.5))));
-        assert_eq!([Budget::Steps(3000), Budget::Seconds(0.5)].map(|own| own.to_string()), ["3000", "0.5s"]);
+        assert_eq!([Budget::Steps(3000), Budget::Seconds(0.5)].map(|budget| budget.to_string()), ["3000", "0.5s"]);
         for broken in ["", "0", "-1s", "0s", "infs", "NaNs", "ten", "1.5"] {
             assert!(broken.parse::<Budget>().is_err(), "{broken:?}");
         }

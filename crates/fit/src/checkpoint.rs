@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::corrections::Corrections;
 use crate::history::HistoryFacts;
-use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView};
+use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView, TrainingViews};
 
 const METADATA: &str = "atsplat.fit";
 /// The limit on the header of a safetensors file, in bytes.
@@ -39,6 +39,9 @@ struct Metadata {
     /// Steps of this epoch in which no Gaussian was drawn; earlier versions did not write it.
     #[serde(default)]
     empty_steps: u64,
+    /// Whether one optimiser moved the corrections of all views; in earlier versions, which did not write it, each view had its own.
+    #[serde(default)]
+    joint_corrections: bool,
     /// The time so far; earlier versions did not write it.
     #[serde(default)]
     elapsed: Option<Elapsed>,
@@ -100,6 +103,7 @@ impl Fit {
             empty_steps: self.empty_steps,
             memory: density.iter().map(|(name, _)| (*name).to_owned()).collect(),
             history: self.history.facts(),
+            joint_corrections: true,
             elapsed: Some(self.elapsed()),
             tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
         };
@@ -122,21 +126,16 @@ impl Fit {
     /// [`FitError::Io`].
     pub fn resume(
         config: FitConfig,
-        views: Vec<TrainingView>,
+        views: impl Into<TrainingViews>,
         held_out: &[TrainingView],
         start: &Gaussians,
         device: FitDevice,
         path: &Path,
     ) -> Result<Self, FitError> {
+        let views: TrainingViews = views.into();
         let wrong = |field: &str, expected: &str, found: String| wrong(path, field, expected, found);
         let bytes = std::fs::read(path).map_err(FileError::during::<FitError>("reading a checkpoint", path))?;
-        let malformed = |error: &dyn std::fmt::Display| wrong("file", "a checkpoint", error.to_string());
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| malformed(&error))?;
-        let stored = SafeTensors::deserialize(&bytes).map_err(|error| malformed(&error))?;
-        let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
-        let text = text.ok_or_else(|| wrong(METADATA, "metadata", "none".to_owned()))?;
-        let metadata: Metadata = serde_json::from_str(text)
-            .map_err(|error| wrong(METADATA, "metadata as this version writes it", error.to_string()))?;
+        let (metadata, stored) = parsed(&bytes, path)?;
         if metadata.run != run_hash(&config, &views) {
             return Err(other_run(metadata.configuration.as_ref(), &config, path));
         }
@@ -147,25 +146,18 @@ impl Fit {
         if metadata.start != fit.start {
             return Err(wrong("initial Gaussians", "those that this run starts from", "others".to_owned()));
         }
-        let own: Vec<&str> = fit.density.state().into_iter().map(|(name, _)| name).collect();
-        if metadata.memory != own {
-            return Err(wrong("memory", &format!("{own:?}"), format!("{:?}", metadata.memory)));
+        let expected: Vec<&str> = fit.density.state().into_iter().map(|(name, _)| name).collect();
+        if metadata.memory != expected {
+            return Err(wrong("memory", &format!("{expected:?}"), format!("{:?}", metadata.memory)));
         }
+        // In the order in which they were written, which their hash depends on.
         let mut tensors = Tensors { stored, path, read: Vec::new() };
-        let mut scene = OptimisedGaussians::default();
-        for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
-            parts.sh_degree = metadata.sh_degree;
-            let mut named = |name: &str| tensors.singles(&format!("{part}/{name}"));
-            parts.means = rows(&named("means")?);
-            parts.quaternions = rows(&named("quaternions")?);
-            parts.log_scales = rows(&named("log-scales")?);
-            parts.opacity_logits = named("opacity-logits")?;
-            parts.sh = rows(&named("sh")?);
+        let scene = tensors.scene(metadata.sh_degree, metadata.filtered)?;
+        let corrections = tensors.corrections()?;
+        if !metadata.joint_corrections && !corrections.values.is_empty() {
+            let expected = "cameras and exposures of one optimiser for all views; start the run anew";
+            return Err(wrong("corrections", expected, "those of an earlier version, one for each view".to_owned()));
         }
-        scene.parts.filter_3d = metadata.filtered.then(|| tensors.singles("filter-3d")).transpose()?;
-        let mut corrections = Corrections::default();
-        let [values, first, second] = fit.corrections.arrays().map(|(name, _)| tensors.singles(name));
-        (corrections.values, corrections.first, corrections.second) = (rows(&values?), rows(&first?), rows(&second?));
         let density = metadata.memory.iter().map(|name| tensors.singles(&format!("memory/{name}")));
         let density: Vec<Vec<f32>> = density.collect::<Result<_, _>>()?;
         let [losses, scores, training] = History::ARRAYS.map(|name| tensors.doubles(name));
@@ -192,6 +184,18 @@ impl Fit {
         fit.density.restore_state(density);
         Ok(fit)
     }
+}
+
+/// The metadata and the tensors of a checkpoint.
+fn parsed<'a>(bytes: &'a [u8], path: &Path) -> Result<(Metadata, SafeTensors<'a>), FitError> {
+    let malformed = |error: &dyn std::fmt::Display| wrong(path, "file", "a checkpoint", error.to_string());
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| malformed(&error))?;
+    let stored = SafeTensors::deserialize(bytes).map_err(|error| malformed(&error))?;
+    let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+    let text = text.ok_or_else(|| wrong(path, METADATA, "metadata", "none".to_owned()))?;
+    let metadata = serde_json::from_str(text)
+        .map_err(|error| wrong(path, METADATA, "metadata as this version writes it", error.to_string()))?;
+    Ok((metadata, stored))
 }
 
 fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
@@ -225,6 +229,27 @@ impl<'a> Tensors<'a> {
         let found = found.ok_or_else(|| wrong(self.path, name, &format!("a tensor of {dtype}"), "none".to_owned()))?;
         self.read.push(found.data());
         Ok(found.data())
+    }
+
+    fn scene(&mut self, sh_degree: u8, is_filtered: bool) -> Result<OptimisedGaussians, FitError> {
+        let mut scene = OptimisedGaussians::default();
+        for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
+            parts.sh_degree = sh_degree;
+            let mut named = |name: &str| self.singles(&format!("{part}/{name}"));
+            parts.means = rows(&named("means")?);
+            parts.quaternions = rows(&named("quaternions")?);
+            parts.log_scales = rows(&named("log-scales")?);
+            parts.opacity_logits = named("opacity-logits")?;
+            parts.sh = rows(&named("sh")?);
+        }
+        scene.parts.filter_3d = is_filtered.then(|| self.singles("filter-3d")).transpose()?;
+        Ok(scene)
+    }
+
+    fn corrections(&mut self) -> Result<Corrections, FitError> {
+        let names = Corrections::default().arrays().map(|(name, _)| name);
+        let [values, first, second] = names.map(|name| self.singles(name));
+        Ok(Corrections { values: rows(&values?), first: rows(&first?), second: rows(&second?) })
     }
 
     fn singles(&mut self, name: &str) -> Result<Vec<f32>, FitError> {

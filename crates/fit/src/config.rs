@@ -106,16 +106,17 @@ pub struct FitConfig {
     /// [`crate::density::Adaptive::absolute`].
     pub absolute_gradients: bool,
     /// Initial learning rate of each view's camera, in radians, and in extents for its position; it falls to a hundredth. `None`
-    /// leaves the cameras as they are.
+    /// leaves the cameras as they are. One Adam moves all views in every step, as gsplat does, which begins with 1e-5.
     pub pose_rate: Option<f64>,
-    /// As `pose_rate`, for each view's exposure.
+    /// As `pose_rate`, for each view's exposure; graphdeco begins with 0.01.
     pub exposure_rate: Option<f64>,
     /// The scene's extent in the unit of length of the views; `None` is 3DGS' radius of the cameras, or half the
     /// median depth of the initial Gaussians if that is more.
     pub extent: Option<f64>,
     /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].
     pub max_gaussians: usize,
-    /// Limit on the bytes of parameters, gradients, images and the CPU's renderer; that of a graphics adapter has its own.
+    /// Limit on the bytes of parameters, gradients, images ([`crate::TrainingViews`]) and the CPU's renderer; the
+    /// renderer of a graphics adapter has another limit.
     pub memory_limit: u64,
     /// Thresholds of the renderer, near and far in the unit of length of the views; Mip-Splatting replaces the blur by 0.1 square
     /// pixels.

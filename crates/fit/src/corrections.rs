@@ -18,7 +18,8 @@ const NONE: [f32; VALUES] = [
 /// Rates fall to this share by the end of a run.
 const LAST_SHARE: f64 = 0.01;
 const BETAS: [f64; 2] = [0.9, 0.999];
-const EPSILON: f64 = 1e-15;
+/// PyTorch's default, which the published code keeps for cameras and exposures.
+const EPSILON: f64 = 1e-8;
 
 /// Corrections of all views with Adam's moments; empty if nothing but the Gaussians is optimised.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -55,7 +56,7 @@ impl Corrections {
         ]
     }
 
-    /// A view with its own motion.
+    /// A view moved by its motion.
     ///
     /// # Errors
     /// [`FitError::Camera`] for a motion that is not finite.
@@ -78,7 +79,8 @@ impl Corrections {
         Some(Exposure { matrix: [row(7), row(10), row(13)], offset: row(16) })
     }
 
-    /// A step of Adam for the view of this step; each view has one in every epoch.
+    /// A step of one Adam for the corrections of all views, as in the published code: the other views have gradients of zero in this
+    /// step, so their moments decay, and they move on.
     pub(crate) fn update(
         &mut self,
         number: usize,
@@ -86,40 +88,55 @@ impl Corrections {
         config: &FitConfig,
         (step, extent): (u64, f64),
     ) {
-        let epochs = i32::try_from((step - 1) / self.values.len().max(1) as u64 + 1).unwrap_or(i32::MAX);
-        let (Some(values), Some(first), Some(second)) =
-            (self.values.get_mut(number), self.first.get_mut(number), self.second.get_mut(number))
-        else {
-            return;
-        };
+        let power = i32::try_from(step).unwrap_or(i32::MAX);
+        let [bias, root] = BETAS.map(|beta| 1.0 - beta.powi(power));
         let share = LAST_SHARE.powf(step as f64 / config.steps as f64);
         let [pose, exposure] = [config.pose_rate, config.exposure_rate].map(|rate| rate.unwrap_or(0.0) * share);
-        let d_exposure = slopes.exposure.iter().flat_map(|own| own.matrix.into_iter().flatten().chain(own.offset));
-        let gradients = slopes.pose.into_iter().map(f64::from).chain(d_exposure);
-        let mut moves = [0.0; GRADIENTS];
-        for (at, (gradient, (mean, square))) in gradients.zip(first.iter_mut().zip(second)).enumerate() {
-            *mean = narrowed(BETAS[0] * f64::from(*mean) + (1.0 - BETAS[0]) * gradient);
-            *square = narrowed(BETAS[1] * f64::from(*square) + (1.0 - BETAS[1]) * gradient * gradient);
-            let [bias, root] = BETAS.map(|beta| 1.0 - beta.powi(epochs));
-            let rate = if at < 3 {
-                pose
-            } else if at < 6 {
-                pose * extent
-            } else {
-                exposure
-            };
-            moves[at] = -rate * (f64::from(*mean) / bias) / ((f64::from(*square) / root).sqrt() + EPSILON);
+        let rates: [f64; GRADIENTS] = std::array::from_fn(|at| match at {
+            0..3 => pose,
+            3..6 => pose * extent,
+            _ => exposure,
+        });
+        let of_view = slopes.array();
+        let moments = self.first.iter_mut().zip(&mut self.second);
+        for (view, (values, (first, second))) in self.values.iter_mut().zip(moments).enumerate() {
+            let gradients = if view == number { of_view } else { [0.0; GRADIENTS] };
+            let mut moves = [0.0; GRADIENTS];
+            let each = gradients.into_iter().zip(first.iter_mut().zip(second)).zip(rates);
+            for (change, ((gradient, (mean, square)), rate)) in moves.iter_mut().zip(each) {
+                *mean = narrowed(BETAS[0] * f64::from(*mean) + (1.0 - BETAS[0]) * gradient);
+                *square = narrowed(BETAS[1] * f64::from(*square) + (1.0 - BETAS[1]) * gradient * gradient);
+                *change = -rate * (f64::from(*mean) / bias) / ((f64::from(*square) / root).sqrt() + EPSILON);
+            }
+            apply(values, &moves);
         }
-        let [rx, ry, rz, dx, dy, dz, ..] = moves;
-        let [w, x, y, z, tx, ty, tz, ..] = values.map(f64::from);
-        let turn = DQuat::from_scaled_axis(DVec3::new(rx, ry, rz));
-        let rotation = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
-        let translation = turn * DVec3::new(tx, ty, tz) + DVec3::new(dx, dy, dz);
-        let motion = [rotation.w, rotation.x, rotation.y, rotation.z].into_iter().chain(translation.to_array());
-        values.iter_mut().zip(motion).for_each(|(slot, value)| *slot = narrowed(value));
-        for (slot, change) in values.iter_mut().skip(7).zip(&moves[6..]) {
-            *slot = narrowed(f64::from(*slot) + change);
-        }
+    }
+}
+
+impl CorrectionGradients {
+    /// In the order of the moments; zeros for an exposure that is not optimised.
+    fn array(&self) -> [f64; GRADIENTS] {
+        let exposure =
+            self.exposure.iter().flat_map(|exposure| exposure.matrix.into_iter().flatten().chain(exposure.offset));
+        let mut all = [0.0; GRADIENTS];
+        all.iter_mut()
+            .zip(self.pose.into_iter().map(f64::from).chain(exposure))
+            .for_each(|(slot, slope)| *slot = slope);
+        all
+    }
+}
+
+/// Turns and shifts the motion of a view, and adds to its exposure.
+fn apply(values: &mut [f32; VALUES], moves: &[f64; GRADIENTS]) {
+    let [rx, ry, rz, dx, dy, dz, ..] = *moves;
+    let [w, x, y, z, tx, ty, tz, ..] = values.map(f64::from);
+    let turn = DQuat::from_scaled_axis(DVec3::new(rx, ry, rz));
+    let rotation = (turn * DQuat::from_xyzw(x, y, z, w)).normalize();
+    let translation = turn * DVec3::new(tx, ty, tz) + DVec3::new(dx, dy, dz);
+    let motion = [rotation.w, rotation.x, rotation.y, rotation.z].into_iter().chain(translation.to_array());
+    values.iter_mut().zip(motion).for_each(|(slot, value)| *slot = narrowed(value));
+    for (slot, change) in values.iter_mut().skip(7).zip(&moves[6..]) {
+        *slot = narrowed(f64::from(*slot) + change);
     }
 }
 
@@ -134,43 +151,72 @@ mod tests {
     /// Values are f32.
     const F32: Tolerance = Tolerance { absolute: 1e-6, relative: 1e-6 };
 
-    /// A slope of 2 and then of −1 moves by the learning rate, and then by this share of it: the mean of the slopes is
-    /// (0.09 · 2 − 0.1) / 0.19 = 0.421, that of their squares (0.000999 · 4 + 0.001) / 0.001999 = 2.499.
-    const SECOND: f64 = 0.266_337_04;
+    /// What one Adam moves in steps 1 to 3, in shares of the learning rate, computed apart from this code: gradients of 3 in the first
+    /// and the third step, of 2 and then −1 in the same steps, and of 4 in the second step alone.
+    const TURNS: [f64; 3] = [1.0, 0.670_058_25, 0.818_002_96];
+    const SHIFTS: [f64; 3] = [1.0, 0.670_058_25, 0.177_267_20];
+    const OTHERS: [f64; 3] = [0.0, 0.744_136_82, 0.575_219_92];
+
+    /// An exposure whose red adds this much green, and whose blue has an offset of as much.
+    fn exposure_of(value: f64) -> Exposure {
+        let mut exposure = Exposure { matrix: [[0.0; 3]; 3], offset: [0.0, 0.0, value] };
+        exposure.matrix[0][1] = value;
+        exposure
+    }
 
     #[test]
-    fn each_view_takes_its_own_steps_of_adam() {
+    fn all_views_move_in_every_step_of_one_adam() {
         let config =
             FitConfig { pose_rate: Some(0.1), exposure_rate: Some(0.2), ..FitConfig::new(Strategy::Fixed, 100) };
         let mut corrections = Corrections::new(&config, 2);
-        // Slopes of the rotation about z, of x, of the red that green adds, and of the offset of blue.
-        for (step, slope) in [(2, 2.0), (3, -1.0)] {
-            let mut exposure = Exposure { matrix: [[0.0; 3]; 3], offset: [0.0, 0.0, slope] };
-            exposure.matrix[0][1] = slope;
-            #[expect(clippy::cast_possible_truncation, reason = "1 or 2")]
-            let slopes =
-                CorrectionGradients { pose: [0.0, 0.0, 3.0, slope as f32, 0.0, 0.0], exposure: Some(exposure) };
-            corrections.update(1, &slopes, &config, (step, 5.0));
+        // Slopes of the rotation about z, of x, and of the exposure.
+        for (step, view, turn, slope) in [(1, 1, 3.0, 2.0), (2, 0, 0.0, 4.0), (3, 1, 3.0, -1.0)] {
+            #[expect(clippy::cast_possible_truncation, reason = "1, 2 or 4")]
+            let pose = [0.0, 0.0, turn, if view == 1 { slope as f32 } else { 0.0 }, 0.0, 0.0];
+            let slopes = CorrectionGradients { pose, exposure: Some(exposure_of(slope)) };
+            corrections.update(view, &slopes, &config, (step, 5.0));
         }
         // Rates fall to a hundredth in a hundred steps.
-        let [first, second] = [0.01_f64.powf(0.02), 0.01_f64.powf(0.03)];
-        let moved = first + SECOND * second;
+        let shares = [0.01_f64, 0.02, 0.03].map(|done| 0.01_f64.powf(done));
+        let moved = |each: [f64; 3]| each.into_iter().zip(shares).map(|(moved, share)| moved * share).sum::<f64>();
 
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
         let view = View { camera, size: ImageSize { width: 2, height: 1 } };
         let pose = corrections.view(1, &view).unwrap().camera.camera_from_world;
-        let rotation = DMat3::from_rotation_z(-0.1 * (first + second));
+        let rotation = DMat3::from_rotation_z(-0.1 * moved(TURNS));
         F32.assert(pose.rotation().to_cols_array(), rotation.to_cols_array(), "rotation");
-        // The second rotation turns the first translation. An extent is 5.
-        let turn = -0.1 * second;
-        let x = -0.5 * (first * turn.cos() + SECOND * second);
-        F32.assert(pose.translation().to_array(), [x, -0.5 * first * turn.sin(), 0.0], "translation");
+        // Every rotation turns the translation so far. An extent is 5.
+        let mut translation = DVec3::ZERO;
+        for ((turn, shift), share) in TURNS.into_iter().zip(SHIFTS).zip(shares) {
+            translation = DMat3::from_rotation_z(-0.1 * share * turn) * translation - DVec3::X * (0.5 * share * shift);
+        }
+        F32.assert(pose.translation().to_array(), translation.to_array(), "translation");
 
-        let exposure = corrections.exposure(1).unwrap();
-        let rows = [1.0, -0.2 * moved, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-        F32.assert(exposure.matrix.into_iter().flatten(), rows, "matrix of the exposure");
-        F32.assert(exposure.offset, [0.0, 0.0, -0.2 * moved], "offset of the exposure");
-        Tolerance::EXACT.assert(corrections.values[0].map(f64::from), NONE.map(f64::from), "the other view");
+        for (view, moves) in [(0, OTHERS), (1, SHIFTS)] {
+            let (exposure, change) = (corrections.exposure(view).unwrap(), -0.2 * moved(moves));
+            let rows = [1.0, change, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+            F32.assert(exposure.matrix.into_iter().flatten(), rows, "matrix of the exposure");
+            F32.assert(exposure.offset, [0.0, 0.0, change], "offset of the exposure");
+        }
+        let motion = |values: &[f32; VALUES]| values.map(f64::from).into_iter().take(7);
+        Tolerance::EXACT.assert(motion(&corrections.values[0]), motion(&NONE), "motion of the other view");
+    }
+
+    /// Each view has ten steps of its own; with moments that rest between them, exposures would end at 0.02.
+    #[test]
+    fn exposures_of_many_views_are_found() {
+        const VIEWS: usize = 300;
+        let config = FitConfig { exposure_rate: Some(0.01), ..FitConfig::new(Strategy::Fixed, 3000) };
+        let mut corrections = Corrections::new(&config, VIEWS);
+        for (step, view) in (1..=config.steps).zip((0..VIEWS).cycle()) {
+            let mut slopes = exposure_of(0.0);
+            slopes.offset[2] = (corrections.exposure(view).unwrap().offset[2] - 0.2).signum();
+            let slopes = CorrectionGradients { pose: [0.0; 6], exposure: Some(slopes) };
+            corrections.update(view, &slopes, &config, (step, 1.0));
+        }
+        let offsets = (0..VIEWS).map(|view| corrections.exposure(view).unwrap().offset[2]);
+        let mean = offsets.sum::<f64>() / VIEWS as f64;
+        Tolerance::absolute(0.01).assert([mean], [0.2], "the offset of all views");
     }
 }

@@ -50,7 +50,7 @@ impl fmt::Debug for FitDevice {
 
 /// Renders and differentiates on a device.
 #[derive(Debug)]
-pub(crate) struct Splatter {
+pub(crate) struct StepRenderer {
     pub(crate) cpu: CpuRenderer,
     pub(crate) device: FitDevice,
 }
@@ -83,7 +83,7 @@ impl Default for Derivative {
 /// The loss of an image and the gradient of its exposure.
 type Evaluated = (Terms, Option<Exposure>);
 
-impl Splatter {
+impl StepRenderer {
     pub(crate) fn render(
         &mut self,
         gaussians: &Gaussians,

@@ -1,12 +1,38 @@
 //! What happened in a run so far.
 
+use atsplat_numeric::mean;
 use serde::{Deserialize, Serialize};
 
+use crate::Evaluation;
 use crate::density::Changes;
 use crate::loss::Terms;
-use crate::{Evaluation, StepRecord};
+use crate::score::psnr;
 
-/// What happened in a run so far. Checkpoints hold it, so that the record of a resumed run is that of an uninterrupted one.
+/// One step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepRecord {
+    /// Counted from 1.
+    pub step: u64,
+    /// Position of the training view.
+    pub view: usize,
+    /// Terms of the loss.
+    pub terms: Terms,
+    /// Sum of the strategy's regularisers, which the total of the terms does not include.
+    pub regularisers: f64,
+    /// Gaussians after the step.
+    pub gaussians: usize,
+    /// What density control changed.
+    pub changes: Changes,
+}
+
+impl StepRecord {
+    /// PSNR of the training image, in dB; infinite for an exact one.
+    pub fn psnr(&self) -> f64 {
+        psnr(self.terms.mse)
+    }
+}
+
+/// What happened in a run so far. Checkpoints contain it, so that the record of a resumed run is that of an uninterrupted one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// The loss of each step.
@@ -41,8 +67,7 @@ impl History {
 
     /// Mean PSNR of the last step on each training view, in dB; `None` before the first step.
     pub fn training_psnr(&self) -> Option<f64> {
-        let known: Vec<f64> = self.training.iter().flatten().copied().collect();
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        mean(self.training.iter().flatten().copied())
     }
 
     pub(crate) fn add_step(&mut self, record: &StepRecord) {
@@ -62,14 +87,14 @@ impl History {
     }
 
     pub(crate) fn facts(&self) -> HistoryFacts {
-        let evaluations = self.evaluations.iter().map(|own| (own.step, own.gaussians)).collect();
+        let evaluations = self.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.gaussians)).collect();
         HistoryFacts { changes: self.changes, held_out: self.held_out.clone(), evaluations }
     }
 
     /// Arrays of a checkpoint: four numbers for each step, two for each evaluation, one for each training view.
     pub(crate) fn arrays(&self) -> [Vec<f64>; 3] {
         let losses = self.losses.iter().flat_map(|Terms { l1, d_ssim, mse, total }| [*l1, *d_ssim, *mse, *total]);
-        let scores = self.evaluations.iter().flat_map(|own| [own.psnr, own.ssim]);
+        let scores = self.evaluations.iter().flat_map(|evaluation| [evaluation.psnr, evaluation.ssim]);
         // The PSNR of a step is never NaN, because its loss is finite.
         let training = self.training.iter().map(|psnr| psnr.unwrap_or(f64::NAN));
         [losses.collect(), scores.collect(), training.collect()]
@@ -102,7 +127,7 @@ impl History {
 
     /// Whether all evaluations so far are of the views with this hash.
     pub(crate) fn is_of(&self, held_out: &str) -> bool {
-        self.held_out.as_deref().is_none_or(|own| own == held_out)
+        self.held_out.as_deref().is_none_or(|known| known == held_out)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Optimises Gaussians for one scene by gradient descent on its posed images: 3DGS' adaptive density control (Kerbl et
 //! al. 2023), Mip-Splatting (Yu et al. 2024), MCMC (Kheradmand et al. 2024), and refinement of given Gaussians.
 //!
-//! A [`Fit`] holds the scene and takes one step at a time. A step depends on the configuration and the step number alone,
+//! A [`Fit`] has the scene and takes one step at a time. A step depends on the configuration and the step number alone,
 //! so a run that resumes from a [checkpoint](Fit::checkpoint) ends bit for bit like an uninterrupted one, on any number of
 //! threads, and with the same [history](History).
 //!
@@ -21,7 +21,6 @@ mod config;
 mod corrections;
 pub mod density;
 mod device;
-mod elapsed;
 mod error;
 pub mod filter_3d;
 mod fit;
@@ -34,18 +33,19 @@ mod record;
 mod schedule;
 mod score;
 pub mod start;
+mod time;
 mod view;
 
 pub use adam::Adam;
 pub use budget::{Budget, Deadline};
 pub use config::{Background, FitConfig, Rates, Strategy};
 pub use device::FitDevice;
-pub use elapsed::Elapsed;
 pub use error::{Diagnosis, Fault, FitError};
-pub use fit::{Fit, Score, StepRecord};
-pub use history::History;
+pub use fit::Fit;
+pub use history::{History, StepRecord};
 pub use optimised_gaussians::OptimisedGaussians;
 pub use record::{Correction, FitInputs, FitRecord, FitReport};
 pub use schedule::Schedule;
-pub use score::{Evaluation, ScaleEvaluation, nearest_view_psnr};
-pub use view::{TrainingView, camera_extent};
+pub use score::{Evaluation, ScaleEvaluation, Score, nearest_view_psnr};
+pub use time::Elapsed;
+pub use view::{TrainingView, TrainingViews, camera_extent};

@@ -1,6 +1,6 @@
 use atsplat_numeric::{SPLIT_MIX_STEP, SplitMix64, split_mix};
 
-/// What random numbers are for; each purpose has its own stream.
+/// What random numbers are for; each purpose has a stream.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Purpose {
     Order,

@@ -156,7 +156,10 @@ mod tests {
         let schedule = Schedule::of(3000);
         let last = |step: u64| schedule.last_reset(Strategy::MipSplatting, false, step);
         assert_eq!([0, 299, 300, 599, 600, 3000].map(last), [None, None, Some(300), Some(300), Some(600), Some(1200)]);
-        assert_eq!([Strategy::Mcmc, Strategy::Fixed].map(|own| schedule.last_reset(own, true, 3000)), [None; 2]);
+        assert_eq!(
+            [Strategy::Mcmc, Strategy::Fixed].map(|strategy| schedule.last_reset(strategy, true, 3000)),
+            [None; 2]
+        );
         let white = [false, true].map(|white| Schedule::of(30_000).last_reset(Strategy::Gaussians3d, white, 600));
         assert_eq!(white, [None, Some(500)]);
     }

@@ -1,10 +1,33 @@
-//! How well a scene matches views that it was not optimised on.
+//! How well renders of a scene match images.
 
+use atsplat_numeric::mean;
 use serde::Serialize;
 
 use crate::checkpoint::views_hash;
-use crate::fit::psnr;
-use crate::{Fit, FitError, Score, TrainingView};
+use crate::loss::PhotometricLoss;
+use crate::{Fit, FitError, TrainingView};
+
+/// How well an image matches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Score {
+    /// PSNR of colours clamped to [0, 1], not rounded to 8 bits; in dB.
+    pub psnr: f64,
+    /// SSIM as the loss computes it.
+    pub ssim: f64,
+}
+
+impl Score {
+    /// Compares an image with that of a view of its size.
+    pub(crate) fn of(rgb: &[[f32; 3]], view: &TrainingView, loss: &mut PhotometricLoss) -> Self {
+        let terms = loss.evaluate(rgb, &view.rgb, view.view.size, 1.0, &mut Vec::new());
+        Self { psnr: psnr(terms.mse), ssim: 1.0 - terms.d_ssim }
+    }
+}
+
+/// In dB, of values in [0, 1].
+pub(crate) fn psnr(mse: f64) -> f64 {
+    -10.0 * mse.log10()
+}
 
 /// Mean scores of held-out views after some steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -37,6 +60,16 @@ pub struct ScaleEvaluation {
 }
 
 impl Fit {
+    /// Compares the render of a view with its image.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn score(&mut self, view: &TrainingView) -> Result<Score, FitError> {
+        view.check()?;
+        let rendering = self.render(&view.view)?;
+        Ok(Score::of(&rendering.rgb, view, &mut self.loss))
+    }
+
     /// Compares with the held-out views, always the same ones, and adds the scores to the [history](Self::history). `None` if there
     /// are no views, or if they were compared after this step already.
     ///
@@ -90,8 +123,7 @@ pub fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -
         let same = nearest.view.size == view.view.size;
         same.then(|| psnr(squared / (3.0 * view.rgb.len() as f64)))
     };
-    let all = held_out.iter().map(of_nearest).collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty())?;
-    Some(all.iter().sum::<f64>() / all.len() as f64)
+    mean(held_out.iter().map(of_nearest).collect::<Option<Vec<f64>>>()?)
 }
 
 #[cfg(test)]

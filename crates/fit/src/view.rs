@@ -1,3 +1,6 @@
+use std::ops::Deref;
+use std::sync::Arc;
+
 use atsplat_numeric::{Extremes as _, median};
 use atsplat_splat::View;
 use glam::DVec3;
@@ -16,7 +19,53 @@ pub struct TrainingView {
     pub rgb: Vec<[f32; 3]>,
 }
 
+/// The images that an optimisation trains on. Clones share them, so that they are in memory once.
+#[derive(Clone, Debug, Default)]
+pub struct TrainingViews {
+    views: Arc<[TrainingView]>,
+    /// Bytes of other images.
+    others: u64,
+}
+
+impl TrainingViews {
+    /// The same views, while this many bytes of other images are in memory too, such as those of held-out views:
+    /// [`crate::FitConfig::memory_limit`] covers all of them together.
+    #[must_use]
+    pub fn with_other_images(self, others: u64) -> Self {
+        Self { others, ..self }
+    }
+
+    /// Bytes of the other images.
+    pub(crate) const fn others(&self) -> u64 {
+        self.others
+    }
+
+    /// Bytes of all images.
+    pub(crate) fn image_bytes(&self) -> u64 {
+        self.iter().map(TrainingView::bytes).fold(self.others, u64::saturating_add)
+    }
+}
+
+impl From<Vec<TrainingView>> for TrainingViews {
+    fn from(views: Vec<TrainingView>) -> Self {
+        Self { views: views.into(), others: 0 }
+    }
+}
+
+impl Deref for TrainingViews {
+    type Target = [TrainingView];
+
+    fn deref(&self) -> &[TrainingView] {
+        &self.views
+    }
+}
+
 impl TrainingView {
+    /// Bytes of the image.
+    pub fn bytes(&self) -> u64 {
+        (self.view.pixels() as u64).saturating_mul(size_of::<[f32; 3]>() as u64)
+    }
+
     /// # Errors
     /// [`FitError::View`] for another number of pixels than the view's, or values that are not finite.
     pub(crate) fn check(&self) -> Result<(), FitError> {

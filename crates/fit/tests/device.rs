@@ -17,7 +17,7 @@ use common::{held_out, run, views};
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
 
-/// The splatter's own tests run its self-test.
+/// The tests of atsplat-splat run its self-test.
 struct Trusting;
 
 impl SelfTestObserver for Trusting {
@@ -28,7 +28,7 @@ impl SelfTestObserver for Trusting {
 
 type Shared = Arc<Mutex<Box<dyn atsplat_splat::Renderer>>>;
 
-/// A renderer of its own; `None` if there is no adapter and none is required.
+/// A separate renderer; `None` if there is no adapter and none is required.
 fn open() -> Option<(Shared, FitDevice)> {
     match GpuRenderer::observed(&AdapterChoice::Automatic, GpuOptions::default(), &Trusting) {
         Ok(renderer) => {
@@ -166,12 +166,12 @@ fn a_checkpoint_of_another_device_is_refused() {
     let path = folder.path().join("checkpoint");
     let config = config(Strategy::Fixed, 3);
     let cpu = FitDevice::default();
-    for (own, other) in [(&cpu, &device), (&device, &cpu)] {
-        fit(&config, own).checkpoint(&path).unwrap();
+    for (written, other) in [(&cpu, &device), (&device, &cpu)] {
+        fit(&config, written).checkpoint(&path).unwrap();
         let begin = start(config.strategy);
         let refused = Fit::resume(config.clone(), views().0, &[], &begin, other.clone(), &path);
         let refused = refused.unwrap_err().to_string();
-        let expected = format!("checkpoint: device: expected {}, found {} (", other.name(), own.name());
+        let expected = format!("checkpoint: device: expected {}, found {} (", other.name(), written.name());
         assert!(refused.starts_with(&expected), "{refused}");
     }
     assert_eq!(cpu.name(), "cpu");

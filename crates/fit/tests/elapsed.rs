@@ -33,7 +33,7 @@ fn a_resumed_run_goes_on_counting_its_time() {
     replace(r#"\"since-step\":0"#, r#"\"since-step\":6"#);
     let error = resumed().unwrap_err().to_string();
     assert!(error.starts_with("checkpoint: elapsed: expected the time of a run"), "{error}");
-    // As before checkpoints held a time.
+    // As before checkpoints had a time.
     replace(r#"\"elapsed\":"#, r#"\"elapsee\":"#);
     assert_eq!(resumed().unwrap().since_step, 5);
 }

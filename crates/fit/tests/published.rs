@@ -32,7 +32,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "the fixtures hold f32 values")]
+#[expect(clippy::cast_possible_truncation, reason = "the fixtures have f32 values")]
 fn rows<const N: usize>(value: &Value) -> Vec<[f32; N]> {
     numbers(value).as_chunks::<N>().0.iter().map(|row| row.map(|value| value as f32)).collect()
 }

@@ -1,4 +1,4 @@
-"""Numbers that Python and Rust make alike from a seed (`src/learned/tests.rs`): SplitMix64's finaliser of a place."""
+"""Numbers that Python and Rust both make from a seed (`src/learned/tests.rs`): SplitMix64's finaliser of a place."""
 
 from pathlib import Path
 

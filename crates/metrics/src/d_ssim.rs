@@ -4,6 +4,10 @@
 //! Computed in f32. SSIM's variances do not change when a constant is subtracted from the images, so that values relative
 //! to mid-grey keep more of their digits. Rows are computed in parallel, each in a fixed order, and nothing is fused: the bits
 //! depend neither on the number of threads nor on the instruction set.
+//!
+//! Renders may be far brighter than white. There, rounding exceeds the variances: they would become negative, and the divisor of
+//! SSIM with them. So variances and covariances are kept within what they can be. Derivatives stay those of the unrestricted
+//! values: what neighbouring pixels contribute nearly cancels, and with 0 at some of them it would not.
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
@@ -17,6 +21,10 @@ const RADIUS: usize = TAPS / 2;
 const CHANNELS: usize = 3;
 const C1: f32 = 0.01 * 0.01;
 const C2: f32 = 0.03 * 0.03;
+
+/// Several times what rounding adds to a variance or covariance of images in [0, 1], whose values therefore stay as they are; a
+/// thousandth of [`C2`].
+const ROUNDING: f32 = 1e-6;
 
 /// What is subtracted from the images.
 const GREY: f32 = 0.5;
@@ -214,7 +222,8 @@ impl Scratch {
             // All terms are arranged so that equal images have a loss and a gradient of exactly 0.
             let (mx, my) = (x + GREY, y + GREY);
             let (a1, b1) = (2.0 * mx * my + C1, mx * mx + my * my + C1);
-            let (a2, b2) = (2.0 * (product - x * y) + C2, square - (x * x + y * y) + C2);
+            let (covariance, variance) = restricted(2.0 * (product - x * y), square - (x * x + y * y));
+            let (a2, b2) = (covariance + C2, variance + C2);
             let (over, similarity) = (1.0 / (b1 * b2), a1 * a2 / (b1 * b2));
             *value = 1.0 - similarity;
             let (by_variance, by_covariance) = (similarity * b1 * over, a1 * over);
@@ -250,6 +259,16 @@ impl Scratch {
             *slot = mean + (2.0 * (x - GREY) * square + (y - GREY) * product);
         }
     }
+}
+
+/// Twice a covariance, and the sum of the two variances, within what they can be but for [`ROUNDING`]: the sum is not negative,
+/// and bounds the other. Equal values stay equal, and NaN stays NaN.
+#[inline(always)]
+fn restricted(covariance: f32, variance: f32) -> (f32, f32) {
+    let variance = if variance < -ROUNDING { -ROUNDING } else { variance };
+    let most = variance + 2.0 * ROUNDING;
+    let covariance = if covariance > most { most } else { covariance };
+    (if covariance < -most { -most } else { covariance }, variance)
 }
 
 /// Blurs a row, given with [`RADIUS`] pixels at each end.
@@ -305,7 +324,7 @@ const fn narrowed(value: f64) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_numeric::Tolerance;
+    use atsplat_numeric::{Extremes as _, Tolerance};
     use atsplat_pixels::Image;
 
     use super::*;
@@ -369,6 +388,55 @@ mod tests {
             let slope = (total(at, step) - total(at, -step)) / (2.0 * f64::from(step));
             close.assert([f64::from(gradient[at])], [slope], &format!("value {at}"));
         }
+    }
+
+    /// One row of the gradient has its largest value.
+    #[test]
+    fn far_brighter_than_white_it_still_agrees_with_the_metric_in_f64() {
+        const ROW: usize = 10;
+        let row = SIZE[0] * CHANNELS;
+        let render: Vec<f32> = (0..row * SIZE[1]).map(|at| 80.0 + 1e-4 * (at / CHANNELS % SIZE[0]) as f32).collect();
+        let truth: Vec<f32> = (0..render.len()).map(|at| 0.6 + 0.1 * (at % CHANNELS) as f32).collect();
+        let (mut loss, mut gradient) = (DSsim::default(), Vec::new());
+        let mean = loss.evaluate(&render, &truth, SIZE, &mut gradient) / render.len() as f64;
+
+        let (bright, truth) = (image(&render), image(&truth));
+        let pair = Pair::new(&bright, &truth).unwrap();
+        let exact = ssim(&pair, Values::AsRendered, Ssim::INRIA).unwrap();
+        Tolerance::absolute(3e-3).assert([1.0 - mean], [exact], "SSIM");
+        let map = ssim_map(&pair, Values::AsRendered, Ssim::INRIA).unwrap();
+        let found =
+            loss.values().as_chunks::<3>().0.iter().map(|rgb| 1.0 - rgb.map(f64::from).iter().sum::<f64>() / 3.0);
+        Tolerance::absolute(0.02).assert(found, map.iter().copied(), "map");
+
+        let total = |at: usize, change: f32| {
+            let mut render = render.clone();
+            render[at] += change;
+            let render = image(&render);
+            let pair = Pair::new(&render, &truth).unwrap();
+            -ssim(&pair, Values::AsRendered, Ssim::INRIA).unwrap() * gradient.len() as f64
+        };
+        let step = 1.0 / 1024.0;
+        let slope = |at: usize| (total(at, step) - total(at, -step)) / (2.0 * f64::from(step));
+        let larger = |most: f64, value: f64| most.maximum_of(value.abs());
+        let expected = (ROW * row..(ROW + 1) * row).map(slope).fold(0.0, larger);
+        let found = gradient.iter().copied().map(f64::from).fold(0.0, larger);
+        assert!((0.5 * expected..2.0 * expected).contains(&found), "largest gradient: {found:e} for {expected:e}");
+    }
+
+    #[test]
+    fn only_what_no_images_have_is_restricted() {
+        let bits = |(a, b): (f32, f32)| [a.to_bits(), b.to_bits()];
+        // Covariance and variance, also such as rounding makes of images in [0, 1].
+        for possible in [(0.0, 0.0), (0.3, 0.4), (-0.4, 0.4), (1.2e-6, -3e-7), (-7e-7, -3e-7), (-1e-6, -1e-6)] {
+            assert_eq!(bits(restricted(possible.0, possible.1)), bits(possible), "{possible:?}");
+        }
+        // Equal images, whose loss is 0.
+        assert_eq!(bits(restricted(-0.3, -0.3)), bits((-ROUNDING, -ROUNDING)));
+        let most = 0.1 + 2.0 * ROUNDING;
+        assert_eq!(bits(restricted(0.2, 0.1)), bits((most, 0.1)));
+        assert_eq!(bits(restricted(-0.3, 0.1)), bits((-most, 0.1)));
+        assert!(restricted(f32::NAN, 0.1).0.is_nan() && restricted(0.1, f32::NAN).1.is_nan(), "NaN is not hidden");
     }
 
     #[test]

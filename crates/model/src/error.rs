@@ -24,7 +24,7 @@ pub enum ModelError {
     /// A configuration, key map, weights file or input is malformed.
     #[error(transparent)]
     Malformed(#[from] Malformed),
-    /// Images, poses or outputs of the network hold NaN or infinite values.
+    /// Images, poses or outputs of the network contain NaN or infinite values.
     #[error("{location}: expected finite values, found {count} that are NaN or infinite")]
     NonFinite {
         /// Which image, camera or stage.

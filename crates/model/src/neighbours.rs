@@ -29,7 +29,7 @@ impl Neighbours {
 /// The `count` nearest points of every point, including itself; ties go to the lower index.
 ///
 /// Distances are sums of squares in f64 of f32 coordinates: differences of f32 are exact in f64, and every machine orders
-/// them alike. A k-d tree makes the search O(N log N); coincident points do not slow it down.
+/// them in the same way. A k-d tree makes the search O(N log N); coincident points do not slow it down.
 ///
 /// # Errors
 /// [`ModelError::Malformed`] if a coordinate is not finite, or there are more than 2³² points.
@@ -108,13 +108,13 @@ impl Tree {
         let middle = range.len() / 2;
         let (_, &mut (point, _), _) =
             range.select_nth_unstable_by(middle, |(a, i), (b, j)| a[axis].total_cmp(&b[axis]).then(i.cmp(j)));
-        let own = self.splits.len();
+        let number = self.splits.len();
         self.splits.push(Split { axis, at: point[axis], left_splits: 0, lowest: [0; 2] });
         let (left, right) = range.split_at_mut(middle);
         let lowest_left = self.divide(left);
-        let left_splits = self.splits.len() - own - 1;
+        let left_splits = self.splits.len() - number - 1;
         let lowest = [lowest_left, self.divide(right)];
-        let split = &mut self.splits[own];
+        let split = &mut self.splits[number];
         (split.left_splits, split.lowest) = (left_splits, lowest);
         lowest[0].min(lowest[1])
     }

@@ -265,14 +265,14 @@ fn of_scenes(at_once: bool, count: usize, views: &[Vec<View>], device: &Device) 
         vec![gaussians.render_all(views, &options, Some(scalars.clone())).unwrap()]
     } else {
         let one = |(scene, views): (usize, &Vec<View>)| {
-            let own = scalars.clone().slice_dim(0, scene..scene + 1).squeeze_dim::<1>(0);
-            gaussians.render(scene, views, &options, Some(own)).unwrap()
+            let of_scene = scalars.clone().slice_dim(0, scene..scene + 1).squeeze_dim::<1>(0);
+            gaussians.render(scene, views, &options, Some(of_scene)).unwrap()
         };
         views.iter().enumerate().map(one).collect()
     };
-    let rgb = Tensor::cat(rendered.iter().map(|own| own.rgb.clone()).collect(), 0);
+    let rgb = Tensor::cat(rendered.iter().map(|images| images.rgb.clone()).collect(), 0);
     let channel = |of: fn(&RenderedTensors) -> Tensor<3>| Tensor::cat(rendered.iter().map(of).collect(), 0);
-    let extra = channel(|own| own.depth.clone().unwrap()) * 0.1 + channel(|own| own.scalar.clone().unwrap());
+    let extra = channel(|it| it.depth.clone().unwrap()) * 0.1 + channel(|it| it.scalar.clone().unwrap());
     let count = rgb.shape().num_elements();
     let weights: Vec<f32> = (0..count).map(|at| (at as f32 * 0.37).sin()).collect();
     let weights = Tensor::<4>::from_data(TensorData::new(weights, rgb.dims()), device);
@@ -378,11 +378,11 @@ impl Trial {
 
     /// Gaussians, those drawn, and the PSNR of the target.
     fn evaluated(&self, network: &Network, renderer: &mut dyn Renderer) -> (Reconstruction, u64, f64) {
-        let made = network.reconstruct(&self.context, 0).unwrap();
-        let rendering = renderer.render(&made.gaussians, &self.target, &RenderOptions::default()).unwrap();
+        let found = network.reconstruct(&self.context, 0).unwrap();
+        let rendering = renderer.render(&found.gaussians, &self.target, &RenderOptions::default()).unwrap();
         let errors = rendering.rgb.as_flattened().iter().zip(&self.truth);
         let squares: f64 = errors.map(|(ours, truth)| f64::from(ours.clamp(0.0, 1.0) - truth).powi(2)).sum();
-        (made, rendering.counts.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
+        (found, rendering.counts.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
     }
 }
 
@@ -459,7 +459,7 @@ fn another_adapter_than_the_opened_one_is_refused_and_an_unknown_number_lists_th
     }
 }
 
-/// Steps of gradient descent as a training run takes them: each step has a network of the new weights, whose forks have their own
+/// Steps of gradient descent as a training run takes them: each step has a network of the new weights, whose forks have separate
 /// graphs, and starts the backward pass from a gradient that the host computed.
 #[test]
 fn a_few_training_steps_on_wgpu_follow_the_cpu() {

@@ -1,8 +1,8 @@
 //! Fused transformer operations and layers for burn, faster than burn's composed operations.
 //!
-//! [`ops`] holds the operations: linear with bias, erf-GELU, layer norm and RMS norm (of rows, or of heads inside packed
+//! [`ops`] has the operations: linear with bias, erf-GELU, layer norm and RMS norm (of rows, or of heads inside packed
 //! tensors), tiled attention on packed queries, keys and values, gathering of rows and maxima over gathered rows. [`layers`]
-//! holds modules built from them.
+//! has modules built from them.
 //!
 //! On burn's CPU backend, f32 uses kernels with a hand-written backward pass: matrix products by the `gemm` crate, everything
 //! else vectorised with `pulp`. Other devices and element types use one generic implementation of the same forward and

@@ -1,8 +1,9 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
-//! NaN where the standard library's `max` and `min` ignore it, [`median`] and [`quantile`], and the random number
-//! generator [`SplitMix64`].
+//! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`] and [`quantile`], the random number
+//! generator [`SplitMix64`], and numbers with their unit or noun in messages.
 
 mod bytes;
+mod count;
 mod extremes;
 mod order;
 mod random;
@@ -10,8 +11,9 @@ mod rank;
 mod tolerance;
 
 pub use bytes::format_bytes;
+pub use count::{counted, noun};
 pub use extremes::Extremes;
-pub use order::{median, quantile};
+pub use order::{mean, median, quantile};
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix};
 pub use rank::rank_correlation;
 pub use tolerance::{Mismatch, Tolerance};

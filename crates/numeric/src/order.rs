@@ -1,3 +1,9 @@
+/// The arithmetic mean; NaN if any value is NaN. `None` without values.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.into_iter().fold((0.0, 0u64), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
 /// The median as in `numpy.median`: the mean of the two middle values for an even count, NaN if any value is NaN. `None`
 /// without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
@@ -26,6 +32,13 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn means_of_none_and_several() {
+        assert_eq!(mean([]), None);
+        assert_eq!(mean([1.0, 2.0, 6.0]), Some(3.0));
+        assert!(mean([1.0, f64::NAN]).is_some_and(f64::is_nan));
+    }
 
     #[test]
     fn medians_of_odd_and_even_counts() {

@@ -1,10 +1,10 @@
 //! The folder of copies. It may be removed whenever nothing reads it.
 //!
-//! | path | holds |
+//! | path | content |
 //! |---|---|
 //! | `blobs/<xx>/<hash>` | the content of an object, by its URL, size and tag: one that changes gets another file |
 //! | `trees/<hash>/<name>/…` | what one list showed below a URL: links to blobs, and empty files for what was not fetched |
-//! | `stores/` | results that a process writes at present |
+//! | `stores/` | results that a process is writing |
 
 use std::fs;
 use std::io;
@@ -24,7 +24,7 @@ impl Cache {
     /// The cache in a folder; by default `atsplat/objects` in the user's folder for caches.
     pub(crate) fn new(folder: Option<&Path>) -> Result<Self, ObjectError> {
         let folder =
-            folder.map(Path::to_owned).or_else(|| atsplat_files::cache_folder().map(|own| own.join("objects")));
+            folder.map(Path::to_owned).or_else(|| atsplat_files::cache_folder().map(|caches| caches.join("objects")));
         let none =
             || io::Error::new(io::ErrorKind::NotFound, "expected --cache DIR or the variable HOME, found neither");
         let folder =

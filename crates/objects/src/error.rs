@@ -18,7 +18,7 @@ pub enum ObjectError {
     /// A URL or its configuration is invalid.
     #[error("{url}: expected s3://BUCKET/FOLDER, gs://BUCKET/FOLDER or az://CONTAINER/FOLDER: {detail}")]
     Invalid { url: String, detail: String },
-    /// There is no object.
+    /// No object has this URL, or a URL below it.
     #[error("{url}: expected an object or a folder of objects, found none")]
     NotFound { url: String },
     /// Credentials are missing, wrong, or do not suffice.

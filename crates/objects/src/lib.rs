@@ -1,13 +1,13 @@
 //! Datasets and results stores in object storage (`s3://`, `gs://`, `az://`), through copies on this disk.
 //!
-//! Everything else reads files. So a [`Mirror`] shows what lies below a URL as a folder in which every file has its name, and
-//! fetches contents when they are needed; a [`StoreCopy`] is a results store that is written here and sent there.
+//! All other crates read files. So a [`Mirror`] shows the objects below a URL as a folder of files, and fetches contents when
+//! they are needed; a [`StoreCopy`] is a results store that is written here and sent there.
 //!
-//! Connections are opened by a program of its own, `atsplat-objects`, which is built from this crate with the feature
-//! `object-storage`: to the URL that it is given, with the credentials and endpoints of its environment, as the crate
-//! `object_store` reads them. Whoever does not install it has no code for networks, and the features that networks need of
-//! other crates do not compile everything else anew. The library starts the program when it is given a URL, and both exchange
-//! lines of JSON (`storage/mod.rs`).
+//! A separate program, `atsplat-objects`, opens the connections: to the URL that it is given, with the credentials and
+//! endpoints of its environment, as the crate `object_store` reads them. It is built from this crate with the feature
+//! `object-storage`. Without it, no code for networks is installed, and other crates are not compiled again with the features
+//! that networks need. The library starts the program when it is given a URL, and both exchange lines of JSON
+//! (`storage/mod.rs`).
 
 mod cache;
 mod error;

@@ -1,4 +1,4 @@
-//! What lies below a URL, as files whose contents are fetched when they are needed.
+//! The objects below a URL, as files whose contents are fetched when they are needed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -16,7 +16,7 @@ use crate::store_files::{self, file_name};
 /// A file or folder of object storage as one list showed it.
 ///
 /// Every object is a file from the start, empty until [`Self::fetch`] has brought its content. An object whose size or tag has
-/// changed since the list is an error, and a later mirror fetches it anew; contents that did not change are fetched once.
+/// changed since the list is an error, and a later mirror fetches it again; contents that did not change are fetched once.
 #[derive(Debug)]
 pub struct Mirror {
     storage: Box<dyn Storage>,
@@ -36,7 +36,7 @@ struct State {
 }
 
 impl Mirror {
-    /// Lists what lies below a URL. Copies are kept in `cache`, by default in the user's folder for caches.
+    /// Lists the objects below a URL. Copies are kept in `cache`, by default in the user's folder for caches.
     ///
     /// # Errors
     /// [`ObjectError::NotInstalled`], [`ObjectError::Invalid`]; [`ObjectError::NotFound`] if there is nothing,
@@ -129,7 +129,7 @@ impl Mirror {
         self.lock().failed.clone()
     }
 
-    /// Fetches the contents of files, and of all that lies in folders; other paths are ignored. Callable from any thread: what
+    /// Fetches the contents of files, and of all files in folders; other paths are ignored. Callable from any thread: what
     /// another one is fetching is waited for.
     ///
     /// # Errors
@@ -143,28 +143,42 @@ impl Mirror {
                 below(&self.objects, &name).map(|object| (object.name.as_str(), object)).collect::<Vec<_>>()
             })
             .collect();
-        let own: Vec<&Object> = {
-            let mut state = self.lock();
-            state.check()?;
-            let new = |name: &str| !state.complete.contains(name) && !state.under_way.contains(name);
-            let own: Vec<&Object> = wanted.values().filter(|object| new(&object.name)).copied().collect();
-            state.under_way.extend(own.iter().map(|object| object.name.clone()));
-            own
-        };
+        let claimed = self.claim(&wanted)?;
+        self.download(&claimed);
+        self.wait_for(&wanted)
+    }
+
+    /// Those of the wanted objects that no thread has fetched or is fetching; they are then under way.
+    fn claim<'a>(&self, wanted: &BTreeMap<&str, &'a Object>) -> Result<Vec<&'a Object>, ObjectError> {
+        let mut state = self.lock();
+        state.check()?;
+        let is_new = |name: &str| !state.complete.contains(name) && !state.under_way.contains(name);
+        let claimed: Vec<&Object> = wanted.values().copied().filter(|object| is_new(&object.name)).collect();
+        state.under_way.extend(claimed.iter().map(|object| object.name.clone()));
+        Ok(claimed)
+    }
+
+    /// Downloads claimed objects. An error is kept in the state.
+    fn download(&self, claimed: &[&Object]) {
         let download =
             |object: &&Object| Download { object: (*object).clone(), file: self.cache.blob(self.url(), object) };
-        let outcome = match own.iter().map(download).collect::<Vec<_>>() {
+        let outcome = match claimed.iter().map(download).collect::<Vec<_>>() {
             downloads if downloads.is_empty() => Ok(()),
             downloads => self.storage.download(downloads, &|name, _version| self.place(name)),
         };
         let mut state = self.lock();
-        for object in &own {
+        for object in claimed {
             state.under_way.remove(&object.name);
         }
         if let Err(error) = outcome {
             state.failed.get_or_insert(error);
         }
         self.settled.notify_all();
+    }
+
+    /// Waits until all wanted objects are complete, whichever thread fetches them.
+    fn wait_for(&self, wanted: &BTreeMap<&str, &Object>) -> Result<(), ObjectError> {
+        let mut state = self.lock();
         while let Some(missing) = wanted.keys().find(|name| !state.complete.contains(**name)) {
             state.check()?;
             if !state.under_way.contains(*missing) {

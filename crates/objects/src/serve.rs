@@ -9,7 +9,7 @@ use crate::ObjectError;
 use crate::storage::connected::Connected;
 use crate::storage::{Answer, Call, Content, Request, Storage, Version};
 
-/// Answers the requests of `input` until it ends, each on a thread of its own. A URL that cannot be used is the answer to all.
+/// Answers the requests of `input` until it ends, each on a separate thread. The error of a URL that cannot be used is the answer to all.
 ///
 /// # Errors
 /// [`ObjectError::Io`] for a line that is not a request, and for an input that cannot be read.

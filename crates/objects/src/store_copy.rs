@@ -2,7 +2,7 @@
 //!
 //! A process may be killed between any two requests. What it leaves can be read, or at least resumed:
 //!
-//! | while | object storage holds |
+//! | while | object storage contains |
 //! |---|---|
 //! | rows are added | the old tables or the new ones: those in `update/` count from when both are there until one is removed |
 //! | rows without a score are removed, for others to take their place | the same, and the old records until the rows are gone |
@@ -91,7 +91,7 @@ impl StoreCopy {
 
     fn fetch(&self) -> Result<(), ObjectError> {
         let mut objects = store_files::files(&self.begun);
-        // What a process left that was killed before its records arrived is of no store.
+        // Files of a process that was killed before its records arrived do not belong to a store.
         if self.before.is_some() && objects.iter().all(|object| object.name != RECORDS) {
             objects.retain(|object| !holds_rows(&object.name) && object.name != TIMES);
         }
@@ -133,7 +133,7 @@ impl StoreCopy {
     pub fn claim(&self) -> Result<(), ObjectError> {
         let mut sent = self.lock();
         self.check_claim(&mut sent)?;
-        // What was not fetched: tables that those in `update/` replace, and what is of no store.
+        // What was not fetched: tables that those in `update/` replace, and what does not belong to a store.
         let names = self.begun.iter().map(|object| &object.name);
         let unused = names.filter(|name| !sent.files.contains_key(*name)).cloned().collect();
         self.remove(&mut sent, unused)?;
@@ -144,7 +144,7 @@ impl StoreCopy {
             self.upload(&mut sent, rows)?;
             let mut gone = self.gone(&sent, |_name| true);
             if gone.iter().any(|name| is_table(name)) {
-                // No row is left. Both tables cannot go at once, but without records they are of no store.
+                // No row is left. Both tables cannot be removed at once, but without records they do not belong to a store.
                 gone.insert(0, RECORDS.to_owned());
             }
             self.remove(&mut sent, gone)?;
@@ -176,7 +176,7 @@ impl StoreCopy {
         sent.last = Some(Instant::now());
     }
 
-    /// Sends everything, and removes what the store no longer holds.
+    /// Sends everything, and removes what the store no longer contains.
     ///
     /// # Errors
     /// [`ObjectError::TakenOver`], [`ObjectError::Denied`], [`ObjectError::Request`], [`ObjectError::Io`].
@@ -185,7 +185,7 @@ impl StoreCopy {
         self.send(&mut sent, |_name| true)?;
         let gone = self.gone(&sent, |_name| true);
         self.check_claim(&mut sent)?;
-        // Until it is removed, a part that was sent stands for its trial, even if the tables hold a newer row, from other data, that
+        // Until it is removed, a part that was sent stands for its trial, even if the tables have a newer row, from other data, that
         // was never sent as a part. Who resumes a run that is killed here evaluates the trial again.
         self.remove(&mut sent, gone)?;
         self.storage.delete(WRITER)
@@ -219,7 +219,7 @@ impl StoreCopy {
         Ok(files)
     }
 
-    /// Objects that the local store no longer holds, times before the parts with their rows.
+    /// Objects that the local store no longer contains, times before the parts with their rows.
     fn gone(&self, sent: &Sent, which: impl Fn(&str) -> bool) -> Vec<String> {
         let is_gone = |name: &&String| which(name) && !self.folder().join(name).exists();
         sent.files.keys().rev().filter(is_gone).cloned().collect()

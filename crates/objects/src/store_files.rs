@@ -4,7 +4,7 @@ use crate::storage::Object;
 
 /// Says which process writes. The one that wrote it last may write; one before it finds that out and stops.
 pub(crate) const WRITER: &str = "writer.txt";
-/// Files of a store that mean nothing on another machine.
+/// Files of a store that have no meaning on another machine.
 const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
 /// The records, without which a folder is not a store.
 pub(crate) const RECORDS: &str = "provenance.json";
@@ -19,7 +19,7 @@ const TABLES: [&str; 2] = ["targets.parquet", "trials.parquet"];
 pub(crate) const UPDATE: &str = "update/";
 /// The table whose arrival makes those in [`UPDATE`] the store's.
 pub(crate) const UPDATED: &str = "update/trials.parquet";
-/// Folders of a store, which object storage may hold as empty objects.
+/// Folders of a store, which may be empty objects in object storage.
 const FOLDERS: [&str; 3] = [PARTS, "images/", UPDATE];
 
 /// The objects of a list that stand for files.

@@ -234,7 +234,7 @@ fn urls_with_a_query_or_a_fragment_are_refused() {
         ("file:///tmp/a?b#c", "found ?b; "),
     ] {
         let error = Connected::open(url).unwrap_err();
-        assert!(matches!(&error, ObjectError::Invalid { url: own, .. } if own == url), "{error}");
+        assert!(matches!(&error, ObjectError::Invalid { url: named, .. } if named == url), "{error}");
         assert!(error.to_string().contains(expected), "{url}: {error}");
     }
     assert!(Connected::open("file:///tmp/a%23b%3Fc").is_ok());

@@ -11,7 +11,7 @@ pub enum TorchError {
         /// Byte offset, zip entry, or field of a scene.
         location: String,
         expected: String,
-        /// What the file holds, shortened.
+        /// What the file contains, shortened.
         found: String,
     },
     /// The pickle has an opcode that `torch.save` does not write.

@@ -1,3 +1,4 @@
+use std::cell::Cell;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -11,6 +12,10 @@ use crate::{DType, Dict, Key, MAX_DEPTH, Tensor, TorchError, Value, shortened};
 
 /// PyTorch's own limit.
 const MAX_DIMENSIONS: usize = 64;
+
+/// Bytes of dict keys that are hashed at most for each byte of the pickle. Each reference to a key, of two bytes or more, has it
+/// hashed again, however long it is; names of tensors and of an optimiser's state are far below the limit.
+const MAX_KEY_BYTES_PER_BYTE: usize = 64;
 
 /// Index of a node in [`Graph`]: an opcode creates at most one node, and a pickle is shorter than 4 GiB.
 pub(crate) type NodeId = u32;
@@ -122,6 +127,7 @@ impl<'a> Graph<'a> {
     pub(crate) fn into_value(self, root: NodeId, container: &Arc<Container>) -> Result<Value, TorchError> {
         let mut tree = Tree {
             states: (0..self.nodes.len()).map(|_| State::New).collect(),
+            key_bytes_left: Cell::new(self.source.len().saturating_mul(MAX_KEY_BYTES_PER_BYTE)),
             graph: self,
             dimensions: HashMap::new(),
             container,
@@ -151,6 +157,8 @@ enum State {
 struct Tree<'a, 'c> {
     graph: Graph<'a>,
     states: Vec<State>,
+    /// Bytes of dict keys that may still be hashed.
+    key_bytes_left: Cell<usize>,
     /// Shapes and strides by tuple.
     dimensions: HashMap<NodeId, Arc<[u64]>>,
     container: &'c Arc<Container>,
@@ -226,13 +234,26 @@ impl Tree<'_, '_> {
         let mut dict = IndexMap::with_capacity(entries.len());
         for &(key, value) in entries {
             let key = match self.part(key, depth)? {
-                Value::Str(text) => Key::Str(text),
+                Value::Str(text) => {
+                    self.take_key_bytes(&text)?;
+                    Key::Str(text)
+                }
                 Value::Int(number) => Key::Int(number),
                 other => return Err(TorchError::malformed("dict key", "text or an integer", other.to_string())),
             };
             dict.insert(key, self.part(value, depth)?);
         }
         Ok(Dict { entries: dict })
+    }
+
+    /// An error for the key that exceeds what all keys together may have hashed.
+    fn take_key_bytes(&self, key: &str) -> Result<(), TorchError> {
+        let left = self.key_bytes_left.get().checked_sub(key.len()).ok_or_else(|| {
+            let expected = format!("keys of together at most {MAX_KEY_BYTES_PER_BYTE} times the pickle's size");
+            TorchError::malformed("dict keys", expected, format!("{:?} used repeatedly", shortened(key)))
+        })?;
+        self.key_bytes_left.set(left);
+        Ok(())
     }
 
     fn part(&self, id: NodeId, depth: &mut usize) -> Result<Value, TorchError> {

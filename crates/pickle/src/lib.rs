@@ -72,7 +72,7 @@ pub fn parse(file: SharedBytes) -> Result<Value, TorchError> {
 /// Parses a bare pickle without storages.
 ///
 /// # Errors
-/// [`TorchError`] if the pickle is malformed or holds anything but plain containers.
+/// [`TorchError`] if the pickle is malformed or contains anything but plain containers.
 pub fn parse_pickle(bytes: &[u8]) -> Result<Value, TorchError> {
     legacy_container::plain(interpreter::parse(bytes, 0)?)
 }

@@ -3,7 +3,7 @@
     cargo build --release -p atsplat-pixels --example time_resize
     python crates/pixels/benches/pillow_resize.py target/release/examples/time_resize
 
-Each round times one call of either; the table holds the median and the least of the rounds, and how often
+Each round times one call of either; the table has the median and the least of the rounds, and how often
 Pillow took longer. Alternating calls share whatever else the machine does.
 """
 

@@ -28,8 +28,8 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
     decoded(bytes, limits, |_, _, _| Ok(()))
 }
 
-/// [`decode`] for renders, whose stored samples have to be the image: where the rules of [`decode`] would change it, the
-/// file is refused. The colour of a transparent pixel depends on the background, and on whether the file's colours are
+/// [`decode`] for renders, whose stored samples have to be the image: a file that the rules of [`decode`] would change is
+/// an error. The colour of a transparent pixel depends on the background, and on whether the file's colours are
 /// premultiplied by alpha, which PNG does not state.
 ///
 /// # Errors

@@ -36,7 +36,7 @@ pub enum PixelError {
     /// A render's stored samples are not the image that is to be compared.
     #[error("expected {expected}, found {found}: {remedy}")]
     UnusableRender { expected: &'static str, found: String, remedy: &'static str },
-    /// The file holds floats, not 8-bit samples.
+    /// The file contains floats, not 8-bit samples.
     #[error("expected 8-bit samples, found an EXR of floats: read it with the exr functions")]
     HoldsFloats,
     /// The header is truncated or inconsistent.

@@ -29,7 +29,7 @@ pub const COMPOSED: &str = "opacity; R G B are over the background already";
 /// The meaning of a channel's values.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Values {
-    /// sRGB-encoded, nominally in [0, 1], as [`Image`] holds them.
+    /// sRGB-encoded, nominally in [0, 1], as in an [`Image`].
     DisplayReferred,
     /// Proportional to light.
     Linear,

@@ -64,13 +64,13 @@ impl Orientation {
 impl fmt::Display for Orientation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Mirrored => "mirrored left to right",
-            Self::HalfTurn => "to be turned by 180°",
-            Self::Flipped => "mirrored top to bottom",
-            Self::Transposed => "mirrored at its diagonal",
-            Self::Clockwise => "to be turned by 90° clockwise",
-            Self::Transversed => "mirrored at its other diagonal",
-            Self::CounterClockwise => "to be turned by 90° counter-clockwise",
+            Self::Mirrored => "mirrored left to right by EXIF",
+            Self::HalfTurn => "rotated 180° by EXIF",
+            Self::Flipped => "mirrored top to bottom by EXIF",
+            Self::Transposed => "mirrored at its diagonal by EXIF",
+            Self::Clockwise => "rotated 90° clockwise by EXIF",
+            Self::Transversed => "mirrored at its other diagonal by EXIF",
+            Self::CounterClockwise => "rotated 90° counter-clockwise by EXIF",
         })
     }
 }

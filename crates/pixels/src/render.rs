@@ -11,8 +11,8 @@ const FOR_DISPLAY: RangeInclusive<u32> = 35_000..=60_000;
 /// (ITU-T H.273, table 3).
 const NOT_FOR_DISPLAY: [u8; 6] = [8, 9, 10, 16, 17, 18];
 
-/// An error for a format other than PNG, and for a header that says that the stored samples are to be turned or encoded
-/// before they are shown. Damaged files and EXR are left to the decoder.
+/// An error for a format other than PNG, and for a header by which viewers rotate, mirror or encode the stored samples
+/// before they show them. Damaged files and EXR are left to the decoder.
 pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
     let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
     if let Some(format @ (ImageFormat::Jpeg | ImageFormat::WebP)) = ImageFormat::sniff(bytes) {
@@ -20,16 +20,12 @@ pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
         return unusable("a PNG or EXR file", format!("a {format}"), remedy);
     }
     if let Some(orientation) = Orientation::of(bytes) {
-        let found = format!("one that is {orientation} according to its EXIF data");
+        let found = format!("one that is {orientation}");
         return unusable("an upright image", found, "store the pixels as they are to be compared");
     }
     if let Some(pictures) = other_pictures(bytes) {
         let found = format!("an animation of {pictures} according to `acTL`");
-        return unusable(
-            "a PNG of one picture",
-            found,
-            "store the picture that is to be compared in a file of its own",
-        );
+        return unusable("a PNG of one picture", found, "store the picture that is to be compared in a separate file");
     }
     if let Some(found) = other_encoding(bytes) {
         return unusable("samples encoded as sRGB", found, "encode them, or correct the header");
@@ -116,11 +112,12 @@ mod tests {
     }
 
     #[test]
-    fn turned_images_and_other_formats_are_refused() {
+    fn rotated_images_and_other_formats_are_refused() {
         // One entry: the orientation, half a turn.
         let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
-        let turned = problem(&png(&[(b"eXIf", exif)])).unwrap();
-        assert!(turned.starts_with("expected an upright image, found one that is to be turned by 180° "), "{turned}");
+        let rotated = problem(&png(&[(b"eXIf", exif)])).unwrap();
+        let expected = "expected an upright image, found one that is rotated 180° by EXIF: ";
+        assert!(rotated.starts_with(expected), "{rotated}");
         let jpeg = problem(&encode_jpeg(&image(), 95).unwrap()).unwrap();
         assert!(jpeg.starts_with("expected a PNG or EXR file, found a JPEG: "), "{jpeg}");
     }

@@ -137,8 +137,8 @@ impl OverlapBins {
 
     /// The first of an index's recorded `estimators` that these bins were not published for; `None` if they fit all.
     pub fn mismatched_estimator<'a>(&self, estimators: &'a [String]) -> Option<&'a str> {
-        let own = self.estimator.as_deref().or(estimators.first().map(String::as_str));
-        estimators.iter().map(String::as_str).find(|name| Some(*name) != own)
+        let expected = self.estimator.as_deref().or(estimators.first().map(String::as_str));
+        estimators.iter().map(String::as_str).find(|name| Some(*name) != expected)
     }
 
     /// The rule for values below the first edge.
@@ -171,7 +171,7 @@ impl OverlapBins {
         }
         let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
         let footer = format!(
-            "bins of {actual}'s own, a third of the values in each: small, medium and large were published for \
+            "bins with a third of the values of {actual} each: small, medium and large were published for \
              {published_for} (--force)"
         );
         (Self::thirds(&values, &estimators.join(" and ")), Some(footer))

@@ -149,7 +149,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("4b280fa193d16fe25ab9faa4cb638f565e80c372b4661ec8f6edcda125af70ec"),
         content: Sha256Digest::literal("f884113bfc75742f4a7ce0aec466212c85299e2a0a36771582065a89e884831d"),
-        notes: "extrapolation: every target lies up to 45 frames outside the window",
+        notes: "extrapolation: every target is up to 45 frames outside the window",
     },
 ];
 

@@ -11,12 +11,12 @@ pub(crate) fn in_parallel<I: Sync, R: Send>(
     work: impl Fn(&I, &mut Warnings) -> R + Sync,
 ) -> Vec<R> {
     let with_warnings = |item| {
-        let mut own = Warnings::new();
-        (work(item, &mut own), own)
+        let mut of_item = Warnings::new();
+        (work(item, &mut of_item), of_item)
     };
     let done: Vec<(R, Warnings)> = items.par_iter().map(with_warnings).collect();
-    let merged = done.into_iter().map(|(result, own)| {
-        warnings.merge(own);
+    let merged = done.into_iter().map(|(result, of_item)| {
+        warnings.merge(of_item);
         result
     });
     merged.collect()

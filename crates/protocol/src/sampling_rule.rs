@@ -1,7 +1,9 @@
+mod checks;
 mod named;
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
+use atsplat_camera::Camera;
 use atsplat_scene::{FrameImage, Scene, SceneSource, WarningKind, Warnings};
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +55,7 @@ pub struct BuiltIndex {
     /// Sampled entries that the overlap rule rejected, or whose overlap could not be measured. A scene that lost all of them
     /// is counted in `nulls` too.
     pub refused_entries: usize,
-    /// Frames excluded from sampling because their image files are missing.
+    /// Frames excluded from sampling because their image files are missing or their poses are not usable.
     pub missing_images: usize,
     /// Frames excluded from sampling because they show the image file of an earlier frame.
     pub repeated_images: usize,
@@ -69,8 +71,9 @@ impl SamplingRule {
     }
 
     /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
-    /// missing image file, and those that repeat an earlier frame's file, are excluded from sampling: windows and distances of
-    /// samplers count the others only, so they span more frames of such scenes; frame numbers still count all.
+    /// missing image file or without a usable pose, and those that repeat an earlier frame's file, are excluded from sampling:
+    /// windows and distances of samplers count the others only, so they span more frames of such scenes; frame numbers still
+    /// count all.
     ///
     /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
     /// [`WarningKind::UnreadableScene`]; an entry whose images cannot be read for its overlap is rejected and adds a
@@ -82,8 +85,8 @@ impl SamplingRule {
             outcome
         });
         let mut built = BuiltIndex::default();
-        for (key, Outcome { entries, refused, missing, repeated }) in source.keys().iter().zip(outcomes) {
-            built.refused_entries += refused;
+        for (key, Outcome { entries, rejected, missing, repeated }) in source.keys().iter().zip(outcomes) {
+            built.refused_entries += rejected;
             built.missing_images += missing;
             built.repeated_images += repeated;
             let entries = match entries {
@@ -105,32 +108,51 @@ impl SamplingRule {
     fn build_scene(&self, key: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Outcome {
         let scene = match load(source, key, warnings) {
             Ok(scene) => scene,
-            Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0, repeated: 0 },
+            Err(dropped) => return Outcome { entries: Err(dropped.into()), rejected: 0, missing: 0, repeated: 0 },
         };
-        let (mut missing, mut repeated) = (0, 0);
-        let (mut frame_numbers, mut cameras, mut files) = (Vec::new(), Vec::new(), HashSet::new());
-        for (number, frame) in scene.frames.iter().enumerate() {
-            match &frame.image {
-                FrameImage::Missing(_) => missing += 1,
-                FrameImage::File(path) if !files.insert(path) => repeated += 1,
-                _ => {
-                    frame_numbers.push(number);
-                    cameras.push(frame.camera);
-                }
-            }
-        }
-        let mut refused = 0;
+        let SampledFrames { numbers, cameras, missing, repeated } = SampledFrames::of(&scene);
+        let mut rejected = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
-            let sampled: Vec<_> = sampled.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect();
+            let sampled: Vec<_> = sampled.into_iter().map(|entry| renumbered(entry, &numbers)).collect();
             let Some(rule) = self.overlap else { return Ok(sampled) };
             let sampled_count = sampled.len();
             let (kept, last_reason) = rule.keep(&scene, sampled, warnings);
-            refused = sampled_count - kept.len();
-            // No reason means that nothing was sampled, which samplers report as an error of their own.
+            rejected = sampled_count - kept.len();
+            // No reason means that nothing was sampled, which samplers report as an error themselves.
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
         report_unreadable(&scene, entries.iter().flatten(), warnings);
-        Outcome { entries, refused, missing, repeated }
+        Outcome { entries, rejected, missing, repeated }
+    }
+}
+
+/// The frames of a scene among which samplers choose.
+#[derive(Default)]
+struct SampledFrames {
+    /// Their numbers in the scene.
+    numbers: Vec<usize>,
+    cameras: Vec<Camera>,
+    /// How many others have no image file or no usable pose.
+    missing: usize,
+    /// How many others repeat an earlier frame's file.
+    repeated: usize,
+}
+
+impl SampledFrames {
+    fn of(scene: &Scene) -> Self {
+        let mut sampled = Self::default();
+        let mut files = HashSet::new();
+        for (number, frame) in scene.frames.iter().enumerate() {
+            match &frame.image {
+                FrameImage::Missing(_) | FrameImage::Unposed(_) => sampled.missing += 1,
+                FrameImage::File(path) if !files.insert(path) => sampled.repeated += 1,
+                _ => {
+                    sampled.numbers.push(number);
+                    sampled.cameras.push(frame.camera);
+                }
+            }
+        }
+        sampled
     }
 }
 
@@ -151,7 +173,7 @@ struct Outcome {
     /// Its entries, or why it has none.
     entries: Result<Vec<IndexEntry>, NoEntry>,
     /// Entries rejected for their overlap.
-    refused: usize,
+    rejected: usize,
     /// Frames whose images are missing.
     missing: usize,
     /// Frames that repeat an earlier frame's file.
@@ -289,6 +311,17 @@ mod tests {
         assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
         let targets = entry("s").target;
         assert!(targets.iter().all(|frame| !missing.contains(frame) && (0..=12).contains(frame)), "{targets:?}");
+    }
+
+    #[test]
+    fn never_samples_frames_without_a_usable_pose() {
+        let mut unposed = scene("s", 14, 0);
+        for at in [1, 4, 11] {
+            unposed.frames[at].image = FrameImage::Unposed("no rotation".to_owned());
+        }
+        let built = rule(FARTHEST).build(&MemorySource::new([unposed]), &|| (), &mut Warnings::new());
+        assert_eq!((built.scenes, built.missing_images), (1, 3));
+        assert_eq!(built.index.scenes["s"][0].context, [0, 12]);
     }
 
     /// Each file is listed twice, one after the other.

@@ -73,15 +73,15 @@ impl Images {
     pub(crate) fn image(&self, at: usize) -> Result<Image, PixelError> {
         let Self { width, height, samples, .. } = self;
         let size = *width as usize * *height as usize * 3;
-        let own = at * size..(at + 1) * size;
+        let range = at * size..(at + 1) * size;
         match samples {
-            Samples::Floats(all) => Image::new(*width, *height, part(all, own)),
-            Samples::Bytes(all) => Ok(Image::from_u8(&ImageU8::new(*width, *height, part(all, own))?)),
+            Samples::Floats(all) => Image::new(*width, *height, part(all, range)),
+            Samples::Bytes(all) => Ok(Image::from_u8(&ImageU8::new(*width, *height, part(all, range))?)),
         }
     }
 }
 
 #[expect(clippy::expect_used, reason = "the package passes arrays with as many numbers as their shape says")]
-fn part<T: Clone>(all: &[T], own: Range<usize>) -> Vec<T> {
-    all.get(own).expect("callers index below `count`").to_vec()
+fn part<T: Clone>(all: &[T], range: Range<usize>) -> Vec<T> {
+    all.get(range).expect("callers index below `count`").to_vec()
 }

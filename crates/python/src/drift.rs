@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use atsplat_eval::drift::probe::{Pipeline, attribute};
-use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, same_machine};
+use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, no_longer_guarded};
 use atsplat_eval::runner::current_provenance;
-use atsplat_eval::{Results, TargetStatus, TrialKey};
+use atsplat_eval::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
 use atsplat_files::date;
 use pyo3::prelude::*;
 
@@ -32,8 +32,7 @@ pub(crate) fn compare_with_baseline(
         let results = Results::read(&store)?;
         let mut report = compare(&results, &accepted);
         if let Some((recipe, outputs)) = recorded {
-            let same =
-                same_machine(&accepted.provenance, &current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()));
+            let same = accepted.was_probed_on(&current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()));
             report =
                 report.with_attribution(Pipeline::of(&recipe).and_then(|stages| attribute(&stages, &outputs, same)));
         }
@@ -41,22 +40,50 @@ pub(crate) fn compare_with_baseline(
     })
 }
 
-/// Targets with a score in the baseline that failed in the results, or have samples that are not finite.
+/// Targets with a score in the baseline that failed in the results, have samples that are not finite, or are not there although they
+/// were requested.
 fn lost(baseline: &Baseline, results: &Results) -> Vec<String> {
     let now: BTreeMap<(&TrialKey, u32), _> =
         results.targets.iter().map(|row| ((&row.key, row.target), (row.status, row.detail.as_deref()))).collect();
     let had_score = |status| matches!(status, TargetStatus::Scored | TargetStatus::Identical);
     let described = baseline.targets.iter().filter(|then| had_score(then.status)).filter_map(|then| {
-        let (status, detail) = *now.get(&(&then.key, then.target))?;
-        (!had_score(status))
-            .then(|| format!("{}, frame {}: {}", then.key, then.frame, detail.unwrap_or("no reason recorded")))
+        let why = match now.get(&(&then.key, then.target)) {
+            Some((status, _)) if had_score(*status) => return None,
+            Some((_, detail)) => detail.unwrap_or("no reason recorded").to_owned(),
+            None => vanished(&then.key, baseline, results)?,
+        };
+        Some(format!("{}, frame {}: {why}", then.key, then.frame))
     });
     described.collect()
 }
 
-/// Makes the results of a store the baseline, and records why. The probe of the old baseline, if it has one, is run again.
+/// Why a trial of the baseline has no rows although it was requested: it was skipped, or its scene is not in the data. `None` if another
+/// method, protocol, index or part of it was run.
+fn vanished(key: &TrialKey, baseline: &Baseline, results: &Results) -> Option<String> {
+    let (then, now) = (&baseline.provenance, &results.provenance);
+    now.methods.iter().find(|method| method.name == key.method)?;
+    let preset = now.presets.iter().find(|preset| preset.name == key.preset)?;
+    let is_skipped = |one: &&SkippedEntry| {
+        (&one.preset, &one.scene, one.entry) == (&key.preset, &key.scene, key.entry) && one.concerns(&key.method)
+    };
+    if let Some(skipped) = now.skipped.iter().find(is_skipped) {
+        return Some(format!("skipped, {}: {}", skipped.reason, skipped.detail));
+    }
+    let has_same_index = |other: &PresetRecord| other.name == preset.name && other.index_sha256 == preset.index_sha256;
+    let is_same_part = now.limit == then.limit && now.shard == then.shard && then.presets.iter().any(has_same_index);
+    let is_there = |row: &TrialRow| (&row.key.preset, &row.key.scene) == (&key.preset, &key.scene);
+    (is_same_part && !results.trials.iter().any(is_there)).then(|| "the scene was not evaluated".to_owned())
+}
+
+/// Makes the results of a store the baseline, and records why; says what the old baseline guards and the new one does not. The probe
+/// of the old baseline, if it has one, is run again.
 #[pyfunction]
-pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf, why: String) -> Result<(), Failure> {
+pub(crate) fn accept_baseline(
+    py: Python<'_>,
+    store: PathBuf,
+    baseline: PathBuf,
+    why: String,
+) -> Result<Vec<String>, Failure> {
     work_with_stores(py, || {
         if why.trim().is_empty() {
             return Err(Failure::invalid("why", "expected a reason why these numbers are correct, found none"));
@@ -71,8 +98,14 @@ pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf,
             Some(before) => before.accept(&results, &[], acceptance),
             None => Baseline::new(&results, &[], acceptance),
         };
-        let Some(probe) = before.and_then(|before| before.probe) else { return Ok(accepted.write(&baseline)?) };
-        let (probed, values) = accepted.probed(probe.recipe)?;
-        Ok(probed.write_with_probe(&baseline, &values)?)
+        let unguarded = before.as_ref().map_or_else(Vec::new, |before| no_longer_guarded(&compare(&results, before)));
+        match before.and_then(|before| before.probe) {
+            None => accepted.write(&baseline)?,
+            Some(probe) => {
+                let (probed, values) = accepted.probed(probe.recipe)?;
+                probed.write_with_probe(&baseline, &values)?;
+            }
+        }
+        Ok(unguarded)
     })
 }

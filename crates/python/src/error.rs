@@ -63,7 +63,7 @@ impl Failure {
         self
     }
 
-    /// A store that holds the results of another run: what differs, and the argument that decides about it.
+    /// A store with the results of another run: what differs, and the argument that decides about it.
     pub(crate) fn of_store(error: EvalError, folder: &Path) -> Self {
         let EvalError::Differences { what, name, differences, .. } = &error else { return error.into() };
         let field = match *what {
@@ -128,9 +128,9 @@ fn message(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        let own = error.to_string();
-        if !text.contains(&own) {
-            text = format!("{text}: {own}");
+        let reason = error.to_string();
+        if !text.contains(&reason) {
+            text = format!("{text}: {reason}");
         }
         cause = error.source();
     }

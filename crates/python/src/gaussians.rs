@@ -80,7 +80,7 @@ impl Gaussians {
         })
     }
 
-    /// Writes a file by its extension; returns notes on what its format cannot hold.
+    /// Writes a file by its extension; returns notes on what its format cannot represent.
     fn write(&self, py: Python<'_>, path: PathBuf, antialiased: bool) -> Result<Vec<String>, Failure> {
         let output = match path.extension().and_then(|extension| extension.to_str()) {
             Some("ply") if antialiased => {

@@ -1,6 +1,6 @@
 //! The native part of the Python package `atsplat`: the libraries' work, without the GIL.
 //!
-//! What users call is Python, in `python/atsplat`: it holds the documented classes, turns arrays of any library into NumPy's, and
+//! What users call is Python, in `python/atsplat`: it has the documented classes, converts arrays of any library to NumPy's, and
 //! calls the functions and classes here, which take and return plain numbers and bytes.
 
 #![allow(clippy::needless_pass_by_value, reason = "arguments from Python are owned")]
@@ -23,7 +23,7 @@ mod trial;
 
 use pyo3::prelude::*;
 
-/// The binary's: images come and go, and glibc would map and clear each anew.
+/// The binary's: images come and go, and glibc would map and clear memory for each again.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -50,9 +50,9 @@ fn pool() -> Result<Arc<ThreadPool>, Failure> {
     let process = std::process::id();
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     match pool.take() {
-        Some((owner, own)) if owner == process => {
-            *pool = Some((owner, Arc::clone(&own)));
-            Ok(own)
+        Some((owner, threads)) if owner == process => {
+            *pool = Some((owner, Arc::clone(&threads)));
+            Ok(threads)
         }
         inherited => {
             #[expect(
@@ -60,9 +60,9 @@ fn pool() -> Result<Arc<ThreadPool>, Failure> {
                 reason = "dropping it would wait for threads that this process does not have"
             )]
             std::mem::forget(inherited);
-            let own = Arc::new(evaluation()?);
-            *pool = Some((process, Arc::clone(&own)));
-            Ok(own)
+            let threads = Arc::new(evaluation()?);
+            *pool = Some((process, Arc::clone(&threads)));
+            Ok(threads)
         }
     }
 }

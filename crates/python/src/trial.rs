@@ -169,14 +169,16 @@ impl Trials {
         only: Option<(String, usize)>,
         ahead: bool,
     ) -> Result<Self, Failure> {
-        let mut index = Selection { limit, shard: None }.index_of(dataset);
-        if let Some((scene, entry)) = only {
+        // The whole selection only where it is gone through: a data loader asks for one trial after the other.
+        let index = if let Some((scene, entry)) = only {
             let missing = || Failure::invalid("scene", format!("no entry {entry} of scene {scene:?} in the index"));
             let entries = dataset.index.index.scenes.get(&scene).filter(|entries| entry < entries.len());
             // Entries are numbered by their position: the others before it stay, and are not read.
             let entries = entries.ok_or_else(missing)?.iter().take(entry + 1).cloned().collect();
-            index = EvaluationIndex { scenes: [(scene, entries)].into_iter().collect() };
-        }
+            EvaluationIndex { scenes: [(scene, entries)].into_iter().collect() }
+        } else {
+            Selection { limit, shard: None }.index_of(dataset)
+        };
         let prefetch = if ahead { Prefetch::default() } else { Prefetch::NONE };
         let recipe = TrialRecipe::of(&dataset.preset, setting);
         let trials = trial::Trials::new(Arc::clone(&dataset.source), &index, recipe, prefetch);

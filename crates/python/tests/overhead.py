@@ -2,7 +2,7 @@
 
 python overhead.py BINARY [PAIRS], in an environment with atsplat and Pillow. The images are the same: the binary reads them as PNG files
 (`renders:DIR`), Python in a method that has them as arrays, or with `png` as the third argument opens the same files with Pillow, which
-then decodes 300 images on its own account. The interpreter's start is part of its time.
+then decodes 300 images itself. The interpreter's start is part of its time.
 """
 
 import json

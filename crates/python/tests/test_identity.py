@@ -59,7 +59,7 @@ def test_what_differs_is_named(monkeypatch):
     before = identity(through_a_helper)
     assert set(before) == {"through_a_helper", "helper", "helper, SHARPNESS"}
     monkeypatch.setitem(globals(), "SHARPNESS", 3.0)
-    assert {name for name, own in identity(through_a_helper).items() if own != before[name]} == {"helper, SHARPNESS"}
+    assert {name for name, part in identity(through_a_helper).items() if part != before[name]} == {"helper, SHARPNESS"}
 
     def helper(images):
         return images
@@ -224,7 +224,7 @@ def test_a_value_that_a_helper_loads_once_is_state_and_its_modules_are_found(mon
     namespace["method"](np.zeros(3), None, None)
     assert namespace["loaded"] == 3 and identity(namespace["method"]) == before
     namespace["shape"] = (3, 4)
-    assert identity(namespace["method"]) == before, "an attribute is no global"
+    assert identity(namespace["method"]) == before, "an attribute is not a global"
     torch = pytest.importorskip("torch")
     namespace["loaded"] = torch.nn.Linear(1, 1)
     assert modules(namespace["method"]) == [namespace["loaded"]]

@@ -24,12 +24,12 @@ def test_without_ray_the_error_says_what_to_install(rooms, tmp_path, monkeypatch
 
 
 def test_what_ray_cannot_do_is_refused(rooms, data, tmp_path):
-    refused = [
+    rejected = [
         ({"ray": {"worker": 2}}, "ray"),
         ({"ray": True, "shard": (1, 2)}, "shard"),
         ({"ray": True, "keep_images": "all"}, "keep_images"),
     ]
-    for options, field in refused:
+    for options, field in rejected:
         with pytest.raises(atsplat.InvalidError) as raised:
             evaluated(nearest, rooms, tmp_path / "store", **options)
         assert raised.value.field == field

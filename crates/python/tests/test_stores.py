@@ -47,7 +47,7 @@ def test_rows_of_failed_targets_have_keys_of_metrics_and_are_copies(rooms, tmp_p
     assert np.isnan(store.columns()["psnr"]).sum() == 3
     rows[0]["not_computed"]["psnr"] = "mine"
     store.trials()[0]["notes"].append("mine")
-    assert "psnr" not in store.rows()[0]["not_computed"] and store.trials()[0]["notes"] == []
+    assert "psnr" not in store.rows()[0]["not_computed"] and "mine" not in store.trials()[0]["notes"]
     for wrong in ([store, store], None):
         with pytest.raises(atsplat.InvalidError):
             atsplat.report(wrong)
@@ -84,11 +84,11 @@ def test_rows_are_told_apart_by_their_remarks():
         return {"labels": ["A"], "remarks": remarks, "method": "a", "store": "run", "cells": cells, **measured}
 
     columns = [{"title": "PSNR"}, {"title": "LPIPS"}]
-    rows = [row([], 20.5), row(["without context frames"], 19.5)]
+    rows = [row([], 20.5), row(["leaked targets excluded"], 19.5)]
     text = json.dumps({"table": {"labels": ["Method"], "groups": [{"title": "2 views", "columns": columns}], "rows": rows}})
     whole, without = Table("t", "T", [text, *[""] * 5]).rows
     assert (whole["remarks"], whole["2 views PSNR"], whole["2 views LPIPS"]) == ([], 20.5, None)
-    assert without == {**whole, "remarks": ["without context frames"], "2 views PSNR": 19.5}
+    assert without == {**whole, "remarks": ["leaked targets excluded"], "2 views PSNR": 19.5}
     assert whole["measured on"] == "rooms" and whole["Method"] == "A"
 
 
@@ -120,6 +120,44 @@ def test_drift_sees_what_moved_and_in_which_direction(store, rooms, binary, tmp_
     assert psnr["baseline"] != psnr["now"]
     told = json.loads(binary("drift", moved.path, "--baseline", baseline, "--no-probe", "--json", succeeds=False))
     assert told == found.report
+
+
+def test_targets_that_vanish_are_lost(store, rooms, tmp_path):
+    baseline, entries = tmp_path / "baseline.json", json.loads(INDEX.read_text())
+    atsplat.accept_baseline(store, baseline, why="first results")
+    first, second, third = (row["scene"] for row in store.trials())
+
+    def lost_without(remove, name, **options):
+        data = tmp_path / name / "data"
+        shutil.copytree(rooms, data)
+        remove(data)
+        run = {"data": data, "index": INDEX, "out": tmp_path / name / "store", "deterministic": True, **options}
+        return atsplat.drift(atsplat.evaluate(nearest, PROTOCOL, **run), baseline).lost
+
+    def without_context(data):
+        entry = entries[second][0] if isinstance(entries[second], list) else entries[second]
+        images = sorted((data / second).glob("*.png"), key=lambda path: int(path.stem))
+        images[entry["context"][0]].unlink()
+
+    def without_scene(data):
+        shutil.rmtree(data / third)
+        for path in list(data.rglob(f"{third}.txt")):
+            path.unlink()
+
+    assert lost_without(lambda data: None, "whole") == []
+    skipped = lost_without(without_context, "skipped")
+    assert len(skipped) == 3 and all(second in text and "skipped, " in text for text in skipped), skipped
+    gone = lost_without(without_scene, "gone")
+    assert len(gone) == 3 and all(third in text and "was not evaluated" in text for text in gone), gone
+    assert lost_without(lambda data: None, "part", limit=1) == [], "a part that was asked for"
+
+
+def test_what_a_new_baseline_no_longer_guards_is_a_warning(store, rooms, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    atsplat.accept_baseline(store, baseline, why="first results")
+    part = atsplat.evaluate(nearest, PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "part", limit=1, deterministic=True)
+    with pytest.warns(UserWarning, match=f"{3 * (SCENES - 1)} targets of the old baseline are no longer guarded, such as "):
+        atsplat.accept_baseline(part, baseline, why="one scene")
 
 
 def test_an_unfinished_run_is_no_baseline(store, tmp_path):

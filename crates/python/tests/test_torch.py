@@ -54,7 +54,7 @@ def test_entries_without_a_trial_are_a_warning(rooms):
         dataset = TrialDataset("re10k-2v-256", rooms, index=INDEX)
     assert len(dataset) == 0 and len(dataset.skipped) == listed
     missing, unsized = dataset.skipped[: listed - SCENES], dataset.skipped[listed - SCENES :]
-    assert {own.reason for own in missing} == {"missing-scene"} and all("128" in own.detail for own in unsized)
+    assert {entry.reason for entry in missing} == {"missing-scene"} and all("128" in entry.detail for entry in unsized)
     with pytest.warns(UserWarning, match=f"{listed - SCENES} of {listed} entries .*not in the data"):
         assert len(TrialDataset(PROTOCOL, rooms, index=INDEX)) == SCENES
 
@@ -105,6 +105,23 @@ def test_an_evaluation_runs_every_n_steps_and_fails_if_it_is_worse(rooms, tmp_pa
         check(30, model)
     with pytest.raises(atsplat.InvalidError):
         Evaluation(PROTOCOL, rooms, tmp_path, every=0)
+
+
+@pytest.mark.parametrize("fail", ["worse", "any"])
+def test_a_baseline_of_another_method_is_not_passed_in_silence(rooms, tmp_path, fail):
+    common = {"every": 1, "baseline": baseline_of(rooms, tmp_path), "index": INDEX, "deterministic": True, "fail": fail}
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "other", name="other", **common)
+    with pytest.raises(atsplat.DriftedError, match="targets are missing"):
+        check(1, Blend(3.0))
+    assert all(one["verdict"] == "nothing" for one in check.drift.comparisons)
+
+
+def test_a_part_of_the_baselines_scenes_is_compared(rooms, tmp_path):
+    common = {"every": 1, "baseline": baseline_of(rooms, tmp_path), "index": INDEX, "deterministic": True, "name": "Blend", "limit": 1}
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "same", **common)
+    assert check(1, Blend()) is not None and {one["verdict"] for one in check.drift.comparisons} == {"same"}
+    with pytest.raises(atsplat.DriftedError):
+        Evaluation(PROTOCOL, rooms, tmp_path / "worse", **common)(1, Blend(3.0))
 
 
 def test_the_results_of_an_earlier_training_are_not_taken_for_those_of_this_one(rooms, tmp_path):
@@ -191,10 +208,10 @@ def test_the_hash_of_a_state_is_that_of_names_types_shapes_and_values():
         return state_hash(module)
 
     ones, zeros = torch.ones(2, 3, dtype=torch.bfloat16), torch.zeros(())
-    own = hashed(a=ones, b=zeros)
-    assert own == hashed(b=zeros, a=ones.clone()), "whatever the order"
+    state = hashed(a=ones, b=zeros)
+    assert state == hashed(b=zeros, a=ones.clone()), "whatever the order"
     others = [(zeros, ones), (ones.T, zeros), (ones.half(), zeros), (ones, zeros + 1), (ones, zeros.double())]
-    assert len({own, hashed(a=ones), *(hashed(a=a, b=b) for a, b in others)}) == 7
+    assert len({state, hashed(a=ones), *(hashed(a=a, b=b) for a, b in others)}) == 7
 
 
 def test_better_is_a_failure_only_if_any_drift_is(rooms, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,22 @@ def test_limit_spreads_and_skipped_entries_are_listed(rooms):
     unsized = atsplat.protocol("re10k-2v-256").trials(rooms, index=INDEX)
     assert list(unsized) == [] and len(unsized.skipped) == SCENES
     assert unsized.skipped[0].reason and "128" in unsized.skipped[0].detail
+
+
+def test_entries_that_a_loop_does_not_see_are_warnings(rooms, data):
+    protocol, unsized = atsplat.protocol(PROTOCOL), atsplat.protocol("re10k-2v-256")
+    lacks = f"{len(data.missing)} × scenes of the index that are not in the data: "
+    with pytest.warns(UserWarning, match=f"^{PROTOCOL}: .*{lacks}") as warned:
+        trials = protocol.trials(data)
+    assert len(warned) == 1 and warned[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(list(trials)) == SCENES
+    with pytest.warns(UserWarning, match="not in the data"):
+        trials = unsized.trials(rooms, index=INDEX)
+    with pytest.warns(UserWarning, match=rf"^re10k-2v-256: {SCENES} entries of the index gave no trial, first .*128") as warned:
+        assert list(trials) == [] and list(trials) == []
+    assert len(warned) == 1
 
 
 def test_scores_of_gaussians_are_those_of_their_rendering(trials):
@@ -100,8 +117,8 @@ def test_scores_of_gaussians_are_the_binarys_of_their_files(trials, rooms, binar
     rows = atsplat.open_store(tmp_path / "out").rows()
     assert len(rows) == 3 * SCENES
     for row in rows:
-        own = by_scene[row["scene"]].targets[row["target"]]
-        assert (own["psnr"], own["ssim"], own["render_hash"]) == (row["psnr"], row["ssim"], row["render_hash"])
+        scored = by_scene[row["scene"]].targets[row["target"]]
+        assert (scored["psnr"], scored["ssim"], scored["render_hash"]) == (row["psnr"], row["ssim"], row["render_hash"])
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ pub(crate) fn plain(text: &str) -> String {
 /// The name, with a number if it is taken: two files of one name would overwrite each other.
 pub(crate) fn unused(name: &str, is_taken: impl Fn(&str) -> bool) -> String {
     let mut number = 2;
-    let mut own = name.to_owned();
-    while is_taken(&own) {
-        own = format!("{name}-{number}");
+    let mut candidate = name.to_owned();
+    while is_taken(&candidate) {
+        candidate = format!("{name}-{number}");
         number += 1;
     }
-    own
+    candidate
 }

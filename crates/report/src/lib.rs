@@ -14,43 +14,19 @@ mod csv_text;
 pub mod definition;
 pub mod emit;
 mod error;
-pub mod figures;
+mod file_list;
 mod file_names;
 #[cfg(test)]
 mod gallery;
 pub mod page;
 pub mod plot;
+pub mod plot_data;
 mod report;
 #[cfg(test)]
 mod sample;
 pub mod table;
-mod written;
 
+pub use atsplat_numeric::counted;
 pub use error::ReportError;
+pub use file_list::Written;
 pub use report::{Report, Request, store_labels};
-pub use written::Written;
-
-/// A number of things, each of which is a `what`: `1 scene`, `2 scenes`, `3 entries`.
-pub fn counted(count: u64, what: &str) -> String {
-    format!("{count} {}", noun(count, what))
-}
-
-/// The word for so many of a `what`: `scene`, `scenes`, `entries`.
-fn noun(count: u64, what: &str) -> String {
-    match what.strip_suffix("ry") {
-        _ if count == 1 => what.to_owned(),
-        Some(stem) => format!("{stem}ries"),
-        None => format!("{what}s"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counts_have_the_plural_of_their_noun() {
-        assert_eq!([0, 1, 2].map(|count| counted(count, "scene")), ["0 scenes", "1 scene", "2 scenes"]);
-        assert_eq!([0, 1, 2].map(|count| counted(count, "entry")), ["0 entries", "1 entry", "2 entries"]);
-    }
-}

@@ -1,13 +1,14 @@
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, orders_as_markdown};
-use crate::figures::{of_frontier, of_store, of_table, optimisation_section};
+use crate::file_list::{FileList, Writing, Written};
 use crate::file_names::unused;
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
+use crate::plot_data::{frontier_plots, optimisation_section, store_plots, table_plots};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
-use crate::written::{FileList, Writing, Written};
 use crate::{ReportError, page};
 
 /// What a report contains.
@@ -17,7 +18,7 @@ pub struct Request {
     pub title: String,
     /// Names of tables; tables without measured rows are omitted.
     pub tables: Vec<String>,
-    /// Whether every protocol gets a table of its own too.
+    /// Whether every protocol gets a separate table too.
     pub protocols: bool,
     /// File formats of tables.
     pub formats: Vec<TableFormat>,
@@ -53,13 +54,13 @@ impl Report {
     pub fn new(request: &Request, stores: &[PageStore<'_>]) -> Result<Self, ReportError> {
         let sources: Vec<Source<'_>> = stores.iter().map(|store| store.source).collect();
         let (mut measured, mut unmeasured) = (Vec::new(), Vec::new());
-        let mut plots = of_frontier(&sources)?;
+        let mut plots = frontier_plots(&sources)?;
         let cost = cost_section(&mut plots);
         for name in &request.tables {
             let definition = TableDefinition::named(name)?;
             for table in tables(&definition, &sources, request.mixing)? {
                 if table.is_measured() {
-                    plots.extend(of_table(&definition, &table, &sources));
+                    plots.extend(table_plots(&definition, &table, &sources));
                     measured.push(table);
                 } else {
                     unmeasured.push(table.name);
@@ -70,14 +71,11 @@ impl Report {
             measured.extend(protocol_tables(&sources, request.mixing)?);
         }
         for source in &sources {
-            for (name, plot) in of_store(source)? {
-                // Different labels may give the same name.
-                let name = unused(&name, |name| plots.iter().any(|(own, _)| own == name));
-                plots.push((name, plot));
-            }
+            plots.extend(store_plots(source)?);
         }
-        let sections: Vec<PlotSection> =
+        let mut sections: Vec<PlotSection> =
             cost.into_iter().chain(optimisation_section(&sources)?).chain(request.sections.iter().cloned()).collect();
+        name_apart(plots.iter_mut().chain(sections.iter_mut().flat_map(|section| &mut section.plots)));
         let title = request.title.clone();
         let (live, max_bytes) = (request.live.as_slice(), request.max_bytes);
         let page = Page { title, tables: &measured, plots: &plots, sections: &sections, live, stores, max_bytes };
@@ -91,7 +89,7 @@ impl Report {
     pub fn plot_faults(&self) -> Vec<(&str, PlotFault)> {
         self.plots
             .iter()
-            .flat_map(|(name, plot)| plot.faults().into_iter().map(move |own| (name.as_str(), own)))
+            .flat_map(|(name, plot)| plot.faults().into_iter().map(move |fault| (name.as_str(), fault)))
             .collect()
     }
 
@@ -166,6 +164,16 @@ fn film_name(name: &str) -> String {
     format!("films/{name}.png")
 }
 
+/// Gives every plot a different name, by which its files and its place on the page are called: labels of stores may differ in
+/// letters that names do not have, and sections may show other stores under the same protocols.
+fn name_apart<'a>(plots: impl Iterator<Item = &'a mut (String, Drawing)>) {
+    let mut taken: BTreeSet<String> = BTreeSet::new();
+    for (name, _) in plots {
+        *name = unused(name, |name| taken.contains(name));
+        taken.insert(name.clone());
+    }
+}
+
 /// What a report begins with: the first frontier, which is taken out of the plots.
 fn cost_section(frontiers: &mut Vec<(String, Drawing)>) -> Option<PlotSection> {
     if frontiers.is_empty() {
@@ -189,9 +197,9 @@ fn cost_section(frontiers: &mut Vec<(String, Drawing)>) -> Option<PlotSection> {
 pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
     let names: Vec<String> = stores.iter().map(|path| atsplat_files::name_of(path)).collect();
     let mut labels: Vec<String> = Vec::new();
-    for (at, own) in names.iter().enumerate() {
-        let twins = names.iter().filter(|other| *other == own).count();
-        let label = if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() };
+    for (at, name) in names.iter().enumerate() {
+        let twins = names.iter().filter(|other| *other == name).count();
+        let label = if twins > 1 { format!("{name} ({})", at + 1) } else { name.clone() };
         // A folder may have the name that another label got.
         let label = unused(&label, |label| labels.iter().any(|other| other == label));
         labels.push(label);
@@ -212,10 +220,18 @@ mod tests {
         assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "run (1)-2"]);
     }
 
-    /// Both labels are `a-b` in file names.
+    /// Both labels are `a-b` in file names, and the section shows another frontier and another plot of a store under their names.
     #[test]
-    fn every_plot_has_a_file_of_its_own() {
+    fn every_plot_has_a_separate_file() {
         let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        let source = |label| Source { label, results: &results };
+        let plots = frontier_plots(&[source("other")]).unwrap().into_iter().chain(store_plots(&source("a b")).unwrap());
+        let section = PlotSection {
+            title: "Others".to_owned(),
+            hint: String::new(),
+            plots: plots.collect(),
+            before_tables: false,
+        };
         let request = Request {
             title: String::new(),
             tables: Vec::new(),
@@ -223,13 +239,18 @@ mod tests {
             formats: Vec::new(),
             mixing: Mixing::Apart,
             max_bytes: 0,
-            sections: Vec::new(),
+            sections: vec![section],
             live: Vec::new(),
         };
-        let store = |label| PageStore { source: Source { label, results: &results }, folder: None };
+        let store = |label| PageStore { source: source(label), folder: None };
         let report = Report::new(&request, &[store("a b"), store("a-b")]).unwrap();
-        let names: Vec<&String> = report.plots.iter().map(|(name, _)| name).collect();
-        assert!(names.iter().any(|name| name.as_str() == "a-b-re10k-2v-256-time-2"), "{names:?}");
-        assert_eq!(names.len(), names.iter().collect::<std::collections::BTreeSet<_>>().len(), "{names:?}");
+        let names: Vec<&str> = report.plots.iter().map(|(name, _)| name.as_str()).collect();
+        for expected in ["a-b-re10k-2v-256-time-2", "a-b-re10k-2v-256-time-3", "frontier-re10k-2v-256-2"] {
+            assert!(names.contains(&expected), "{names:?}");
+        }
+        assert_eq!(names.len(), names.iter().collect::<BTreeSet<_>>().len(), "{names:?}");
+        for name in names {
+            assert_eq!(report.html.matches(&format!("id=\"plot-{name}\"")).count(), 1, "{name}");
+        }
     }
 }

@@ -121,7 +121,7 @@ fn metric(id: &str) -> MetricRecord {
 }
 
 fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
-    let own = |count: u64| tokens.then_some(count);
+    let count = |count: u64| tokens.then_some(count);
     TrialRow {
         key: key.clone(),
         trial_hash: format!("trial {at}"),
@@ -136,9 +136,9 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         overlap: Some(OVERLAPS[at % OVERLAPS.len()]),
         width: 16,
         height: 16,
-        initial_tokens: own(512),
-        final_tokens: own(1440),
-        gaussians: own(23_040),
+        initial_tokens: count(512),
+        final_tokens: count(1440),
+        gaussians: count(23_040),
         gaussians_drawn: None,
         context_psnr: None,
         peak_bytes: None,

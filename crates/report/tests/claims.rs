@@ -1,4 +1,4 @@
-//! What `reports/claims` and `reports/re10k-scene` say is what their stores hold.
+//! What `reports/claims` and `reports/re10k-scene` say is what their stores contain.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
@@ -140,7 +140,7 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
         }
         line
     };
-    require_lines(CLAIMS.iter().map(line).collect(), |own| readme.lines().any(|line| line.starts_with(own)));
+    require_lines(CLAIMS.iter().map(line).collect(), |expected| readme.lines().any(|line| line.starts_with(expected)));
 }
 
 /// Selection by uncertainty against each other one after three times the samples.
@@ -157,14 +157,14 @@ fn differences_of_longer_trainings_are_those_of_the_store() {
         let interval = difference([(&results, "k-4-long-1"), (&results, row)], "psnr", 3);
         format!("| uncertainty above {selection}, after three times the samples | {interval} |")
     });
-    require_lines(expected.to_vec(), |own| readme.lines().any(|line| line == own));
+    require_lines(expected.to_vec(), |expected| readme.lines().any(|line| line == expected));
     let farthest = |other: &str| {
         let rows = ["sparse-farthest-point-long-1", other].map(|row| (&results, row));
         difference(rows, "psnr", 3)
     };
     let [straight_through, random] = ["sparse-straight-through-long-1", "sparse-random-long-1"].map(farthest);
     let largest = format!("{straight_through} and {}", random.replacen(" [", " dB [", 1));
-    require_lines(vec![largest], |own| readme.contains(own));
+    require_lines(vec![largest], |text| readme.contains(text));
 }
 
 /// Learnt tokens against none after twice the samples.
@@ -204,7 +204,7 @@ fn trials_of_the_recipe_are_those_of_the_store() {
             |metric, decimals| difference([(&results, row), (&results, "recipe-plain-1")], metric, decimals);
         format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4))
     });
-    require_lines(expected.to_vec(), |own| readme.contains(own));
+    require_lines(expected.to_vec(), |line| readme.contains(line));
 }
 
 const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
@@ -228,18 +228,18 @@ fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
         ("yards, 4 views", YARDS[1], "separate-yards-4v-1"),
         ("yards, 6 views", YARDS[2], "separate-yards-6v-1"),
     ] {
-        let [own, all] = [separate, "unified-1"].map(|method| mean(&results, protocol.0, method));
+        let [separate_mean, unified_mean] = [separate, "unified-1"].map(|method| mean(&results, protocol.0, method));
         let difference = difference_under(protocol, [(&results, "unified-1"), (&results, separate)], "psnr", 3);
-        expected.push(format!("| {setting} | {own} | {all} | {difference} |"));
+        expected.push(format!("| {setting} | {separate_mean} | {unified_mean} | {difference} |"));
     }
-    for (setting, protocol, other, own) in [
+    for (setting, protocol, other, trained) in [
         ("yards, by the network for rooms", YARDS[0], "separate-rooms-1", "separate-yards-2v-1"),
         ("rooms, by the network for yards", ROOMS, "separate-yards-2v-1", "separate-rooms-1"),
     ] {
-        let difference = difference_under(protocol, [(&zero_shot, other), (&results, own)], "psnr", 3);
+        let difference = difference_under(protocol, [(&zero_shot, other), (&results, trained)], "psnr", 3);
         expected.push(format!("| {setting} | {} | {difference} |", mean(&zero_shot, protocol.0, other)));
     }
-    require_lines(expected, |own| readme.contains(own));
+    require_lines(expected, |line| readme.contains(line));
 }
 
 /// The tables of the real scene, and the numbers that its page quotes.
@@ -260,9 +260,7 @@ fn tables_of_the_real_scene_are_those_of_its_store() {
             .iter()
             .map(|method| {
                 let mean = |metric: &str| {
-                    let rows =
-                        results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == *method);
-                    let scores: Vec<f64> = rows.map(|row| row.scores[metric]).collect();
+                    let scores: Vec<f64> = results.targets_of(preset, method).map(|row| row.scores[metric]).collect();
                     assert_eq!(scores.len(), 3);
                     scores.iter().sum::<f64>() / 3.0
                 };

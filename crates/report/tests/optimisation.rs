@@ -1,4 +1,4 @@
-//! What `reports/optimisation` says is what its stores hold.
+//! What `reports/optimisation` says is what its stores contain.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -33,13 +33,13 @@ fn cell(results: &Results, method: &str, bin: Option<&str>) -> String {
         None => (summary(results, &query, protocol.aggregation), None),
         Some(name) => {
             let bins = protocol.overlap_bins.unwrap();
-            let own: BTreeMap<_, _> = by_overlap(results, &query, &bins).bins.into_iter().collect();
-            (own[name].clone(), Some(bins))
+            let by_name: BTreeMap<_, _> = by_overlap(results, &query, &bins).bins.into_iter().collect();
+            (by_name[name].clone(), Some(bins))
         }
     };
-    let is_own =
+    let is_in_bin =
         |overlap: Option<f64>| bin.is_none_or(|bin| bins.as_ref().unwrap().name_of(overlap.unwrap()) == Some(bin));
-    let trials = results.trials.iter().filter(|trial| trial.key.method == method && is_own(trial.overlap));
+    let trials = results.trials.iter().filter(|trial| trial.key.method == method && is_in_bin(trial.overlap));
     let context: Vec<f64> = trials.filter_map(|trial| trial.context_psnr).collect();
     let held_out = format!("{:.2}", held_out.mean.unwrap());
     if context.is_empty() {
@@ -50,10 +50,11 @@ fn cell(results: &Results, method: &str, bin: Option<&str>) -> String {
 
 fn check(table: &str, columns: &[Column], rows: &[(&str, &[&str])]) {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap().replace("**", "");
-    let (_, own) = readme.split_once(&format!("\n| {table} |")).unwrap();
-    let stores: Vec<Results> = columns.iter().map(|own| Results::read(&folder().join(own.store)).unwrap()).collect();
+    let (_, text) = readme.split_once(&format!("\n| {table} |")).unwrap();
+    let stores: Vec<Results> =
+        columns.iter().map(|column| Results::read(&folder().join(column.store)).unwrap()).collect();
     for (label, methods) in rows {
-        let line = own.lines().find(|line| line.starts_with(&format!("| {label} |"))).unwrap();
+        let line = text.lines().find(|line| line.starts_with(&format!("| {label} |"))).unwrap();
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
         // The last columns of a line, which ends with a bar.
         let cells = &cells[cells.len() - 1 - columns.len()..];

@@ -12,7 +12,7 @@ use crate::world::{Builder, World};
 
 const SIZE: ImageSize = ImageSize { width: 40, height: 30 };
 
-/// A camera that looks along the world's +y, with its own +y down, rotated about the vertical by `yaw`.
+/// A camera that looks along the world's +y, with its +y down, rotated about the vertical by `yaw`.
 fn camera(position: DVec3, yaw: f64) -> Camera {
     let upright = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
     let pose = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, position).unwrap();
@@ -88,7 +88,7 @@ const PLATE_AT: f64 = 2.0;
 const WALL_AT: f64 = 4.0;
 
 /// The point that a camera sees at `right` of its middle, in plan: across and away, the same at every height.
-fn met(camera: DVec2, right: f64) -> DVec2 {
+fn seen_point(camera: DVec2, right: f64) -> DVec2 {
     let at = |away: f64| DVec2::new(camera.x + (away - camera.y) * right, away);
     if at(PLATE_AT).x.abs() < PLATE { at(PLATE_AT) } else { at(WALL_AT) }
 }
@@ -114,7 +114,7 @@ fn surfaces_behind_an_occluder_are_not_covisible() {
         let all = pixels(&cameras[0], SIZE);
         let [mut seen, mut hidden] = [0.0, 0.0];
         for [right, down] in &all {
-            let point = met(from, *right);
+            let point = seen_point(from, *right);
             let away = point.y - into.y;
             let there = inside([(point.x - into.x) / away, down * (point.y - from.y) / away]);
             // Where the line from the wall to the other camera passes the plate's distance.

@@ -93,7 +93,7 @@ const MOST: usize = 32;
 type Entered = (f32, u32, [(f32, f32); 3]);
 
 impl Candidates {
-    /// Finds the objects; those that `keep` refuses are known not to be hit.
+    /// Finds the objects; those that `keep` excludes are known not to be hit.
     pub(crate) fn new(bvh: &Bvh, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Self {
         let mut found: Vec<Entered> = Vec::new();
         let mut open = vec![0u32];
@@ -112,15 +112,15 @@ impl Candidates {
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let node = |few: &[Entered]| {
+        let node = |entered: &[Entered]| {
             let mut node = Node::EMPTY;
-            for (slot, (_, link, planes)) in few.iter().enumerate() {
-                for (own, (low, high)) in node.planes.iter_mut().zip(planes) {
-                    (own[0][slot], own[1][slot]) = (*low, *high);
+            for (slot, (_, link, planes)) in entered.iter().enumerate() {
+                for ([lows, highs], (low, high)) in node.planes.iter_mut().zip(planes) {
+                    (lows[slot], highs[slot]) = (*low, *high);
                 }
                 node.links[slot] = *link;
             }
-            (few[0].0, node)
+            (entered[0].0, node)
         };
         Self { nodes: found.chunks(WIDTH).map(node).collect(), complete: true }
     }

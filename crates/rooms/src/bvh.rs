@@ -2,7 +2,7 @@ use glam::{DVec3, Vec3A, Vec4};
 
 use crate::form::{Object, RaySegment};
 
-/// A bounding volume hierarchy with four boxes per node, built by the surface area heuristic. Each leaf box holds one
+/// A bounding volume hierarchy with four boxes per node, built by the surface area heuristic. Each leaf box contains one
 /// object, which is tested exactly if a ray hits the box.
 #[derive(Clone, Debug)]
 pub(crate) struct Bvh {
@@ -172,7 +172,7 @@ impl Slabs {
     }
 }
 
-/// The largest entry of a box that can hold hits nearer than `farthest`.
+/// The largest entry of a box that can contain hits nearer than `farthest`.
 #[expect(clippy::cast_possible_truncation, reason = "boxes have a margin for f32")]
 pub(crate) fn limit(farthest: f64) -> f32 {
     farthest as f32 * 1.000_001 + MARGIN
@@ -218,17 +218,17 @@ fn cheapest_split(run: &mut [Leaf]) -> usize {
     let mut best = (f32::INFINITY, 0, run.len() / 2);
     for axis in 0..3 {
         sort(run, axis);
-        let mut held = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        let mut last = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         let mut of_last = |leaf: &Leaf| {
-            held = (held.0.min(leaf.low), held.1.max(leaf.high));
-            area_of(held)
+            last = (last.0.min(leaf.low), last.1.max(leaf.high));
+            area_of(last)
         };
         let mut right: Vec<f32> = run.iter().rev().map(&mut of_last).collect();
         right.reverse();
-        let mut held = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        let mut left = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         for at in 1..run.len() {
-            held = (held.0.min(run[at - 1].low), held.1.max(run[at - 1].high));
-            let cost = area_of(held) * at as f32 + right[at] * (run.len() - at) as f32;
+            left = (left.0.min(run[at - 1].low), left.1.max(run[at - 1].high));
+            let cost = area_of(left) * at as f32 + right[at] * (run.len() - at) as f32;
             if cost < best.0 {
                 best = (cost, axis, at);
             }
@@ -285,8 +285,8 @@ mod tests {
                 assert_eq!(candidates.blocked(&bvh, &objects, ray), expected.is_some(), "bundle {at}");
                 hits += usize::from(expected.is_some());
             }
-            let refused = Candidates::new(&bvh, &RayPacket::new(origins, directions, farthest), |_| false);
-            assert!(refused.is_empty(), "objects that are known not to be hit are left out");
+            let excluded = Candidates::new(&bvh, &RayPacket::new(origins, directions, farthest), |_| false);
+            assert!(excluded.is_empty(), "objects that are known not to be hit are left out");
         }
         assert!((1000..11_000).contains(&hits) && short > 200, "{hits} hits, {short} lists");
     }

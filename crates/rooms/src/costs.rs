@@ -1,5 +1,5 @@
 //! What a frame's effects cost, and what leaving out the others saves: measured by pairs of renderings that take turns, so
-//! that whatever else the machine does slows both alike.
+//! that other load on the machine slows both equally.
 
 use std::fmt;
 use std::time::Instant;
@@ -8,9 +8,9 @@ use atsplat_numeric::median;
 use serde::Serialize;
 
 use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
-use crate::{RoomsError, Simulation};
+use crate::{Request, RoomsError, Simulation};
 
-/// A time in seconds, not negative: the median of pairs, and the interval that holds the true median with 96 % confidence.
+/// A time in seconds, not negative: the median of pairs, and the interval that contains the true median with 96 % confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Timing {
@@ -52,7 +52,7 @@ pub struct FrameCosts {
 pub struct ImageDifference {
     /// Largest difference of a displayed value, as a share of white.
     pub largest: f32,
-    /// Share of pixels of which a channel differs by more than 1/255.
+    /// Share of pixels with a channel that differs by more than 1/255.
     pub beyond: f64,
     /// Mean squared difference of the displayed values.
     pub mse: f64,
@@ -107,8 +107,8 @@ impl Timing {
 }
 
 impl Simulation {
-    /// Measures a frame: nine rounds, in each of which it is rendered with the scene's effects, with all effects, and
-    /// without one effect after another.
+    /// Measures a frame in nine rounds: each renders it with the scene's effects, with all effects, and without one effect
+    /// after another.
     ///
     /// # Errors
     /// As [`Self::image`].
@@ -118,20 +118,20 @@ impl Simulation {
         let chosen = |choice: &EffectChoice| Effects::choose(&self.context(), choice);
         let without: Vec<Effects> = kinds.iter().map(|kind| chosen(&EffectChoice::Only(others(*kind)))).collect();
         let all = chosen(&EffectChoice::All);
-        let (mut own_secs, mut all_secs) = (Vec::new(), Vec::new());
-        let mut more = vec![Vec::new(); kinds.len()];
+        let (mut frame_secs, mut all_secs) = (Vec::new(), Vec::new());
+        let mut saved = vec![Vec::new(); kinds.len()];
         for _ in 0..PAIRS {
-            let own = self.secs(frame, &self.effects)?;
-            own_secs.push(own);
+            let secs = self.secs(frame, &self.effects)?;
+            frame_secs.push(secs);
             all_secs.push(self.secs(frame, &all)?);
-            for (more, without) in more.iter_mut().zip(&without) {
-                more.push(own - self.secs(frame, without)?);
+            for (of_effect, without) in saved.iter_mut().zip(&without) {
+                of_effect.push(secs - self.secs(frame, without)?);
             }
         }
-        let ratios: Vec<f64> = all_secs.iter().zip(&own_secs).map(|(all, own)| all / own).collect();
-        let effects = kinds.iter().zip(more).map(|(&effect, more)| EffectCost { effect, time: Timing::of(more) });
+        let ratios: Vec<f64> = all_secs.iter().zip(&frame_secs).map(|(all, frame)| all / frame).collect();
+        let effects = kinds.iter().zip(saved).map(|(&effect, secs)| EffectCost { effect, time: Timing::of(secs) });
         Ok(FrameCosts {
-            frame: Timing::of(own_secs),
+            frame: Timing::of(frame_secs),
             all: Timing::of(all_secs),
             speedup: median(ratios).unwrap_or(f64::NAN),
             effects: effects.collect(),
@@ -146,8 +146,8 @@ impl Simulation {
     pub fn difference_from_all(&self, frame: usize) -> Result<ImageDifference, RoomsError> {
         let effects = Effects::choose(&self.context(), &EffectChoice::All);
         let all = self.rendered(frame, &effects)?;
-        let own = self.image(frame)?;
-        let changes = || own.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
+        let image = self.image(frame)?;
+        let changes = || image.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
         let values: Vec<f32> = changes().collect();
         let beyond = values.chunks(3).filter(|pixel| pixel.iter().any(|change| *change > 1.0 / 255.0)).count();
         Ok(ImageDifference {
@@ -165,8 +165,9 @@ impl Simulation {
     }
 
     fn context(&self) -> SceneContext<'_> {
-        let is_given = self.request().route.is_given();
-        SceneContext { world: &self.world, conditions: &self.conditions, shots: self.shots(), is_given }
+        let Request { size, route, .. } = self.request();
+        let (world, conditions, shots) = (&self.world, &self.conditions, self.shots());
+        SceneContext { world, conditions, shots, size: *size, is_given: route.is_given() }
     }
 }
 

@@ -6,7 +6,7 @@ use crate::{RoomsError, Simulation};
 
 /// Shares of two images that show the same surfaces, by ray tracing.
 ///
-/// Of the pixels of one image whose centre shows a surface, those count whose surface point lies inside the other image
+/// Of the pixels of one image whose centre shows a surface, those count whose surface point is inside the other image
 /// and is visible from there. No depth maps or depth tolerances are involved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covisibility {
@@ -48,7 +48,7 @@ impl Simulation {
                 let direction = pose.transform_vector(plane.extend(1.0)).normalize();
                 let Some(surface) = self.world.trace(pose.centre(), direction) else { continue };
                 surfaces += 1;
-                // A point that the lens cannot map or that lies behind the camera is not in the image.
+                // A point that the lens cannot map or that is behind the camera is not in the image.
                 let inside = other.project(surface.point).is_ok_and(|projected| projected.is_inside());
                 let to_eye: DVec3 = eye - surface.point;
                 let faces = surface.normal.dot(to_eye) > 0.0;

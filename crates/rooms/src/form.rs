@@ -100,10 +100,10 @@ impl Object {
         }
     }
 
-    /// Whether every line from a point of one box to a point of another surely passes through the object: only ever of
-    /// walls, slabs and panels that are aligned with the axes.
+    /// Whether every line from a point of one box to a point of another is known to pass through the object: only if this is
+    /// a wall, slab or panel that is aligned with the axes.
     ///
-    /// On a plane between both boxes, the lines meet a region whose extent is that of the lines between the boxes' corners.
+    /// On a plane between both boxes, the lines cross a region whose extent is that of the lines between the boxes' corners.
     pub(crate) fn separates(&self, from: &Extent, to: &Extent) -> bool {
         const MARGIN: f64 = 1e-4;
         let Some(half) = self.aligned else { return false };
@@ -132,7 +132,7 @@ impl Object {
     }
 
     /// Normal and surface coordinates at a point that [`Self::hit`] found.
-    pub(crate) fn touch(&self, point: DVec3) -> HitPoint {
+    pub(crate) fn hit_point(&self, point: DVec3) -> HitPoint {
         let p = self.world_from_local.transpose() * (point - self.centre);
         let (normal, uv) = match self.form {
             Form::Box(half) => {
@@ -297,11 +297,11 @@ mod tests {
             let close = Tolerance::absolute(1e-5);
             match found {
                 Some(t) => {
-                    close.assert([object.distance(origin + direction * t)], [0.0], "a hit lies on the surface");
+                    close.assert([object.distance(origin + direction * t)], [0.0], "a hit is on the surface");
                     if least < 1e-9 { close.assert([walked], [t], "the first hit"); }
-                    let touch = object.touch(origin + direction * t);
-                    prop_assert!(touch.normal.dot(direction) < 1e-6, "seen from outside");
-                    let away = object.distance(origin + direction * t + touch.normal * 1e-3);
+                    let point = object.hit_point(origin + direction * t);
+                    prop_assert!(point.normal.dot(direction) < 1e-6, "seen from outside");
+                    let away = object.distance(origin + direction * t + point.normal * 1e-3);
                     Tolerance::absolute(2e-5).assert([away], [1e-3], "the normal points away from the surface");
                 }
                 None => prop_assert!(least > 1e-7, "passed at {least} without a hit"),

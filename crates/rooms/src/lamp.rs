@@ -62,7 +62,7 @@ impl Lamp {
         }
     }
 
-    /// The box that holds `origin + towards(origin, …)`, or for the sun `towards` itself, for any origin.
+    /// The box that contains `origin + towards(origin, …)`, or for the sun `towards` itself, for any origin.
     pub(crate) fn extent(&self) -> LampExtent {
         match *self {
             Self::Panel { centre, half_u, half_v, .. } => {

@@ -117,10 +117,14 @@ impl ClipGroup {
         warnings: &mut Warnings,
         progress: &(dyn Fn() + Sync),
     ) -> Self {
+        let times = dataset.times();
         let read = dataset.keys().par_iter().map(|key| {
             let mut warnings = Warnings::new();
             let loaded = dataset.load(key, &mut warnings);
-            let clip = loaded.map(|scene| (ClipMotion::of(&scene.key, timed_cameras(&scene)), scene.has_times()));
+            let clip = loaded.map(|scene| {
+                let cameras = timed_cameras(&scene, times);
+                (ClipMotion::of(&scene.key, cameras), scene.has_times(times))
+            });
             progress();
             (key, clip, warnings)
         });

@@ -170,7 +170,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Linear light before exposure, row by row: the mean of the pixel's samples, of which each runs every effect.
+    /// Linear light before exposure, row by row: the mean of the pixel's samples, each with every effect.
     pub(crate) fn light(&self) -> Result<Vec<Vec3>, RoomsError> {
         let rows = (0..self.size.height).into_par_iter().map(|row| {
             let pixel = |column: u32| {
@@ -261,7 +261,7 @@ pub(crate) fn geometry(world: &World, lens: Distortion, shot: &Shot, size: Image
     let rays = Rays::new(shot, lens, size)?;
     let pose = shot.camera.camera_from_world.inverse();
     let pixels = (0..size.height).into_par_iter().flat_map_iter(|row| (0..size.width).map(move |column| (column, row)));
-    let met = pixels.map(|(column, row)| {
+    let hits = pixels.map(|(column, row)| {
         let (plane, _) = rays.pixel(column, row)?;
         let ray = plane.extend(1.0);
         let surface = world.trace(pose.centre(), pose.transform_vector(ray).normalize());
@@ -270,9 +270,9 @@ pub(crate) fn geometry(world: &World, lens: Distortion, shot: &Shot, size: Image
             (depth as f32, surface.normal.as_vec3().to_array(), surface.instance)
         }))
     });
-    let met = met.collect::<Result<Vec<_>, RoomsError>>()?;
+    let hits = hits.collect::<Result<Vec<_>, RoomsError>>()?;
     let mut geometry = Geometry { size, depth: Vec::new(), normals: Vec::new(), instances: Vec::new() };
-    for (depth, normal, instance) in met {
+    for (depth, normal, instance) in hits {
         geometry.depth.push(depth);
         geometry.normals.push(normal);
         geometry.instances.push(instance);
@@ -289,8 +289,8 @@ fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -
     Ok(WorldFromCamera::new(glam::DMat3::from_quat(turn), from.centre().lerp(to.centre(), share))?)
 }
 
-/// Share of a lamp's light that arrives at a surface seen in a mirror. Shadow rays of reflections would cost more than they show, so
-/// that their shadows are spread evenly.
+/// Share of a lamp's light that arrives at a surface seen in a mirror, if shadows run. Shadow rays of reflections would cost
+/// more than they show, so that their shadows are spread evenly.
 const MIRRORED_VISIBILITY: f32 = 0.6;
 
 /// Light reflected diffusely and emitted by a surface; `sample` is `None` if it is seen in a mirror.
@@ -308,9 +308,74 @@ fn reflected_light(
     for lamp in &world.lamps {
         let reached = lamp.reaches(surface.point, surface.normal);
         if reached.max_element() > enough {
-            arriving +=
-                reached * sample.map_or(MIRRORED_VISIBILITY, |sample| effects.visibility(world, lamp, surface, sample));
+            let visible = match sample {
+                Some(sample) => effects.visibility(world, lamp, surface, sample),
+                None if effects.shadowed() => MIRRORED_VISIBILITY,
+                None => 1.0,
+            };
+            arriving += reached * visible;
         }
     }
     material.albedo(&surface.texture_point(footprint)) * arriving + material.emission
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::effects::{Conditions, EffectChoice, EffectKind, SceneContext};
+    use crate::lamp::Lamp;
+    use crate::material::Pattern;
+    use crate::sky::Sky;
+    use crate::world::Builder;
+
+    /// A black mirror on the floor in front of a coloured wall, which a lamp that nothing hides lights.
+    fn mirror_and_wall() -> World {
+        let mut builder = Builder::new();
+        let mirror = builder.material(Material { mirror: 0.4, ..Material::matte(Pattern::Plain(Vec3::ZERO), 0) });
+        let wall = builder.material(Material::matte(Pattern::Plain(Vec3::new(0.8, 0.5, 0.2)), 0));
+        builder.instance(DVec3::ZERO, 0.0);
+        builder.block(DVec3::new(-5.0, -5.0, -1.0), DVec3::new(5.0, 5.0, 0.0), mirror);
+        builder.block(DVec3::new(-5.0, 4.0, 0.0), DVec3::new(5.0, 5.0, 5.0), wall);
+        let radiance = Vec3::new(5000.0, 4000.0, 3000.0);
+        builder.lamps = vec![Lamp::Bulb { centre: DVec3::new(1.0, 1.0, 2.0), radius: 0.1, radiance }];
+        let none = Vec3::ZERO;
+        let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
+        builder.finish(sky, none, [DVec3::splat(-5.0), DVec3::splat(5.0)])
+    }
+
+    /// The radiance of the wall seen in the mirror, and seen directly from the mirror times the mirror's Fresnel term.
+    fn mirrored_and_direct(kinds: &[EffectKind]) -> [Vec3; 2] {
+        let world = mirror_and_wall();
+        let size = ImageSize { width: 16, height: 16 };
+        let pose = WorldFromCamera::new(glam::DMat3::IDENTITY, DVec3::Z).unwrap();
+        let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let shot = Shot { timestamp_micros: 0, camera, moving_to: pose };
+        let conditions = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size, is_given: true };
+        let effects = Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec()));
+        let frame = Frame::new(&world, &effects, &shot, size, 1).unwrap();
+        let sample = PixelSample { pixel: 1, number: 0 };
+        let direction = DVec3::new(0.1, 1.0, -0.5).normalize();
+        let floor = world.trace(DVec3::Z, direction).unwrap();
+        let view = Incidence::new(&floor, direction, frame.spread);
+        let mirrored = frame.radiance(&CameraRay { origin: DVec3::Z, direction, sample });
+        let direct = frame.radiance(&CameraRay { origin: floor.leave(), direction: view.bounced, sample });
+        [mirrored, direct * view.fresnel(world.material(&floor))]
+    }
+
+    #[test]
+    fn a_mirror_dims_lamps_only_if_shadows_run() {
+        let shares = [
+            (&[EffectKind::SpecularReflection][..], 1.0),
+            (&[EffectKind::SoftShadows, EffectKind::SpecularReflection][..], f64::from(MIRRORED_VISIBILITY)),
+        ];
+        for (kinds, share) in shares {
+            let [mirrored, direct] = mirrored_and_direct(kinds).map(Vec3::as_dvec3);
+            assert!(direct.min_element() > 0.01, "{kinds:?}: {direct}");
+            Tolerance::relative(1e-5).assert(mirrored.to_array(), (direct * share).to_array(), &format!("{kinds:?}"));
+        }
+    }
 }

@@ -3,7 +3,7 @@ use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
-use atsplat_scene::Scene;
+use atsplat_scene::{Scene, Times};
 
 use crate::effects::{ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
@@ -29,9 +29,10 @@ pub enum Route {
 }
 
 impl Route {
-    /// As a scene's cameras. Scenes without times ([`Scene::has_times`]) are assumed to have 30 frames per second.
-    pub fn of_scene(scene: &Scene) -> Self {
-        Self::Given(path::timed_cameras(scene))
+    /// As a scene's cameras; `times` are those of its dataset ([`atsplat_scene::SceneSource::times`]). Scenes without times
+    /// ([`Scene::has_times`]) are assumed to have 30 frames per second.
+    pub fn of_scene(scene: &Scene, times: Times) -> Self {
+        Self::Given(path::timed_cameras(scene, times))
     }
 
     pub(crate) const fn is_given(&self) -> bool {
@@ -69,6 +70,17 @@ impl Request {
         let size = ImageSize { width: 256, height: 256 };
         Self { kind, seed, frames, size, samples: 4, effects: EffectChoice::Auto, route: Route::Natural }
     }
+
+    fn check(&self) -> Result<(), RoomsError> {
+        let Self { frames, size, samples, .. } = self;
+        let check = |valid: bool, field, expected, found: &dyn fmt::Display| {
+            if valid { Ok(()) } else { Err(RoomsError::Request { field, expected, found: found.to_string() }) }
+        };
+        let sides = 1..=16384;
+        check(*frames > 0, "frames", "at least 1", frames)?;
+        check(sides.contains(&size.width) && sides.contains(&size.height), "size", "sides of 1 to 16384", size)?;
+        check((1..=256).contains(samples), "samples", "1 to 256", samples)
+    }
 }
 
 /// A simulated scene with its camera path; images are rendered on request, in any order.
@@ -91,32 +103,20 @@ impl Simulation {
     /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, samples outside 1 to 256, or a given route that does
     /// not fit into the scene at any scale.
     pub fn new(request: Request) -> Result<Self, RoomsError> {
-        let ImageSize { width, height } = request.size;
-        let check = |valid: bool, field, expected, found: String| {
-            if valid { Ok(()) } else { Err(RoomsError::Request { field, expected, found }) }
-        };
-        check(request.frames > 0, "frames", "at least 1", request.frames.to_string())?;
-        let sides = 1..=16384;
-        check(
-            sides.contains(&width) && sides.contains(&height),
-            "size",
-            "sides of 1 to 16384",
-            request.size.to_string(),
-        )?;
-        check((1..=256).contains(&request.samples), "samples", "1 to 256", request.samples.to_string())?;
-        let seed = request.seed.bits();
+        request.check()?;
+        let (seed, size) = (request.seed.bits(), request.size);
         let world = build::world(request.kind, seed);
         let path = match &request.route {
             Route::Natural => {
-                let shape = f64::from(width) / f64::from(height);
-                path::natural(request.kind, seed, &world, request.frames, shape)?
+                let width_over_height = f64::from(size.width) / f64::from(size.height);
+                path::natural(request.kind, seed, &world, request.frames, width_over_height)?
             }
             Route::Given(cameras) => path::place(seed, &world, cameras)?,
         };
         let conditions = conditions(request.kind, seed);
         let is_given = request.route.is_given();
-        let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, is_given };
-        let effects = Effects::choose(&case, &request.effects);
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, size, is_given };
+        let effects = Effects::choose(&scene, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
         Ok(Self { request, world, conditions, effects, shots, slowed_to, gain, lens_table: OnceLock::new() })
@@ -131,8 +131,8 @@ impl Simulation {
             |&camera: &Camera| Shot { timestamp_micros: 0, camera, moving_to: camera.camera_from_world.inverse() };
         let shots: Vec<Shot> = cameras.iter().map(still).collect();
         let conditions = conditions(request.kind, seed.bits());
-        let case = SceneContext { world: &world, conditions: &conditions, shots: &shots, is_given: true };
-        let effects = Effects::choose(&case, &request.effects);
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size, is_given: true };
+        let effects = Effects::choose(&scene, &request.effects);
         Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
     }
 

@@ -1,4 +1,4 @@
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,7 +10,7 @@ use indexmap::IndexMap;
 
 use crate::{GENERATOR, Request, RoomsError, Simulation};
 
-/// Size of the image cache, in bytes.
+/// Bytes of images that a dataset and its clones keep.
 const CACHE_BYTES: usize = 512 << 20;
 
 /// Simulated scenes as a dataset in memory.
@@ -19,8 +19,9 @@ const CACHE_BYTES: usize = 512 << 20;
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedScenes {
     keys: Vec<String>,
-    requests: IndexMap<String, Request>,
-    cache: Arc<ImageCache>,
+    requests: IndexMap<String, (Request, Arc<ImageCache>)>,
+    /// Bytes of all caches together.
+    cached_bytes: Arc<Mutex<usize>>,
 }
 
 impl SimulatedScenes {
@@ -32,28 +33,24 @@ impl SimulatedScenes {
     /// Adds a scene; it replaces one of the same key.
     pub fn add(&mut self, request: Request) {
         let key = request.seed.key(request.kind);
-        if self.requests.insert(key.clone(), request).is_none() {
+        // Of one key, clones may have different requests.
+        let cache = ImageCache { images: Mutex::default(), cached_bytes: Arc::clone(&self.cached_bytes) };
+        if self.requests.insert(key.clone(), (request, Arc::new(cache))).is_none() {
             self.keys.push(key);
-        } else {
-            // Cached images may be of the replaced request.
-            self.cache = Arc::default();
         }
     }
+}
 
-    fn frame(&self, key: &str, simulation: &Arc<Simulation>, at: usize) -> Result<Frame, RoomsError> {
+impl SimulatedImage {
+    fn frame(self) -> Result<Frame, RoomsError> {
+        let (simulation, at) = (Arc::clone(&self.simulation), self.frame);
         let timestamp = simulation.shot(at)?.timestamp_micros;
-        let image = SimulatedImage {
-            key: key.to_owned(),
-            frame: at,
-            simulation: Arc::clone(simulation),
-            cache: Arc::clone(&self.cache),
-        };
         Ok(Frame {
             name: timestamp.to_string(),
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            image: FrameImage::Generated(Arc::new(image)),
+            image: FrameImage::Generated(Arc::new(self)),
         })
     }
 }
@@ -65,9 +62,12 @@ impl SceneSource for SimulatedScenes {
 
     fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: PathBuf::from("simulated scenes") };
-        let request = self.requests.get(key).ok_or_else(unknown)?;
+        let (request, cache) = self.requests.get(key).ok_or_else(unknown)?;
         let simulation = Arc::new(Simulation::new(request.clone()).map_err(making(key))?);
-        let frames = (0..simulation.shots().len()).map(|at| self.frame(key, &simulation, at));
+        let frames = (0..simulation.shots().len()).map(|frame| {
+            let (simulation, cache) = (Arc::clone(&simulation), Arc::clone(cache));
+            SimulatedImage { key: key.to_owned(), frame, simulation, cache }.frame()
+        });
         let frames = frames.collect::<Result<_, _>>().map_err(making(key))?;
         Ok(Scene { key: simulation.key(), url: None, frames })
     }
@@ -91,12 +91,12 @@ impl GeneratedImage for SimulatedImage {
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {
-        if let Some(image) = self.cache.get(&self.key, self.frame) {
+        if let Some(image) = self.cache.get(self.frame) {
             return Ok(image);
         }
         let image = self.simulation.image(self.frame).map_err(making(&self.key))?;
         let image = image.to_u8(Rounding::Nearest).map_err(|error| making(&self.key)(error.into()))?;
-        self.cache.put(&self.key, self.frame, &image);
+        self.cache.put(self.frame, &image);
         Ok(image)
     }
 }
@@ -111,29 +111,33 @@ fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
     move |error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) }
 }
 
-/// Rendered images, up to [`CACHE_BYTES`] bytes; later ones are rendered again each time.
-#[derive(Default)]
-struct ImageCache(Mutex<Images>);
-
-#[derive(Default)]
-struct Images {
-    bytes: usize,
-    /// By scene and frame.
-    all: HashMap<(String, usize), ImageU8>,
+/// Rendered images of one request, by frame. Once the caches of a dataset contain [`CACHE_BYTES`] together, further images are
+/// rendered again each time.
+struct ImageCache {
+    images: Mutex<BTreeMap<usize, ImageU8>>,
+    cached_bytes: Arc<Mutex<usize>>,
 }
 
 impl ImageCache {
-    fn get(&self, key: &str, frame: usize) -> Option<ImageU8> {
-        let images = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        images.all.get(&(key.to_owned(), frame)).cloned()
+    fn get(&self, frame: usize) -> Option<ImageU8> {
+        self.images.lock().unwrap_or_else(PoisonError::into_inner).get(&frame).cloned()
     }
 
-    fn put(&self, key: &str, frame: usize, image: &ImageU8) {
-        let mut images = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    fn put(&self, frame: usize, image: &ImageU8) {
+        let mut images = self.images.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut cached_bytes = self.cached_bytes.lock().unwrap_or_else(PoisonError::into_inner);
         let bytes = image.samples().len();
-        if images.bytes + bytes <= CACHE_BYTES && images.all.insert((key.to_owned(), frame), image.clone()).is_none() {
-            images.bytes += bytes;
+        if *cached_bytes + bytes <= CACHE_BYTES && images.insert(frame, image.clone()).is_none() {
+            *cached_bytes += bytes;
         }
+    }
+}
+
+impl Drop for ImageCache {
+    fn drop(&mut self) {
+        let images = self.images.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let bytes: usize = images.values().map(|image| image.samples().len()).sum();
+        *self.cached_bytes.lock().unwrap_or_else(PoisonError::into_inner) -= bytes;
     }
 }
 
@@ -170,6 +174,34 @@ mod tests {
             let image = scene.decode(at, &DecodeLimits::default()).unwrap();
             assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         }
+    }
+
+    /// The images of each clone are those of its requests, whichever is decoded first; a request that both have is rendered
+    /// once.
+    #[test]
+    fn clones_do_not_share_images_of_different_requests() {
+        let shared = Request { seed: SceneSeed { number: 4, ..request().seed }, ..request() };
+        let mut small = SimulatedScenes::new();
+        small.add(shared);
+        let mut large = small.clone();
+        small.add(request());
+        large.add(Request { size: ImageSize { width: 48, height: 32 }, ..request() });
+        let size = |source: &SimulatedScenes, key: &str| {
+            let scene = source.load(key, &mut Warnings::new()).unwrap();
+            let image = scene.decode(1, &DecodeLimits::default()).unwrap();
+            (image.width(), image.height())
+        };
+        let bytes = |source: &SimulatedScenes| *source.cached_bytes.lock().unwrap();
+        assert_eq!(size(&small, "rooms-test-00000003"), (24, 16));
+        assert_eq!(size(&large, "rooms-test-00000003"), (48, 32));
+        let of_both = 3 * (24 * 16 + 48 * 32);
+        assert_eq!(bytes(&small), of_both);
+        for source in [&small, &large] {
+            assert_eq!(size(source, "rooms-test-00000004"), (24, 16));
+            assert_eq!(bytes(source), of_both + 3 * 24 * 16);
+        }
+        small.add(request());
+        assert_eq!(bytes(&large), 3 * (24 * 16 + 48 * 32), "a request that was replaced gives its bytes back");
     }
 
     #[test]

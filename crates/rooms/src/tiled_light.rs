@@ -17,8 +17,8 @@ use crate::world::{LEAVE, Surface};
 
 /// Side of a tile, in pixels.
 const TILE: u32 = 8;
-/// Fewest samples on a face for which a search pays.
-const WORTH: usize = 12;
+/// Smallest number of samples on a face for which a search saves time.
+const MIN_SEARCHED: usize = 12;
 /// The cosine between normals from which two points are on one face.
 const FLAT: f64 = 1.0 - 1e-9;
 
@@ -121,7 +121,7 @@ impl TiledLight<'_> {
     /// Finds what can hide lamps from the larger faces and what these can mirror.
     fn prepare(&self, faces: &mut [Face]) {
         let Frame { world, effects, .. } = *self.frame;
-        for face in faces.iter_mut().filter(|face| face.count >= WORTH) {
+        for face in faces.iter_mut().filter(|face| face.count >= MIN_SEARCHED) {
             if effects.shadowed() {
                 for (at, lamp) in world.lamps.iter().enumerate() {
                     face.shades[at] = self.shades(face, lamp);

@@ -2,7 +2,7 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use crate::bundle::{Candidates, RayPacket};
 use crate::bvh::Bvh;
-use crate::form::{Form, Object, RaySegment};
+use crate::form::{Form, HitPoint, Object, RaySegment};
 use crate::lamp::Lamp;
 use crate::material::{Material, TexturePoint};
 use crate::sky::Sky;
@@ -53,21 +53,20 @@ impl World {
     /// The nearest surface along a unit direction.
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
-        self.bvh.closest(&self.objects, &ray).map(|hit| self.touched(&ray, hit))
+        self.bvh.closest(&self.objects, &ray).map(|hit| self.surface(&ray, hit))
     }
 
     /// As [`Self::trace`], for a ray whose possible hits are known.
     pub(crate) fn trace_among(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
-        candidates.closest(&self.bvh, &self.objects, &ray).map(|hit| self.touched(&ray, hit))
+        candidates.closest(&self.bvh, &self.objects, &ray).map(|hit| self.surface(&ray, hit))
     }
 
-    fn touched(&self, &RaySegment { origin, direction, .. }: &RaySegment, (distance, object): (f64, usize)) -> Surface {
-        let hit = &self.objects[object];
+    fn surface(&self, &RaySegment { origin, direction, .. }: &RaySegment, (distance, object): (f64, usize)) -> Surface {
+        let instance = self.objects[object].instance;
         let point = origin + direction * distance;
-        let touch = hit.touch(point);
-        let normal = if touch.normal.dot(direction) > 0.0 { -touch.normal } else { touch.normal };
-        let (instance, uv, local) = (hit.instance, touch.uv, touch.local);
+        let HitPoint { normal: outward, local, uv } = self.objects[object].hit_point(point);
+        let normal = if outward.dot(direction) > 0.0 { -outward } else { outward };
         Surface { distance, point, normal, object, instance, uv, local }
     }
 
@@ -86,7 +85,7 @@ impl World {
         candidates.blocked(&self.bvh, &self.objects, &RaySegment::new(point, offset, nearest, 1.0))
     }
 
-    /// What the rays of a bundle can hit; objects that `keep` refuses are known not to be hit.
+    /// What the rays of a bundle can hit; objects that `keep` excludes are known not to be hit.
     pub(crate) fn candidates(&self, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Candidates {
         Candidates::new(&self.bvh, bundle, keep)
     }

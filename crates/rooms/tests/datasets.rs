@@ -129,12 +129,12 @@ fn each_frame_of_a_route_keeps_its_focal_length() {
 
 /// The second image would replace the first.
 #[test]
-fn a_time_twice_is_refused_where_files_are_named_after_it() {
+fn a_repeated_time_is_rejected_where_files_are_named_after_it() {
     for (layout, depth) in [(Layout::Re10k, false), (Layout::Chunks, true)] {
         let folder = tempfile::tempdir().unwrap();
         let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth };
-        let refused = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
-        let error = refused.unwrap_err().to_string();
+        let written = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
+        let error = written.unwrap_err().to_string();
         let [start, end] = ["trajectory: expected distinct times", "found 0 µs again"];
         assert!(error.starts_with(start) && error.ends_with(end), "{error}");
         assert_eq!(folder.path().read_dir().unwrap().count(), 0, "nothing is written");

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
-use crate::{SceneError, SceneSource as _, Warnings, json, poses};
+use crate::{SceneError, SceneSource as _, Times, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,7 @@ pub enum CameraFileError {
     },
     /// Poses without a lens.
     #[error(
-        "{} holds camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
+        "{} contains camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
         path.display()
     )]
     NoLens {
@@ -39,13 +39,13 @@ pub enum CameraFileError {
         path: PathBuf,
     },
     /// A field of view for cameras that have intrinsics.
-    #[error("--fov is only for files without intrinsics: {} has its own", path.display())]
+    #[error("--fov requires a file without intrinsics: {} has intrinsics", path.display())]
     HasLens {
         /// The file.
         path: PathBuf,
     },
     /// A key for cameras that belong to no scene.
-    #[error("--key is only for datasets: {} has cameras without scenes", path.display())]
+    #[error("--key requires a dataset: {} has cameras without scenes", path.display())]
     NoScenes {
         /// The file.
         path: PathBuf,
@@ -80,11 +80,11 @@ pub struct FileCamera {
     pub size: Option<ImageSize>,
     /// The 3×4 array of 3DGS' exposure.
     pub exposure: Option<[[f64; 4]; 3]>,
-    /// Its time in microseconds, if a dataset records times and does not only number its frames.
+    /// Its time in microseconds, if a dataset records times and does not only number its frames or name its images.
     pub timestamp_micros: Option<i64>,
 }
 
-/// The lens for files that hold only poses.
+/// The lens for files that contain only poses.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LensOfPoses {
     /// Horizontal field of view in degrees; an error for files with intrinsics.
@@ -291,11 +291,13 @@ fn cameras_of_dataset(
     let dataset = crate::open(path, warnings)?;
     let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
+    // Leaving out a frame would change the positions of others.
+    scene.frames.iter().enumerate().try_for_each(|(at, frame)| frame.require_pose(key, at))?;
     let numbers: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
-    let has_times = can_be_micros(&numbers);
+    let has_times = dataset.times() == Times::Given && can_be_micros(&numbers);
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
-        // The image's own size, because it may be a downscaled copy; if it cannot be read or does not fit, the stated
-        // size.
+        // The size of the image file, because it may be a downscaled copy; if it cannot be read or does not fit, the
+        // stated size.
         let of_image = if frame.image.is_available() { frame.size(key, number).ok() } else { None };
         let size = of_image.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_image);
         let timestamp_micros = frame.timestamp_micros.filter(|_| has_times);
@@ -330,6 +332,17 @@ mod tests {
             let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
             assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_refused, "{text}: {error}");
         }
+    }
+
+    /// Leaving it out would move those behind it.
+    #[test]
+    fn a_frame_of_a_dataset_without_a_pose_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("clip.txt");
+        let row = |time: u32, x: &str| format!("{time} 0.9 0.9 0.5 0.5 0 0 {x} 0 0 0 0 1 0 0 0 0 1 0\n");
+        std::fs::write(&path, [row(0, "1"), row(7, "-1"), row(9, "1")].concat()).unwrap();
+        let error = read(&path, None, LensOfPoses::default(), &mut Warnings::new()).unwrap_err().to_string();
+        assert!(error.contains("frame 1 of scene \"clip\" has no usable pose: line 2: rotation: "), "{error}");
     }
 
     #[test]

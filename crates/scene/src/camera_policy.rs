@@ -5,10 +5,10 @@ use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
 use crate::image_mismatch::stretched_pixels;
+use crate::intrinsics_unit::wrong_unit;
 use crate::lens_end::LensEnds;
-use crate::outlying::outlying_cameras;
-use crate::plausible::wrong_unit;
-use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
+use crate::outlier_cameras::outlier_cameras;
+use crate::{Frame, FrameImage, Scene, Times, WarningKind, Warnings};
 
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
@@ -23,25 +23,16 @@ const ROUNDED: Tolerance = Tolerance::absolute(1e-5);
 /// How far the principal point may be from the centre, in image widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
-/// What [`Frame::timestamp_micros`] is in a format.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Times {
-    /// A timestamp of its own, after which images may be named.
-    Given,
-    /// The number at the end of the image's name, if there is one.
-    FromNames,
-}
-
 /// Warns about suspicious but usable cameras of a scene: at most one warning of each kind, with the number of affected
 /// frames and the first of them.
 ///
-/// Unusable values (NaN, a zero focal length, a matrix that is not a rotation) never get here: no `Camera` can be
-/// constructed from them, and the parser reports the error.
+/// Unusable intrinsics never get here: no `Camera` can be constructed from them, and the parser reports the error. A pose that is not
+/// finite or not a rotation is a [`FrameImage::Unposed`].
 pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warnings) {
     let repeated = report_repeated_images(scene, times, warnings);
     report_timestamps(scene, times, &repeated, warnings);
-    if let Some(detail) = outlying_cameras(scene, FARTHEST_COORDINATE) {
-        warnings.push(WarningKind::OutlyingCamera, &scene.key, detail);
+    if let Some(detail) = outlier_cameras(scene, FARTHEST_COORDINATE) {
+        warnings.push(WarningKind::OutlierCamera, &scene.key, detail);
     }
     let mut report = |kind, problem: &dyn Fn(&Frame) -> Option<String>| {
         let mut offenders = scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(frame)?)));
@@ -52,6 +43,9 @@ pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warning
         }
     };
     report(WarningKind::BadCamera, &|frame| {
+        if let FrameImage::Unposed(reason) = &frame.image {
+            return Some(format!("no usable pose: {reason}"));
+        }
         let centre = frame.camera.camera_from_world.inverse().centre();
         (!centre.is_finite()).then(|| format!("its centre overflows: {centre}"))
     });
@@ -103,10 +97,10 @@ fn report_repeated_images(scene: &Scene, times: Times, warnings: &mut Warnings) 
     for (at, frame) in scene.frames.iter().enumerate() {
         let (FrameImage::File(path) | FrameImage::Missing(path)) = &frame.image else { continue };
         let earlier = *first_with.entry(path).or_insert(at);
-        let is_timed =
+        let has_this_time =
             |earlier: &Frame| earlier.timestamp_micros.is_some_and(|time| frame.timestamp_micros == Some(time));
-        let is_of_time = times == Times::Given && scene.frames.get(earlier).is_some_and(is_timed);
-        if earlier != at && !is_of_time {
+        let shares_time = times == Times::Given && scene.frames.get(earlier).is_some_and(has_this_time);
+        if earlier != at && !shares_time {
             repeated.push((earlier, at, path));
         }
     }
@@ -179,7 +173,7 @@ mod tests {
     /// As structure from motion places an image that it could not register; one beyond 1e9 is reported as distant alone.
     #[test]
     fn a_camera_far_outside_the_others_is_counted() {
-        for (x, kind) in [("-1e6", WarningKind::OutlyingCamera), ("-1e30", WarningKind::DistantCamera)] {
+        for (x, kind) in [("-1e6", WarningKind::OutlierCamera), ("-1e30", WarningKind::DistantCamera)] {
             let row = |at: usize, x: &str| format!("{at} 0.5 0.9 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0");
             let mut rows: Vec<String> = (0..9).map(|at| row(at, &format!("-0.{at}"))).collect();
             rows.push(row(9, x));

@@ -34,7 +34,7 @@ fn png_has_end(bytes: &[u8]) -> bool {
     false
 }
 
-/// Looks for the end marker behind the first scan: a preview in the header has its own. In a scan, no other 0xff is
+/// Looks for the end marker behind the first scan: a preview in the header has one too. In a scan, no other 0xff is
 /// followed by its second byte (ITU T.81, B.1.1.5). Of a header with other bytes than markers, only decoding can tell.
 fn jpeg_has_end(bytes: &[u8]) -> bool {
     let mut rest = bytes.get(2..).unwrap_or_default();

@@ -4,11 +4,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use crate::nerfstudio::AppliedTransform;
-use crate::{Scene, SceneError, WarningKind, Warnings};
+use crate::{Scene, SceneError, Times, WarningKind, Warnings};
 
 /// A dataset whose scenes are loaded one at a time, by key.
 ///
-/// Scenes may be loaded from many threads at once. A loaded scene holds cameras and the places of its images; images
+/// Scenes may be loaded from many threads at once. A loaded scene has its cameras and the places of its images; images
 /// are read when they are decoded.
 pub trait SceneSource: Send + Sync {
     /// Scene keys in a reproducible order.
@@ -21,12 +21,27 @@ pub trait SceneSource: Send + Sync {
     /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 
+    /// What [`crate::Frame::timestamp_micros`] is in this dataset; a source that passes on the scenes of another also passes on
+    /// this.
+    fn times(&self) -> Times {
+        Times::Given
+    }
+
     /// Files and folders that [`SceneSource::load`] reads for a scene, except the images of its frames; none if scenes
     /// are not read from files.
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`], [`SceneError::Io`].
     fn files(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        Ok(Vec::new())
+    }
+
+    /// Images whose size [`SceneSource::load`] reads although other copies of them are the scene's, found by reading
+    /// [`SceneSource::files`].
+    ///
+    /// # Errors
+    /// As [`SceneSource::load`].
+    fn images_for_sizes(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
         Ok(Vec::new())
     }
 
@@ -48,7 +63,7 @@ pub struct OneScene {
 }
 
 impl OneScene {
-    /// The scene under its own key.
+    /// The scene under its key.
     pub fn new(scene: Scene) -> Self {
         Self { keys: [scene.key.clone()], scene }
     }
@@ -69,7 +84,7 @@ impl SceneSource for OneScene {
 
 /// Loads scenes in parallel and returns them in the order of `keys`.
 ///
-/// A scene that cannot be read is skipped with a [`WarningKind::UnreadableScene`] that holds the error's text. The result
+/// A scene that cannot be read is skipped with a [`WarningKind::UnreadableScene`] that has the error's text. The result
 /// does not depend on the number of threads. `progress` is called after each scene, from any thread, with the number of
 /// scenes done. All scenes are in memory at once: pass [`SceneSource::keys`] in chunks if there are many.
 pub fn load_scenes(
@@ -80,15 +95,15 @@ pub fn load_scenes(
 ) -> Vec<Scene> {
     let done = AtomicUsize::new(0);
     let load = |key: &String| {
-        let mut own = Warnings::new();
-        let scene = source.load(key, &mut own);
+        let mut of_scene = Warnings::new();
+        let scene = source.load(key, &mut of_scene);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-        (scene, own)
+        (scene, of_scene)
     };
     let loaded: Vec<_> = keys.par_iter().map(load).collect();
     let mut scenes = Vec::with_capacity(loaded.len());
-    for (key, (scene, own)) in keys.iter().zip(loaded) {
-        warnings.merge(own);
+    for (key, (scene, of_scene)) in keys.iter().zip(loaded) {
+        warnings.merge(of_scene);
         match scene {
             Ok(scene) => scenes.push(scene),
             Err(error) => warnings.push(WarningKind::UnreadableScene, key, error.to_string()),
@@ -99,7 +114,7 @@ pub fn load_scenes(
 
 /// The item that belongs to `key`, where `items` are parallel to the sorted `keys` of the dataset at `path`.
 pub(crate) fn find_by_key<'a, T>(keys: &[String], items: &'a [T], key: &str, path: &Path) -> Result<&'a T, SceneError> {
-    let at = keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
+    let at = keys.binary_search_by(|found| found.as_str().cmp(key)).ok();
     at.and_then(|at| items.get(at)).ok_or_else(|| SceneError::unknown_scene(key, path))
 }
 

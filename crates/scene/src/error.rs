@@ -34,6 +34,14 @@ pub enum SceneError {
         /// Why: the trajectory has no images, or the file is missing.
         reason: String,
     },
+    /// A frame's pose is not finite or not a rotation.
+    #[error("frame {frame} of scene {scene:?} has no usable pose: {reason}")]
+    NoPose {
+        scene: String,
+        frame: usize,
+        /// Where it is in which file, what was expected and found.
+        reason: String,
+    },
     /// A frame cannot be stored in a chunk, whose frames have timestamps.
     #[error(
         "frame {frame} of scene {scene:?}: expected a timestamp, or a name that is a number or ends in _ and a number, found \
@@ -70,7 +78,7 @@ pub enum SceneError {
     /// A generated scene could not be generated.
     #[error("generating scene {scene:?}: {source}")]
     Generating { scene: String, source: Box<dyn std::error::Error + Send + Sync> },
-    /// A path holds none of the supported formats.
+    /// A path contains none of the supported formats.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized { expected: String, found: String, path: PathBuf },
     /// A file refers to an image outside its scene's folder.

@@ -123,6 +123,33 @@ mod tests {
         assert_eq!(unindexed.fetched("b", OpenOptions::default()), [vec!["000000.torch", "000001.torch"], vec![]]);
     }
 
+    /// Lengths in pixels are those of each listed image, angles those of any.
+    #[test]
+    fn captures_without_sizes_bring_the_listed_images_that_tell_them() {
+        let png = png();
+        let frame = |name: &str| format!(r#"{{"file_path":"images/{name}.png","transform_matrix":{POSE}}}"#);
+        for (lens, listed) in [
+            (r#""fl_x":2"#, &["s/images/a.png", "s/images/b.png"][..]),
+            (r#""camera_angle_x":1.0"#, &["s/images/a.png"][..]),
+        ] {
+            let transforms = format!(r#"{{{lens},"frames":[{},{}]}}"#, frame("a"), frame("b"));
+            let files: [(&str, &[u8]); 6] = [
+                ("s/transforms.json", transforms.as_bytes()),
+                ("s/images/a.png", &png),
+                ("s/images/b.png", &png),
+                ("s/images_8/a.png", &png),
+                ("s/images_8/b.png", &png),
+                ("t/transforms.json", transforms.as_bytes()),
+            ];
+            let nerfstudio = NerfstudioOptions { images: ImageFolder::Downscaled(8), ..NerfstudioOptions::default() };
+            let [opening, loading] =
+                Elsewhere::new(&files).fetched("s", OpenOptions { nerfstudio, ..OpenOptions::default() });
+            assert!(opening.is_empty());
+            let copies = ["s/images_8/a.png", "s/images_8/b.png", "s/transforms.json"];
+            assert_eq!(loading, [listed, &copies[..]].concat(), "{lens}");
+        }
+    }
+
     #[test]
     fn captures_bring_the_images_of_the_chosen_size() {
         let png = png();

@@ -22,7 +22,7 @@ pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, Sc
     Ok(bytes)
 }
 
-/// An error for a Git LFS pointer, which takes the place of a file that was not fetched.
+/// An error for a Git LFS pointer, which is there instead of a file that was not fetched.
 fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<(), SceneError> {
     if atsplat_pickle::is_lfs_pointer(start) {
         return Err(SceneError::LfsPointer { action, path: path.to_owned() });
@@ -69,7 +69,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// Only links are looked at: a folder can hold 100 000 files.
+    /// Only links are looked at: a folder can have 100 000 files.
     fn of(kind: fs::FileType, path: impl FnOnce() -> PathBuf) -> Self {
         let is_folder = if kind.is_symlink() {
             let Ok(target) = fs::metadata(path()) else { return Self::Dangling };
@@ -105,7 +105,7 @@ pub(crate) struct ImageListing {
     folder: PathBuf,
     names_by_stem: BTreeMap<String, Vec<String>>,
     /// Whether any image is of a format that is decoded.
-    holds_read: bool,
+    has_decoded: bool,
 }
 
 impl ImageListing {
@@ -125,13 +125,13 @@ impl ImageListing {
         for names in names_by_stem.values_mut() {
             names.sort_by_key(|name| split_image_name(name).map(|(_, preference)| preference));
         }
-        let holds_read = names_by_stem.values().flatten().any(|name| is_read(name));
-        Ok(Some(Self { folder: folder.to_owned(), names_by_stem, holds_read }))
+        let has_decoded = names_by_stem.values().flatten().any(|name| is_read(name));
+        Ok(Some(Self { folder: folder.to_owned(), names_by_stem, has_decoded }))
     }
 
     /// The listing of a folder without images, which need not exist.
     pub(crate) const fn empty(folder: PathBuf) -> Self {
-        Self { folder, names_by_stem: BTreeMap::new(), holds_read: false }
+        Self { folder, names_by_stem: BTreeMap::new(), has_decoded: false }
     }
 
     /// The folder that was listed.
@@ -139,9 +139,9 @@ impl ImageListing {
         &self.folder
     }
 
-    /// Stems of all images, sorted. Beside images that are decoded, others may be depth maps, and do not count.
+    /// Stems of all images, sorted. Next to images that are decoded, others may be depth maps, and do not count.
     pub(crate) fn stems(&self) -> impl Iterator<Item = &str> {
-        let counts = |names: &[String]| !self.holds_read || names.iter().any(|name| is_read(name));
+        let counts = |names: &[String]| !self.has_decoded || names.iter().any(|name| is_read(name));
         self.names_by_stem.iter().filter(move |(_, names)| counts(names)).map(|(stem, _)| stem.as_str())
     }
 
@@ -176,6 +176,10 @@ impl ImageListing {
         let extension = first.and_then(|name| name.rsplit_once('.')).map_or("jpg", |(_, extension)| extension);
         self.folder.join(format!("{stem}.{extension}"))
     }
+}
+
+pub(crate) fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found == extension)
 }
 
 /// Whether a name is that of an image in a format that is decoded.
@@ -261,8 +265,8 @@ mod tests {
             std::os::unix::fs::symlink(root.join("scene"), root.join("link")).unwrap();
             roots.push(root.join("link"));
         }
-        for own in roots {
-            assert_eq!(inside(&own, &listed), Some(vec!["images", "a.png"]), "{}", own.display());
+        for written in roots {
+            assert_eq!(inside(&written, &listed), Some(vec!["images", "a.png"]), "{}", written.display());
         }
         assert_eq!(inside(&root.join("scene/other"), &listed), None);
     }
@@ -314,7 +318,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_without_a_target_is_no_image() {
+    fn a_link_without_a_target_is_not_an_image() {
         use std::os::unix::fs::symlink;
 
         let folder = tempfile::tempdir().unwrap();

@@ -16,20 +16,10 @@ const TRAJECTORY: &str = "an RE10K trajectory";
 const FIRST_ROWS: u64 = 1 << 12;
 
 /// Folders of scenes, each with the names in it that belong to the dataset. Empty for a capture that is opened by itself:
-/// everything in its folder is its own, such as the COLMAP model that a `transforms.json` was made from.
+/// everything in its folder belongs to it, such as the COLMAP model that a `transforms.json` was made from.
 pub(crate) type Collections = BTreeMap<PathBuf, BTreeSet<String>>;
 
-/// What an entry of a folder holds that the dataset leaves out.
-enum LeftOut {
-    /// A scene, by what describes it.
-    Scene(&'static str),
-    /// A COLMAP model in a folder where none is looked for.
-    ModelIn(String),
-    /// Images, or a file with a name like `transforms.json`.
-    Part(String),
-}
-
-/// Warns about scenes in the folders of a dataset with these `keys` that are not its own. Hidden folders are skipped.
+/// Warns about scenes in the folders of a dataset with these `keys` that are not among its scenes. Hidden folders are skipped.
 ///
 /// `names_only`: files need not be here, so that no trajectory can be recognised.
 pub(crate) fn report_ignored(
@@ -39,51 +29,120 @@ pub(crate) fn report_ignored(
     names_only: bool,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
-    for (folder, own) in collections {
+    let dataset = OpenedAs { format, keys, names_only };
+    for (folder, members) in collections {
+        dataset.report_entries(folder, members, warnings)?;
+        dataset.report_names_not_utf8(folder, warnings)?;
+    }
+    Ok(())
+}
+
+/// What an entry of a folder contains that the dataset leaves out.
+enum LeftOut {
+    /// A scene, by what describes it.
+    Scene(&'static str),
+    /// A COLMAP model in a folder where none is looked for.
+    ModelIn(String),
+    /// Images, or a file with a name like `transforms.json`.
+    Part(String),
+}
+
+struct OpenedAs<'a> {
+    format: Format,
+    keys: &'a [String],
+    names_only: bool,
+}
+
+impl OpenedAs<'_> {
+    /// `members` are the names in the folder that belong to the dataset.
+    fn report_entries(
+        &self,
+        folder: &Path,
+        members: &BTreeSet<String>,
+        warnings: &mut Warnings,
+    ) -> Result<(), SceneError> {
         let entries = list(folder)?;
         for (name, is_folder) in entries.iter().filter(|(name, _)| !name.starts_with('.')) {
             let key = if *is_folder { Some(name.as_str()) } else { trajectory_key(name) };
-            let Some(key) = key.filter(|key| !own.contains(*key)) else { continue };
+            let Some(key) = key.filter(|key| !members.contains(*key)) else { continue };
             let path = folder.join(name);
-            let left = if *is_folder {
-                // Images next to a trajectory are reported with it, and chunks hold their own images.
+            let left_out = if *is_folder {
                 let is_of_trajectory = entries.binary_search(&(format!("{name}.txt"), false)).is_ok();
-                let may_be_part = format != Format::TorchChunks && !is_of_trajectory;
-                let part = || if may_be_part { part_in(&path, format).map(LeftOut::Part) } else { None };
-                let model = || model_below(&path).map(LeftOut::ModelIn);
-                scene_in(&path, name, names_only).map(LeftOut::Scene).or_else(model).or_else(part)
+                if let (false, Err(error)) = (is_of_trajectory, list(&path)) {
+                    warnings.push(
+                        WarningKind::UnreadableScene,
+                        key,
+                        format!("none of its scenes can be found: {error}"),
+                    );
+                    continue;
+                }
+                self.left_out_in(&path, name, is_of_trajectory)
             } else {
-                (!names_only && is_trajectory(&path)).then_some(LeftOut::Scene(TRAJECTORY))
+                self.is_trajectory(&path).then_some(LeftOut::Scene(TRAJECTORY))
             };
-            let (kind, detail) = match left {
-                None => continue,
-                Some(LeftOut::Scene(what)) if keys.iter().any(|held| held == key) => {
-                    (WarningKind::DuplicateScene, format!("the scene of the format {format} is used, not {what}"))
-                }
-                Some(LeftOut::Scene(what)) => {
-                    (WarningKind::IgnoredScene, format!("{what} is not read, because the dataset is read as {format}"))
-                }
-                Some(LeftOut::ModelIn(below)) => {
-                    let places =
-                        "a capture's model is looked for in the folder itself, sparse/0, sparse and colmap/sparse/0";
-                    let detail = format!("a COLMAP model in {below}, which is not read: {places}; give that folder");
-                    (WarningKind::IgnoredScene, detail)
-                }
-                Some(LeftOut::Part(what)) => {
-                    (WarningKind::IgnoredScene, format!("holds {what}, but no {}", required(format, key)))
-                }
-            };
-            warnings.push(kind, key, format!("{detail} ({})", path.display()));
+            if let Some(left_out) = left_out {
+                let (kind, detail) = self.warning(key, &left_out);
+                warnings.push(kind, key, format!("{detail} ({})", path.display()));
+            }
         }
+        Ok(())
+    }
+
+    fn report_names_not_utf8(&self, folder: &Path, warnings: &mut Warnings) -> Result<(), SceneError> {
         for (path, is_folder) in not_utf8(folder)? {
             let name = last_name(&path);
-            if !name.starts_with('.') && (is_folder || (!names_only && is_trajectory(&path))) {
+            if !name.starts_with('.') && (is_folder || self.is_trajectory(&path)) {
                 let detail = format!("is not read, because its name is not UTF-8 ({})", path.display());
                 warnings.push(WarningKind::IgnoredScene, name, detail);
             }
         }
+        Ok(())
     }
-    Ok(())
+
+    /// What a folder contains. Images next to a trajectory are reported with it, and chunks contain theirs.
+    fn left_out_in(&self, folder: &Path, name: &str, is_of_trajectory: bool) -> Option<LeftOut> {
+        let may_be_part = self.format != Format::TorchChunks && !is_of_trajectory;
+        let model = || model_below(folder).map(LeftOut::ModelIn);
+        let part = || if may_be_part { part_in(folder, self.format).map(LeftOut::Part) } else { None };
+        self.scene_in(folder, name).map(LeftOut::Scene).or_else(model).or_else(part)
+    }
+
+    fn scene_in(&self, folder: &Path, name: &str) -> Option<&'static str> {
+        if transforms_in(folder, false).is_some() {
+            return Some("a transforms.json");
+        }
+        if model_in(folder).is_some() {
+            return Some("a COLMAP model");
+        }
+        self.is_trajectory(&folder.join(format!("{name}.txt"))).then_some(TRAJECTORY)
+    }
+
+    fn is_trajectory(&self, file: &Path) -> bool {
+        let start = || read_start("opening a dataset", file, FIRST_ROWS);
+        !self.names_only && start().is_ok_and(|start| starts_like_a_trajectory(&start))
+    }
+
+    fn warning(&self, key: &str, left_out: &LeftOut) -> (WarningKind, String) {
+        let format = self.format;
+        match left_out {
+            LeftOut::Scene(what) if self.keys.iter().any(|known| known == key) => {
+                (WarningKind::DuplicateScene, format!("the scene of the format {format} is used, not {what}"))
+            }
+            LeftOut::Scene(what) => {
+                let detail = format!("{what} is not read, because the dataset is read as {format}");
+                (WarningKind::IgnoredScene, detail)
+            }
+            LeftOut::ModelIn(below) => {
+                let places =
+                    "a capture's model is looked for in the folder itself, sparse/0, sparse and colmap/sparse/0";
+                let detail = format!("a COLMAP model in {below}, which is not read: {places}; give that folder");
+                (WarningKind::IgnoredScene, detail)
+            }
+            LeftOut::Part(what) => {
+                (WarningKind::IgnoredScene, format!("contains {what}, but no {}", required(format, key)))
+            }
+        }
+    }
 }
 
 /// What makes a folder with this name a scene of the format.
@@ -96,47 +155,35 @@ fn required(format: Format, name: &str) -> String {
     }
 }
 
-fn scene_in(folder: &Path, name: &str, names_only: bool) -> Option<&'static str> {
-    if transforms_in(folder, false).is_some() {
-        return Some("a transforms.json");
-    }
-    if model_in(folder).is_some() {
-        return Some("a COLMAP model");
-    }
-    let has_trajectory = !names_only && is_trajectory(&folder.join(format!("{name}.txt")));
-    has_trajectory.then_some(TRAJECTORY)
-}
-
-fn is_trajectory(file: &Path) -> bool {
-    read_start("opening a dataset", file, FIRST_ROWS).is_ok_and(|start| starts_like_a_trajectory(&start))
-}
-
-/// What a folder without cameras holds that a capture does. Captures have their images in `images/` or a scaled copy
+/// What a folder without cameras has in common with a capture. Captures have their images in `images/` or a scaled copy
 /// of it, clips of trajectories also directly in their folder.
 fn part_in(folder: &Path, format: Format) -> Option<String> {
-    let of_model = (format == Format::Colmap).then(|| part_of_model(folder)).flatten().map(|(part, _)| part);
-    let in_variant = || {
-        VARIANTS.iter().find_map(|variant| {
-            let folder = folder.join(variant);
-            let entries = list(&folder).ok()?;
-            let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
-            let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
-            misspelt.or_else(|| {
-                let of_images = |(name, is_folder): &&(String, bool)| *is_folder && is_of_images(name);
-                let mut folders = entries.iter().filter(of_images).map(|(name, _)| folder.join(name));
-                let is_clip = format == Format::Re10k && files.clone().any(is_read);
-                let images = is_clip || folders.any(|folder| holds_images(&folder));
-                images.then(|| "images".to_owned())
-            })
-        })
-    };
+    if format == Format::Colmap
+        && let Some((part, _)) = part_of_model(folder)
+    {
+        return Some(part);
+    }
+    let in_variant = || VARIANTS.iter().find_map(|variant| images_or_misspelt(&folder.join(variant), format));
     let below = || {
-        let holds_scene =
+        let has_scene =
             |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
-        let scenes = list(folder).ok()?.iter().filter(|entry| holds_scene(entry)).count();
+        let scenes = list(folder).ok()?.iter().filter(|entry| has_scene(entry)).count();
         (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
     };
-    of_model.or_else(in_variant).or_else(below)
+    in_variant().or_else(below)
+}
+
+/// A file that is named like a `transforms.json`, or "images".
+fn images_or_misspelt(folder: &Path, format: Format) -> Option<String> {
+    let entries = list(folder).ok()?;
+    let mut files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
+    if let Some(misspelt) = files.clone().find(|name| is_like_transforms(name)) {
+        return Some(misspelt.to_owned());
+    }
+    let is_clip = format == Format::Re10k && files.any(is_read);
+    let mut image_folders = entries.iter().filter(|(name, is_folder)| *is_folder && is_of_images(name));
+    let has_images = is_clip || image_folders.any(|(name, _)| contains_images(&folder.join(name)));
+    has_images.then(|| "images".to_owned())
 }
 
 /// Files in a folder that are named like a `transforms.json`, such as `transforms_train.json`.
@@ -154,6 +201,6 @@ fn is_image(name: &str) -> bool {
     split_image_name(name).is_some()
 }
 
-fn holds_images(folder: &Path) -> bool {
+fn contains_images(folder: &Path) -> bool {
     list(folder).is_ok_and(|found| found.iter().any(|(name, is_folder)| !is_folder && is_image(name)))
 }

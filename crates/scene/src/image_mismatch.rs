@@ -82,14 +82,14 @@ impl Frame {
         }
     }
 
-    /// Warns if the image of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF, or
+    /// Warns if the image of this frame, the scene's at `position`, does not fit its camera, is rotated or mirrored by EXIF, or
     /// has an alpha channel or 16-bit samples.
     pub fn report(&self, scene: &str, position: usize, header: &ImageHeader, warnings: &mut Warnings) {
         if let Some(mismatch) = self.mismatch(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
         }
         if let Some(orientation) = header.orientation {
-            let detail = format!("frame {position}: EXIF says that it is {orientation}; the stored pixels are used");
+            let detail = format!("frame {position}: {orientation}; the stored pixels are used");
             warnings.push(WarningKind::TurnedImage, scene, detail);
         }
         if header.has_alpha {

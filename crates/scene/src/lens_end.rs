@@ -39,7 +39,7 @@ impl LensEnds {
     }
 }
 
-/// The corner pixels are farthest from the axis, wherever it is; their centres are taken, if the size is known.
+/// The corner pixels are farthest from the axis, wherever it is; their centres are used, if the size is known.
 fn end_inside(lens: &Camera, size: Option<ImageSize>) -> Option<String> {
     let projector = lens.projector().ok()?;
     let (x, y) = size.map_or((0.0, 0.0), |size| (0.5 / f64::from(size.width), 0.5 / f64::from(size.height)));
@@ -61,9 +61,9 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::camera_policy::{Times, report_cameras};
+    use crate::camera_policy::report_cameras;
     use crate::re10k::parse_trajectory;
-    use crate::{WarningKind, Warnings};
+    use crate::{Times, WarningKind, Warnings};
 
     fn barrel(k1: f64) -> Distortion {
         Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }

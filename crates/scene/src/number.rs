@@ -1,6 +1,6 @@
 //! Parses numbers and columns of text from bytes.
 
-/// Powers of ten that an f64 holds exactly.
+/// Powers of ten that an f64 represents exactly.
 const EXACT_POWERS: [f64; 20] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19];
 

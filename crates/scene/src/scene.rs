@@ -7,6 +7,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::{DecodeLimits, ImageFormat, ImageU8, Orientation, PixelError};
 
 use crate::files::{read_file, read_start};
+use crate::unposed::no_pose;
 use crate::{SceneError, SharedBytes};
 
 /// Bytes that contain the header of nearly every image file.
@@ -25,6 +26,9 @@ pub enum FrameImage {
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
     Generated(Arc<dyn GeneratedImage>),
+    /// Not looked at, because the frame's pose is not finite or not a rotation: what was expected and found, and where. The frame
+    /// keeps its position, as one whose image is missing does.
+    Unposed(String),
 }
 
 impl FrameImage {
@@ -33,7 +37,7 @@ impl FrameImage {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
 
-    /// The image's own file, if it is one.
+    /// The image's file, if it is in one.
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(path) => Some(path),
@@ -48,6 +52,7 @@ impl FrameImage {
             Self::Encoded(_) => "in a chunk".to_owned(),
             Self::Generated(_) => "generated".to_owned(),
             Self::Absent => "no image".to_owned(),
+            Self::Unposed(_) => "no usable pose".to_owned(),
         }
     }
 }
@@ -104,7 +109,7 @@ pub struct Frame {
     /// file's stem, as in their `.torch` chunks (depthsplat `src/scripts/convert_dl3dv_test.py`). `None` if there is
     /// neither.
     pub timestamp_micros: Option<i64>,
-    /// Pose, intrinsics and lens.
+    /// Pose, intrinsics and lens. The centre is NaN if the file's pose is unusable ([`FrameImage::Unposed`]).
     pub camera: Camera,
     /// Image size for which the metadata state the intrinsics. The image may be a scaled copy, for example in
     /// `images_4`; one of another shape does not fit ([`Self::mismatch`]).
@@ -124,6 +129,15 @@ pub struct Scene {
     pub frames: Vec<Frame>,
 }
 
+/// What [`Frame::timestamp_micros`] is in a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Times {
+    /// A timestamp in the metadata, after which images may be named.
+    Given,
+    /// The number at the end of the image's name, if there is one: a counter, or the digits of a date, but never a time.
+    FromNames,
+}
+
 /// Whether numbers can be times in microseconds: captures number their frames consecutively.
 pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
     const MIN_STEP_MICROS: i64 = 1000;
@@ -132,10 +146,11 @@ pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
 }
 
 impl Scene {
-    /// Whether every frame has a timestamp, and they can be microseconds: captures number their frames consecutively.
-    pub fn has_times(&self) -> bool {
-        let times: Option<Vec<i64>> = self.frames.iter().map(|frame| frame.timestamp_micros).collect();
-        times.is_some_and(|times| can_be_micros(&times))
+    /// Whether every frame has a timestamp, and they can be microseconds: captures number their frames consecutively. `times`
+    /// are those of the scene's dataset ([`crate::SceneSource::times`]).
+    pub fn has_times(&self, times: Times) -> bool {
+        let numbers: Option<Vec<i64>> = self.frames.iter().map(|frame| frame.timestamp_micros).collect();
+        times == Times::Given && numbers.is_some_and(|numbers| can_be_micros(&numbers))
     }
 
     /// Decodes the image of the frame at `position`.
@@ -168,7 +183,7 @@ impl Frame {
     /// Decodes the image. `scene` and `position` identify the frame in messages.
     ///
     /// # Errors
-    /// [`SceneError::NoImage`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Damaged`],
+    /// [`SceneError::NoImage`], [`SceneError::NoPose`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Damaged`],
     /// [`SceneError::Pixels`] for bytes that are not an image or exceed `limits`, and [`SceneError::ImageMismatch`] for an
     /// image that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
@@ -209,7 +224,8 @@ impl Frame {
     /// The encoded image: read from its file, borrowed from its chunk, or generated and encoded as PNG.
     ///
     /// # Errors
-    /// [`SceneError::NoImage`], [`SceneError::Io`], [`SceneError::Damaged`], [`SceneError::Generating`].
+    /// [`SceneError::NoImage`], [`SceneError::NoPose`], [`SceneError::Io`], [`SceneError::Damaged`],
+    /// [`SceneError::Generating`].
     pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
         let no_image = |reason: String| SceneError::NoImage { scene: scene.to_owned(), frame: position, reason };
         match &self.image {
@@ -224,6 +240,7 @@ impl Frame {
             }
             FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
             FrameImage::Missing(path) => Err(no_image(format!("the file is missing ({})", path.display()))),
+            FrameImage::Unposed(reason) => Err(no_pose(scene, position, reason)),
         }
     }
 

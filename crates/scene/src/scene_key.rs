@@ -17,8 +17,8 @@ pub struct AmbiguousScene {
 fn describe(path: &Path, count: usize, examples: &[String]) -> String {
     let path = path.display();
     match count {
-        0 => format!("{path} holds no scene"),
-        _ => format!("{path} holds {count} scenes ({} …): choose one with --key", examples.join(", ")),
+        0 => format!("{path} contains no scene"),
+        _ => format!("{path} contains {count} scenes ({} …): choose one with --key", examples.join(", ")),
     }
 }
 

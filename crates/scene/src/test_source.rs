@@ -73,7 +73,7 @@ pub(crate) fn camera_at(centre: [f64; 3]) -> Camera {
     rotated_camera_at(centre, 0.0)
 }
 
-/// A camera at `centre`, rotated about its own y axis.
+/// A camera at `centre`, rotated about its y axis.
 pub(crate) fn rotated_camera_at(centre: [f64; 3], degrees: f64) -> Camera {
     let rotation = DMat3::from_rotation_y(-degrees.to_radians());
     let pose = CameraFromWorld::new(rotation, rotation * -DVec3::from_array(centre)).unwrap();

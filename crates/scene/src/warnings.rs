@@ -6,7 +6,7 @@ use serde::Serialize;
 /// A kind of problem with part of a dataset that leaves the rest usable.
 ///
 /// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about
-/// one frame count frames; all others count scenes, or the chunks or files that hold them.
+/// one frame count frames; all others count scenes, or the chunks or files that contain them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -16,7 +16,8 @@ pub enum WarningKind {
     /// A frame's image file is empty; found by an inspection, which looks at every file.
     EmptyImage,
     /// An image was found with another extension or in another folder than listed.
-    ImageElsewhere,
+    #[serde(rename = "image-elsewhere")]
+    ImageAtOtherPath,
     /// An image among those of a trajectory that no row names: the row is lost, or the image belongs elsewhere.
     UnlistedImage,
     /// Two frames of a scene have the same image.
@@ -26,7 +27,8 @@ pub enum WarningKind {
     /// A camera is implausibly far from the origin.
     DistantCamera,
     /// A camera is far outside the others of its scene, as those that structure from motion failed to place.
-    OutlyingCamera,
+    #[serde(rename = "outlying-camera")]
+    OutlierCamera,
     /// The determinant of the rotation matrix deviates from 1 by more than `numpy.allclose` allows, an entry of `R Rᵀ` from
     /// that of the identity by more than 1e-5, or the length of a quaternion from 1 by more than 1e-3.
     ImperfectRotation,
@@ -36,9 +38,10 @@ pub enum WarningKind {
     UnorderedTimestamps,
     /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
     ImplausibleIntrinsics,
-    /// A field of view that contradicts the focal length in pixels or the other field of view beside it, which is used.
+    /// A field of view that contradicts the focal length in pixels or the other field of view in the file, which is used.
     ContradictoryFieldOfView,
-    /// A field of a `transforms.json` about images or intrinsics that is not read, such as `mask_path`.
+    /// A field of a `transforms.json` about frames, images or intrinsics that is not read, such as `mask_path`, or a mask next to
+    /// an image.
     UnreadField,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
@@ -72,7 +75,7 @@ pub enum WarningKind {
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,
-    /// A scene that the index does not list, in a chunk of which it lists others.
+    /// A scene that the index does not list, or that has no key, in a chunk of which it lists others.
     UnindexedScene,
     /// An image cannot be read: its header or, where it is decoded, its content; or it is cut short.
     UnreadableImage,
@@ -142,6 +145,18 @@ impl Warnings {
         }
     }
 
+    /// The warnings with those of one kind as another.
+    #[must_use]
+    pub(crate) fn with_kind_as(self, kind: WarningKind, other: WarningKind) -> Self {
+        let renamed = |found: WarningKind| if found == kind { other } else { found };
+        let mut all = Self::new();
+        for (found, count) in self.counts {
+            *all.counts.entry(renamed(found)).or_default() += count;
+        }
+        all.kept = self.kept.into_iter().map(|warning| Warning { kind: renamed(warning.kind), ..warning }).collect();
+        all
+    }
+
     /// The warnings without those about images.
     #[must_use]
     pub fn about_cameras(mut self) -> Self {
@@ -202,7 +217,7 @@ impl WarningKind {
             self,
             Self::MissingImage
                 | Self::EmptyImage
-                | Self::ImageElsewhere
+                | Self::ImageAtOtherPath
                 | Self::UnlistedImage
                 | Self::DuplicateImage
                 | Self::UnexpectedSize

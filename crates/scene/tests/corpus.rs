@@ -17,7 +17,7 @@ fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize
     (accepted, inputs.len() - accepted)
 }
 
-/// The corpora hold valid and invalid inputs: a parser that accepts or rejects everything is broken.
+/// The corpora contain valid and invalid inputs: a parser that accepts or rejects everything is broken.
 fn assert_both(target: &str, (accepted, rejected): (usize, usize)) {
     assert!(accepted >= 3 && rejected >= 2, "{target}: {accepted} accepted, {rejected} rejected");
 }

@@ -1,4 +1,4 @@
-//! Preprocessing compared with the papers' own code and Pillow (`fixtures/make_preprocess_golden.py`).
+//! Preprocessing compared with the papers' code and Pillow (`fixtures/make_preprocess_golden.py`).
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -32,7 +32,7 @@ struct Case {
 fn images_and_intrinsics_match_the_papers_code() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/preprocess_golden.json");
     let golden: Golden = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-    assert!(golden.cases.len() > 100, "the fixture holds only {} cases", golden.cases.len());
+    assert!(golden.cases.len() > 100, "the fixture has only {} cases", golden.cases.len());
     for case in golden.cases {
         let what = format!("{} of seed {} through {:?}", case.source, case.seed, case.steps);
         let mut preprocessing = Preprocessing::of(case.steps.clone());

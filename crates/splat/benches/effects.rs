@@ -49,7 +49,7 @@ fn main() {
     }
 }
 
-/// Alternates the two, so that other load affects both alike; the ratio is the median over pairs.
+/// Alternates the two, so that other load affects both equally; the ratio is the median over pairs.
 fn compare(Case { gaussians, view, options, .. }: &Case, rounds: u32) -> String {
     let scene = Scene::new(gaussians, usize::MAX);
     let mut renderer = CpuRenderer::default();
@@ -106,8 +106,8 @@ fn simulated(size: ImageSize) -> Vec<Case> {
     let (gaussians, view) = scene(count, size, 3);
     let case = |name: &str, magnitude: &dyn Fn(usize, usize) -> f32| {
         let mut parts: GaussianParts = gaussians.clone().into_parts();
-        for (at, own) in parts.sh.chunks_mut(sh_coefficients(3)).enumerate() {
-            for (index, coefficient) in own.iter_mut().enumerate().skip(1) {
+        for (at, coefficients) in parts.sh.chunks_mut(sh_coefficients(3)).enumerate() {
+            for (index, coefficient) in coefficients.iter_mut().enumerate().skip(1) {
                 *coefficient = coefficient.map(|value| 2.0 * magnitude(at, index.isqrt()) * value);
             }
         }

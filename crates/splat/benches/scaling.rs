@@ -85,8 +85,8 @@ fn floor(gaussians: &Gaussians, view: &View, bandwidth: f64) -> (f64, f64) {
     let pairs: f64 = splats.iter().flatten().map(area).sum();
     // Per Gaussian: 11 values and the SH coefficients read once, a 48-byte record written and read, three sorting
     // passes over 8 bytes written and read, and a 4-byte list entry written and read.
-    let own = 4 * (11 + 3 * sh_coefficients(gaussians.parts().sh_degree));
-    let bytes = gaussians.len() as f64 * (own + 2 * 48 + 3 * 2 * 8 + 2 * 4) as f64;
+    let read = 4 * (11 + 3 * sh_coefficients(gaussians.parts().sh_degree));
+    let bytes = gaussians.len() as f64 * (read + 2 * 48 + 3 * 2 * 8 + 2 * 4) as f64;
     (pairs, pairs / LANES_PER_SEC + bytes / bandwidth)
 }
 

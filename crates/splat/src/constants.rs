@@ -29,11 +29,12 @@ pub struct RendererConstants {
     pub near_is_culled: bool,
     /// Variance added to both screen axes, in square pixels; at least 0.
     pub blur: f64,
-    /// Upper clamp of one Gaussian's alpha at a pixel; at most 1.
+    /// Upper clamp of one Gaussian's alpha at a pixel; below 1, also in f32.
     pub max_alpha: f64,
     /// Contributions below this alpha are skipped; from [`SMALLEST_MIN_ALPHA`] to `max_alpha`.
     pub min_alpha: f64,
-    /// A pixel stops before the Gaussian that would reduce its transmittance to this or below; in [0, 1).
+    /// A pixel stops before the Gaussian that would reduce its transmittance to this or below; from 0 to below 1 − `max_alpha`,
+    /// which an opaque Gaussian leaves: otherwise it would never be drawn.
     pub min_transmittance: f64,
     /// How far beyond the image border the projection's Jacobian is evaluated at the true position before it is
     /// clamped, as a fraction of half the visible width (lens distortion included): 0.3 in every published rasterizer;
@@ -195,14 +196,16 @@ impl RendererConstants {
     /// [`SplatError::Constants`] naming the first field that is outside its range.
     pub fn check(&self) -> Result<(), SplatError> {
         const LARGEST: f64 = f32::MAX as f64;
-        const BELOW_ONE: f64 = 1.0 - f64::EPSILON;
+        const BELOW_ONE: f64 = 1f32.next_down() as f64;
+        // In f32, as renderers compare.
+        let below_opaque = f64::from((1.0 - to_f32(self.max_alpha)).next_down());
         let ranges = [
             ("near", self.near, 0.0, LARGEST),
             ("far", self.far, self.near, f64::INFINITY),
             ("blur", self.blur, 0.0, LARGEST),
-            ("max-alpha", self.max_alpha, SMALLEST_MIN_ALPHA, 1.0),
+            ("max-alpha", self.max_alpha, SMALLEST_MIN_ALPHA, BELOW_ONE),
             ("min-alpha", self.min_alpha, SMALLEST_MIN_ALPHA, self.max_alpha),
-            ("min-transmittance", self.min_transmittance, 0.0, BELOW_ONE),
+            ("min-transmittance", self.min_transmittance, 0.0, below_opaque),
             ("jacobian-margin", self.jacobian_margin, 0.0, LARGEST),
             ("min-compensation", self.min_compensation, 0.0, 1.0),
             ("max-sh-degree", self.max_sh_degree.into(), 0.0, MAX_SH_DEGREE.into()),
@@ -281,8 +284,31 @@ mod tests {
         for name in RendererConstants::PRESETS {
             RendererConstants::named(name).unwrap().check().unwrap();
         }
-        let ends = RendererConstants { near: 0.0, far: 0.0, max_alpha: 1.0, min_transmittance: 0.0, ..smallest() };
+        let max_alpha = f64::from(1f32.next_down());
+        let ends = RendererConstants { near: 0.0, far: 0.0, max_alpha, min_transmittance: 0.0, ..smallest() };
         ends.check().unwrap();
+    }
+
+    /// In f32, 1 − 0.99 is below 0.01, and 1 − 0.75 equals 0.25.
+    #[test]
+    fn an_opaque_gaussian_leaves_more_than_the_smallest_transmittance() {
+        for (max_alpha, most, rejected) in [(0.99, 0.009_999, 0.01), (0.999, 0.000_999, 0.001), (0.75, 0.249_999, 0.25)]
+        {
+            let of = |min_transmittance| {
+                RendererConstants { max_alpha, min_transmittance, ..RendererConstants::default() }.check()
+            };
+            of(most).unwrap();
+            for found in [rejected, 0.5] {
+                let error = of(found).unwrap_err();
+                assert!(
+                    matches!(error, SplatError::Constants { field: "min-transmittance", .. }),
+                    "{max_alpha}: {error}"
+                );
+            }
+        }
+        let error = RendererConstants { min_transmittance: 0.01, ..RendererConstants::named("inria").unwrap() }.check();
+        let text = "constants: min-transmittance: expected 0 to 0.009999989531934261, found 0.01";
+        assert_eq!(error.unwrap_err().to_string(), text);
     }
 
     fn smallest() -> RendererConstants {
@@ -298,9 +324,9 @@ mod tests {
             ("near", |constants, value| constants.near = value, &[-1e-9, INFINITY]),
             ("far", |constants, value| constants.far = value, &[0.009, -INFINITY]),
             ("blur", |constants, value| constants.blur = value, &[-0.1, INFINITY]),
-            ("max-alpha", |constants, value| constants.max_alpha = value, &[1.000_001, 0.0, -1.0]),
+            ("max-alpha", |constants, value| constants.max_alpha = value, &[1.000_001, 1.0, 0.999_999_999, 0.0, -1.0]),
             ("min-alpha", |constants, value| constants.min_alpha = value, &[0.0, -0.1, 9.9e-7, 0.9991]),
-            ("min-transmittance", |constants, value| constants.min_transmittance = value, &[-1e-4, 1.0]),
+            ("min-transmittance", |constants, value| constants.min_transmittance = value, &[-1e-4, 0.001, 1.0]),
             ("jacobian-margin", |constants, value| constants.jacobian_margin = value, &[-0.3, INFINITY]),
             ("min-compensation", |constants, value| constants.min_compensation = value, &[-0.005, 1.1]),
         ];

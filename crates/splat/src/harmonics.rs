@@ -41,7 +41,7 @@ const CHUNK: usize = 4096;
 
 impl PartialEq for Harmonics {
     fn eq(&self, other: &Self) -> bool {
-        let numbers = |own: &Self| (own.degree, own.bound, own.kept);
+        let numbers = |harmonics: &Self| (harmonics.degree, harmonics.bound, harmonics.kept);
         std::ptr::eq(self, other)
             || (numbers(self) == numbers(other) && self.heads == other.heads && self.upper == other.upper)
     }
@@ -58,8 +58,8 @@ impl Harmonics {
         let used = sh_coefficients(parts.sh_degree.min(max_degree));
         let of_chunk = |sh: &[[f32; 3]]| {
             let mut packed = Self::with_capacity(CHUNK);
-            for own in sh.chunks_exact(stored) {
-                packed.push(own.get(..used).unwrap_or(own), tolerance);
+            for of_gaussian in sh.chunks_exact(stored) {
+                packed.push(of_gaussian.get(..used).unwrap_or(of_gaussian), tolerance);
             }
             packed
         };
@@ -79,10 +79,10 @@ impl Harmonics {
         let stored = sh_coefficients(parts.sh_degree);
         let used = sh_coefficients(parts.sh_degree.min(max_degree));
         let sample = parts.sh.chunks_exact(stored).step_by(STRIDE);
-        let (bytes, all) = sample.fold((0, 0), |(bytes, all), own| {
-            let (degree, _) = needed(own.get(..used).unwrap_or(own), tolerance);
+        let (bytes, all) = sample.fold((0, 0), |(bytes, all), sh| {
+            let (degree, _) = needed(sh.get(..used).unwrap_or(sh), tolerance);
             let upper = (sh_coefficients(degree) - 1) * size_of::<[f32; 3]>();
-            (bytes + size_of::<Head>() + upper, all + size_of_val(own))
+            (bytes + size_of::<Head>() + upper, all + size_of_val(sh))
         });
         if all == 0 { 1.0 } else { bytes as f64 / all as f64 }
     }
@@ -125,9 +125,9 @@ impl Harmonics {
         Self { degree: 0, heads, upper, bound: 0.0, kept: [0; BANDS] }
     }
 
-    fn push(&mut self, own: &[[f32; 3]], tolerance: f64) {
-        let (degree, change) = needed(own, tolerance);
-        let (first, upper) = own.split_first().unwrap_or((&[0.0; 3], &[]));
+    fn push(&mut self, sh: &[[f32; 3]], tolerance: f64) {
+        let (degree, change) = needed(sh, tolerance);
+        let (first, upper) = sh.split_first().unwrap_or((&[0.0; 3], &[]));
         #[expect(clippy::expect_used, reason = "a chunk has at most 4096 · 24 of them")]
         let start = u32::try_from(self.upper.len()).expect("few coefficients in a chunk");
         self.heads.push(Head { first: *first, start, degree });
@@ -151,9 +151,9 @@ impl Harmonics {
 }
 
 /// The lowest degree that changes no colour by more than the tolerance, and the bound on that change, which is finite.
-fn needed(own: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
-    let above = above(own);
-    let highest = own.len().isqrt().saturating_sub(1);
+fn needed(sh: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
+    let above = above(sh);
+    let highest = sh.len().isqrt().saturating_sub(1);
     let is_invisible = |change: &f64| change.is_finite() && *change <= tolerance;
     let kept = above.iter().skip(1).take(highest).position(is_invisible).unwrap_or(highest);
     #[expect(clippy::expect_used, reason = "`kept` is a degree")]
@@ -168,13 +168,13 @@ fn needed(own: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
 pub(crate) type Above = [f64; BANDS + 1];
 
 /// The bounds of one Gaussian.
-pub(crate) fn above(own: &[[f32; 3]]) -> Above {
+pub(crate) fn above(sh: &[[f32; 3]]) -> Above {
     // More than f32 rounding loses in a sum of 25 squares.
     const ROUNDING: f64 = 1.0 + 1e-5;
     let mut above = [0.0; BANDS + 1];
     let mut sum = 0.0;
     for (band, slot) in above.iter_mut().enumerate().take(BANDS).rev() {
-        let Some(of_band) = own.get(band * band..(band + 1) * (band + 1)) else { continue };
+        let Some(of_band) = sh.get(band * band..(band + 1) * (band + 1)) else { continue };
         let squares = of_band.iter().fold([0.0f32; 3], |[r, g, b], [x, y, z]| [r + x * x, g + y * y, b + z * z]);
         let largest = squares.into_iter().fold(0.0, f32::maximum_of);
         sum += ROUNDING * (f64::from(largest) * (2.0 * band as f64 + 1.0) / (4.0 * PI)).sqrt();
@@ -182,7 +182,7 @@ pub(crate) fn above(own: &[[f32; 3]]) -> Above {
     }
     if above.first().is_some_and(|all| !(*all < 0.5 * LARGEST_CHANNEL)) {
         // Where there are no bands, nothing can be left out.
-        above.iter_mut().take(own.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
+        above.iter_mut().take(sh.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
     }
     above
 }

@@ -61,8 +61,8 @@ impl RenderOptions {
             return None;
         }
         let ignored = sh_coefficients(*most)..sh_coefficients(requested);
-        let is_set = |own: &&[[f32; 3]]| {
-            own.get(ignored.clone()).is_some_and(|own| own.as_flattened().iter().any(|value| !(value.abs() <= 0.0)))
+        let is_set = |sh: &&[[f32; 3]]| {
+            sh.get(ignored.clone()).is_some_and(|upper| upper.as_flattened().iter().any(|value| !(value.abs() <= 0.0)))
         };
         let count = parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)).filter(is_set).count();
         (count > 0).then(|| {

@@ -4,8 +4,7 @@ use glam::DVec2;
 use crate::RendererConstants;
 use crate::constants::Extent;
 
-/// Largest distance in pixels from the image corner to a drawn centre. Second moments over pixels sum squares of such
-/// distances times colours of up to [`crate::LARGEST_CHANNEL`], and have to fit in f32.
+/// Largest distance in pixels from the image corner to a drawn centre, where f64 rounds a centre to a millionth of a pixel.
 pub(crate) const FARTHEST: f64 = 1e10;
 
 /// Half-open range of columns, then rows, that a Gaussian may reach; `None` if it misses the image. `[xx, xy, yy]` is

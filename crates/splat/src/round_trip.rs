@@ -92,7 +92,7 @@ struct Row {
     /// Over the view that differs most.
     worst_view_psnr_db: Option<f64>,
     largest_difference: f64,
-    /// What the format cannot hold.
+    /// What the format cannot store.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
@@ -115,7 +115,7 @@ fn length(path: &Path) -> Result<u64, SplatError> {
 }
 
 impl Trip {
-    /// A format that cannot hold the Gaussians is reported, not an error.
+    /// A format that cannot store the Gaussians is reported, not an error.
     fn start(
         format: RoundTripFormat,
         gaussians: &Gaussians,

@@ -55,11 +55,11 @@ impl View {
     pub fn focal_and_principal(&self, used: PrincipalPoint) -> Result<[[f64; 2]; 2], SplatError> {
         let size = [f64::from(self.size.width), f64::from(self.size.height)];
         let k = self.camera.intrinsics.pixel_from_normalized(self.size);
-        let (own, centre) = ([k.cx, k.cy], size.map(|side| side / 2.0));
+        let (principal, centre) = ([k.cx, k.cy], size.map(|side| side / 2.0));
         // There, the focal lengths of the field of view would be the camera's, but for rounding.
-        let is_central = own.map(f64::to_bits) == centre.map(f64::to_bits);
+        let is_central = principal.map(f64::to_bits) == centre.map(f64::to_bits);
         match used {
-            PrincipalPoint::Full => Ok([[k.fx, k.fy], own]),
+            PrincipalPoint::Full => Ok([[k.fx, k.fy], principal]),
             PrincipalPoint::Centre => Ok([[k.fx, k.fy], centre]),
             PrincipalPoint::FieldOfView if is_central => Ok([[k.fx, k.fy], centre]),
             PrincipalPoint::FieldOfView => {

@@ -444,6 +444,22 @@ fn detects_opacities_that_may_not_be_logits() {
     assert!(!suspected("-0.25", "0.5"));
 }
 
+/// As coefficients, colours are never darker than middle grey.
+#[test]
+fn detects_colours_that_may_not_be_coefficients() {
+    let doubts = |first: &str, second: &str| {
+        let row = |colour: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 2 {colour}\n");
+        let text = ply_header("ascii") + &row(first) + &row(second);
+        parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.doubts().concat()
+    };
+    assert!(
+        doubts("0.25 0 1", "0.5 0.75 0.1").starts_with("every coefficient of the file lies in [0, 1], without view")
+    );
+    assert_eq!(doubts("0.25 0 1", "0.5 -0.75 0.1"), "");
+    assert_eq!(doubts("0.25 0 1.5", "0.5 0.75 0.1"), "");
+    assert_eq!(doubts("0.5 0.5 0.5", "0.5 0.5 0.5"), "", "one grey");
+}
+
 /// An infinite logit is written as ±20 in any format; SPZ rejects what it cannot store, with a precise error.
 #[test]
 fn writes_extreme_values_within_the_format() {

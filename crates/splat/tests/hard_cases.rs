@@ -1,7 +1,11 @@
 //! Every renderer on every hard case.
 
+#![expect(clippy::expect_used, reason = "a test fails by panicking")]
+
 use std::fmt::Write as _;
 
+use atsplat_camera::{Camera, CameraFromWorld};
+use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::catalogue;
 use atsplat_splat::stress::{RendererUnderTest, cpu_under_test, gpu_under_test, rows};
@@ -9,6 +13,7 @@ use atsplat_splat::{
     Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
 use atsplat_tests::skip_without_graphics;
+use glam::DMat3;
 
 #[test]
 fn every_renderer_passes_every_case() {
@@ -21,15 +26,38 @@ fn every_renderer_passes_every_case() {
     }
     let (mut failed, mut compared) = (String::new(), 0);
     for case in catalogue() {
-        for row in rows(&case, &mut renderers).unwrap() {
-            compared += row.error("differences").unwrap().compared;
-            if !row.passes() {
-                writeln!(failed, "{row:?}").unwrap();
-            }
+        let rows = rows(&case, &mut renderers).unwrap();
+        // The same parameters of every renderer.
+        compared += rows[0].error("differences").unwrap().compared;
+        for row in rows.iter().filter(|row| !row.passes()) {
+            writeln!(failed, "{row:?}").unwrap();
         }
     }
     assert!(failed.is_empty(), "\n{failed}");
-    assert!(compared > 4000, "{compared} gradients compared with differences");
+    assert!(compared > 3500, "{compared} parameters compared with differences");
+}
+
+/// Four views share what does not depend on the camera, and the buffers of views before.
+#[test]
+fn views_together_equal_views_alone() {
+    let mut renderer = CpuRenderer::default();
+    for case in catalogue() {
+        let views = [0.0, 0.04, -0.07, 0.11].map(|angle| turned(&case.view, angle));
+        let together = renderer.render_many(&case.gaussians, &views, &case.options).unwrap();
+        for (number, (view, found)) in views.iter().zip(together).enumerate() {
+            let alone = renderer.render(&case.gaussians, view, &case.options).unwrap();
+            assert!(found == alone, "{}, view {number}", case.name);
+        }
+    }
+}
+
+/// The view with its camera turned about its own axes.
+fn turned(view: &View, angle: f64) -> View {
+    let turn = DMat3::from_rotation_y(angle) * DMat3::from_rotation_x(0.5 * angle);
+    let pose = view.camera.camera_from_world;
+    let pose =
+        CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation()).expect("rotations stay rotations");
+    View { camera: Camera { camera_from_world: pose, ..view.camera }, ..*view }
 }
 
 #[test]
@@ -38,7 +66,7 @@ fn names_are_unique() {
     names.sort_unstable();
     let count = names.len();
     names.dedup();
-    assert!(names.len() == count && count > 60, "{count} cases");
+    assert!(names.len() == count && count >= 90, "{count} cases");
 }
 
 /// Renders with the reference, and introduces one error.

@@ -77,7 +77,7 @@ fn degrees_beyond_the_constants_change_nothing() {
             assert_eq!(of_all == of_drawn, is_limited, "{what}");
             let images = narrow(&image_gradients(&view));
             let gradients = renderer.backward(&all, &view, &options, &images).unwrap();
-            let mut beyond = gradients.sh.chunks_exact(sh_coefficients(4)).flat_map(|own| &own[sh_coefficients(3)..]);
+            let mut beyond = gradients.sh.chunks_exact(sh_coefficients(4)).flat_map(|sh| &sh[sh_coefficients(3)..]);
             assert_eq!(
                 beyond.all(|gradient| gradient.iter().all(|channel| channel.abs() <= 0.0)),
                 is_limited,

@@ -165,7 +165,7 @@ impl StoredTensors {
         atsplat_files::hexadecimal(&hash.finalize())
     }
 
-    /// SHA-256 in hexadecimal of the metadata but the entry `excluded`, which may hold it: keys and values in the order of
+    /// SHA-256 in hexadecimal of the metadata without the entry `excluded`, which may be this hash: keys and values in the order of
     /// keys, each after its length in bytes as u64 little-endian.
     pub fn metadata_digest(&self, excluded: &str) -> String {
         let mut hash = Sha256::new();

@@ -56,7 +56,7 @@ impl StoredTensor {
         &self.bytes
     }
 
-    /// The values in row-major order, rounded to f32 if the file holds f64.
+    /// The values in row-major order, rounded to f32 if the file has f64.
     ///
     /// # Errors
     /// [`TensorError::Malformed`] for integers, which cannot be parameters.
@@ -78,7 +78,7 @@ impl StoredTensor {
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
     pub fn to_f16(&self) -> Result<Self, TensorError> {
-        self.to_halves(DType::F16, "numbers that f16 can hold, up to 65504", |value| {
+        self.to_halves(DType::F16, "numbers that f16 can represent, up to 65504", |value| {
             let half = f16::from_f32(value);
             (half.is_finite(), half.to_le_bytes())
         })
@@ -89,7 +89,7 @@ impl StoredTensor {
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
     pub fn to_bf16(&self) -> Result<Self, TensorError> {
-        self.to_halves(DType::Bf16, "numbers that bf16 can hold, up to 3.3895e38", |value| {
+        self.to_halves(DType::Bf16, "numbers that bf16 can represent, up to 3.3895e38", |value| {
             let brain = bf16::from_f32(value);
             (brain.is_finite(), brain.to_le_bytes())
         })
@@ -156,10 +156,9 @@ impl StoredTensor {
     /// # Errors
     /// [`TensorError::Malformed`] if their element types or other dimensions differ, or there are none.
     pub fn joined(parts: &[&Self]) -> Result<Self, TensorError> {
-        let alike =
+        let fit =
             |a: &Self, b: &Self| a.dtype == b.dtype && !a.shape.is_empty() && a.shape.get(1..) == b.shape.get(1..);
-        let same = parts.first().is_some_and(|first| parts.iter().all(|part| alike(part, first)));
-        let (true, Some(first)) = (same, parts.first()) else {
+        let Some(first) = parts.first().filter(|first| parts.iter().all(|part| fit(part, first))) else {
             let found: Vec<String> = parts.iter().map(ToString::to_string).collect();
             let expected = "parts of one type and width";
             return Err(Malformed::new(WHAT, "tensors to join", expected, found.join(", ")).into());

@@ -83,7 +83,7 @@ proptest! {
     }
 }
 
-/// A checkpoint in the legacy format: a dict whose only key holds `count` references to one item.
+/// A checkpoint in the legacy format: a dict whose only value is a list of `count` references to one item.
 fn checkpoint(key: &str, item: &[u8], count: usize) -> Vec<u8> {
     let text = |value: &str| [b"X", &u32::try_from(value.len()).unwrap().to_le_bytes()[..], value.as_bytes()].concat();
     let object = [b"}", &text(key)[..], b"](", item, b"q\x00", &b"h\x00".repeat(count - 1), b"es"].concat();

@@ -28,7 +28,10 @@ impl DeviceState {
         let of_moments =
             |part: fn(&Moments) -> &Vec<f32>| flat(state.moments.iter().map(|moments| part(moments).clone()).collect());
         let network = state.parameters.network(template)?;
-        let moments = FlatMoments { first: of_moments(|own| &own.first)?, second: of_moments(|own| &own.second)? };
+        let moments = FlatMoments {
+            first: of_moments(|moments| &moments.first)?,
+            second: of_moments(|moments| &moments.second)?,
+        };
         let average = state.average.clone().map(flat).transpose()?;
         Ok(Self { decays: network.flat_matrices(), network, moments, average })
     }
@@ -50,7 +53,7 @@ impl DeviceState {
         config: &TrainConfig,
     ) -> Result<f64, FaultKind> {
         let samples = batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1);
-        let sum = batch.iter().map(|group| group.gradient.clone()).reduce(|sum, own| sum + own);
+        let sum = batch.iter().map(|group| group.gradient.clone()).reduce(|sum, gradient| sum + gradient);
         let gradient = sum.unwrap_or_else(|| self.decays.zeros_like());
         let share = 1.0 / samples as f64;
         let squares = f64::from(gradient.clone().square().sum().into_scalar::<f32>());
@@ -116,12 +119,12 @@ mod tests {
             let size = if step == 2 { 1.0f32 } else { 1e-4 };
             let wave = |place: usize, phase: f32| size * (place as f32 * 0.37 + phase).sin();
             let groups = [2, 1].map(|samples| {
-                let own = |parameter: &atsplat_model::parameters::Parameter| {
+                let named = |parameter: &atsplat_model::parameters::Parameter| {
                     let phase = samples as f32 + step as f32 + parameter.name.len() as f32;
                     let values = (0..parameter.elements()).map(|place| wave(place, phase)).collect();
                     (parameter.name.clone(), values)
                 };
-                let gradients: IndexMap<String, Vec<f32>> = on_cpu.parameters.list().iter().map(own).collect();
+                let gradients: IndexMap<String, Vec<f32>> = on_cpu.parameters.list().iter().map(named).collect();
                 GroupGradients { terms: vec![Terms::default(); samples], gradients, seconds: PartSeconds::default() }
             });
             let flat = groups.each_ref().map(|group| {
@@ -144,7 +147,8 @@ mod tests {
         close.assert(numbers(copied.parameters.values()), numbers(on_cpu.parameters.values()), "weights");
         close.assert(numbers(&copied.average.unwrap()), numbers(on_cpu.average.as_ref().unwrap()), "averages");
         for (found, expected) in copied.moments.iter().zip(&on_cpu.moments) {
-            let [found, expected] = [found, expected].map(|own| numbers(&[own.first.clone(), own.second.clone()]));
+            let [found, expected] =
+                [found, expected].map(|moments| numbers(&[moments.first.clone(), moments.second.clone()]));
             close.assert(found, expected, "moments");
         }
     }
@@ -157,8 +161,8 @@ mod tests {
         let mut device_state = DeviceState::new(&state, &template).unwrap();
         let gradient = device_state.network().flat() * f32::NAN;
         let broken = FlatGradient { terms: vec![Terms::default()], gradient, seconds: PartSeconds::default() };
-        let refused = device_state.update(0, &[broken], 1e-2, &TrainConfig::shortest());
-        assert!(matches!(refused, Err(FaultKind::Gradients(_))));
+        let outcome = device_state.update(0, &[broken], 1e-2, &TrainConfig::shortest());
+        assert!(matches!(outcome, Err(FaultKind::Gradients(_))));
         let mut after = state.clone();
         device_state.copy_to(&mut after).unwrap();
         assert_eq!(after.parameters.values(), state.parameters.values());

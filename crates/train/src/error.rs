@@ -48,9 +48,9 @@ pub enum TrainError {
         /// Why the last one failed.
         reason: String,
     },
-    /// Weights have grown beyond what a weights file holds.
+    /// Weights have grown beyond the range of a weights file.
     #[error(
-        "training diverged by step {step}: {tensor} holds {value}, and weights are written as f16, up to 65504; start another run \
+        "training diverged by step {step}: {tensor} contains {value}, and weights are written as f16, up to 65504; start another run \
          with a lower schedule.learning-rate or clip; {}", remaining(*last_checkpoint)
     )]
     Diverged {

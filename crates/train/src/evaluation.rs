@@ -42,7 +42,7 @@ impl Evaluation {
     /// The first samples of a source, at the end of its curriculum.
     ///
     /// # Errors
-    /// As [`Source::sample`]; [`TrainError::Malformed`] if so many samples of the first one's size need more than 8 GiB.
+    /// As [`Source::sample`]; [`TrainError::Malformed`] if this many samples of the first one's size need more than 8 GiB.
     pub fn new(source: &dyn Source, seed: u64, count: u64, background: [f64; 3]) -> Result<Self, TrainError> {
         let sample = |number| {
             let sample = source.sample(SampleId { seed, number, step: u64::MAX });
@@ -50,7 +50,7 @@ impl Evaluation {
         };
         let mut samples = Vec::new();
         if count > 0 {
-            // Of images whose size the configuration does not tell, it is known now.
+            // If the configuration does not state the size of the images, it is known now.
             let first = sample(0)?;
             let views = first.context.cameras.len() + first.targets.cameras.len();
             require_memory(count, views, first.context.size)?;
@@ -136,7 +136,7 @@ impl Evaluation {
     }
 }
 
-/// Refuses more samples of so many views than [`MOST_BYTES`] hold.
+/// An error for more samples of this many views than fit into [`MOST_BYTES`].
 pub(crate) fn require_memory(samples: u64, views: usize, size: ImageSize) -> Result<(), TrainError> {
     let factors = [views, size.height, size.width, 3, size_of::<f32>()];
     let each = factors.into_iter().fold(1_u64, |product, factor| product.saturating_mul(factor as u64));

@@ -27,13 +27,13 @@ pub struct SampleFault {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// An image holds NaN or infinite values.
+    /// An image contains NaN or infinite values.
     Image(String),
     /// The data source, the network or the renderer failed.
     Refused(String),
     /// A term of the loss is NaN or infinite.
     Term(&'static str),
-    /// Gradients are NaN or infinite; holds the names of the first few parameters.
+    /// Gradients are NaN or infinite; with the names of the first few parameters.
     Gradients(Vec<String>),
 }
 
@@ -43,7 +43,7 @@ pub enum FaultKind {
 pub struct Diagnosis {
     /// Number of the latest steps that were skipped in a row.
     pub in_a_row: u32,
-    /// Their faults, oldest first, without those of before the run was resumed, which its log holds.
+    /// Their faults, oldest first, without those of before the run was resumed, which its log contains.
     pub faults: Vec<Fault>,
     /// Parameters with values that are not finite, and how many values.
     pub parameters: Vec<(String, usize)>,
@@ -79,7 +79,7 @@ impl fmt::Display for Diagnosis {
         match self.parameters.as_slice() {
             [] => f.write_str("\n  all weights are finite"),
             broken => broken.iter().take(8).try_for_each(|(name, count)| {
-                write!(f, "\n  weights: {name} holds {count} values that are NaN or infinite")
+                write!(f, "\n  weights: {name} contains {count} values that are NaN or infinite")
             }),
         }
     }

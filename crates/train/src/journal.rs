@@ -125,7 +125,7 @@ impl Journal {
 
 fn line<R: Record>(record: &R) -> Result<String, TrainError> {
     let text = serde_json::to_string(record)
-        .map_err(|error| TrainError::malformed("log", "record", "values that JSON can hold", error))?;
+        .map_err(|error| TrainError::malformed("log", "record", "values that JSON can represent", error))?;
     Ok(text + "\n")
 }
 

@@ -25,7 +25,7 @@ pub struct Parameters {
 impl Parameters {
     /// Newly initialised parameters, a function of the seed on every machine: matrices are normal with standard deviation
     /// `0.02 √(768 / inputs)`, so that activations of a narrow network start at the scale of the papers' wide ones; learned
-    /// tokens are normal with 0.02, biases 0, other vectors 1. `frozen` holds the tensors of a pretrained backbone, if any.
+    /// tokens are normal with 0.02, biases 0, other vectors 1. `frozen` are the tensors of a pretrained backbone, if any.
     pub fn fresh(config: &ModelConfig, seed: u64, frozen: StoredTensors) -> Self {
         let list: Vec<Parameter> = parameters(config).into_iter().filter(|parameter| parameter.trained).collect();
         let values = list.iter().map(|parameter| initial(parameter, seed)).collect();
@@ -57,7 +57,7 @@ impl Parameters {
         Self { list, values, frozen: StoredTensors::default() }
     }
 
-    /// The parameters in a weights file, except those that `fresh` names, alone or by the part that holds them: they are
+    /// The parameters in a weights file, except those that `fresh` names, alone or by the part that contains them: they are
     /// initialised as by [`Self::fresh`].
     ///
     /// # Errors
@@ -93,10 +93,10 @@ impl Parameters {
         Ok(Self { list, values, frozen: kept })
     }
 
-    /// Refuses names that are those of no trained parameter and of no part that holds one.
+    /// An error for a name of neither a trained parameter nor a part that contains one.
     pub(crate) fn check_fresh(config: &ModelConfig, fresh: &[String]) -> Result<(), TrainError> {
         let list = parameters(config);
-        let is_known = |part: &str| list.iter().any(|own| own.trained && is_within(&own.name, part));
+        let is_known = |part: &str| list.iter().any(|parameter| parameter.trained && is_within(&parameter.name, part));
         match fresh.iter().find(|part| !is_known(part.as_str())) {
             Some(unknown) => Err(TrainError::malformed(WHAT, "model.fresh", "parts with trained parameters", unknown)),
             None => Ok(()),

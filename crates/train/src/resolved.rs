@@ -6,7 +6,7 @@ use crate::samples::Source;
 use crate::{Objective, SourceConfig, TrainConfig, TrainError};
 
 /// Identities of what a configuration only names: the network, the perceptual loss with its weights, presets, and the lists of a
-/// dataset's scenes. Checkpoints hold them, and a run resumes with no others, although the configuration still names them in the same
+/// dataset's scenes. Checkpoints contain them, and a run resumes with no others, although the configuration still names them in the same
 /// way.
 #[derive(Clone, Debug, Default)]
 pub struct Resolved {
@@ -51,7 +51,7 @@ impl Resolved {
         stored.metadata.extend(self.entries.iter().cloned());
     }
 
-    /// Refuses a checkpoint of a run with other identities; one of an earlier version does not state them.
+    /// An error for a checkpoint of a run with other identities; one of an earlier version does not state them.
     pub(crate) fn check(&self, stored: &StoredTensors) -> Result<(), TrainError> {
         for (key, found) in &self.entries {
             if let Some(recorded) = stored.metadata.get(key).filter(|recorded| *recorded != found) {
@@ -81,9 +81,9 @@ mod tests {
     const VIEWS: &str = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
 
     #[test]
-    fn another_model_loss_or_preset_is_refused() {
+    fn another_model_loss_or_preset_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("own.toml");
+        let path = folder.path().join("preset.toml");
         let text = Preset::text_of("rooms-2v-128").unwrap();
         std::fs::write(&path, text).unwrap();
         let config = CONFIG.replace("VIEWS", VIEWS).replace("PRESET", &path.to_string_lossy());
@@ -96,23 +96,23 @@ mod tests {
         assert_eq!(stored.metadata.len(), 4);
         now(&model).check(&stored).unwrap();
 
-        let refused = |resolved: &Resolved, stored: &StoredTensors, key: &str| {
+        let rejects = |resolved: &Resolved, stored: &StoredTensors, key: &str| {
             let error = resolved.check(stored).unwrap_err().to_string();
             let advice = format!("expected {}, as in the run so far, or a new run from", stored.metadata[key]);
             assert!(error.contains(key) && error.contains(&advice), "{key}: {error}");
         };
         let larger = ModelConfig { resolution: atsplat_model::ImageSize::new(256, 256), ..model.clone() };
-        refused(&now(&larger), &stored, "model-resolution");
-        refused(&now(&model.with_expansion_in_first(1)), &stored, "model-sha256");
+        rejects(&now(&larger), &stored, "model-resolution");
+        rejects(&now(&model.with_expansion_in_first(1)), &stored, "model-sha256");
         let mut other_loss = stored.clone();
         other_loss.metadata.insert("perceptual-loss".to_owned(), "lpips, weights 00ff".to_owned());
-        refused(&now(&model), &other_loss, "perceptual-loss");
+        rejects(&now(&model), &other_loss, "perceptual-loss");
 
         std::fs::write(&path, text.replace("title = \"", "title = \"Renamed: ")).unwrap();
         now(&model).check(&stored).unwrap();
         let changed = text.replace("principal-point = \"frozen\"", "principal-point = \"corrected\"");
         assert_ne!(changed, text);
         std::fs::write(&path, changed).unwrap();
-        refused(&now(&model), &stored, "data[1].source.dataset.preset-sha256");
+        rejects(&now(&model), &stored, "data[1].source.dataset.preset-sha256");
     }
 }

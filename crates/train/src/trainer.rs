@@ -1,6 +1,7 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
 mod given;
+mod open;
 mod recorded;
 mod start;
 mod step;
@@ -10,14 +11,13 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use atsplat_files::{FolderLock, Sha256Digest};
+use atsplat_files::FolderLock;
+use atsplat_model::ModelConfig;
 use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
-use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 
-use recorded::Recorded;
 pub use start::Start;
-use start::{Opened, require_run_to_resume};
+use start::require_run_to_resume;
 
 use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
@@ -27,7 +27,7 @@ use crate::fault::Fault;
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::Objective;
 use crate::samples::Source;
-use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
+use crate::{FeatureCache, TrainConfig, TrainError};
 
 /// If a call of [`Trainer::run`] stops before the configuration's last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,7 +67,7 @@ pub struct Trainer {
     objective: Objective,
     features: Option<FeatureCache>,
     evaluation: Option<Evaluation>,
-    /// Runs the network and its splatter.
+    /// Runs the network and its renderer.
     device: Device,
     /// Without weights; the network of every step is a copy of it.
     template: Network,
@@ -105,7 +105,7 @@ impl Trainer {
         Self::on(Processor::Cpu, config, folder, start)
     }
 
-    /// [`Self::new`] with network, splatter, losses and optimiser on this processor; the evaluation's renders are the CPU's. On a
+    /// [`Self::new`] with network, renderer, losses and optimiser on this processor; the evaluation's renders are the CPU's. On a
     /// graphics adapter, groups of samples run one after the other, images and weights stay there, and steps are not those of the
     /// CPU bit for bit.
     ///
@@ -119,6 +119,7 @@ impl Trainer {
             return Err(TrainError::malformed(WHAT, "matmul-precision", expected, config.matmul_precision.name()));
         }
         require_run_to_resume(folder, start)?;
+        start::require_weights(&config, start)?;
         let mut warnings = Warnings::new();
         let samples = Box::new(config.samples(&mut warnings)?);
         let mut trainer = Self::open(processor, config, samples, folder, start)?;
@@ -137,83 +138,6 @@ impl Trainer {
         start: &Start,
     ) -> Result<Self, TrainError> {
         Self::open(Processor::Cpu, config, samples, folder, start)
-    }
-
-    fn open(
-        processor: Processor,
-        config: TrainConfig,
-        samples: Box<dyn Source>,
-        folder: &Path,
-        start: &Start,
-    ) -> Result<Self, TrainError> {
-        require_run_to_resume(folder, start)?;
-        let model = config.model.config()?;
-        config.check_model(&model)?;
-        let device = opened(processor)?;
-        let template = Network::new(&model, &device.clone().autodiff())?;
-        let objective = objective_on(processor, &config, &template)?;
-        let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
-        let mut opening_warnings = Warnings::new();
-        let evaluated = config.evaluation.as_ref();
-        let evaluated = evaluated
-            .map(|own| own.source.open(&config.pose_normalisation, None, &mut opening_warnings))
-            .transpose()
-            .map_err(TrainError::of_evaluation)?;
-        let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
-        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
-        let lock = start::lock_existing(folder)?;
-        let opened = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
-        let Opened { state, mut notices, has_moved } = opened;
-        let recorded = Recorded { folder, done: state.step, has_moved };
-        notices.extend(recorded.check_training(&config, samples.as_ref())?);
-        let features = features_of(&config, &model, adapter.as_deref(), &state)?;
-        if config.matmul_precision != MatmulPrecision::F32 && !config.matmul_precision.is_fast() {
-            let slow = "matrix products take longer in bfloat16 than in f32 on this processor, which has no instructions for bfloat16";
-            notices.push(slow.to_owned());
-        }
-        notices.extend(unreached_rate(&config));
-        notices.extend(samples.notices());
-        let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
-        notices.extend(recorded.check_evaluation(evaluation.as_ref())?);
-        let device_state = match processor {
-            Processor::Cpu => None,
-            Processor::Wgpu(_) => Some(DeviceState::new(&state, &template)?),
-        };
-        // Not earlier: what fails before leaves no folder.
-        let lock = lock.map_or_else(|| start::lock_new(folder), Ok)?;
-        if start.file().is_some() {
-            // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
-            checkpoints.write(&state, &config)?;
-        }
-        let (steps, logged) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
-        if (logged.len() as u64) < state.step {
-            notices.push(format!("{STEPS}: expected the {} steps so far, found {}", state.step, logged.len()));
-        }
-        let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join(EVALUATIONS), state.step)?;
-        Ok(Self {
-            // Those of the check are not the run's.
-            refused_draws: samples.refused().count,
-            config,
-            model,
-            samples,
-            objective,
-            features,
-            evaluation,
-            device,
-            template,
-            checkpoints,
-            steps,
-            evaluations,
-            state,
-            device_state,
-            faults: Vec::new(),
-            notices,
-            opening_warnings,
-            reported_warnings: Warnings::new(),
-            reported_refusals: 0,
-            folder: folder.to_owned(),
-            _lock: lock,
-        })
     }
 
     /// The state after the last step; on a graphics adapter, weights, moments and averages are those before this call's first step
@@ -266,7 +190,7 @@ impl Trainer {
     }
 
     /// Trains until the configuration's last step or a limit, and reports how many draws were replaced in the run so far; returns
-    /// whether the last step was done. The folder then holds a checkpoint of the last step and the weights.
+    /// whether the last step was done. The folder then contains a checkpoint of the last step and the weights.
     ///
     /// # Errors
     /// [`TrainError::Stopped`] after too many skipped steps in a row; [`TrainError::Io`] and others if files cannot be
@@ -346,62 +270,6 @@ impl Trainer {
         self.report_warnings(on_event);
         Ok(())
     }
-}
-
-/// That the run ends before its learning rate has risen to the configuration's.
-fn unreached_rate(config: &TrainConfig) -> Option<String> {
-    let (warm_up, steps) = (config.schedule.warm_up_steps, config.steps.get());
-    let last = config.schedule.rate(steps - 1, steps);
-    (warm_up > steps).then(|| {
-        format!("schedule.warm-up-steps: {warm_up} in a run of {steps}, whose last learning rate is {last:.2e}")
-    })
-}
-
-/// The device of a processor that renders.
-fn opened(processor: Processor) -> Result<Device, TrainError> {
-    let device = processor.open()?;
-    match processor.refusal() {
-        None => Ok(device),
-        Some(why) => Err(ModelError::Processor { processor, why: format!("it cannot render: {why}") }.into()),
-    }
-}
-
-/// On an adapter, losses are part of the graph: images do not leave it.
-fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) -> Result<Objective, TrainError> {
-    match processor {
-        Processor::Cpu => Objective::new(config.losses.clone()),
-        Processor::Wgpu(_) => Objective::in_graph(config.losses.clone(), &template.device()),
-    }
-}
-
-/// The cache of a frozen backbone's features, if the configuration has one; each device has its own.
-fn features_of(
-    config: &TrainConfig,
-    model: &ModelConfig,
-    adapter: Option<&str>,
-    state: &State,
-) -> Result<Option<FeatureCache>, TrainError> {
-    let Some(folder) = &config.model.feature_cache else { return Ok(None) };
-    let own = adapter.map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
-    let folder = own.as_ref().unwrap_or(folder);
-    Ok(Some(FeatureCache::open(folder, model, state.parameters.frozen(), config.matmul_precision)?))
-}
-
-/// The evaluation on fixed samples, if the configuration has one.
-fn evaluation_of(
-    config: &TrainConfig,
-    source: Option<&dyn Source>,
-    notices: &mut Vec<String>,
-    warnings: &mut Warnings,
-) -> Result<Option<Evaluation>, TrainError> {
-    let (Some(settings), Some(source)) = (&config.evaluation, source) else { return Ok(None) };
-    let background = config.losses.background;
-    let evaluation = Evaluation::new(source, config.seed, settings.samples.get(), background)?;
-    warnings.merge(source.warnings());
-    let refused = Some(source.refused()).filter(|refused| refused.count > 0);
-    let own = source.notices().into_iter().chain(refused.map(|refused| refused.to_string()));
-    notices.extend(own.map(|notice| format!("evaluation: {notice}")));
-    Ok(Some(evaluation))
 }
 
 #[cfg(test)]

@@ -9,9 +9,8 @@ use crate::objective::GroupGradients;
 use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 
-/// Averages the gradients over samples, in the order of the groups, clips the mean, and updates every parameter and the moving averages;
-/// returns the norm of the mean before clipping. A parameter that is absent from a group's
-/// gradients has gradient zero.
+/// Averages the gradients over samples, in the order of the groups, clips the mean, and updates every parameter and the moving
+/// averages; returns the norm of the mean before clipping. A parameter that is absent from a group's gradients has gradient zero.
 ///
 /// # Errors
 /// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
@@ -107,7 +106,7 @@ mod tests {
         (run, state, config)
     }
 
-    /// The first samples as one group, each of the others as one of its own.
+    /// The first samples as one group, each of the others as a separate one.
     fn groups(step: &Step, together: usize) -> Vec<GroupGradients> {
         let (first, others) = step.batch.split_at(together);
         let mut sums = first[0].clone();
@@ -120,7 +119,9 @@ mod tests {
             gradients,
             ..GroupGradients::default()
         };
-        std::iter::once(group(sums, together)).chain(others.iter().map(|own| group(own.clone(), 1))).collect()
+        std::iter::once(group(sums, together))
+            .chain(others.iter().map(|gradients| group(gradients.clone(), 1)))
+            .collect()
     }
 
     #[test]

@@ -153,7 +153,7 @@ mod tests {
         assert!(lens.undistort(folded).unwrap().length() < peak);
     }
 
-    /// With tangential terms the formula is one-to-one in a disc: what lies beyond it is never returned, though some points
+    /// With tangential terms the formula is one-to-one in a disc: points beyond it are never returned, though some points
     /// out there have the same image.
     #[test]
     fn only_points_inside_the_disc_are_undistorted() {

@@ -83,7 +83,7 @@ pub(super) fn step(
             1.0
         }
     };
-    let scale = positive("pose scale", factor * scene_scale)?;
+    let scale = positive("pose scale", factor / scene_scale)?;
     Ok(Step { new_from_old: Similarity { scale, ..new_from_old }, near_far_multiplier: 1.0, fallbacks })
 }
 

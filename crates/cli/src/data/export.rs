@@ -10,6 +10,7 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
+use crate::output_lock::{OutputFiles, OutputLock};
 use crate::paths::canonical_path;
 use crate::print::print_report;
 use crate::progress::Progress;
@@ -59,13 +60,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
 fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
     let format = ExportFormat::of_path(&args.out)?;
+    let _outputs = OutputFiles::of([args.out.as_path()])?;
     let mut found = Warnings::new();
     let dataset = args.dataset.open(&mut found)?;
     let opening = found.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
     let mut summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
     summary.skipped += left_out(&opening, &found);
-    // A table holds only cameras: warnings about images do not matter.
+    // A table contains only cameras: warnings about images do not matter.
     warnings.merge(found.about_cameras());
     Ok(Report::Table(summary))
 }
@@ -76,8 +78,9 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
     }
     if is_read_first(&args.out, &args.dataset.data)? {
         let (out, data) = (args.out.display(), args.dataset.data.display());
-        bail!("{out}: chunks there would be read in place of the scenes of {data}: give another folder");
+        bail!("{out}: chunks there would be read instead of the scenes of {data}; choose another folder");
     }
+    let _lock = OutputLock::of(&args.out)?;
     let dataset = args.dataset.open(warnings)?;
     let opening = warnings.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
@@ -87,7 +90,7 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
 }
 
-/// Whether chunks in `out` would be read in place of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
+/// Whether chunks in `out` would be read instead of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
 fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
     let out = canonical_path(out)?;

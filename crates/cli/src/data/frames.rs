@@ -47,7 +47,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let timestamps: Vec<i64> = trajectory.rows.iter().map(|row| row.timestamp_micros).collect();
     let file_stem = || args.trajectory.file_stem()?.to_str().map(str::to_owned);
     let key =
-        args.key.clone().or_else(file_stem).context("the trajectory's file name is not a scene key: give --key")?;
+        args.key.clone().or_else(file_stem).context("the trajectory's file name is not a scene key; set --key")?;
     let format = if args.png { FrameFormat::Png } else { FrameFormat::Jpeg(args.quality) };
     let options = ExtractionOptions { folder: args.out.clone(), format };
     let progress = Progress::new("frames", timestamps.len());

@@ -58,5 +58,5 @@ pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
 /// The error of builds without the feature.
 #[cfg(not(feature = "opencv"))]
 fn needs_opencv(what: &str) -> anyhow::Error {
-    anyhow::anyhow!("{what} needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies")
+    anyhow::anyhow!("{what} requires a build with `--features opencv`; see CONTRIBUTING.md for its dependencies")
 }

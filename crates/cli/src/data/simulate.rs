@@ -9,8 +9,8 @@ use atsplat_camera::ImageSize;
 use atsplat_files::FolderLock;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    CostSummary, EffectChoice, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request, Route,
-    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+    CostSummary, EffectChoice, EffectKind, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request,
+    Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ use crate::output_lock::OutputLock;
 use crate::parse;
 use crate::paths::PendingFile;
 use crate::plot::PlotFile;
-use crate::print::{note, print_report};
+use crate::print::{note, print_report, warn};
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
 
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "WxH")]
     size: Option<ImageSize>,
 
-    /// Rays per pixel.
+    /// Rays per pixel; a multiple of 4 is recommended, because soft shadows test the quarters of each lamp in turn.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
@@ -69,7 +69,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DATA")]
     route: Option<PathBuf>,
 
-    /// Which scene of the route's dataset, if it holds several.
+    /// Which scene of the route's dataset, if it contains several.
     #[arg(long, value_name = "KEY", requires = "route", conflicts_with = "frames")]
     route_key: Option<String>,
 
@@ -123,6 +123,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let _lock = lock_empty(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
+    if let Some(message) = uneven_shadows(args.samples, &args.effects) {
+        warn(&message);
+    }
     let requests = args.requests(&mut warnings)?;
     let plan = Plan::write(&args.out, &requests)?;
     let progress = Progress::new("scenes", requests.len());
@@ -183,17 +186,29 @@ impl Args {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
         let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
-        if !scene.has_times() {
+        if !scene.has_times(dataset.times()) {
             let (path, key) = (path.display(), &scene.key);
             note(&format!("{path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
         }
-        Ok(Route::of_scene(&scene))
+        Ok(Route::of_scene(&scene, dataset.times()))
     }
 
     fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Option<FrameCosts>> {
         let costs = self.costs.then(|| simulation.costs(simulation.shots().len() / 2));
         Ok(costs.transpose()?)
     }
+}
+
+/// The warning for a number of rays whose shadow rays do not test all quarters of a lamp equally often.
+fn uneven_shadows(samples: u32, effects: &EffectChoice) -> Option<String> {
+    let shadowed = match effects {
+        EffectChoice::Auto | EffectChoice::All => true,
+        EffectChoice::None => false,
+        EffectChoice::Only(kinds) => kinds.contains(&EffectKind::SoftShadows),
+    };
+    (shadowed && !samples.is_multiple_of(4)).then(|| {
+        format!("--samples {samples} is not a multiple of 4: soft shadows test the parts of each lamp unequally")
+    })
 }
 
 /// Creates and locks the folder, and rejects one that is not empty: files of an earlier dataset would mix with the new ones.
@@ -217,11 +232,11 @@ fn check_empty(folder: &Path) -> anyhow::Result<()> {
     match Plan::left_in(folder) {
         _ if is_empty => Ok(()),
         Some(Plan { scenes, .. }) => bail!(
-            "{shown} is not empty: a simulation of {} scenes into it did not end ({PLAN} lists them): remove the folder and \
-             simulate again, or give another",
+            "{shown} is not empty: a simulation of {} scenes into it did not end ({PLAN} lists them); remove the folder and \
+             simulate again, or choose another",
             scenes.len()
         ),
-        None => bail!("{shown} is not empty: give a new or empty folder, or remove this one before"),
+        None => bail!("{shown} is not empty; choose a new or empty folder, or remove this one first"),
     }
 }
 
@@ -305,6 +320,21 @@ fn numbers(text: &str) -> Result<Range<u32>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn samples_that_test_parts_of_lamps_unequally_are_warned_of() {
+        let shadows = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::SoftShadows]);
+        for effects in [EffectChoice::Auto, EffectChoice::All, shadows] {
+            for samples in [1, 2, 6, 255] {
+                let message = uneven_shadows(samples, &effects).unwrap();
+                assert!(message.starts_with(&format!("--samples {samples} is not a multiple of 4: ")), "{message}");
+            }
+            assert_eq!([4, 8, 256].map(|samples| uneven_shadows(samples, &effects)), [None, None, None]);
+        }
+        for effects in [EffectChoice::None, EffectChoice::Only(vec![EffectKind::MotionBlur])] {
+            assert_eq!(uneven_shadows(1, &effects), None, "without shadows nothing is uneven");
+        }
+    }
 
     #[test]
     fn parses_scene_ranges() {

@@ -60,7 +60,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         atsplat: results.provenance.atsplat.clone(),
         commit: results.provenance.commit.clone(),
     };
-    let moved = before.as_ref().map(|before| compare(&results, before).verdict);
+    let report = before.as_ref().map(|before| compare(&results, before));
     let mut baseline = match &before {
         Some(before) => before.accept(&results, &repeats, acceptance.clone()),
         None => Baseline::new(&results, &repeats, acceptance.clone()),
@@ -73,7 +73,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         probed.write_with_probe(&args.baseline, &values)?;
         baseline = probed;
     }
-    print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;
+    let accepted = AcceptanceReport::new(&args.baseline, baseline, acceptance, &results, report.as_ref());
+    print_report(&accepted, args.json)?;
     Ok(Exit::Done)
 }
 

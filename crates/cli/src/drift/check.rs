@@ -2,7 +2,7 @@ use std::path::Path;
 
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Outputs, Pipeline, Recipe, attribute};
-use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare, same_machine};
+use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare};
 
 use super::{Args, recipe};
 use crate::exit::Exit;
@@ -13,7 +13,7 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     let requested = args.probe.as_deref().map(recipe).transpose()?;
     let baseline = Baseline::read(baseline_path)?;
     let probe = if args.no_probe { None } else { baseline.read_probe(baseline_path)? };
-    anyhow::ensure!(requested.is_none() || probe.is_some(), "--probe: the baseline has no probe: accept one first");
+    anyhow::ensure!(requested.is_none() || probe.is_some(), "--probe: the baseline has no probe; accept one first");
     let results = Results::read(&args.cache.store(store)?)?;
     let report = compare(&results, &baseline);
     let report = match probe {
@@ -31,6 +31,6 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
 
 /// Runs the stages on this machine, regardless of the machine of the results.
 fn with_probe(report: DriftReport, baseline: &Baseline, recipe: &Recipe, outputs: &Outputs) -> DriftReport {
-    let same = same_machine(&baseline.provenance, &provenance());
+    let same = baseline.was_probed_on(&provenance());
     report.with_attribution(Pipeline::of(recipe).and_then(|stages| attribute(&stages, outputs, same)))
 }

@@ -3,7 +3,7 @@
 use anyhow::Context as _;
 use atsplat_eval::Results;
 use atsplat_eval::drift::{Baseline, DriftReport, NumberHistory, histories};
-use atsplat_report::figures::of_drift;
+use atsplat_report::plot_data::drift_plot;
 
 use crate::plot::PlotFile;
 use crate::print::print_status;
@@ -15,15 +15,15 @@ pub(super) struct HistoryArgs {
     #[arg(long, value_name = "FILE", value_parser = PlotFile::parser())]
     history: Option<PlotFile>,
 
-    /// Preset of the number that --history draws.
+    /// Preset of the number that --history plots.
     #[arg(long, value_name = "NAME", requires = "history")]
     preset: Option<String>,
 
-    /// Method of the number that --history draws.
+    /// Method of the number that --history plots.
     #[arg(long, value_name = "NAME", requires = "history")]
     method: Option<String>,
 
-    /// Metric that --history draws.
+    /// Metric that --history plots.
     #[arg(long, value_name = "ID", requires = "history")]
     metric: Option<String>,
 }
@@ -35,30 +35,34 @@ impl HistoryArgs {
         let histories = histories(baseline, results, report);
         let selected = self.selected(&histories).with_context(|| self.not_found(&histories))?;
         let NumberHistory { preset, method, metric, .. } = selected;
-        let drawing = of_drift(selected).with_context(|| format!("unknown metric {metric}"))?;
+        let drawing = drift_plot(selected).with_context(|| format!("unknown metric {metric}"))?;
         file.open()?.finish(|format| drawing.encode(format))?;
-        print_status(&format!("{metric} of {method} under {preset} into {}", file.path().display()));
+        print_status(&format!("{metric} of {method} under {preset} written to {}", file.path().display()));
         Ok(())
     }
 
     fn selected<'a>(&self, histories: &'a [NumberHistory]) -> Option<&'a NumberHistory> {
-        let matches = |name: &Option<String>, own: &str| name.as_deref().is_none_or(|name| name == own);
-        let candidates = histories.iter().filter(|own| {
-            matches(&self.preset, &own.preset)
-                && matches(&self.method, &own.method)
-                && matches(&self.metric, &own.metric)
+        let matches = |selected: &Option<String>, name: &str| selected.as_deref().is_none_or(|text| text == name);
+        let candidates = histories.iter().filter(|number| {
+            matches(&self.preset, &number.preset)
+                && matches(&self.method, &number.method)
+                && matches(&self.metric, &number.metric)
         });
         // `max_by_key` returns the last of equals.
-        candidates.rev().max_by_key(|own| (own.verdict, own.metric.starts_with("psnr")))
+        candidates.rev().max_by_key(|number| (number.verdict, number.metric.starts_with("psnr")))
     }
 
     fn not_found(&self, histories: &[NumberHistory]) -> String {
-        let name = |name: &Option<String>| name.clone().unwrap_or_else(|| "any".to_owned());
-        let known = histories.iter().map(|own| format!("{} of {} under {}", own.metric, own.method, own.preset));
+        let known = histories
+            .iter()
+            .map(|NumberHistory { metric, method, preset, .. }| format!("{metric} of {method} under {preset}"));
         let known = known.take(12).collect::<Vec<_>>().join("; ");
-        let (preset, method, metric) = (name(&self.preset), name(&self.method), name(&self.metric));
+        let selected = |name: &Option<String>| name.clone().unwrap_or_else(|| "any".to_owned());
         format!(
-            "--history: expected a number of the baseline ({known}), found metric {metric} of method {method} under preset {preset}"
+            "--history: expected a number of the baseline ({known}), found metric {} of method {} under preset {}",
+            selected(&self.metric),
+            selected(&self.method),
+            selected(&self.preset)
         )
     }
 }

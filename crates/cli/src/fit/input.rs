@@ -1,24 +1,17 @@
-//! The training and held-out views, and the Gaussians to start from.
+//! The training and held-out views.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
-use atsplat_eval::fitting::{PointsOf, Start, StartError, StartGaussians, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{
-    NetworkSource, PhotoSelection, Photos, ReconstructError, WeightsRecord, rendered_scene,
-};
-use atsplat_fit::{FitConfig, FitError, TrainingView};
-use atsplat_model::network::Device;
-use atsplat_model::weights::ModelWeights;
+use atsplat_eval::fitting::{common_size, fit_recipe};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
+use atsplat_fit::{TrainingView, TrainingViews};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
-use super::OptimisationArgs;
 use crate::dataset_args::ImageArgs;
-use crate::embedded;
 use crate::parse;
-use crate::print::warn;
 use crate::reconstruct::input::{is_size_error, scene};
 
 #[derive(Debug, clap::Args)]
@@ -27,8 +20,8 @@ pub(super) struct InputArgs {
     /// them, or the `render.json` that `atsplat render` wrote next to its images.
     pub(super) data: PathBuf,
 
-    /// Photos to optimise for, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all; without those that
-    /// are held out.
+    /// Photos to optimise for, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all. Held-out photos are
+    /// excluded.
     #[arg(long, value_name = "SEL", required = true)]
     views: FrameSelection,
 
@@ -41,7 +34,7 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "LIST", requires = "held_out", value_delimiter = ',', value_parser = parse::positive)]
     scales: Vec<f64>,
 
-    /// Which scene of DATA, if it holds several.
+    /// Which scene of DATA, if it contains several.
     #[arg(long, value_name = "KEY")]
     key: Option<String>,
 
@@ -58,42 +51,12 @@ pub(super) struct InputArgs {
     no_distortion: bool,
 }
 
-#[derive(Debug, clap::Args)]
-pub(super) struct StartArgs {
-    /// Gaussians to start from: random:N (points seen by the cameras), points (COLMAP's, of the model in DATA), a folder with
-    /// a points3D file, or a file of Gaussians (.ply, .spz, .splat).
-    #[arg(long, value_name = "START", default_value = "random:10000", conflicts_with = "refine")]
-    start: String,
-
-    /// Nearest and farthest depth of random points, in scene units; by default around the point that the cameras look at.
-    #[arg(long, value_name = "NEAR,FAR", conflicts_with = "refine", value_parser = depths)]
-    depths: Option<[f64; 2]>,
-
-    /// Read opacities of the file to start from as opacities, not logits, as written by the exporters of pixelSplat and
-    /// NoPoSplat.
-    #[arg(long, conflicts_with = "refine")]
-    opacities_as_stored: bool,
-
-    /// Start from what this network makes of the photos: a weights file, or micro-rooms or micro-yards, which are embedded in
-    /// the binary. The strategy is then by default `fixed`.
-    #[arg(long, value_name = "WEIGHTS")]
-    pub(super) refine: Option<PathBuf>,
-}
-
-fn depths(text: &str) -> Result<[f64; 2], String> {
-    let numbers = text.split_once(',').map(|(near, far)| (parse::positive(near), parse::positive(far)));
-    match numbers {
-        Some((Ok(near), Ok(far))) if near <= far => Ok([near, far]),
-        _ => Err(format!("expected two positive lengths, the nearer first, such as 0.5,20, found {text:?}")),
-    }
-}
-
 /// The photos with their images.
 pub(super) struct Input {
     /// The scene that they are of.
     pub(super) scene: Scene,
     pub(super) photos: Photos,
-    pub(super) training: Vec<TrainingView>,
+    pub(super) training: TrainingViews,
     pub(super) held_out: Vec<TrainingView>,
     /// The held-out views at multiples of their size.
     pub(super) scaled: Vec<(f64, Vec<TrainingView>)>,
@@ -112,7 +75,7 @@ impl InputArgs {
         let mut context = self.views.of(count).context("--views")?;
         context.retain(|frame| !targets.contains(frame));
         if context.is_empty() {
-            bail!("--views: all of them are held out");
+            bail!("--views: all of these photos are held out");
         }
         let selection = PhotoSelection { context, targets };
         let prepared = |size, warnings: &mut Warnings| {
@@ -124,18 +87,20 @@ impl InputArgs {
         let mut scaled = Vec::new();
         for &scale in &self.scales {
             let common = common_size(&held_out);
-            let common = common.context("--scales: held-out photos have several sizes; give them one by --size")?;
+            let common = common.context("--scales: the held-out photos have several sizes; set one with --size")?;
             let at_scale = || format!("--scales {scale}");
             let size = common.scaled(scale).with_context(at_scale)?;
             // Everything but the size was checked, and warned of, above.
             let photos = prepared(Some(size), &mut Warnings::new()).with_context(at_scale)?;
             scaled.push((scale, photos.held_out_views()?));
         }
+        let others = other_images(&training, &held_out, &scaled);
+        let training = TrainingViews::from(training).with_other_images(others);
         Ok(Input { scene, photos, training, held_out, scaled })
     }
 
     /// The transform that nerfstudio applied to the cameras of a scene, but not to COLMAP's points.
-    fn applied_transform(&self, scene: &str) -> anyhow::Result<Option<AppliedTransform>> {
+    pub(super) fn applied_transform(&self, scene: &str) -> anyhow::Result<Option<AppliedTransform>> {
         if rendered_scene(&self.data)?.is_some() {
             return Ok(None);
         }
@@ -160,103 +125,35 @@ impl InputArgs {
     }
 }
 
-impl StartArgs {
-    /// Rejects an invalid --start, --depths without random points, and --opacities-as-stored without a file of Gaussians.
-    pub(super) fn check(&self) -> Result<(), clap::Error> {
-        let start = self.start.parse::<Start>();
-        let start = start.map_err(|error| parse::usage_error(format!("--start: {error}; N is at least 1")))?;
-        let is_file = matches!(&start, Start::At(path) if !path.is_dir());
-        if self.depths.is_some() && !matches!(start, Start::Random(_)) {
-            return Err(parse::usage_error(format!("--depths is for random points, found --start {}", self.start)));
-        }
-        if self.opacities_as_stored && !is_file {
-            let found = format!("--opacities-as-stored is for a file of Gaussians, found --start {}", self.start);
-            return Err(parse::usage_error(found));
-        }
-        Ok(())
-    }
-
-    /// What is read unless a network makes the start: a file or a folder, if there is one of this name.
-    pub(super) fn path(&self) -> Option<&Path> {
-        self.refine.is_none().then(|| Path::new(&self.start))
-    }
-
-    /// For the record, with the weights of a refinement: another file may have had their path before.
-    fn name(&self, weights: Option<&WeightsRecord>) -> String {
-        if let Some(path) = &self.refine {
-            let hash = match weights {
-                Some(WeightsRecord::File { sha256, .. }) => format!(", sha256 {sha256}"),
-                Some(WeightsRecord::Untrained { .. }) | None => String::new(),
-            };
-            return format!("network {}{hash}", path.display());
-        }
-        let depths = self.depths.map_or_else(String::new, |[near, far]| format!(", depths {near},{far}"));
-        let stored = if self.opacities_as_stored { ", opacities as stored" } else { "" };
-        [self.start.as_str(), &depths, stored].concat()
-    }
-
-    /// The network of a refinement.
-    pub(super) fn network(&self) -> anyhow::Result<Option<NetworkSource>> {
-        let Some(path) = &self.refine else { return Ok(None) };
-        let expected = || "a weights file of this toolkit, micro-rooms or micro-yards".to_owned();
-        let file = embedded::find(path, expected)?;
-        let config = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
-        Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))
-    }
-
-    /// The Gaussians to start from, in the frame of the views, for a configuration that comes from some options; and their name for
-    /// the record. Warns of what is wrong with their file.
-    pub(super) fn gaussians(
-        &self,
-        input: &Input,
-        args: &InputArgs,
-        network: Option<(&NetworkSource, Device)>,
-        (config, options): (&FitConfig, &OptimisationArgs),
-    ) -> anyhow::Result<(StartGaussians, String)> {
-        if let Some((source, device)) = network {
-            let (network, weights) = source.load(&device)?;
-            let made = network.reconstruct(&input.photos.views()?, config.seed).context("--refine")?;
-            return Ok((made.gaussians.into(), self.name(Some(&weights))));
-        }
-        let start = self.start.parse::<Start>().context("--start")?;
-        let applied = if start.reads_points() { args.applied_transform(&input.scene.key) } else { Ok(None) };
-        let applied = applied.with_context(|| format!("--start {}", self.start))?;
-        let of = PointsOf { data: &args.data, scene: &input.scene, applied };
-        let made = start.gaussians(&input.training, of, self.depths, self.opacities_as_stored, config);
-        let made = made.map_err(|error| match error {
-            StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {
-                anyhow::Error::from(error).context(format!("--start {} needs --depths NEAR,FAR", self.start))
-            }
-            StartError::Fit(error) => options.with_option(error),
-            unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
-        })?;
-        for warning in &made.warnings {
-            warn(&format!("--start {}: {warning}", self.start));
-        }
-        Ok((made, self.name(None)))
-    }
+/// Bytes of the images that stay in memory next to those that are trained on: the held-out ones at all of their sizes, and what the
+/// photos were decoded to, a quarter of it, for the views of one size.
+fn other_images(training: &[TrainingView], held_out: &[TrainingView], scaled: &[(f64, Vec<TrainingView>)]) -> u64 {
+    let bytes = |views: &[TrainingView]| views.iter().map(TrainingView::bytes).fold(0, u64::saturating_add);
+    let decoded = bytes(training).saturating_add(bytes(held_out)) / 4;
+    let scaled = scaled.iter().map(|(_, views)| bytes(views)).fold(0, u64::saturating_add);
+    [bytes(held_out), scaled].into_iter().fold(decoded, u64::saturating_add)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_splat::View;
+    use glam::{DMat3, DVec3};
 
     use super::*;
 
+    /// Twelve bytes per pixel, and three in the decoded photos, which have one size.
     #[test]
-    fn a_start_is_recorded_with_all_that_decides_it() {
-        let start = |depths: Option<[f64; 2]>, opacities_as_stored: bool, refine: Option<&str>| {
-            let (start, refine) = ("start".to_owned(), refine.map(PathBuf::from));
-            StartArgs { start, depths, opacities_as_stored, refine }
+    fn held_out_and_decoded_images_are_counted() {
+        let view = |width: u32, height: u32| {
+            let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+            let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+            let view = View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } };
+            TrainingView { name: String::new(), rgb: Vec::new(), view }
         };
-        assert_eq!(start(None, false, None).name(None), "start");
-        assert_eq!(start(Some([0.5, 20.0]), false, None).name(None), "start, depths 0.5,20");
-        assert_eq!(start(None, true, None).name(None), "start, opacities as stored");
-        let refined = start(None, false, Some("weights"));
-        for sha256 in ["ab", "cd"] {
-            let (file, hash, provenance) = (PathBuf::from("weights"), sha256.to_owned(), BTreeMap::new());
-            let weights = WeightsRecord::File { file, sha256: hash, provenance };
-            assert_eq!(refined.name(Some(&weights)), format!("network weights, sha256 {sha256}"));
-        }
+        let training = [view(4, 5), view(4, 5)];
+        assert_eq!(other_images(&training, &[], &[]), 3 * 40);
+        let scaled = [(2.0, vec![view(6, 14)]), (0.5, vec![view(2, 3)])];
+        assert_eq!(other_images(&training, &[view(3, 7)], &scaled), 3 * (40 + 21) + 12 * (21 + 84 + 6));
     }
 }

@@ -1,31 +1,26 @@
 //! `atsplat fit`: optimises Gaussians for one scene.
 
+mod check;
 mod input;
-mod report;
+mod optimise;
+mod output;
+mod plots;
+mod prepare;
+mod start;
 
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
-use atsplat_eval::reconstruct::rounding_warning;
-use atsplat_fit::{
-    Background, Budget, Elapsed, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView,
-};
-use atsplat_scene::{Frame, Warnings};
-use atsplat_splat::Gaussians;
-use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_fit::{Background, Budget, Elapsed, FitConfig, FitError, FitReport, Strategy};
+use atsplat_splat::SplatError;
 
 use crate::device::DeviceArgs;
-use crate::output_lock::OutputFiles;
 use crate::parse;
-use crate::paths::{Input, PendingFile, canonical_path, check_output};
-use crate::print::{note, print_report, warn};
-use crate::replaced::{photos, refuse_replacing};
-use crate::scene_record::record_of;
-use crate::warnings::print_warnings;
-use input::{InputArgs, StartArgs};
-use report::Log;
+use crate::print::print_report;
+use input::InputArgs;
+use optimise::Log;
+use prepare::Prepared;
+use start::StartArgs;
 
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "atsplat fit <DATA> --views <SEL> --strategy <NAME> --steps <N> --out <FILE> [OPTIONS]")]
@@ -46,18 +41,16 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
     out: PathBuf,
 
-    /// Folder for the learning curve and a contact sheet: renders next to the held-out photos, or next to those of --views if none
-    /// are held out.
+    /// Folder for the learning curve and a contact sheet: renders next to the held-out photos, or without any, next to those of
+    /// --views.
     #[arg(long, value_name = "DIR", help_heading = "Output")]
     plots: Option<PathBuf>,
 
-    /// Compare with the held-out photos every N steps; by default about eight times in all, and not just after a reset of
-    /// opacities, when renders are dark: 3DGS and Mip-Splatting reset them at every tenth of the run in its first half, at least
-    /// 300 steps apart.
+    /// Compare with the held-out photos every N steps. Default: about eight times, never shortly after opacities are reset.
     #[arg(long, value_name = "N", requires = "held_out", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 
-    /// File for the state of the run, from which --resume continues; a file of another kind is not replaced.
+    /// File for the state of the run, from which --resume continues; a file of another kind is not overwritten.
     #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
     checkpoint: Option<PathBuf>,
 
@@ -77,7 +70,7 @@ pub(crate) struct Args {
 #[derive(Debug, clap::Args)]
 struct OptimisationArgs {
     /// How the number of Gaussians changes; required without --refine.
-    #[arg(long, value_name = "NAME", required_unless_present = "refine", value_parser = parse::named(Strategy::ALL.map(|own| (own.name(), own))))]
+    #[arg(long, value_name = "NAME", required_unless_present = "refine", value_parser = parse::named(Strategy::ALL.map(|strategy| (strategy.name(), strategy))))]
     strategy: Option<Strategy>,
 
     /// Number of steps, with which all schedules scale (the papers use 30000).
@@ -106,11 +99,10 @@ struct OptimisationArgs {
 
     /// Optimise each view's camera too, with this initial learning rate, in radians and in extents of the scene. The scene may
     /// drift away from the held-out cameras.
-    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "1e-4", value_parser = parse::positive)]
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "1e-5", value_parser = parse::positive)]
     optimise_poses: Option<f64>,
 
-    /// Optimise each view's exposure too: an affine map of its colours, with this initial learning
-    /// rate. Held-out views are
+    /// Optimise each view's exposure too: an affine map of its colours, with this initial learning rate. Held-out views are
     /// compared without one.
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "0.01", value_parser = parse::positive)]
     optimise_exposure: Option<f64>,
@@ -125,13 +117,11 @@ struct OptimisationArgs {
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     max_gaussians: usize,
 
-    /// Limit on memory for parameters, images and renderer, in MiB.
+    /// Limit on memory for parameters, images (also held-out ones) and renderer, in MiB. On a graphics adapter, a rendering has this
+    /// limit in the adapter's memory, but at least 64 MiB.
     #[arg(long, value_name = "MIB", default_value_t = 8192)]
     memory: u64,
 }
-
-/// The files of --plots.
-const PLOTS: [&str; 3] = ["learning-curve.svg", "learning-curve.png", "contact-sheet.png"];
 
 const BACKGROUNDS: [(&str, Background); 3] =
     [("black", Background::Black), ("white", Background::White), ("random", Background::Random)];
@@ -154,14 +144,23 @@ impl OptimisationArgs {
             exposure_rate: self.optimise_exposure,
             extent: self.extent.map(|extent| extent * scale),
             max_gaussians: self.max_gaussians,
-            memory_limit: self.memory.saturating_mul(1 << 20),
+            memory_limit: self.memory_limit(),
             ..FitConfig::new(self.strategy.unwrap_or(Strategy::Fixed), 1)
         }
     }
 
-    /// Names the command-line option, if it differs from the setting's name.
+    /// In bytes.
+    const fn memory_limit(&self) -> u64 {
+        self.memory.saturating_mul(1 << 20)
+    }
+
+    /// Names the command-line options, if the error does not.
     fn with_option(&self, error: FitError) -> anyhow::Error {
         match error {
+            error @ FitError::Splat(SplatError::Memory { .. }) => {
+                let options = format!("--memory {} (MiB), or fewer Gaussians by --max-gaussians", self.memory);
+                anyhow::Error::from(error).context(options)
+            }
             error @ FitError::Setting { name: "memory-limit", .. } => {
                 anyhow::Error::from(error).context(format!("--memory {} (MiB)", self.memory))
             }
@@ -178,202 +177,42 @@ impl OptimisationArgs {
     }
 }
 
-impl Args {
-    /// Refuses files in the place of what is read, and a checkpoint in a file that holds something else.
-    fn check_inputs(&self, record_file: &Path) -> anyhow::Result<()> {
-        let of_start = |start| match start {
-            start if Path::is_dir(start) => Input::Dataset(start),
-            start => Input::File("the start that is read", start),
-        };
-        let of_refine = |weights| Input::File("the weights file that is read", weights);
-        let start = self.start.path().map(of_start).or_else(|| self.start.refine.as_deref().map(of_refine));
-        let inputs: Vec<Input<'_>> = [Input::Dataset(&self.input.data)].into_iter().chain(start).collect();
-        let written = [("--out", self.out.as_path()), ("--out", record_file)].into_iter();
-        for (option, file) in written.chain(self.checkpoint.as_deref().map(|file| ("--checkpoint", file))) {
-            check_output(option, file, &inputs)?;
-        }
-        let Some(checkpoint) = self.checkpoint.as_deref() else { return Ok(()) };
-        let shown = checkpoint.display();
-        if !checkpoint.is_file() {
-            if self.resume {
-                note(&format!("--resume: there is no checkpoint {shown} yet, so that the run starts anew"));
-            }
-            return Ok(());
-        }
-        let is_checkpoint =
-            Fit::is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
-        ensure!(is_checkpoint, "--checkpoint: {shown} is no checkpoint of `atsplat fit`: give another file");
-        Ok(())
-    }
-
-    /// Refuses a checkpoint in a file that the results replace.
-    fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
-        let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
-        let kept = canonical_path(checkpoint)?;
-        for file in [self.out.as_path(), record_file] {
-            if canonical_path(file)? == kept {
-                let (checkpoint, file) = (checkpoint.display(), file.display());
-                let text = format!("--checkpoint {checkpoint}: --out writes {file}: give the checkpoint another file");
-                return Err(parse::usage_error(text).into());
-            }
-        }
-        Ok(())
-    }
-
-    /// Fails before long work if a file cannot be written, or another process writes it. None stays open meanwhile: a run that is
-    /// interrupted leaves no part of one.
-    fn lock_outputs(&self, record_file: &Path) -> anyhow::Result<OutputFiles> {
-        let plot = self.plots.as_deref().map(|folder| folder.join(PLOTS[0]));
-        let mut outputs = OutputFiles::default();
-        for file in [Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()].into_iter().flatten() {
-            outputs.add(file)?;
-        }
-        drop(PendingFile::open(record_file)?);
-        Ok(outputs)
-    }
-
-    /// Refuses plots in the place of photos.
-    fn check_photos(&self, photographed: &[Frame]) -> anyhow::Result<()> {
-        let folder = self.plots.as_deref();
-        let plots = folder.into_iter().flat_map(|folder| PLOTS.map(|name| folder.join(name)));
-        refuse_replacing("--plots", plots, photos(photographed))
-    }
-}
-
-/// Warns of properties of the initial Gaussians that are dropped or not optimised.
-fn warn_of_start(start: &Gaussians, config: &FitConfig) {
-    let (found, kept, strategy) = (start.sh_degree(), config.sh_degree, config.strategy);
-    if found > kept {
-        warn(&format!(
-            "the initial Gaussians have spherical harmonics of degree {found}: those above --sh-degree {kept} are dropped"
-        ));
-    }
-    if start.parts().filter_3d.is_some() && strategy != Strategy::MipSplatting {
-        let name = strategy.name();
-        warn(&format!(
-            "the initial Gaussians have 3D filters (filter_3D), which the strategy {name} leaves as they are"
-        ));
-    }
-}
-
-/// Removes the record of an earlier run, which says nothing about the Gaussians of this one.
-fn remove_old(record_file: &Path) -> anyhow::Result<()> {
-    match std::fs::remove_file(record_file) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("removing {}", record_file.display()))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Optimises until the last step or the end of the time.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    args.start.check()?;
-    let record_file = args.out.with_added_extension("json");
-    args.check_checkpoint(&record_file)?;
-    args.check_inputs(&record_file)?;
-    let _outputs = args.lock_outputs(&record_file)?;
-    let mut warnings = Warnings::new();
-    let network = args.start.network()?;
-    let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
-    let input = args.input.read(network.as_ref(), &mut warnings)?;
-    print_warnings(&warnings);
-    args.check_photos(&input.scene.frames)?;
-    // With --refine, the whole run is in the network's world.
-    let normalisation = input.photos.trial().normalisation().new_from_old;
-    let mut config = args.optimisation.config(normalisation.scale);
-    let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
-    let (start, start_name) = args.start.gaussians(&input, &args.input, network, (&config, &args.optimisation))?;
-    let (start, removed) = (start.gaussians, start.removed);
-    warn_of_start(&start, &config);
-    let device = device.backend().fit_device();
-    let begin = Instant::now();
-    let planned = args.optimisation.budget().plan(&config, &input.training, &start, &device);
-    let (steps, deadline) = planned.map_err(|error| args.optimisation.with_option(error))?;
-    let planning = begin.elapsed().as_secs_f64();
-    config.steps = steps;
-    let (count, views) = (start.len(), input.training.clone());
-    let fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
-        Some(path) => Fit::resume(config, views, &input.held_out, &start, device, path),
-        None => Fit::new(config, views, &start).map(|fit| fit.on(device)),
-    };
-    let mut fit = fit.map_err(|error| args.optimisation.with_option(error))?;
-    if fit.dropped() > 0 {
-        warn(&format!("{} of {count} initial Gaussians are invalid and were dropped", fit.dropped()));
-    }
-    if let Some(text) = fit.density_warning() {
-        warn(&format!("{}{text}", if deadline.is_some() { "as planned so far, " } else { "" }));
-    }
+    args.check()?;
+    let _outputs = args.lock_outputs()?;
+    let Prepared { input, start, mut fit, deadline, planning_secs } = args.prepare()?;
     let mut log = Log::new(&fit, &input.held_out, args.evaluate_every);
-    let outcome: anyhow::Result<()> = fit.run(deadline, |fit, step| {
-        // Before the checkpoint, which holds the comparison with the held-out photos.
-        log.step(fit, step)?;
-        if let Some(path) = args.checkpoint.as_deref().filter(|_| step.step.is_multiple_of(args.checkpoint_every)) {
-            fit.checkpoint(path)?;
-        }
-        Ok(())
-    });
-    let elapsed = fit.elapsed();
-    let elapsed = Elapsed { seconds: planning + elapsed.seconds, ..elapsed };
-    // Written before further renders, which may fail; after a fault these are the Gaussians of the last good state.
-    let gaussians = input.photos.in_scene(&fit.gaussians())?;
-    if let Some(text) = rounding_warning(&gaussians) {
-        warn(&text);
-    }
-    remove_old(&record_file)?;
-    files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
-    let mut scaled = Vec::new();
-    let is_device_error =
-        |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_device_error);
-    // A lost adapter renders nothing any more.
-    if !outcome.as_ref().is_err_and(is_device_error) {
-        log.evaluate(&mut fit)?;
-        if let Some(folder) = &args.plots {
-            log.draw(folder, &mut fit, &input.training)?;
-        }
-        scaled = fit.at_scales(&input.scaled)?;
-    }
-    let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
-    let record = FitRecord {
-        atsplat: env!("CARGO_PKG_VERSION"),
-        data: args.input.data.clone(),
-        scene: input.photos.trial().scene().to_owned(),
-        views: names(&input.training),
-        held_out: names(&input.held_out),
-        inputs: fit.inputs(&input.held_out),
-        start: start_name,
-        start_gaussians: count + removed,
-        dropped: removed + fit.dropped(),
-        extent: fit.extent() / normalisation.scale,
-        configuration: FitConfig {
-            extent: args.optimisation.extent,
-            constants: fit.options().constants,
-            ..fit.config().clone()
-        },
-        device: fit.device().to_owned(),
-        steps: fit.step_count(),
-        file: args.out.clone(),
-        gaussians: gaussians.len(),
-        corrections: fit.corrections(&normalisation)?,
-        training_psnr: fit.history().training_psnr(),
-        evaluations: fit.history().evaluations.clone(),
-        at_scales: scaled,
-    };
+    let outcome = args.optimise(&mut fit, deadline, &mut log);
+    let optimised = fit.elapsed();
+    let elapsed = Elapsed { seconds: planning_secs + optimised.seconds, ..optimised };
+    // After a lost adapter, nothing can be rendered.
+    let can_render = !outcome.as_ref().is_err_and(is_device_error);
+    let record = args.write_results(&mut fit, &input, start, &log, can_render)?;
     drop(log);
-    PendingFile::open(&record_file)?.finish(record_of(&record, &args.out)?.as_bytes())?;
-    outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
     let out = args.out.display();
-    ensure!(fit.step_count() > 0, "--seconds: the time was over before the first step; {out} holds the start");
+    let outcome = outcome.map_err(|error| match error.downcast::<FitError>() {
+        Ok(error) => args.optimisation.with_option(error),
+        Err(other) => other,
+    });
+    outcome.with_context(|| format!("{out} contains the last good state"))?;
+    ensure!(
+        fit.step_count() > 0,
+        "--seconds: the time limit ended before the first step; {out} contains the initial Gaussians"
+    );
     print_report(&FitReport::new(record, elapsed), args.json)
+}
+
+fn is_device_error(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<FitError>().is_some_and(FitError::is_device_error)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn an_extent_in_units_of_the_data_is_scaled_as_the_views_are() {
-        let args = OptimisationArgs {
+    fn args() -> OptimisationArgs {
+        OptimisationArgs {
             strategy: None,
             steps: Some(1),
             seconds: None,
@@ -386,7 +225,18 @@ mod tests {
             extent: Some(6.0),
             max_gaussians: 1,
             memory: 1,
-        };
-        assert_eq!(args.config(0.25).extent, Some(1.5));
+        }
+    }
+
+    #[test]
+    fn an_extent_in_units_of_the_data_is_scaled_as_the_views_are() {
+        assert_eq!(args().config(0.25).extent, Some(1.5));
+    }
+
+    #[test]
+    fn a_rendering_beyond_the_limit_names_its_options() {
+        let error = args().with_option(SplatError::Memory { needed: 9, limit: 5 }.into());
+        let options = "--memory 1 (MiB), or fewer Gaussians by --max-gaussians";
+        assert_eq!(format!("{error:#}"), format!("{options}: rendering needs 9 bytes, the limit is 5"));
     }
 }

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -8,8 +9,10 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::ImageArgs;
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output};
 use crate::parse;
-use crate::paths::{Input, PendingFile, check_output};
+use crate::paths::PendingFile;
 use crate::print::print_report;
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
@@ -48,13 +51,15 @@ struct Report<'a> {
     refused_entries: usize,
     missing_images: usize,
     repeated_images: usize,
-    nulls: &'a std::collections::BTreeMap<&'static str, usize>,
+    #[serde(rename = "nulls")]
+    scenes_without_entry: &'a BTreeMap<&'static str, usize>,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let inputs = [Input::Toml("the sampling rule that is read", &args.sampler), Input::Dataset(&args.data)];
+    let inputs = [Input::Toml("sampling rule", &args.sampler), Input::Dataset(&args.data)];
     check_output("--out", &args.out, &inputs)?;
     let rule = parse::rule(&args.sampler)?;
+    let _outputs = OutputFiles::of([args.out.as_path()])?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let dataset = args.images.open(&args.data, &mut warnings)?;
@@ -76,11 +81,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         refused_entries: *refused_entries,
         missing_images: *missing_images,
         repeated_images: *repeated_images,
-        nulls,
+        scenes_without_entry: nulls,
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    ensure!(*entries > 0, "no scene of {} has an entry: {} is not written", args.data.display(), args.out.display());
+    ensure!(*entries > 0, "no scene of {} has an entry; {} is not written", args.data.display(), args.out.display());
     let unusable_images = *missing_images as u64 + warnings.count(WarningKind::UnreadableImage);
     Ok(nulls.is_empty() && left_out == 0 && unusable_images == 0)
 }
@@ -98,18 +103,18 @@ impl fmt::Display for Report<'_> {
         if self.missing_images > 0 {
             writeln!(
                 f,
-                "{:>7}  frames skipped, their images are missing: windows and distances count the others",
+                "{:>7}  frames skipped: no image or no usable pose; windows and distances count the others",
                 self.missing_images
             )?;
         }
         if self.repeated_images > 0 {
-            writeln!(f, "{:>7}  frames skipped, they repeat the image file of an earlier frame", self.repeated_images)?;
+            writeln!(f, "{:>7}  frames skipped: they repeat the image file of an earlier frame", self.repeated_images)?;
         }
         if self.left_out > 0 {
-            writeln!(f, "{:>7}  scenes left out, they are not read", self.left_out)?;
+            writeln!(f, "{:>7}  scenes skipped: could not be read", self.left_out)?;
         }
-        for (reason, count) in self.nulls {
-            writeln!(f, "{count:>7}  scenes null: {reason}")?;
+        for (reason, count) in self.scenes_without_entry {
+            writeln!(f, "{count:>7}  scenes without an entry: {reason}")?;
         }
         Ok(())
     }

@@ -3,8 +3,9 @@
 use atsplat_camera::ImageSize;
 use atsplat_eval::overlap_estimators::{EstimatorStudy, KINDS};
 use atsplat_protocol::overlap::OverlapEstimator;
-use atsplat_report::figures::of_estimators;
+use atsplat_report::plot_data::estimator_scatter;
 
+use crate::output_lock::OutputFiles;
 use crate::parse;
 use crate::plot::PlotFile;
 use crate::print::print_report;
@@ -39,13 +40,14 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let estimators = estimators()?;
+    let _outputs = OutputFiles::of(args.plot.as_ref().map(PlotFile::path))?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let study = EstimatorStudy { scenes: args.scenes, pairs: args.pairs, size: args.size, seed: args.seed };
     let progress = Progress::new("scenes", KINDS.len() * args.scenes as usize);
     let report = study.run(&estimators, &|| progress.step())?;
     drop(progress);
     if let Some(plot) = plot {
-        plot.finish(|format| of_estimators(&report, &estimators).draw().encode(format))?;
+        plot.finish(|format| estimator_scatter(&report, &estimators).draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     Ok(true)

@@ -7,7 +7,9 @@ use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 
 use crate::dataset_args::ImageArgs;
-use crate::paths::{Input, PendingFile, check_output};
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output};
+use crate::paths::PendingFile;
 use crate::print::print_report;
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
@@ -50,9 +52,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     file.warn_of_unknown_fields(&args.index, &mut warnings);
     let index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
-    let index_read = Input::File("the index that is read", &args.index);
-    let inputs: Vec<Input<'_>> = args.data.iter().map(|data| Input::Dataset(data)).chain([index_read]).collect();
+    let data = args.data.iter().map(|data| Input::Dataset(data));
+    let inputs: Vec<Input<'_>> = data.chain([Input::File("index", &args.index)]).collect();
     check_output("--out", &args.out, &inputs)?;
+    let _outputs = OutputFiles::of([args.out.as_path()])?;
     let out = PendingFile::open(&args.out)?;
     let lengths = match &args.data {
         Some(path) => {

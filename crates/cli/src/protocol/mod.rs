@@ -14,7 +14,8 @@ use crate::exit::{Exit, WithStrict, done};
 const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, no \
                            entries, another protocol's index, dropped scenes, or other trials than --against";
 
-const BUILD_STRICT: &str = "Exit with code 4 if a scene has no entry, or images are missing or cannot be read";
+const BUILD_STRICT: &str = "Exit with code 4 if a scene has no entry, or frames lack an image that can be read, or a usable \
+                            pose";
 
 const ENTRIES_STRICT: &str = "Exit with code 4 if scenes or entries of the index were skipped";
 

@@ -9,10 +9,13 @@ use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output};
 use crate::parse;
-use crate::paths::{Input, PendingFile, check_output};
+use crate::paths::PendingFile;
 use crate::plot::PlotFile;
 use crate::print::print_report;
+use crate::requirements::{Requirement, check_all};
 use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
@@ -73,6 +76,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let depth = depth(args)?;
     check_outputs(args)?;
     let file = IndexFile::read(&args.index)?;
+    let _outputs = OutputFiles::of(args.out.as_deref().into_iter().chain(args.plot.as_ref().map(PlotFile::path)))?;
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let layout = file.layout;
@@ -131,9 +135,9 @@ fn why_nothing(found: &OverlapReport) -> String {
     )
 }
 
-/// Refuses outputs in the place of what is read. A plot may be an image in the folder of the dataset.
+/// Rejects outputs that would overwrite inputs. A plot may be an image in the folder of the dataset.
 fn check_outputs(args: &Args) -> anyhow::Result<()> {
-    let index = Input::File("the index that is read", &args.index);
+    let index = Input::File("index", &args.index);
     if let Some(out) = &args.out {
         let folders = [&args.data, &args.depth].into_iter().flatten().map(|folder| Input::Dataset(folder));
         check_output("--out", out, &folders.chain([index]).collect::<Vec<_>>())?;
@@ -145,11 +149,13 @@ fn check_outputs(args: &Args) -> anyhow::Result<()> {
 fn depth(args: &Args) -> anyhow::Result<Option<DepthFolder>> {
     let estimator = &args.estimator;
     if matches!(estimator, OverlapEstimator::FeatureCoverage { measure: None }) {
-        bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies");
+        bail!("feature-coverage requires a build with `--features opencv`; see CONTRIBUTING.md for its dependencies");
     }
-    if args.depth.is_some() && !estimator.needs_depth() {
-        let text = format!("--depth is for --estimator depth-covisibility; {} does not use depth", estimator.name());
-        return Err(parse::usage_error(text).into());
-    }
+    let checked = check_all(&[Requirement {
+        options: &[("--depth", args.depth.is_some())],
+        requires: &format!("--estimator depth-covisibility (found --estimator {})", estimator.name()),
+        satisfied: estimator.needs_depth(),
+    }]);
+    checked.map_err(parse::usage_error)?;
     Ok(args.depth.as_deref().map(DepthFolder::open).transpose()?)
 }

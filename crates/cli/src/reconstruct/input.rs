@@ -29,7 +29,7 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "SEL")]
     targets: Option<FrameSelection>,
 
-    /// Which scene of DATA, if it holds several.
+    /// Which scene of DATA, if it contains several.
     #[arg(long, value_name = "KEY")]
     key: Option<String>,
 
@@ -140,9 +140,9 @@ pub(crate) fn scene(
 ) -> anyhow::Result<Scene> {
     if let Some(scene) = rendered_scene(data)? {
         images.check(None)?;
-        let (own, data) = (&scene.key, data.display());
+        let (rendered, data) = (&scene.key, data.display());
         if let Some(key) = key {
-            ensure!(key == own, "--key {key}: the output of `atsplat render` is one scene, {own} ({data})");
+            ensure!(key == rendered, "--key {key}: the output of `atsplat render` is one scene, {rendered} ({data})");
         }
         return Ok(scene);
     }

@@ -9,20 +9,20 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_eval::AdapterRecord;
 use atsplat_eval::reconstruct::{
-    self, Clock, GaussianFrame, MemoryRecord, NetworkSource, PhotoSelection, Photos, Record, Report, SceneFormat,
-    TokenRecord, rounding_warning, write_gaussians,
+    self, Clock, GaussianFrame, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report,
+    SceneFormat, TokenRecord, rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
 use atsplat_model::budget;
 use atsplat_scene::{Frame, Warnings};
+use atsplat_splat::Gaussians;
 
 use crate::expansion::UNTRAINED;
 use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse::{named, usage_error};
-use crate::paths::{Input, PendingFile, check_output};
+use crate::paths::PendingFile;
 use crate::print::{print_report, warn};
-use crate::replaced::{photos, refuse_replacing};
-use crate::scene_record::record_of;
 use crate::warnings::print_warnings;
 use input::InputArgs;
 use network::NetworkArgs;
@@ -68,17 +68,12 @@ pub(crate) struct Args {
 /// Reconstructs; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let processor = args.network.device.processor;
+    let (processor, seed) = (args.network.device.processor, args.network.call_seed());
     let device = processor.open().context("--device")?;
     let mut clock = Clock::default();
-    let format = SceneFormat::of_path(&args.out).map_err(anyhow::Error::msg)?;
-    args.check_inputs()?;
+    args.check_outputs()?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
-    // Fails before long work if a file cannot be written, or another process writes it.
-    let mut outputs = OutputFiles::default();
-    outputs.add(&args.out)?;
-    args.renders.lock(&mut outputs)?;
-    args.plots.lock(&mut outputs)?;
+    let _outputs = args.lock_outputs()?;
 
     let mut warnings = Warnings::new();
     let source = args.network.source()?;
@@ -88,38 +83,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     budget::budget(&source.config, photos.trial().context().len(), source.input_size(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("images", || photos.views())?;
-    let reconstruction =
-        network.reconstruct(&views, args.network.call_seed()).with_context(|| reconstructing(&photos))?;
+    let reconstruction = network.reconstruct(&views, seed).with_context(|| reconstructing(&photos))?;
     clock.extend(reconstruction.seconds.stages());
 
-    let (output, clamped, rounded) = clock.time("writing", || -> anyhow::Result<_> {
-        let in_scene = match args.frame {
-            GaussianFrame::Network => None,
-            GaussianFrame::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
-        };
-        let gaussians = in_scene.as_ref().unwrap_or(&reconstruction.gaussians);
-        let (output, clamped) = write_gaussians(&args.out, gaussians, format, args.frame)?;
-        Ok((output, clamped, in_scene.as_ref().and_then(rounding_warning)))
-    })?;
-    let renders = clock.time("renders", || args.renders.render(&reconstruction.gaussians, &photos))?;
+    let gaussians = &reconstruction.gaussians;
+    let (output, notes_of_output) = clock.time("writing", || args.write(gaussians, &photos))?;
+    let renders = clock.time("renders", || args.renders.render(gaussians, &photos))?;
     let subject = match weights.untrained() {
         Some(_) => format!("{} ({UNTRAINED})", source.config.name),
         None => source.config.name.clone(),
     };
     let plots = clock.time("plots", || {
         let options = args.renders.options(photos.trial().near_far())?;
-        args.plots.draw(&network, &photos, options, args.network.call_seed(), &subject)
+        args.plots.draw(&network, &photos, options, seed, &subject)
     })?;
-    let mut notes = reconstruct::warnings(&reconstruction, &photos, processor);
-    notes.extend(clamped);
-    notes.extend(rounded.map(|text| format!("{text}, or write --frame network")));
+    let notes = [reconstruct::warnings(&reconstruction, &photos, processor), notes_of_output].concat();
     let of_dataset = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         input: args.input.record(&photos),
         model: source.record()?,
         weights,
-        seed: args.network.call_seed(),
+        seed,
         device: processor,
         adapter: network.adapter().as_ref().map(AdapterRecord::from),
         input_size: reconstruction.input_size,
@@ -129,7 +114,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         plots,
         warnings: of_dataset.into_iter().chain(notes.iter().cloned()).collect(),
     };
-    record_file.finish(record_of(&record, &args.out)?.as_bytes())?;
+    record_file.finish_record(&record, &args.out)?;
     let report = Report {
         record,
         seconds: clock,
@@ -162,9 +147,9 @@ impl Args {
         self.network.check().and_then(|()| renders()).map_err(usage_error)
     }
 
-    /// Refuses files in the place of the dataset's and of weights.
-    fn check_inputs(&self) -> anyhow::Result<()> {
-        let weights = self.network.files().map(|file| Input::File("the weights file that is read", file));
+    /// Rejects files that would overwrite the weights, or be read as part of the dataset.
+    fn check_outputs(&self) -> anyhow::Result<()> {
+        let weights = self.network.files().map(|file| Input::File("weights file", file));
         let inputs: Vec<Input<'_>> = weights.chain([Input::Dataset(self.input.data())]).collect();
         for file in [&self.out, &output::record_path(&self.out)] {
             check_output("--out", file, &inputs)?;
@@ -172,12 +157,33 @@ impl Args {
         Ok(())
     }
 
-    /// Prepares cameras, and refuses images in the place of the photos.
+    /// Fails before long work if a file cannot be written, or another process writes it.
+    fn lock_outputs(&self) -> anyhow::Result<OutputFiles> {
+        let mut outputs = OutputFiles::default();
+        outputs.add(&self.out)?;
+        self.renders.lock(&mut outputs)?;
+        self.plots.lock(&mut outputs)?;
+        Ok(outputs)
+    }
+
+    /// Prepares cameras, and rejects images that would overwrite the photos.
     fn read(&self, source: &NetworkSource, warnings: &mut Warnings) -> anyhow::Result<Photos> {
         let check = |frames: &[Frame], selection: &PhotoSelection| {
-            refuse_replacing("--renders", self.renders.files(selection), photos(frames))?;
-            refuse_replacing("--plots", self.plots.files(frames), photos(frames))
+            check_outputs("--renders", self.renders.files(selection), photos(frames))?;
+            check_outputs("--plots", self.plots.files(frames), photos(frames))
         };
         self.input.read(&source.config, &check, warnings)
+    }
+
+    /// Writes the Gaussians, and returns their record with warnings.
+    fn write(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<(OutputRecord, Vec<String>)> {
+        let format = SceneFormat::of_path(&self.out).map_err(anyhow::Error::msg)?;
+        if self.frame == GaussianFrame::Network {
+            return Ok(write_gaussians(&self.out, gaussians, format, self.frame)?);
+        }
+        let in_scene = photos.in_scene(gaussians)?;
+        let (output, mut notes) = write_gaussians(&self.out, &in_scene, format, self.frame)?;
+        notes.extend(rounding_warning(&in_scene).map(|text| format!("{text}, or write --frame network")));
+        Ok((output, notes))
     }
 }

@@ -14,7 +14,7 @@ use clap::ValueEnum;
 use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::model_args::{ConfigOverrideArgs, model};
-use crate::parse::first_given;
+use crate::requirements::{GivenOption, Requirement, check_all};
 
 /// Default model of `random:SEED`.
 const DEFAULT_UNTRAINED: &str = "nano";
@@ -91,19 +91,25 @@ impl FromStr for WeightsArg {
 }
 
 impl NetworkArgs {
+    /// Rejects options that do not fit the weights.
     pub(crate) fn check(&self) -> Result<(), String> {
         let is_file = matches!(self.weights, Some(WeightsArg::File(_)));
-        if is_file && self.backbone.is_some() {
-            return Err("--backbone is for random weights: a weights file includes its backbone".to_owned());
-        }
-        if !is_file && self.sha256.is_some() {
-            return Err("--sha256 is for weights files: random weights have none".to_owned());
-        }
-        Ok(())
+        check_all(&[
+            Requirement {
+                options: &[("--backbone", self.backbone.is_some())],
+                requires: "--weights random:SEED (a weights file includes its backbone)",
+                satisfied: !is_file,
+            },
+            Requirement {
+                options: &[("--sha256", self.sha256.is_some())],
+                requires: "--weights with a file (random weights have no hash)",
+                satisfied: is_file,
+            },
+        ])
     }
 
     pub(crate) const NO_WEIGHTS: &'static str =
-        "--weights is needed: micro-rooms, micro-yards, a weights file, or random:SEED for an untrained network";
+        "--weights is required: micro-rooms, micro-yards, a weights file, or random:SEED for an untrained network";
 
     pub(crate) const fn has_weights(&self) -> bool {
         self.weights.is_some()
@@ -123,15 +129,16 @@ impl NetworkArgs {
         weights.into_iter().chain(self.backbone.as_deref())
     }
 
-    /// The first argument about a network that is given.
-    pub(crate) fn given(&self) -> Option<&'static str> {
-        self.changes.given().or(first_given([
+    /// The options that only networks read.
+    pub(crate) fn options(&self) -> Vec<GivenOption> {
+        let of_weights = [
             ("--weights", self.weights.is_some()),
             ("--sha256", self.sha256.is_some()),
             ("--model", self.model.is_some()),
             ("--backbone", self.backbone.is_some()),
             ("--context-size", self.context_size.is_some()),
-        ]))
+        ];
+        self.changes.options().into_iter().chain(of_weights).collect()
     }
 
     /// Resolves the configuration, and opens the weights file if there is one.
@@ -185,7 +192,7 @@ impl NetworkArgs {
         file.check_sha256(expected_hash.as_deref())?;
         if !ModelWeights::is_one(&file.stored) {
             bail!(
-                "weights: expected a file of this toolkit, found {} tensors without its metadata: convert it with \
+                "weights: expected a file of this toolkit, found {} tensors without its metadata; convert it with \
                  `atsplat weights import {} --model NAME --out FILE` ({})",
                 file.stored.tensors.len(),
                 path.display(),
@@ -208,7 +215,7 @@ pub(crate) fn same_network(requested: &ModelConfig, written_for: &ModelConfig) -
     }
     bail!(
         "expected the configuration that the weights were written for, {}, found {}, which differs in {differences}; weights files \
-         contain their configuration: --model is not needed",
+         contain their configuration, so --model is not needed",
         written_for.name,
         requested.name
     )

@@ -9,14 +9,15 @@ use atsplat_eval::reconstruct::{
 use atsplat_eval::rendering::frame_file_name;
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
-use atsplat_report::figures::of_expansion;
+use atsplat_report::plot_data::expansion_plots;
 use atsplat_scene::Frame;
 use atsplat_splat::{Gaussians, RenderOptions};
 
 use crate::output_lock::OutputFiles;
+use crate::overwrite::photos;
 use crate::parse;
 use crate::plot::write_both;
-use crate::replaced::photos;
+use crate::requirements::{Requirement, check_all};
 
 /// Coordinate frames of the Gaussians.
 pub(super) const FRAMES: [(&str, GaussianFrame); 2] =
@@ -31,9 +32,7 @@ pub(super) fn path(text: &str) -> Result<PathBuf, String> {
 
 /// `scene.ply.json`: sorted next to its scene, and not a file name that a dataset may have.
 pub(super) fn record_path(out: &Path) -> PathBuf {
-    let mut name = out.as_os_str().to_owned();
-    name.push(".json");
-    PathBuf::from(name)
+    out.with_added_extension("json")
 }
 
 #[derive(Debug, clap::Args)]
@@ -56,19 +55,17 @@ const CONSTANTS: &str = "exact";
 const BLACK: [f64; 3] = [0.0; 3];
 
 impl RenderArgs {
-    /// Rejects options about renders when neither --renders nor --plots is given.
+    /// Rejects options about renders without any.
     pub(super) fn check(&self, has_targets: bool, has_plots: bool) -> Result<(), String> {
-        if self.renders.is_some() || has_plots {
-            return Ok(());
-        }
-        if has_targets {
-            return Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned());
-        }
-        let unread = parse::first_given([
-            ("--constants", self.constants.is_some()),
-            ("--background", self.background.is_some()),
-        ]);
-        unread.map_or(Ok(()), |name| Err(format!("{name} is for renders: add --renders DIR or --plots DIR")))
+        check_all(&[Requirement {
+            options: &[
+                ("--targets", has_targets),
+                ("--constants", self.constants.is_some()),
+                ("--background", self.background.is_some()),
+            ],
+            requires: "--renders or --plots",
+            satisfied: self.renders.is_some() || has_plots,
+        }])
     }
 
     /// Fails before long work if the folder cannot be written.
@@ -153,7 +150,7 @@ impl PlotArgs {
         let Some(folder) = &self.plots else { return Ok(None) };
         let (scene, _) = study_trial(network, (photos.trial(), photos.ground_truth()), options, seed, MAX_TARGETS)?;
         let mut files = Vec::new();
-        for (name, drawing) in of_expansion(subject, &[scene])? {
+        for (name, drawing) in expansion_plots(subject, &[scene])? {
             files.extend(write_both(folder, &name, &drawing)?);
         }
         Ok(Some(PlotsRecord { folder: folder.clone(), files }))

@@ -5,7 +5,7 @@ use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, ChosenRenderer, GpuO
 use atsplat_splat::{ReferenceRenderer, Renderer};
 use clap::ValueEnum;
 
-use crate::adapter_tests::AdapterTests;
+use crate::adapter_self_test::AdapterSelfTests;
 
 /// The renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -37,7 +37,7 @@ pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyho
         BackendArg::Reference => requested(Box::new(ReferenceRenderer)),
         BackendArg::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
-            let tests = AdapterTests::new(false);
+            let tests = AdapterSelfTests::new(false);
             let ChosenRenderer { renderer, skipped } =
                 with_fallback(&choice, GpuOptions::default(), CpuOptions::default(), &tests).context("--adapter")?;
             tests.finish();

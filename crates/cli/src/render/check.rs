@@ -3,6 +3,7 @@
 use super::backend::BackendArg;
 use super::{Args, FormatArg};
 use crate::parse::{names, once, usage_error};
+use crate::requirements::{Requirement, check_all};
 
 impl Args {
     pub(super) fn check(&self) -> Result<(), clap::Error> {
@@ -10,26 +11,34 @@ impl Args {
     }
 
     fn consistent(&self) -> Result<(), String> {
+        let (writes_png, writes_exr) = (self.writes(FormatArg::Png), self.writes(FormatArg::Exr));
         self.views.check()?;
         once("--formats", &names(&self.formats))?;
         once("--round-trip", &self.round_trip.iter().map(|format| format.name().to_owned()).collect::<Vec<_>>())?;
         let planes = names(&self.settings.channels);
         once("--channels", &planes)?;
-        if !planes.is_empty() && !self.writes(FormatArg::Exr) {
-            return Err("--channels selects planes of EXR files: add --formats exr".to_owned());
-        }
         // An effect that writes a plane has the same name as the plane.
         let effects = &self.effects.effects;
         if let Some(plane) = planes.iter().find(|plane| !effects.allows(plane)) {
             return Err(format!("--channels {plane}: excluded by --effects {effects}"));
         }
         self.effects.check()?;
-        if self.rounding.is_some() && !self.writes(FormatArg::Png) && self.preview.preview.is_none() {
-            return Err("--rounding is for images of 8 bits: add --formats png or --preview".to_owned());
-        }
-        if self.adapter.is_some() && self.backend != BackendArg::Gpu {
-            return Err("--adapter selects the adapter of --backend gpu: add --backend gpu".to_owned());
-        }
-        Ok(())
+        check_all(&[
+            Requirement {
+                options: &[("--channels", !planes.is_empty())],
+                requires: "--formats exr",
+                satisfied: writes_exr,
+            },
+            Requirement {
+                options: &[("--rounding", self.rounding.is_some())],
+                requires: "--formats png or --preview",
+                satisfied: writes_png || self.preview.preview.is_some(),
+            },
+            Requirement {
+                options: &[("--adapter", self.adapter.is_some())],
+                requires: "--backend gpu",
+                satisfied: self.backend == BackendArg::Gpu,
+            },
+        ])
     }
 }

@@ -3,6 +3,7 @@ use atsplat_splat::RenderOptions;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use crate::parse;
+use crate::requirements::{Requirement, check_all};
 
 /// Which effects run.
 #[derive(Debug, clap::Args)]
@@ -32,11 +33,12 @@ impl EffectArgs {
         }
     }
 
-    /// Refuses a tolerance that nothing reads.
+    /// Rejects a tolerance that nothing reads.
     pub(super) fn check(&self) -> Result<(), String> {
-        if self.tolerance.is_some() && self.effects != EffectSelection::Auto && !self.explain {
-            return Err(format!("--tolerance is for --effects auto and --explain, found --effects {}", self.effects));
-        }
-        Ok(())
+        check_all(&[Requirement {
+            options: &[("--tolerance", self.tolerance.is_some())],
+            requires: &format!("--effects auto or --explain (found --effects {})", self.effects),
+            satisfied: self.effects == EffectSelection::Auto || self.explain,
+        }])
     }
 }

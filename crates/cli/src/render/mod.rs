@@ -5,26 +5,25 @@ mod check;
 mod effects;
 mod inputs;
 mod preview;
-mod scene_file;
+mod round_trip;
 mod settings;
-mod times;
+mod spline;
 mod views;
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
-use atsplat_eval::rendering::FrameTimings;
+use anyhow::bail;
 use atsplat_eval::rendering::{
-    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, RENDER_RECORD, Record, RenderFile,
-    RenderPlan, RenderSettingsRecord, Report, ViewRecord, empty_frames, empty_frames_warning, ignored_principal_points,
-    render_all, unknown_images,
+    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, FrameTimings, RENDER_RECORD, Record,
+    RenderFile, RenderSettingsRecord, Report, ViewRecord, empty_frames, empty_frames_warning, render_all,
+    unknown_images,
 };
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
-use atsplat_splat::effects::Scene;
+use atsplat_splat::effects::{Explanation, Scene};
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
-use atsplat_splat::{GaussianCounts, Gaussians, RenderOptions, Renderer, View};
+use atsplat_splat::{GaussianCounts, Renderer};
 use clap::ValueEnum;
 
 use crate::output_lock::OutputLock;
@@ -35,8 +34,8 @@ use crate::progress::Progress;
 use crate::warnings::print_warnings;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
+use inputs::{Inputs, Origin, SceneArgs};
 use preview::PreviewArgs;
-use scene_file::SceneArgs;
 use settings::RenderSettingsArgs;
 use views::ViewArgs;
 
@@ -117,117 +116,33 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let exposures = Exposures::of(args.exposure.as_ref())?;
     let mut warnings = Warnings::new();
     let cameras = args.views.read(&mut warnings)?;
-    args.check_inputs(cameras.as_deref())?;
+    args.check_outputs(cameras.as_deref())?;
     let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
     // Before the files in the folder, which is removed last if nothing is written.
     let _lock = OutputLock::of(&args.out)?;
     let record_file = PendingFile::open(&args.out.join(RENDER_RECORD))?;
     let preview_file = args.preview.open()?;
-    let constants = args.settings.constants()?;
 
-    let scene = args.scene.read()?;
-    let settings = args.effects.settings(args.settings.options(constants, &scene, args.writes(FormatArg::Exr))?);
-    let RenderPlan { mut requests, path, notes } = args.views.plan(cameras, &scene, args.exposure.is_some())?;
-    exposures.expose(&mut requests)?;
-    let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
-    notes.extend(note);
-    notes.extend(args.settings.warning(&gaussians, settings.options.mode).map(str::to_owned));
-    notes.extend(ignored_principal_points(&settings.options.constants, &requests));
-    notes.extend(settings.options.ignored_harmonics(&gaussians));
-
-    let mut preview = preview_file.map(|file| args.preview.start(file, &requests)).transpose()?;
-    let files = args.files();
-    let progress = Progress::new("frames", requests.len());
-    let frames = render_all(
-        renderer.as_mut(),
-        (&Scene::new(&gaussians, requests.len()), &requests),
-        &settings,
-        &files,
-        preview.as_mut().map(|pending| &mut pending.preview),
-        args.timings,
-        &|| progress.step(),
-    )?;
-    drop(progress);
-    let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
-    let faults =
-        || requests.iter().zip(&frames).filter_map(|(request, frame)| Some((request.number, frame.fault.as_ref()?)));
-    if done == 0 {
-        let first = faults().next().map_or_else(String::new, |(number, fault)| format!("frame {number}: {fault}"));
-        bail!("no frame could be rendered; {first}");
-    }
-    if let Some(preview) = preview {
-        preview.finish()?;
-    }
-    notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
-    let is_drawn = empty_frames(&frames) == 0;
-    notes.extend(empty_frames_warning(&frames, &gaussians));
-    let round_trip = (!args.round_trip.is_empty()).then(|| {
-        let views: Vec<_> = requests.iter().map(|request| (request.view, request.exposed(&settings.options))).collect();
-        let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);
-        // The images are already written: a failure is recorded with them.
-        measured.unwrap_or_else(|error| RoundTrips::failed(format!("--round-trip: {error:#}")))
-    });
-    let failure = round_trip.as_ref().and_then(RoundTrips::failure);
-
-    let mut gaussian_counts = GaussianCounts::default();
-    frames.iter().filter_map(|frame| frame.counts).for_each(|counts| gaussian_counts += counts);
-    let record = Record {
-        atsplat: env!("CARGO_PKG_VERSION"),
-        scene: scene.record,
-        path,
-        backend: renderer.name(),
-        settings: RenderSettingsRecord::of(&settings.options)?,
-        effects: settings.summary(&frames),
-        rounding: files.rounding,
-        values: "display-referred RGB, over the background",
-        frames: FrameCounts { requested: requests.len(), done, failed: requests.len() - done },
-        gaussian_counts,
-        round_trip,
-        warnings: notes,
-    };
-    let views = requests.iter().zip(&frames).map(|(request, frame)| ViewRecord::of(request, frame)).collect();
+    let (inputs, origin) = Inputs::read(args, cameras, &exposures, note)?;
+    let frames = args.render(renderer.as_mut(), &inputs, preview_file)?;
+    let round_trip = round_trip::measure(renderer.as_mut(), &inputs, &args.round_trip);
+    let record = args.record(&inputs, origin, &frames, renderer.name(), round_trip)?;
+    let views = inputs.requests.iter().zip(&frames).map(|(request, frame)| ViewRecord::of(request, frame)).collect();
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
-    let rendered = frames.iter().filter(|frame| frame.counts.is_some()).map(|frame| &frame.timing);
-    let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
-    let explanation = match first_complete(&requests, &frames).filter(|_| args.effects.explain) {
-        Some(request) => {
-            // A new scene, so that what is computed once per scene is timed too.
-            let scene = Scene::new(&gaussians, requests.len());
-            Some(settings.plan(&scene, request)?.explain(renderer.as_mut(), &scene, EXPLANATION_PAIRS)?)
-        }
-        None => None,
+
+    let report = Report {
+        out: args.out.clone(),
+        preview: args.preview.preview.clone(),
+        timings: args.timings.then(|| timings(&inputs, &frames)),
+        explanation: if args.effects.explain { explanation(renderer.as_mut(), &inputs, &frames)? } else { None },
+        record,
     };
-    let preview = args.preview.preview.clone();
-    let report = Report { out: args.out.clone(), preview, record, timings, explanation };
-    print_report(&report, args.json)?;
-    print_warnings(&warnings);
-    for warning in &report.record.warnings {
-        warn(warning);
+    args.print(&report, &warnings, &frames)?;
+    match report.record.round_trip.as_ref().and_then(RoundTrips::failure) {
+        Some(failure) => bail!("{failure}"),
+        None => Ok(report.record.frames.failed == 0 && empty_frames(&frames) == 0),
     }
-    let unknown = unknown_images(&args.out, &frames)?;
-    if unknown > 0 {
-        warn(&format!("{} holds {unknown} images from another run", args.out.display()));
-    }
-    failure.map_or(Ok(report.record.frames.failed == 0 && is_drawn), |failure| bail!("{failure}"))
-}
-
-fn measure_round_trips(
-    renderer: &mut dyn Renderer,
-    gaussians: &Gaussians,
-    views: &[(View, RenderOptions)],
-    formats: &[RoundTripFormat],
-) -> anyhow::Result<RoundTrips> {
-    let temporary = std::env::temp_dir();
-    let scratch = tempfile::tempdir_in(&temporary)
-        .with_context(|| format!("creating a folder for the round trip in {}", temporary.display()))?;
-    let progress = Progress::new("views of the round trip", views.len());
-    Ok(RoundTrips::measure(renderer, gaussians, views, formats, scratch.path(), &mut || progress.step())?)
-}
-
-/// The first complete frame.
-fn first_complete<'a>(requests: &'a [FrameRequest], frames: &[Frame]) -> Option<&'a FrameRequest> {
-    requests.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(request, _)| request)
 }
 
 impl Args {
@@ -235,12 +150,109 @@ impl Args {
         self.formats.contains(&format)
     }
 
-    fn files(&self) -> FrameFiles {
-        FrameFiles {
+    fn rounding(&self) -> Rounding {
+        self.rounding.unwrap_or(Rounding::Nearest)
+    }
+
+    /// Renders and writes the frames and their animation. An incomplete frame is not an error, unless all are.
+    fn render(
+        &self,
+        renderer: &mut dyn Renderer,
+        Inputs { gaussians, requests, settings, .. }: &Inputs,
+        preview_file: Option<PendingFile>,
+    ) -> anyhow::Result<Vec<Frame>> {
+        let mut preview = preview_file.map(|file| self.preview.start(file, requests)).transpose()?;
+        let files = FrameFiles {
             folder: self.out.clone(),
             png: self.writes(FormatArg::Png),
             exr: self.writes(FormatArg::Exr),
-            rounding: self.rounding.unwrap_or(Rounding::Nearest),
+            rounding: self.rounding(),
+        };
+        let progress = Progress::new("frames", requests.len());
+        let frames = render_all(
+            renderer,
+            (&Scene::new(gaussians, requests.len()), requests),
+            settings,
+            &files,
+            preview.as_mut().map(|pending| &mut pending.preview),
+            self.timings,
+            &|| progress.step(),
+        )?;
+        drop(progress);
+        if frames.iter().all(|frame| frame.fault.is_some()) {
+            bail!("no frame could be rendered; {}", faults(requests, &frames).next().unwrap_or_default());
         }
+        if let Some(preview) = preview {
+            preview.finish()?;
+        }
+        Ok(frames)
     }
+
+    /// What all images have in common.
+    fn record(
+        &self,
+        Inputs { gaussians, requests, settings, .. }: &Inputs,
+        Origin { scene, path, mut notes }: Origin,
+        frames: &[Frame],
+        backend: String,
+        round_trip: Option<RoundTrips>,
+    ) -> anyhow::Result<Record> {
+        notes.extend(faults(requests, frames));
+        notes.extend(empty_frames_warning(frames, gaussians));
+        let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
+        let mut gaussian_counts = GaussianCounts::default();
+        frames.iter().filter_map(|frame| frame.counts).for_each(|counts| gaussian_counts += counts);
+        Ok(Record {
+            atsplat: env!("CARGO_PKG_VERSION"),
+            scene,
+            path,
+            backend,
+            settings: RenderSettingsRecord::of(&settings.options)?,
+            effects: settings.summary(frames),
+            rounding: self.rounding(),
+            values: "display-referred RGB, over the background",
+            frames: FrameCounts { requested: requests.len(), done, failed: requests.len() - done },
+            gaussian_counts,
+            round_trip,
+            warnings: notes,
+        })
+    }
+
+    fn print(&self, report: &Report, warnings: &Warnings, frames: &[Frame]) -> anyhow::Result<()> {
+        print_report(report, self.json)?;
+        print_warnings(warnings);
+        for warning in &report.record.warnings {
+            warn(warning);
+        }
+        let unknown = unknown_images(&self.out, frames)?;
+        if unknown > 0 {
+            warn(&format!("{} contains {unknown} images from another run", self.out.display()));
+        }
+        Ok(())
+    }
+}
+
+/// Why frames are incomplete.
+fn faults(requests: &[FrameRequest], frames: &[Frame]) -> impl Iterator<Item = String> {
+    let pairs = requests.iter().zip(frames);
+    pairs.filter_map(|(request, frame)| Some(format!("frame {}: {}", request.number, frame.fault.as_ref()?)))
+}
+
+fn timings(inputs: &Inputs, frames: &[Frame]) -> FrameTimings {
+    let rendered = frames.iter().filter(|frame| frame.counts.is_some()).map(|frame| &frame.timing);
+    FrameTimings::of(inputs.reading_secs, rendered)
+}
+
+/// Explains the effects of the first complete frame.
+fn explanation(
+    renderer: &mut dyn Renderer,
+    Inputs { gaussians, requests, settings, .. }: &Inputs,
+    frames: &[Frame],
+) -> anyhow::Result<Option<Explanation>> {
+    let Some((request, _)) = requests.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()) else {
+        return Ok(None);
+    };
+    // A new scene, so that what is computed once per scene is timed too.
+    let scene = Scene::new(gaussians, requests.len());
+    Ok(Some(settings.plan(&scene, request)?.explain(renderer, &scene, EXPLANATION_PAIRS)?))
 }

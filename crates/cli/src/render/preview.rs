@@ -28,7 +28,7 @@ fn animation_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().and_then(std::ffi::OsStr::to_str) {
         _ if path.file_name().and_then(std::ffi::OsStr::to_str).is_some_and(is_frame_file_name) => {
-            Err(format!("frames have names of this form: expected another name, found {text:?}"))
+            Err(format!("expected another name than that of a frame, found {text:?}"))
         }
         Some("png" | "apng") => Ok(path),
         _ => Err(format!("expected a preview file that ends in .png or .apng, found {text:?}")),
@@ -50,9 +50,9 @@ impl PreviewArgs {
 
     /// Starts the animation of these requests.
     pub(crate) fn start(&self, file: PendingFile, requests: &[FrameRequest]) -> anyhow::Result<PendingPreview> {
-        let full = requests.first().context("a preview needs a frame")?.view.size;
+        let full = requests.first().context("a preview requires a frame")?.view.size;
         if let Some(other) = requests.iter().map(|request| request.view.size).find(|size| *size != full) {
-            bail!("--preview needs frames of one size, found {full} and {other}: set one with --size");
+            bail!("--preview requires frames of one size, found {full} and {other}; set one with --size");
         }
         let frames = u32::try_from(requests.len()).context("too many frames for an animation")?;
         let preview = Preview::new(file.writer(), (full.width, full.height), self.preview_width, frames, self.fps)?;

@@ -26,7 +26,7 @@ pub(crate) struct RenderSettingsArgs {
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::background)]
     background: [f64; 3],
 
-    /// How Gaussians smaller than a pixel are drawn; by default as recorded in the file, else classic.
+    /// How Gaussians smaller than a pixel are rendered; by default as recorded in the file, else classic.
     #[arg(long, value_name = "MODE", value_parser = parse::named(parse::MODES))]
     mode: Option<RasterMode>,
 

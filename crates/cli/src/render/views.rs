@@ -2,7 +2,7 @@ use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
+use atsplat_camera::{Camera, Distortion, ImageSize, NormalizedIntrinsics, Turntable};
 use atsplat_eval::rendering::{FrameRequest, PathRecord, PathSpacing, RenderPlan};
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
 use atsplat_scene::{FrameSelection, Warnings, pixel_mismatch};
@@ -10,7 +10,7 @@ use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
 use atsplat_splat::{Exposure, View, framing};
 use clap::ArgGroup;
 
-use super::times::micros;
+use super::spline;
 use crate::parse::{self, Axis};
 
 /// Image size of an orbit.
@@ -41,7 +41,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "SEL", conflicts_with = "orbit")]
     frames: Option<FrameSelection>,
 
-    /// Which scene of FILE, if it holds several.
+    /// Which scene of FILE, if it contains several.
     #[arg(long, value_name = "KEY", conflicts_with = "orbit")]
     key: Option<String>,
 
@@ -74,7 +74,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "AXIS", conflicts_with_all = ["cameras", "spline"], default_value = "-y", allow_hyphen_values = true)]
     up: Axis,
 
-    /// Horizontal field of view in degrees: of an orbit, 50 by default, or of cameras whose file holds only poses.
+    /// Horizontal field of view in degrees: of an orbit, 50 by default, or of cameras whose file contains only poses.
     #[arg(long, value_name = "DEGREES", value_parser = parse::angle)]
     fov: Option<f64>,
 
@@ -95,7 +95,7 @@ impl ViewArgs {
     pub(crate) fn check(&self) -> Result<(), String> {
         if self.closed && self.spacing == PathSpacing::Time {
             let text = "no file records a time for the way from the last camera back to the first";
-            return Err(format!("--closed --spacing time: {text}: use --spacing distance or even"));
+            return Err(format!("--closed --spacing time: {text}; use --spacing distance or even"));
         }
         self.spline_frames().map(|_| ())
     }
@@ -157,27 +157,15 @@ impl ViewArgs {
             return Ok(RenderPlan { requests, path: PathRecord::Cameras { file: file.clone() }, notes });
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
-        let file = self.file().context("a path along a spline needs a camera file")?;
-        let option = format!("--spline {}", file.display());
-        require_same_aspect_ratio(&cameras).context(option.clone())?;
+        let file = self.file().context("a path along a spline requires a camera file")?;
+        let count = self.spline_frames().map_err(anyhow::Error::msg)?;
+        let views = spline::sample(&file, &cameras, self.spacing, self.closed, count)
+            .with_context(|| format!("--spline {}", file.display()))?;
         if !has_exposure && cameras.iter().any(|key| key.exposure.is_some()) {
             notes.push("a path between cameras ignores their exposures: see --exposure".to_owned());
         }
-        let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
-        let count = self.spline_frames().map_err(anyhow::Error::msg)?;
-        let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
-        let spacing = if self.spacing == PathSpacing::ArcLength { Spacing::ArcLength } else { Spacing::Time };
-        let spline = self.spline_through(keys, &cameras).context(option.clone())?;
-        let views = spline.resampled(count, spacing).context(option)?;
+        let path = PathRecord::Spline { file, keys: cameras.len(), closed: self.closed, spacing: self.spacing };
         Ok(RenderPlan { requests: FrameRequest::numbered(views, size), path, notes })
-    }
-
-    fn spline_through(&self, keys: Vec<Camera>, cameras: &[FileCamera]) -> anyhow::Result<CameraSpline> {
-        Ok(match self.file().filter(|_| self.spacing == PathSpacing::Time) {
-            Some(file) => CameraSpline::timed(micros(&file, cameras)?, keys)?,
-            None if self.closed => CameraSpline::closed(keys)?,
-            None => CameraSpline::open(keys)?,
-        })
     }
 
     fn requests_of(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<FrameRequest>> {
@@ -242,26 +230,12 @@ impl ViewArgs {
 }
 
 /// Whether one size is a multiple of the other, up to the rounding of small sizes to pixels.
-fn same_aspect_ratio(a: ImageSize, b: ImageSize) -> bool {
+pub(super) fn same_aspect_ratio(a: ImageSize, b: ImageSize) -> bool {
     let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
     (aspect(a) / aspect(b) - 1.0).abs() <= 0.01
 }
 
-/// Rejects key cameras with different aspect ratios: the path has one image size, and normalised intrinsics would be stretched.
-fn require_same_aspect_ratio(keys: &[FileCamera]) -> anyhow::Result<()> {
-    let mut sized = keys.iter().filter_map(|key| Some((key, key.size?)));
-    let Some((first, shape)) = sized.next() else { return Ok(()) };
-    match sized.find(|(_, size)| !same_aspect_ratio(*size, shape)) {
-        Some((other, size)) => bail!(
-            "expected cameras of one aspect ratio, found {size} of {:?} and {shape} of {:?}: choose cameras with --frames",
-            other.name,
-            first.name
-        ),
-        None => Ok(()),
-    }
-}
-
-/// What the file holds and what was removed from it, as the reason for the error.
+/// What the file contains and what was removed from it, as the reason for the error.
 fn nothing_to_orbit(record: &SceneFileRecord) -> String {
     let record = record.to_string();
     let found: Vec<&str> = record.lines().map(str::trim).collect();
@@ -303,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_through_images_of_several_shapes_is_refused() {
+    fn a_path_through_images_of_several_shapes_is_an_error() {
         let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/degree1_ascii.ply");
         let scene = SceneFile::read(Path::new(scene), Cleaning::Import, false).unwrap();
         let plan = |last: Option<(u32, u32)>, args: &[&str]| {

@@ -4,10 +4,11 @@ use atsplat_eval::discovery::NotRun;
 use atsplat_eval::expansion::{ExpansionScene, study_trial};
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
+use atsplat_model::network::Network;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::{TargetImages, Trial};
-use atsplat_report::figures::{of_expansion, of_trial};
 use atsplat_report::page::{LiveTrial, PlotSection};
+use atsplat_report::plot_data::{expansion_plots, trial_images};
 
 use super::film::film;
 
@@ -27,20 +28,10 @@ pub(super) struct ReportParts {
     pub(super) not_run: Vec<NotRun>,
 }
 
-/// The parts for the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
+/// The parts for the first scenes of the protocol or its stand-in, otherwise of a similar dataset, otherwise of any dataset.
 pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<ReportParts> {
-    let published = |dataset: &&Dataset| dataset.preset.published() == PROTOCOL;
-    let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
-    let found = datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first());
-    let Some(dataset) = found else { anyhow::bail!("there is no dataset") };
+    let Some(dataset) = best_match(datasets) else { anyhow::bail!("there is no dataset") };
     let network = trained.network_for(&trained.config)?;
-    let study = |trial: &Trial, truths: &TargetImages| {
-        let (studied, scene) = study_trial(&network, (trial, truths), dataset.render_options(trial), 0, 1)?;
-        let context = trial.context().iter().map(|view| Ok((view.frame, view.image()?)));
-        let context = context.collect::<anyhow::Result<Vec<_>>>()?;
-        let images = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
-        anyhow::Ok((studied, scene, images.unwrap_or_default()))
-    };
     let mut first_problem = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
     let (mut live, mut not_run) = (Vec::new(), Vec::new());
@@ -55,16 +46,11 @@ pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> an
         let mut failed = |what: &str, error: &anyhow::Error| {
             not_run.push(NotRun { what: format!("{what} of {}", trial.scene()), why: format!("{error:#}") });
         };
-        match study(&trial, &truths) {
-            Ok((studied, scene, images)) => {
+        match study(dataset, trained, &network, &trial, &truths) {
+            Ok((scene, without_film)) => {
                 let film = film(dataset, trained, &trial).inspect_err(|error| failed("film", error));
-                live.push(LiveTrial {
-                    title: format!("{} of {}, {}", trial.scene(), dataset.name, trained.config.name),
-                    scene,
-                    images,
-                    film: film.ok(),
-                });
-                scenes.push(studied);
+                live.push(LiveTrial { film: film.ok(), ..without_film });
+                scenes.push(scene);
             }
             Err(error) => {
                 failed("expansion", &error);
@@ -78,18 +64,43 @@ pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> an
     if let (true, Some(problem)) = (scenes.is_empty(), first_problem) {
         anyhow::bail!("{problem}");
     }
+    Ok(ReportParts { section: section(dataset, trained, &scenes)?, live, not_run })
+}
+
+fn best_match(datasets: &[Dataset]) -> Option<&Dataset> {
+    let published = |dataset: &&Dataset| dataset.preset.published() == PROTOCOL;
+    let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
+    datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first())
+}
+
+/// Studies one trial; its live view has no film yet.
+fn study(
+    dataset: &Dataset,
+    trained: &TrainedNetwork,
+    network: &Network,
+    trial: &Trial,
+    truths: &TargetImages,
+) -> anyhow::Result<(ExpansionScene, LiveTrial)> {
+    let (studied, scene) = study_trial(network, (trial, truths), dataset.render_options(trial), 0, 1)?;
+    let context = trial.context().iter().map(|view| Ok((view.frame, view.image()?)));
+    let context = context.collect::<anyhow::Result<Vec<_>>>()?;
+    let images = studied.targets.first().map(|target| trial_images(&context, target)).transpose()?;
+    let title = format!("{} of {}, {}", trial.scene(), dataset.name, trained.config.name);
+    Ok((studied, LiveTrial { title, scene, images: images.unwrap_or_default(), film: None }))
+}
+
+fn section(dataset: &Dataset, trained: &TrainedNetwork, scenes: &[ExpansionScene]) -> anyhow::Result<PlotSection> {
     let subject = format!("{} on {}", trained.config.name, dataset.name);
-    let section = PlotSection {
+    Ok(PlotSection {
         title: "Expansion".to_owned(),
         hint: format!(
             "Where tokens expand, what each expansion adds, and whether the predicted uncertainty matches the error; \
              on {}, {}.",
             dataset.name, dataset.description
         ),
-        plots: of_expansion(&subject, &scenes)?,
+        plots: expansion_plots(&subject, scenes)?,
         before_tables: false,
-    };
-    Ok(ReportParts { section, live, not_run })
+    })
 }
 
 /// The first trial of each of the first scenes.
@@ -134,21 +145,25 @@ mod tests {
         }
     }
 
+    fn is_stand_in(dataset: &Dataset) -> bool {
+        dataset.preset.stands_for.as_deref() == Some(PROTOCOL)
+    }
+
     #[test]
     fn goes_on_after_a_scene_with_damaged_images() {
         let trained = crate::embedded::trained(None).unwrap();
         let with_damaged = |count: usize| {
             let datasets = simulated_datasets(|_, _| 2).unwrap();
-            let own = datasets.into_iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
-            let scenes: Vec<String> = own.index.index.scenes.keys().cloned().collect();
-            let source = CutShort { source: Arc::clone(&own.source), damaged: scenes[..count].to_vec() };
-            (scenes, report_parts(&[Dataset { source: Arc::new(source), ..own }], &trained))
+            let dataset = datasets.into_iter().find(is_stand_in).unwrap();
+            let scenes: Vec<String> = dataset.index.index.scenes.keys().cloned().collect();
+            let source = CutShort { source: Arc::clone(&dataset.source), damaged: scenes[..count].to_vec() };
+            (scenes, report_parts(&[Dataset { source: Arc::new(source), ..dataset }], &trained))
         };
         let (scenes, parts) = with_damaged(1);
         let ReportParts { live, not_run, .. } = parts.unwrap();
         assert_eq!(live.len(), 1);
         assert!(live[0].title.starts_with(&format!("{} of ", scenes[1])), "{}", live[0].title);
-        let failed: Vec<&str> = not_run.iter().map(|own| own.what.as_str()).collect();
+        let failed: Vec<&str> = not_run.iter().map(|missing| missing.what.as_str()).collect();
         assert_eq!(failed, [format!("expansion of {}", scenes[0])]);
         assert!(not_run[0].why.contains(&format!("of scene {:?}: ", scenes[0])), "{}", not_run[0].why);
         let (scenes, parts) = with_damaged(2);
@@ -161,10 +176,10 @@ mod tests {
         let datasets = simulated_datasets(|_, _| 8).unwrap();
         let trained = crate::embedded::trained(None).unwrap();
         let ReportParts { section, live, not_run } = report_parts(&datasets, &trained).unwrap();
-        assert!(not_run.is_empty(), "{}", not_run.iter().map(|own| own.why.as_str()).collect::<Vec<_>>().join("; "));
+        assert!(not_run.is_empty(), "{}", crate::reproduce::reasons(&not_run));
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);
-        let stand_in = datasets.iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
+        let stand_in = datasets.iter().find(|dataset| is_stand_in(dataset)).unwrap();
         for (name, drawing) in &section.plots {
             let subtitle = drawing.texts().nth(1).unwrap();
             assert!(subtitle.contains(&stand_in.name), "{name}: {subtitle}");

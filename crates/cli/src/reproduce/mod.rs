@@ -14,12 +14,12 @@ use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
 use atsplat_eval::weights_list::WeightsList;
-use atsplat_eval::{ComputeDevice, Results, Store};
+use atsplat_eval::{ComputeDevice, Results};
 use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_report::definition::TableDefinition;
-use atsplat_report::figures::optimisation_section;
 use atsplat_report::page::PlotSection;
+use atsplat_report::plot_data::optimisation_section;
 use atsplat_report::store_labels;
 use atsplat_report::table::Source;
 use atsplat_scene::Warnings;
@@ -30,6 +30,8 @@ use crate::embedded;
 use crate::output_lock::OutputLock;
 use crate::progress::Progress;
 use crate::provenance;
+use crate::report::PageArgs;
+use crate::run::settings::EvaluationArgs;
 use crate::warnings::{print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
@@ -60,18 +62,11 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
-    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
-    /// worst, typical and best first.
-    #[arg(long, value_name = "MB", default_value_t = 8)]
-    page_size: u16,
+    #[command(flatten)]
+    page: PageArgs,
 
-    /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
-    #[arg(long, value_name = "DIR", value_parser = crate::parse::folder)]
-    metric_weights: Option<PathBuf>,
-
-    /// Read every image again to detect changes since its results were made.
-    #[arg(long)]
-    verify: bool,
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
 
     /// Start the report with the curves of these results: accuracy against seconds of optimisation, as `atsplat tradeoff sweep`
     /// measures it; may be given several times.
@@ -167,7 +162,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let Evaluated { results, .. } = args.evaluate(&name, &datasets, &methods, None)?;
         stores.push((name, results));
     }
-    let report = summary::write(&args.out, &stores, sections, live, args.page_size)?;
+    let report = summary::write(&args.out, &stores, sections, live, args.page)?;
     print_warnings(&warnings);
     print_findings(&stores.iter().map(|(_, results)| results).collect::<Vec<_>>(), &warnings);
     summary::print(&report, &stores, &not_run, &trained, &args.out)?;
@@ -228,7 +223,7 @@ impl Args {
         methods: &[Arc<dyn Method>],
         timing: Option<TimingPlan>,
     ) -> anyhow::Result<Evaluated> {
-        let suite = runner::suite(datasets, &[], self.metric_weights.as_deref())?;
+        let suite = self.evaluation.suite(datasets, &[])?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
             datasets,
@@ -239,10 +234,7 @@ impl Args {
             images: KeepImages::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
-        let mut store = Store::resume(&self.out.join(name), plan.provenance(provenance())?)?;
-        if self.verify {
-            store = store.reread_images()?;
-        }
+        let store = self.evaluation.store(&self.out.join(name), plan.provenance(provenance())?)?;
         let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
         let (results, _) = runner::run(&plan, store, &|| progress.step())?;
         let why_empty = plan.nothing_evaluated(&results);

@@ -13,15 +13,15 @@ use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
 use crate::print::print_text;
-use crate::report::warn_of_size;
+use crate::report::{PageArgs, TITLE};
 
-/// Writes tables, plots and a page of at most `megabytes` for all stores.
+/// Writes tables, plots and a page for all stores.
 pub(super) fn write(
     folder: &Path,
     stores: &[(String, Results)],
     sections: Vec<PlotSection>,
     live: Vec<LiveTrial>,
-    megabytes: u16,
+    page: PageArgs,
 ) -> anyhow::Result<Report> {
     let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
     let pages: Vec<PageStore<'_>> = stores
@@ -30,7 +30,7 @@ pub(super) fn write(
         .map(|((label, results), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
     let request = Request {
-        title: "Measured results next to the paper's".to_owned(),
+        title: TITLE.to_owned(),
         tables: TableDefinition::names().map(str::to_owned).collect(),
         protocols: true,
         formats: vec![
@@ -41,13 +41,13 @@ pub(super) fn write(
             TableFormat::Json,
         ],
         mixing: Mixing::Apart,
-        max_bytes: usize::from(megabytes) * 1_000_000,
+        max_bytes: page.max_bytes(),
         sections,
         live,
     };
     let report = Report::new(&request, &pages)?;
     report.write(folder)?;
-    warn_of_size(&report, megabytes);
+    page.warn_of_size(&report);
     Ok(report)
 }
 

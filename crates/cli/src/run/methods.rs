@@ -17,6 +17,7 @@ use crate::parse;
 use crate::print::warn;
 use crate::reconstruct::network::NetworkArgs;
 use crate::render::backend::{BackendArg, backend};
+use crate::requirements::{GivenOption, Requirement, check_all};
 
 /// The methods of one argument.
 pub(super) type Methods = Vec<MethodSpec>;
@@ -57,7 +58,7 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
     background: Option<[f64; 3]>,
 
-    /// How Gaussians smaller than a pixel are drawn, of imported files and of exec, as in `render`. Protocols state no mode: the
+    /// How Gaussians smaller than a pixel are rendered, of imported files and of exec, as in `render`. Protocols state no mode: the
     /// default is classic, with a warning where a file may be meant otherwise.
     #[arg(long, value_name = "MODE", value_parser = parse::named(parse::MODES))]
     mode: Option<RasterMode>,
@@ -81,8 +82,13 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "FRAME", value_parser = parse::named(FRAMES))]
     ply_frame: Option<GaussianFrame>,
 
+    /// Published method whose pose normalisation, planes and renderer imported Gaussians have, as the protocol lists them: DepthSplat,
+    /// iLRM and others of `protocol show`; by default ATSplat's.
+    #[arg(long, value_name = "NAME")]
+    setting: Option<String>,
+
     /// Read stored opacities of imported PLY files as opacities, not logits, as written by the exporters of pixelSplat and
-    /// NoPoSplat.
+    /// NoPoSplat. Files of pixelSplat's and DepthSplat's exporters are also rotated and scaled, and have no harmonics.
     #[arg(long)]
     opacities_as_stored: bool,
 }
@@ -97,35 +103,55 @@ impl MethodArgs {
         let imports = any(|kind| matches!(kind, MethodKind::Ply(_)));
         let executes = any(|kind| matches!(kind, MethodKind::Exec(_)));
         let optimises = any(|kind| matches!(kind, MethodKind::Optimised(..)));
-        let of = |given: bool, name: &'static str| given.then_some(name);
-        let unused = [
-            (networks, self.network.given(), "is for methods with a network: atsplat, atsplat+refine"),
-            (optimises, of(self.max_gaussians.is_some(), "--max-gaussians"), "is for 3dgs, mip-splatting and mcmc"),
-            (
-                networks || optimises,
-                of(self.network.seed.is_some(), "--seed"),
-                "is for methods with a network, 3dgs, mip-splatting and mcmc",
-            ),
-            (executes, of(self.method_timeout.is_some(), "--method-timeout"), "is for exec"),
-            (executes, of(self.method_processes.is_some(), "--method-processes"), "is for exec"),
-            (imports, of(self.gaussians.ply_frame.is_some(), "--ply-frame"), "is for ply"),
-            (
-                imports || executes,
-                of(self.gaussians.opacities_as_stored, "--opacities-as-stored"),
-                "is for ply and exec",
-            ),
-            (imports || executes, of(self.gaussians.mode.is_some(), "--mode"), "is for ply and exec"),
-            (renders, self.gaussians.given(), "is for methods whose Gaussians are rendered"),
-        ];
         if networks && !self.network.has_weights() {
             return Err(parse::usage_error(NetworkArgs::NO_WEIGHTS));
         }
-        for (used, given, what) in unused {
-            if let Some(name) = given.filter(|_| !used) {
-                return Err(parse::usage_error(format!("{name} {what}; no method given here is one")));
-            }
-        }
-        let checked = self.network.check().and_then(|()| self.network.device.check(renders));
+        let requirements = check_all(&[
+            Requirement {
+                options: &self.network.options(),
+                requires: "one of the methods atsplat, atsplat+refine",
+                satisfied: networks,
+            },
+            Requirement {
+                options: &[("--max-gaussians", self.max_gaussians.is_some())],
+                requires: "one of the methods 3dgs, mip-splatting, mcmc",
+                satisfied: optimises,
+            },
+            Requirement {
+                options: &[("--seed", self.network.seed.is_some())],
+                requires: "one of the methods atsplat, atsplat+refine, 3dgs, mip-splatting, mcmc",
+                satisfied: networks || optimises,
+            },
+            Requirement {
+                options: &[
+                    ("--method-timeout", self.method_timeout.is_some()),
+                    ("--method-processes", self.method_processes.is_some()),
+                ],
+                requires: "the method exec",
+                satisfied: executes,
+            },
+            Requirement {
+                options: &self.gaussians.options_of_imports(),
+                requires: "the method ply",
+                satisfied: imports,
+            },
+            Requirement {
+                options: &self.gaussians.options_of_files(),
+                requires: "one of the methods ply, exec",
+                satisfied: imports || executes,
+            },
+            Requirement {
+                options: &self.gaussians.options_of_renders(),
+                requires: "a method whose Gaussians are rendered",
+                satisfied: renders,
+            },
+            Requirement {
+                options: &[self.network.device.option()],
+                requires: "a method with a network or Gaussians (images are compared on the CPU)",
+                satisfied: renders,
+            },
+        ]);
+        let checked = requirements.and_then(|()| self.network.check());
         checked.and_then(|()| self.gaussians.check_tolerance()).map_err(parse::usage_error)
     }
 
@@ -137,8 +163,8 @@ impl MethodArgs {
         methods.iter().map(|spec| self.method(spec, &device)).collect()
     }
 
-    /// Of methods whose Gaussians are not imported: they are rendered in their own mode.
-    fn own_splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
+    /// For methods whose Gaussians are not imported, and which set the mode themselves.
+    fn splatting_without_mode(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
         Ok(Splatting { mode: None, ..self.gaussians.splatting(device)? })
     }
 
@@ -153,20 +179,20 @@ impl MethodArgs {
             MethodKind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let splatting = self.own_splatting(device)?;
+                let splatting = self.splatting_without_mode(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
                 Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let splatting = self.own_splatting(device)?;
+                let splatting = self.splatting_without_mode(device)?;
                 let method = Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?;
                 Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Optimised(strategy, budget) => {
                 let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);
-                let splatting = self.own_splatting(device)?;
+                let splatting = self.splatting_without_mode(device)?;
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
             MethodKind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
@@ -190,46 +216,47 @@ impl MethodArgs {
 const EXEC_SECONDS: f64 = 600.0;
 
 impl GaussianArgs {
-    /// The first argument about rendering Gaussians that is given.
-    pub(super) fn given(&self) -> Option<&'static str> {
-        parse::first_given([
+    /// Options about rendering Gaussians.
+    fn options_of_renders(&self) -> [GivenOption; 5] {
+        [
             ("--constants", self.constants.is_some()),
             ("--background", self.background.is_some()),
             ("--effects", self.effects.is_some()),
             ("--tolerance", self.tolerance.is_some()),
             ("--backend", self.backend.is_some()),
-        ])
+        ]
+    }
+
+    /// Options about files of Gaussians, those of exec included.
+    fn options_of_files(&self) -> [GivenOption; 2] {
+        [("--opacities-as-stored", self.opacities_as_stored), ("--mode", self.mode.is_some())]
+    }
+
+    /// Options about folders of Gaussians alone.
+    fn options_of_imports(&self) -> [GivenOption; 2] {
+        [("--ply-frame", self.ply_frame.is_some()), ("--setting", self.setting.is_some())]
+    }
+
+    /// All options, of which images alone need none.
+    pub(super) fn options(&self) -> Vec<GivenOption> {
+        [&self.options_of_renders()[..], &self.options_of_files(), &self.options_of_imports()].concat()
     }
 
     /// Rejects a tolerance if the effects that run do not depend on it.
     pub(super) fn check_tolerance(&self) -> Result<(), String> {
-        let chosen = self.effects.as_ref().is_some_and(|effects| *effects != EffectSelection::Auto);
-        if chosen && self.tolerance.is_some() {
-            return Err("--tolerance is for --effects auto: other effects run whatever they change".to_owned());
-        }
-        Ok(())
-    }
-
-    /// Rejects these arguments if there are no Gaussians.
-    pub(super) fn check_unused(&self) -> Result<(), String> {
-        let of_files = [
-            ("--mode", self.mode.is_some()),
-            ("--ply-frame", self.ply_frame.is_some()),
-            ("--opacities-as-stored", self.opacities_as_stored),
-        ];
-        let given = self.given().or(parse::first_given(of_files));
-        given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: images are compared as they are")))
+        let effects = self.effects.clone().unwrap_or_default();
+        check_all(&[Requirement {
+            options: &[("--tolerance", self.tolerance.is_some())],
+            requires: &format!("--effects auto (found --effects {effects})"),
+            satisfied: effects == EffectSelection::Auto,
+        }])
     }
 
     /// The method of a folder of Gaussians.
     pub(super) fn ply(&self, folder: &Path, name: Option<&str>, device: &ComputeDevice) -> anyhow::Result<Ply> {
-        Ok(Ply::new(
-            folder,
-            name,
-            self.ply_frame.unwrap_or(GaussianFrame::Dataset),
-            self.opacities_as_stored,
-            self.splatting(device)?,
-        )?)
+        let (frame, splatting) = (self.ply_frame.unwrap_or_default(), self.splatting(device)?);
+        let ply = Ply::new(folder, name, frame, self.opacities_as_stored, splatting)?;
+        Ok(ply.with_setting(self.setting.as_deref()))
     }
 
     fn splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {

@@ -9,6 +9,7 @@ pub(crate) mod urls;
 
 use std::io::{IsTerminal as _, stdout};
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
 use atsplat_eval::method::{Method, MethodSpec};
@@ -29,17 +30,13 @@ use settings::{SettingArgs, TimingArgs};
 #[derive(Debug, clap::Args)]
 #[command(
     override_usage = "atsplat run <PRESET|FILE>… --data <PATH> --method <METHOD>… --out <STORE> [OPTIONS]",
-    after_help = "An unfinished store is resumed: what it holds is not computed again. Failed trials become rows with a \
-                  reason and never stop the others."
+    after_help = AFTER_HELP
 )]
 pub(crate) struct Args {
     #[command(flatten)]
     protocols: ProtocolArgs,
 
-    /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its
-    /// Gaussians); optimised for each trial, with a budget such as 3000 (steps) or 10s: 3dgs:BUDGET,
-    /// mip-splatting:BUDGET, mcmc:BUDGET, atsplat+refine:BUDGET (the network's Gaussians); exec:COMMAND, a process that
-    /// answers trials (docs/methods.md); COMMAND is the rest of the argument. NAME=METHOD sets the name in the results, of
+    /// Methods to evaluate, separated by commas; the kinds are listed below. NAME=METHOD sets the name in the results, of
     /// all but nearest-view and warp.
     #[arg(long = "method", value_name = "METHOD", required = true, value_parser = MethodSpec::list)]
     methods: Vec<Methods>,
@@ -54,6 +51,20 @@ pub(crate) struct Args {
     timing: TimingArgs,
 }
 
+const AFTER_HELP: &str = "\
+Methods:
+  nearest-view, warp     Baselines
+  renders:DIR, ply:DIR   Outputs of another program: images, or Gaussians
+  atsplat                The network of --weights
+  atsplat+refine:BUDGET, 3dgs:BUDGET, mip-splatting:BUDGET, mcmc:BUDGET
+                         Optimised for each trial, from the network's Gaussians or from random
+                         ones; BUDGET is a number of steps (3000) or seconds (10s)
+  exec:COMMAND           A process that answers trials. It must come last: COMMAND is the rest
+                         of the argument; see docs/methods.md
+
+An unfinished store is resumed: its results are not computed again. Failed trials become rows with a reason and never \
+stop the others.";
+
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let methods = args.methods.concat();
@@ -67,7 +78,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 /// Evaluates loaded methods.
 fn evaluate(
     protocols: &ProtocolArgs,
-    methods: &[std::sync::Arc<dyn Method>],
+    methods: &[Arc<dyn Method>],
     settings: &SettingArgs,
     timing: TimingArgs,
 ) -> anyhow::Result<bool> {
@@ -97,7 +108,7 @@ fn evaluate(
         progress.step();
         out.step();
     };
-    // A failure of object storage says nothing about the data: the run stops, whereas an unreadable scene is skipped.
+    // A failure of object storage says nothing about the data: the run stops, but an unreadable scene is skipped.
     let failure = || remote.as_ref().and_then(|remote| remote.failure()).or_else(|| out.failure());
     let outcome = runner::run_until(&plan, store, &step, &|| failure().is_some());
     drop(progress);
@@ -119,7 +130,7 @@ fn evaluate(
     if settings.json || !stdout().is_terminal() {
         print_findings(&[&results], &warnings);
     } else {
-        // The others stand in the report above.
+        // The others are in the report above.
         print_trial_warnings(&results);
     }
     if let Some(why) = plan.nothing_evaluated(&results) {

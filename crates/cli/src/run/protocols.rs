@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use atsplat_eval::Results;
-use atsplat_eval::runner::{Dataset, IndexChoice, PlannedIndex};
+use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
+use atsplat_eval::{Results, SkippedEntry};
 use atsplat_protocol::{DropReason, Preset};
 use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
@@ -65,10 +65,13 @@ impl ProtocolArgs {
         let opening = warnings.clone();
         let rule =
             self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
-        let index = match (&rule, &self.index) {
-            (Some((name, rule)), _) => IndexChoice::Sampled(name, rule),
-            (None, Some(path)) => IndexChoice::At(path),
-            (None, None) => IndexChoice::NextToData,
+        // Searched once for all protocols.
+        let folder = self.index.as_deref().filter(|path| path.is_dir()).map(IndexFolder::search).transpose()?;
+        let index = match (&rule, &folder, &self.index) {
+            (Some((name, rule)), ..) => IndexChoice::Sampled(name, rule),
+            (None, Some(folder), _) => IndexChoice::Below(folder),
+            (None, None, Some(path)) => IndexChoice::At(path),
+            (None, None, None) => IndexChoice::NextToData,
         };
         let open = |name: &String, warnings: &mut Warnings| -> anyhow::Result<Dataset> {
             let (preset, source) = (Preset::resolve(name)?, Arc::clone(&source));
@@ -95,8 +98,8 @@ impl ProtocolArgs {
         if atsplat_objects::url(&self.data).is_some() {
             return None;
         }
-        let mut refused = results.provenance.skipped.iter().filter(|own| own.reason == DropReason::ImageSize.name());
-        let (skipped, dataset) = refused.find_map(|skipped| {
+        let of_size = |skipped: &&SkippedEntry| skipped.reason == DropReason::ImageSize.name();
+        let (skipped, dataset) = results.provenance.skipped.iter().filter(of_size).find_map(|skipped| {
             let dataset = datasets.iter().find(|dataset| dataset.name == skipped.preset)?;
             Some((skipped, dataset))
         })?;

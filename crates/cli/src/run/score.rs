@@ -12,6 +12,7 @@ use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
 use crate::device::DeviceArgs;
 use crate::parse::usage_error;
+use crate::requirements::{Requirement, check_all};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -56,9 +57,19 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let unused = if args.ply.is_none() { args.gaussians.check_unused() } else { Ok(()) };
-    let checked = unused.and_then(|()| args.device.check(args.ply.is_some()));
-    checked.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
+    let requirements = check_all(&[
+        Requirement {
+            options: &args.gaussians.options(),
+            requires: "--ply (images are compared as they are)",
+            satisfied: args.ply.is_some(),
+        },
+        Requirement {
+            options: &[args.device.option()],
+            requires: "--ply (images are compared on the CPU)",
+            satisfied: args.ply.is_some(),
+        },
+    ]);
+    requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
     let name = args.name.as_deref();
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
         (Some(folder), _) => Arc::new(Renders::new(folder, name)?.deterministic(args.deterministic)),

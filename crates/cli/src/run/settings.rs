@@ -10,6 +10,7 @@ use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
 
 use crate::parse::{self, named, usage_error};
+use crate::requirements::{Requirement, check_all};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
@@ -27,25 +28,45 @@ pub(crate) struct SettingArgs {
     limit: Option<u64>,
 
     /// Metrics in addition to the protocols' own, by id, or all.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parse::metric)]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parse::metric_or_all)]
     metrics: Vec<String>,
 
-    /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
-    #[arg(long, value_name = "DIR", value_parser = parse::folder)]
-    metric_weights: Option<PathBuf>,
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
 
     /// Images kept with the results: none, those of each method's worst, typical and best trials by PSNR (6, 2, 2), or all.
     #[arg(long, value_name = "WHICH", default_value = "none", value_parser = named(KEPT))]
     pub(crate) keep_images: KeepImages,
 
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// What every command needs that evaluates methods into a store.
+#[derive(Debug, clap::Args)]
+pub(crate) struct EvaluationArgs {
+    /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
+    #[arg(long, value_name = "DIR", value_parser = parse::folder)]
+    metric_weights: Option<PathBuf>,
+
     /// Read every image again to detect changes since its results were made; otherwise images with the same size and
     /// modification time count as unchanged.
     #[arg(long)]
     verify: bool,
+}
 
-    /// Print JSON.
-    #[arg(long)]
-    pub(crate) json: bool,
+impl EvaluationArgs {
+    /// Opens the store in a folder: resumed or new.
+    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
+        let store = Store::resume(folder, provenance)?;
+        if self.verify { store.reread_images() } else { Ok(store) }
+    }
+
+    /// The metrics of the protocols and those in `more`.
+    pub(crate) fn suite(&self, datasets: &[Dataset], more: &[String]) -> Result<Suite, EvalError> {
+        suite(datasets, more, self.metric_weights.as_deref())
+    }
 }
 
 /// Repetitions of a timing pass.
@@ -65,7 +86,7 @@ pub(crate) struct RepetitionArgs {
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct TimingArgs {
     /// Run a timing pass after the evaluation: three trials of each protocol under each method, one at a time with nothing
-    /// else running, after a warm-up. Without it, the results hold no times.
+    /// else running, after a warm-up. Without it, the results contain no times.
     #[arg(long)]
     timing: bool,
 
@@ -89,9 +110,12 @@ impl RepetitionArgs {
 impl TimingArgs {
     pub(super) fn plan(self) -> anyhow::Result<Option<TimingPlan>> {
         let RepetitionArgs { repetitions, warm_up } = self.repetitions;
-        if !self.timing && (repetitions, warm_up) != (None, None) {
-            return Err(usage_error("--repetitions and --warm-up belong to the timing pass: add --timing").into());
-        }
+        let checked = check_all(&[Requirement {
+            options: &[("--repetitions", repetitions.is_some()), ("--warm-up", warm_up.is_some())],
+            requires: "--timing",
+            satisfied: self.timing,
+        }]);
+        checked.map_err(usage_error)?;
         Ok(self.timing.then(|| self.repetitions.plan()))
     }
 }
@@ -104,10 +128,9 @@ impl SettingArgs {
         &self.out
     }
 
-    /// Opens the store in the folder of [`Self::out`] or of its copy: resumed or new.
+    /// Opens the store in the folder of [`Self::out`], or in that of its copy.
     pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
-        let store = Store::resume(folder, provenance)?;
-        if self.verify { store.reread_images() } else { Ok(store) }
+        self.evaluation.store(folder, provenance)
     }
 
     pub(crate) fn selection(&self) -> Selection {
@@ -120,7 +143,7 @@ impl SettingArgs {
 
     /// The metrics of the protocols and the requested ones.
     pub(crate) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
-        suite(datasets, &self.metrics, self.metric_weights.as_deref())
+        self.evaluation.suite(datasets, &self.metrics)
     }
 }
 
@@ -136,6 +159,7 @@ mod tests {
         assert_eq!(timing_args(true, None).plan().unwrap(), Some(TimingPlan::default()));
         let asked = timing_args(true, Some(9)).plan().unwrap().unwrap();
         assert_eq!((asked.repetitions, asked.long), (9, Duration::MAX), "also of long work");
-        assert!(timing_args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
+        let error = timing_args(false, Some(9)).plan().unwrap_err().to_string();
+        assert!(error.contains("--repetitions requires --timing"), "{error}");
     }
 }

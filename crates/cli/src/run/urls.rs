@@ -8,15 +8,15 @@ use atsplat_eval::{EvalError, Results, Store, TargetRow, TrialKey, TrialRow};
 
 use crate::objects::{has_copies, with_urls};
 
-/// Names URLs in place of the paths of copies in the warnings, skipped entries and rows of a store that was just finished, as stores
+/// Puts URLs in place of the paths of copies in the warnings, skipped entries and rows of a store that was just finished, as stores
 /// are compared between machines.
 pub(crate) fn name_urls(folder: &Path, results: Results) -> Result<Results, EvalError> {
     if !has_copies() {
         return Ok(results);
     }
     let findings = Findings {
-        warnings: results.provenance.warnings.iter().map(|own| renamed(own, |own| &mut own.example)).collect(),
-        skipped: results.provenance.skipped.iter().map(|own| renamed(own, |own| &mut own.detail)).collect(),
+        warnings: results.provenance.warnings.iter().map(|found| renamed(found, |found| &mut found.example)).collect(),
+        skipped: results.provenance.skipped.iter().map(|entry| renamed(entry, |entry| &mut entry.detail)).collect(),
     };
     let trials = results.trials.iter().filter(|row| with(*row, of_trial) != **row).map(|row| &row.key);
     let targets = results.targets.iter().filter(|row| with(*row, of_target) != **row).map(|row| &row.key);
@@ -27,8 +27,8 @@ pub(crate) fn name_urls(folder: &Path, results: Results) -> Result<Results, Eval
     }
     let mut store = Store::open(folder)?;
     for row in results.trials.iter().filter(|row| keys.contains(&row.key)) {
-        let own = results.targets.iter().filter(|target| target.key == row.key);
-        let targets: Vec<TargetRow> = own.map(|target| with(target, of_target)).collect();
+        let of_row = results.targets.iter().filter(|target| target.key == row.key);
+        let targets: Vec<TargetRow> = of_row.map(|target| with(target, of_target)).collect();
         store.append(&with(row, of_trial), &targets)?;
     }
     store.set_findings(findings);

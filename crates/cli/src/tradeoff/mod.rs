@@ -8,11 +8,11 @@ use anyhow::bail;
 use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{TradeoffReport, across, tradeoffs};
-use atsplat_metrics::definition;
 use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};
 use crate::objects::CacheArgs;
+use crate::parse;
 use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
@@ -26,7 +26,7 @@ pub(crate) struct Args {
     store: Option<PathBuf>,
 
     /// Metric, by id; may be given several times.
-    #[arg(long, value_name = "ID", default_value = "psnr", value_parser = metric)]
+    #[arg(long, value_name = "ID", default_value = "psnr", value_parser = parse::metric)]
     metric: Vec<String>,
 
     /// Exclude targets that methods were given as context.
@@ -72,11 +72,4 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         Some(why) => bail!("nothing was scored: {why}"),
         None => Ok(Exit::Done),
     }
-}
-
-fn metric(name: &str) -> Result<String, String> {
-    definition(name).map(|definition| definition.id.to_owned()).ok_or_else(|| {
-        let known: Vec<&str> = atsplat_metrics::definitions().iter().map(|definition| definition.id).collect();
-        format!("expected one of {}", known.join(", "))
-    })
 }

@@ -5,12 +5,12 @@ mod report;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use atsplat_eval::store::PROVENANCE;
-use atsplat_model::network::Processor;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, journal};
 
+use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::paths::PendingFile;
 use crate::print::print_text;
@@ -31,7 +31,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
-    /// Resume the run in DIR.
+    /// Resume the run in DIR, on the device where it began.
     #[arg(long)]
     resume: bool,
 
@@ -43,10 +43,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
 
-    /// Where network, renderer, losses and optimiser run: cpu, wgpu (the best graphics adapter) or wgpu:N (number N of
-    /// `atsplat adapters`); an adapter needs a build with `--features gpu-network`. A run resumes on its device.
-    #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
-    processor: Processor,
+    #[command(flatten)]
+    device: DeviceArgs,
 
     /// Stop after this many hours.
     #[arg(long, value_name = "H", value_parser = hours)]
@@ -61,7 +59,7 @@ fn hours(text: &str) -> Result<Duration, String> {
 
 /// Trains until the last step or a limit.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    args.processor.check_build().with_context(|| format!("--device {}", args.processor))?;
+    args.device.check_networks()?;
     let config = TrainConfig::read(&args.config)?;
     let start = match (&args.init, args.resume) {
         (Some(weights), _) => Start::Weights(embedded::find(weights, || INITIAL.to_owned())?),
@@ -69,18 +67,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         (None, false) => Start::Fresh,
     };
     if !args.resume && args.out.join(PROVENANCE).exists() {
-        bail!("--out {}: expected a folder for the run alone, found results of evaluations there", args.out.display());
+        bail!("--out {}: expected a folder for this run only, found results of evaluations", args.out.display());
     }
     let steps = config.steps.get();
-    let mut trainer = Trainer::on(args.processor, config, &args.out, &start)?;
+    let mut trainer = Trainer::on(args.device.processor, config, &args.out, &start)?;
     let last = args.steps.map_or(steps, |most| most.min(steps));
     let mut live = Live::new(last, trainer.state().step, trainer.config().is_evaluation_held_out());
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));
     drop(live);
     // Logs and plots are written even if the run failed.
-    let drawn = write_logs(args, &trainer);
+    let logged = write_logs(args, &trainer);
     let complete = outcome?;
-    drawn?;
+    logged?;
     let done = trainer.state().step;
     let end = if complete { "" } else { "; `--resume` continues" };
     let weights = args.out.join(WEIGHTS);

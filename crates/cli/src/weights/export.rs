@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use super::import::key_map;
 use crate::embedded;
-use crate::paths::{Input, PendingFile, check_output};
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output};
+use crate::paths::PendingFile;
 use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
@@ -43,9 +45,10 @@ struct Report {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let inputs = [Input::File("the weights file that is read", &args.file), Input::Toml("the key map", &args.key_map)];
+    let inputs = [Input::File("weights file", &args.file), Input::Toml("key map", &args.key_map)];
     check_output("--out", &args.out, &inputs)?;
     let map = KeyMap::resolve(&args.key_map)?;
+    let _outputs = OutputFiles::of([args.out.as_path()])?;
     let out = PendingFile::open(&args.out)?;
     let source = embedded::find(&args.file, || embedded::or_a_file("a weights file of this toolkit"))?;
     let mut weights = ModelWeights::of_file(&source)?;

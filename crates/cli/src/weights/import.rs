@@ -11,8 +11,10 @@ use atsplat_model::weights::{
 };
 
 use crate::model_args::model;
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output};
 use crate::parse::{name_or_path, named, once, usage_error};
-use crate::paths::{Input, PendingFile, check_output};
+use crate::paths::PendingFile;
 use crate::print::{print_report, print_status};
 use crate::reconstruct::network::same_network;
 
@@ -51,8 +53,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = named(PRECISIONS), requires = "out")]
     precision: Precision,
 
-    /// Provenance note on the weights, such as `data=re10k`; kept in the file and with every result. Each key is given once, and
-    /// none that the import records or FILE states already.
+    /// Provenance note on the weights, such as `data=re10k`; kept in the file and with every result. A key that FILE states or the
+    /// import records already is an error, and so is a repeated one.
     #[arg(long, value_name = "KEY=VALUE", value_parser = note, requires = "out")]
     note: Vec<(String, String)>,
 
@@ -71,13 +73,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if args.backbone.is_some() && !matches!(config.backbone, BackboneConfig::DinoV2 { .. }) {
         bail!("--backbone: the model {} has no DINOv2 backbone", config.name);
     }
+    let _outputs = OutputFiles::of(args.out.as_deref())?;
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let source = TensorFile::find(&args.file, || "a checkpoint or safetensors to import".to_owned())?;
     source.check_sha256(args.sha256.map(|hash| hash.to_string()).as_deref())?;
-    let own = ModelWeights::is_one(&source.stored).then(|| ModelWeights::of_file(&source)).transpose()?;
-    if let Some(own) = &own {
+    let imported = ModelWeights::is_one(&source.stored).then(|| ModelWeights::of_file(&source)).transpose()?;
+    if let Some(weights) = &imported {
         let error = || format!("{} is a weights file of this toolkit", args.file.display());
-        same_network(&config, &own.config).context("--model").with_context(error)?;
+        same_network(&config, &weights.config).context("--model").with_context(error)?;
     }
     let backbone = match &args.backbone {
         Some(path) => {
@@ -106,15 +109,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         print_report(&report, args.json)?;
         if lacks_backbone && let BackboneConfig::DinoV2 { .. } = config.backbone {
             print_status(&format!(
-                "give the backbone's weights with --backbone: {}",
+                "set the backbone's weights with --backbone: {}",
                 KnownFile::advice(&config.backbone)
             ));
         }
-        bail!("{} does not hold the model {}: nothing was written", args.file.display(), config.name);
+        bail!("{} does not contain the model {}; nothing was written", args.file.display(), config.name);
     }
     if let Some(out) = out {
         // What a weights file says about its training is also true for a copy.
-        let mut provenance = own.map(|own| own.provenance).unwrap_or_default();
+        let mut provenance = imported.map(|weights| weights.provenance).unwrap_or_default();
         provenance.extend(report.provenance());
         args.add_notes(&mut provenance)?;
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
@@ -128,17 +131,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 }
 
 impl Args {
-    /// Rejects a note that is given twice, and an output in the place of an input.
+    /// Rejects a note that is given twice, and an output that would overwrite an input.
     fn check(&self) -> anyhow::Result<()> {
         let keys: Vec<String> = self.note.iter().map(|(key, _)| key.clone()).collect();
         once("--note", &keys).map_err(usage_error)?;
         let Some(out) = &self.out else { return Ok(()) };
         let mut inputs = vec![
-            Input::File("the file that is imported", &self.file),
-            Input::Toml("the configuration", &self.model),
-            Input::Toml("the key map", &self.key_map),
+            Input::File("weights", &self.file),
+            Input::Toml("configuration", &self.model),
+            Input::Toml("key map", &self.key_map),
         ];
-        inputs.extend(self.backbone.as_deref().map(|backbone| Input::File("the file of the backbone", backbone)));
+        inputs.extend(self.backbone.as_deref().map(|backbone| Input::File("backbone", backbone)));
         check_output("--out", out, &inputs)
     }
 
@@ -149,7 +152,7 @@ impl Args {
         let file = self.file.display();
         ensure!(
             stated.is_empty(),
-            "--note: the provenance of {file} and of its import states {}: give other keys",
+            "--note: the provenance of {file} and of its import states {}; use other keys",
             stated.join(", ")
         );
         provenance.extend(self.note.iter().cloned());

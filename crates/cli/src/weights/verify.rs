@@ -36,10 +36,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         None => embedded::or_a_file("a file of weights"),
     })?;
     // A configuration that cannot be read is an error of the verification.
-    let own = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored)).and_then(Result::ok);
+    let stored = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored));
+    let written_for = stored.and_then(Result::ok);
     let verification = Verification::new(file, config.as_ref(), expected.as_deref())?;
-    if let Some((requested, own)) = config.as_ref().zip(own.as_ref()) {
-        same_network(requested, own).context("--model")?;
+    if let Some((requested, written_for)) = config.as_ref().zip(written_for.as_ref()) {
+        same_network(requested, written_for).context("--model")?;
     }
     print_report(&verification, args.json)?;
     Ok(true)

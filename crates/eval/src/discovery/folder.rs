@@ -15,7 +15,7 @@ use atsplat_scene::{
 use serde::Serialize;
 
 use crate::EvalError;
-use crate::runner::{Dataset, PlannedIndex};
+use crate::runner::{Dataset, IndexFolder, PlannedIndex};
 use crate::sources::AlreadyCropped;
 
 /// Maximum depth of the search.
@@ -72,7 +72,8 @@ struct DatasetOnDisk {
 /// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
 ///
 /// # Errors
-/// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset.
+/// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset, [`EvalError::Io`] if it cannot
+/// be searched for indices.
 pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<DiscoveredDatasets, EvalError> {
     if !folder.is_dir() {
         let found = folder.display().to_string();
@@ -85,10 +86,14 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
+    if on_disk.is_empty() {
+        return Ok(found);
+    }
     leave_out_found(&mut on_disk);
+    let indices = IndexFolder::search(folder)?;
     for dataset in &on_disk {
         warnings.merge(dataset.opening.clone());
-        add_protocols(folder, dataset, &mut found, warnings)?;
+        add_protocols(&indices, dataset, &mut found, warnings)?;
     }
     Ok(found)
 }
@@ -120,14 +125,14 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
         });
         if has_images {
             let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
-            // DL3DV's scenes lie one level deeper, in the folders of its subsets.
-            let holds_scene = |path: &PathBuf| {
+            // DL3DV's scenes are one level deeper, in the folders of its subsets.
+            let contains_scene = |path: &PathBuf| {
                 let mut below = scenes.iter().filter_map(|key| key.strip_prefix(SUBSET_PREFIX));
                 below.any(|name| path.join(name).is_dir())
             };
             let is_part = |path: &PathBuf| {
                 let name = path.file_name().and_then(|name| name.to_str());
-                name.is_some_and(|name| scenes.contains(name)) || holds_scene(path)
+                name.is_some_and(|name| scenes.contains(name)) || contains_scene(path)
             };
             let is_collection = folders.iter().any(is_part);
             folders.retain(|path| is_collection && !is_part(path));
@@ -141,7 +146,7 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
     }
 }
 
-/// Scenes next to those of a dataset are not ignored if they were found as a dataset of their own.
+/// Scenes next to those of a dataset are not ignored if they were found as another dataset.
 fn leave_out_found(on_disk: &mut [DatasetOnDisk]) {
     let paths: Vec<PathBuf> = on_disk.iter().map(|dataset| dataset.path.clone()).collect();
     for dataset in on_disk {
@@ -153,7 +158,7 @@ fn leave_out_found(on_disk: &mut [DatasetOnDisk]) {
 
 /// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampling rule.
 fn add_protocols(
-    folder: &Path,
+    indices: &IndexFolder,
     dataset: &DatasetOnDisk,
     found: &mut DiscoveredDatasets,
     warnings: &mut Warnings,
@@ -177,7 +182,7 @@ fn add_protocols(
                 continue;
             }
         };
-        match index(folder, dataset, source.as_ref(), &preset, warnings) {
+        match index(indices, dataset, source.as_ref(), &preset, warnings) {
             Ok(index) => {
                 let is_free = |name: &str| found.is_free(name);
                 let name = if is_free(name) { name.to_owned() } else { name_at(name, &dataset.path, is_free) };
@@ -186,19 +191,25 @@ fn add_protocols(
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
     }
-    // A dataset that fits no published protocol is evaluated as any capture is.
-    if found.datasets.len() == before {
-        let preset = Preset::named("photos-3v-256")?;
-        let source = Arc::clone(&dataset.source);
-        let what = format!("{} on {}", preset.name, dataset.path.display());
-        match sampled(dataset, source.as_ref(), &preset, warnings) {
-            Ok(index) => {
-                let description = dataset.path.display().to_string();
-                let name = name_at(&preset.name, &dataset.path, |name| found.is_free(name));
-                found.datasets.push(Dataset { name, preset, source, description, index });
-            }
-            Err(why) => found.not_run.push(NotRun { what, why }),
+    if found.datasets.len() == before { add_photos(dataset, found, warnings) } else { Ok(()) }
+}
+
+/// A dataset that fits no published protocol is evaluated as any capture is.
+fn add_photos(
+    dataset: &DatasetOnDisk,
+    found: &mut DiscoveredDatasets,
+    warnings: &mut Warnings,
+) -> Result<(), EvalError> {
+    let preset = Preset::named("photos-3v-256")?;
+    let source = Arc::clone(&dataset.source);
+    let what = format!("{} on {}", preset.name, dataset.path.display());
+    match sampled(dataset, source.as_ref(), &preset, warnings) {
+        Ok(index) => {
+            let description = dataset.path.display().to_string();
+            let name = name_at(&preset.name, &dataset.path, |name| found.is_free(name));
+            found.datasets.push(Dataset { name, preset, source, description, index });
         }
+        Err(why) => found.not_run.push(NotRun { what, why }),
     }
     Ok(())
 }
@@ -227,15 +238,15 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Result<Option<Prepared>
     let Some(expected) = preset.preprocessing.expected_size else {
         return Ok(Some(Prepared { source, preset, description }));
     };
-    let own_size = image_size(source.as_ref());
-    if own_size.as_ref().is_ok_and(|size| *size == Some(expected)) {
+    let found_size = image_size(source.as_ref());
+    if found_size.as_ref().is_ok_and(|size| *size == Some(expected)) {
         return Ok(Some(Prepared { source, preset, description }));
     }
     if let Some((source, preset)) = AlreadyCropped::of(&source, &preset) {
         let description = format!("{description}, images cropped beforehand");
         return Ok(Some(Prepared { source: Arc::new(source), preset, description }));
     }
-    let mut unreadable = own_size.err();
+    let mut unreadable = found_size.err();
     for factor in DOWNSCALES {
         let images = ImageFolder::Downscaled(factor);
         let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
@@ -256,13 +267,13 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Result<Option<Prepared>
 
 /// The published index that names a scene of the dataset, or an index by the preset's sampling rule.
 fn index(
-    folder: &Path,
+    indices: &IndexFolder,
     dataset: &DatasetOnDisk,
     source: &dyn SceneSource,
     preset: &Preset,
     warnings: &mut Warnings,
 ) -> Result<PlannedIndex, String> {
-    match PlannedIndex::read(folder, preset, source, warnings) {
+    match PlannedIndex::published(indices, preset, source, warnings) {
         Ok(index) => {
             let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
             if index.index.scenes.iter().any(is_available) {
@@ -388,7 +399,7 @@ mod tests {
         assert!(not_run.is_empty(), "{not_run:?}");
     }
 
-    /// Next to the captures lie a folder of images without cameras, which nothing reads, and a dataset of its own, which is read.
+    /// Next to the captures are a folder of images without cameras, which nothing reads, and another dataset, which is read.
     #[test]
     fn what_opening_a_dataset_leaves_out_is_passed_on_unless_it_is_found_by_itself() {
         let root = tempfile::tempdir().unwrap();

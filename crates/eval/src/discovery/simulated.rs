@@ -72,7 +72,7 @@ mod tests {
             assert_eq!((index.sha256, index.entries_of_file()), (whole.sha256, whole.index.entries().count() as u64));
         }
         let rooms: Vec<_> =
-            datasets.iter().filter(|own| own.preset.stands_for.as_deref() == Some("re10k-2v-256")).collect();
-        assert!(matches!(rooms[..], [own] if own.name == "rooms-2v-128"), "one stand-in of each, the first");
+            datasets.iter().filter(|dataset| dataset.preset.stands_for.as_deref() == Some("re10k-2v-256")).collect();
+        assert!(matches!(rooms[..], [dataset] if dataset.name == "rooms-2v-128"), "one stand-in of each, the first");
     }
 }

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::data::{images_of, images_of_targets};
 use super::limits::limits;
 use super::probe::{Fingerprint, Inputs, Outputs, Pipeline, Recipe, run as run_probe};
-use super::{Acceptance, AcceptedNumber, DriftError, ImageDigest, Limit, compare, history};
+use super::{Acceptance, AcceptedNumber, DriftError, ImageDigest, Limit, compare, history, same_machine};
+use crate::timing::Machine;
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The format version that is written.
@@ -53,6 +54,13 @@ pub struct ProbeRecord {
     /// SHA-256 of the file of values; `None` in a baseline that was accepted when only fingerprints were recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
+    /// Operating system and architecture that it was run on, which need not be those of the rows; `None` in a baseline of an older
+    /// version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub platform: Option<String>,
+    /// The processor that it was run on, as [`Provenance::processor`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub processor: Option<String>,
 }
 
 /// The fields of a trial that are compared.
@@ -89,6 +97,21 @@ pub struct BaselineTarget {
     pub render_hash: Option<String>,
     /// Same as [`TargetRow::scores`], to the last bit.
     pub scores: BTreeMap<String, f64>,
+    /// What tables group the target by; `None` in a baseline of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grouping: Option<TargetGrouping>,
+}
+
+/// The fields of a target that tables group or leave out targets by.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TargetGrouping {
+    /// Same as [`TargetRow::leaked`].
+    pub leaked: bool,
+    /// Same as [`TargetRow::signed_distance`].
+    pub signed_distance: i64,
+    /// Same as [`TargetRow::overlap`].
+    pub overlap: Option<f64>,
 }
 
 /// The JSON file.
@@ -116,9 +139,8 @@ impl Baseline {
         // Time, command and threads do not affect numbers and would change with every acceptance.
         (provenance.started, provenance.threads) = (0, 0);
         provenance.command.clear();
-        let deterministic = |key: &TrialKey| {
-            results.provenance.methods.iter().any(|method| method.name == key.method && method.deterministic)
-        };
+        let deterministic =
+            |key: &TrialKey| results.provenance.method(&key.method).is_some_and(|method| method.deterministic);
         let target = |row: &TargetRow| BaselineTarget {
             render_hash: row.render_hash.clone().filter(|_| deterministic(&row.key)),
             ..BaselineTarget::from(row)
@@ -137,8 +159,8 @@ impl Baseline {
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
         next.history = self.history.iter().cloned().chain(next.history).collect();
-        let own = history::of_rows(&next, Some(&compare(results, self)));
-        next.numbers = self.numbers.iter().cloned().chain(own).collect();
+        let accepted = history::of_rows(&next, Some(&compare(results, self)));
+        next.numbers = self.numbers.iter().cloned().chain(accepted).collect();
         next
     }
 
@@ -149,10 +171,16 @@ impl Baseline {
     pub fn probed(self, recipe: Recipe) -> Result<(Self, Vec<u8>), DriftError> {
         let stages = Pipeline::of(&recipe)?;
         let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
-        self.with_probe(recipe, &outputs)
+        let (mut baseline, values) = self.with_probe(recipe, &outputs)?;
+        let Machine { platform, processor, .. } = Machine::current();
+        if let Some(probe) = &mut baseline.probe {
+            (probe.platform, probe.processor) = (Some(platform), Some(processor));
+        }
+        Ok((baseline, values))
     }
 
-    /// Adds the fingerprints of a probe and the hash of the file of its values, which [`Self::write_with_probe`] writes.
+    /// Adds the fingerprints of a probe and the hash of the file of its values, which [`Self::write_with_probe`] writes. Where it was
+    /// run is unknown.
     ///
     /// # Errors
     /// Those of [`Outputs::to_bytes`].
@@ -160,7 +188,18 @@ impl Baseline {
         let values = outputs.to_bytes()?;
         let (stages, scores) = (outputs.fingerprints(), outputs.mean_scores());
         let sha256 = Some(Sha256Digest::of(&values).to_string());
-        Ok((Self { probe: Some(ProbeRecord { recipe, stages, scores, sha256 }), ..self }, values))
+        let (platform, processor) = (None, None);
+        Ok((Self { probe: Some(ProbeRecord { recipe, stages, scores, sha256, platform, processor }), ..self }, values))
+    }
+
+    /// Whether its probe was run on a machine of the type of `here`, so that its stages give the same bits; where that is unknown,
+    /// whether its rows were.
+    pub fn was_probed_on(&self, here: &Provenance) -> bool {
+        let recorded = self.probe.as_ref().and_then(|probe| probe.platform.as_ref().zip(probe.processor.as_ref()));
+        match recorded {
+            Some((platform, processor)) => (platform, processor) == (&here.platform, &here.processor),
+            None => same_machine(&self.provenance, here),
+        }
     }
 
     /// Reads a baseline.
@@ -207,7 +246,7 @@ impl Baseline {
     }
 
     /// Writes the baseline and, next to it, the values of its probe. Both are complete before the first of them replaces an
-    /// older file. Between the two replacements, the new baseline lies beside an old probe, which [`Self::read_probe`] refuses.
+    /// older file. Between the two replacements, the new baseline is next to an old probe, which [`Self::read_probe`] rejects.
     ///
     /// # Errors
     /// Those of [`Self::write`]; both older files are unchanged unless only the probe's could not be replaced.
@@ -290,6 +329,22 @@ fn list<T: Serialize>(name: &str, rows: &[T]) -> Result<String, serde_json::Erro
     Ok(format!("\"{name}\": [{inside}]"))
 }
 
+impl TargetGrouping {
+    /// The first field that differs now, with both values: `leaked was false, is now true`.
+    pub(super) fn change(&self, now: &Self) -> Option<String> {
+        if self == now {
+            return None;
+        }
+        let fields = |Self { leaked, signed_distance, overlap }: &Self| {
+            let overlap = overlap.map_or_else(|| "none".to_owned(), |overlap| overlap.to_string());
+            [("leaked", leaked.to_string()), ("distance", signed_distance.to_string()), ("overlap", overlap)]
+        };
+        let mut pairs = fields(self).into_iter().zip(fields(now));
+        let ((field, was), (_, is)) = pairs.find(|(was, is)| was != is)?;
+        Some(format!("{field} was {was}, is now {is}"))
+    }
+}
+
 impl From<&TrialRow> for BaselineTrial {
     fn from(row: &TrialRow) -> Self {
         let TrialRow { key, trial_hash, status, final_tokens, gaussians, .. } = row.clone();
@@ -301,6 +356,8 @@ impl From<&TargetRow> for BaselineTarget {
     fn from(row: &TargetRow) -> Self {
         let TargetRow { key, target, frame, status, truth_hash, render_hash, mut scores, .. } = row.clone();
         scores.retain(|_, score| score.is_finite());
-        Self { key, target, frame, status, truth_hash, render_hash, scores }
+        let TargetRow { leaked, signed_distance, overlap, .. } = *row;
+        let grouping = Some(TargetGrouping { leaked, signed_distance, overlap });
+        Self { key, target, frame, status, truth_hash, render_hash, scores, grouping }
     }
 }

@@ -25,9 +25,8 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     for group in groups {
         let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&empty));
         let (preset, method) = group;
-        let deterministic = |provenance: &crate::Provenance| {
-            provenance.methods.iter().any(|record| record.name == *method && record.deterministic)
-        };
+        let deterministic =
+            |provenance: &crate::Provenance| provenance.method(method).is_some_and(|record| record.deterministic);
         let basis = match deterministic(&baseline.provenance) && deterministic(&results.provenance) {
             true if same_machine => Basis::Exact,
             true => Basis::Bound,
@@ -69,9 +68,8 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
 
 /// Presets whose hash or index hash differs.
 fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
-    let of = |name: &str| results.provenance.presets.iter().find(|preset| preset.name == name);
     let finding = |then: &crate::PresetRecord| {
-        let now = of(&then.name)?;
+        let now = results.provenance.preset(&then.name)?;
         let hashes = [(&then.hash, &now.hash), (&then.index_sha256, &now.index_sha256)];
         let (before, after) = hashes.into_iter().find(|(then, now)| then != now)?;
         Some(Finding {
@@ -141,6 +139,10 @@ impl Group {
             if was != is {
                 add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}", location()));
             }
+            let groupings = then.grouping.as_ref().zip(row.grouping.as_ref());
+            if let Some(change) = groupings.and_then(|(then, now)| then.change(now)) {
+                add(FindingKind::Grouping, &|| format!("{}: {change}", location()));
+            }
             if then.render_hash.is_some() && then.render_hash != row.render_hash {
                 add(FindingKind::Render, &location);
             }
@@ -177,17 +179,23 @@ impl Group {
         }
     }
 
-    fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, known: Option<&Limit>) -> Comparison {
-        let (preset, method, metric) = of;
+    /// The targets with a score in both.
+    fn pairs<'a>(&'a self, now: &'a Self, metric: &str) -> Vec<TargetPair<'a>> {
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
-        let pairs = self.targets.iter().filter_map(|(id, then)| {
+        let pair = |(id, then): (&'a (String, u32, u32), &BaselineTarget)| {
             let now = now.targets.get(id)?;
             let identical = [then, now].map(|row| row.status == TargetStatus::Identical);
             Some(TargetPair { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
-        });
+        };
+        self.targets.iter().filter_map(pair).collect()
+    }
+
+    /// The comparison of one metric of a method under a preset, given by their names.
+    fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, known: Option<&Limit>) -> Comparison {
+        let (preset, method, metric) = of;
         // As in tables: a PSNR that becomes infinite would move means by the cap that stands for it.
         let (identical, pairs): (Vec<TargetPair>, Vec<TargetPair>) =
-            pairs.partition(|pair| pair.identical.contains(&true));
+            self.pairs(now, metric).into_iter().partition(|pair| pair.identical.contains(&true));
         let then: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.then)).collect();
         let today: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.now)).collect();
         let paired = paired_of(&today, &then, direction(metric));
@@ -198,8 +206,7 @@ impl Group {
             if change > largest { (change, Some(pair)) } else { (largest, at) }
         });
         let limit = known.map_or_else(|| least_limit(metric), |known| known.limit);
-        let noise = known.filter(|known| known.runs > 1).map(|known| known.limit);
-        let scene_limit = scene_limit(metric, noise, paired.as_ref().map_or(0, |paired| paired.scenes));
+        let scene_limit = scene_limit(metric, known, paired.as_ref().map_or(0, |paired| paired.scenes));
         let largest_scene = largest_scene(&today, &then);
         let by_limit = || match (&paired, &largest_scene) {
             (Some(paired), _) if beyond_limit(paired, limit) => Verdict::Drifted,

@@ -1,10 +1,13 @@
 use std::collections::BTreeSet;
 use std::fmt;
 
+use atsplat_numeric::counted;
+
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{
     Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, SceneChange, Verdict,
+    scene_limit,
 };
 use crate::rows::difference::excerpts;
 
@@ -56,9 +59,8 @@ impl fmt::Display for DriftReport {
         if !findings.is_empty() {
             writeln!(f)?;
         }
-        for Finding { preset, method, kind, verdict, count, example } in findings {
-            let of = if method.is_empty() { preset.clone() } else { format!("{preset}, {method}") };
-            writeln!(f, "{verdict:<8} {of}: {}: {count}, such as {example}", kind.description())?;
+        for finding in findings {
+            writeln!(f, "{:<8} {finding}", finding.verdict)?;
         }
         if !differences.is_empty() {
             writeln!(f, "\nDifferent from the baseline:")?;
@@ -80,6 +82,15 @@ impl fmt::Display for DriftReport {
     }
 }
 
+impl fmt::Display for Finding {
+    /// `PRESET, METHOD: targets are missing: 3, such as scene 1 0 frame 2`, without the verdict.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { preset, method, kind, verdict: _, count, example } = self;
+        let of = if method.is_empty() { preset.clone() } else { format!("{preset}, {method}") };
+        write!(f, "{of}: {}: {count}, such as {example}", kind.description())
+    }
+}
+
 impl DriftReport {
     /// What changed: metrics themselves, then the first changed stage, or what was compared without a change.
     fn conclusion(&self) -> String {
@@ -91,12 +102,12 @@ impl DriftReport {
         format!("{metrics}{}", self.stages(unexplained))
     }
 
-    /// The metrics that drifted and are measured otherwise than in the baseline, with what is other about them; and whether a metric
+    /// The metrics that drifted and are measured otherwise than in the baseline, with what differs about them; and whether a metric
     /// drifted that is measured as before.
     fn drifted_metrics(&self) -> (Vec<(&str, &str)>, bool) {
         const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-        let drifted = self.comparisons.iter().filter(|comparison| comparison.verdict == Verdict::Drifted);
-        let drifted: BTreeSet<&str> = drifted.map(|comparison| comparison.metric.as_str()).collect();
+        let comparisons = self.comparisons.iter().filter(|comparison| comparison.verdict == Verdict::Drifted);
+        let drifted: BTreeSet<&str> = comparisons.map(|comparison| comparison.metric.as_str()).collect();
         let differs = |what: &str| self.differences.iter().any(|difference| difference.what == what);
         let changed = |metric: &str| {
             FIELDS.into_iter().find(|(field, _)| differs(&format!("metric {metric}, {field}"))).map(|(_, what)| what)
@@ -120,16 +131,17 @@ impl DriftReport {
             StageVerdict::Empty => "No image of the dataset could be compared",
             _ => "The dataset's images are the baseline's",
         };
-        let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
+        let stages = self.attribution.iter().flat_map(|attribution| &attribution.stages);
         let empty: Vec<&str> =
-            empty.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
+            stages.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
         match &self.attribution {
-            None => format!("{data}; stages were not probed."),
+            None if self.not_attributed.is_some() => format!("{data}; the probe could not be run."),
+            None => format!("{data}; no probe was run."),
             Some(_) if empty.is_empty() && moved => format!(
-                "{data}; no stage changed on the probe. What moved lies outside both: a method's own files, such as renders or \
-                 weights, or its program."
+                "{data}; no stage of the probe changed. The cause is outside atsplat's pipeline: the method's files, such as \
+                 renders or weights, or its code."
             ),
-            Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
+            Some(_) if empty.is_empty() => format!("{data}; no stage of the probe changed."),
             Some(_) => format!("{data}; the probe had nothing to compare for: {}.", empty.join(", ")),
         }
     }
@@ -153,9 +165,9 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
         number(now),
     )?;
     if comparison.identical > 0 {
-        let targets = if comparison.identical == 1 { "target is" } else { "targets are" };
-        let count = comparison.identical;
-        writeln!(f, "    {count} {targets} left out: identical to the truth, in the baseline or now")?;
+        let are = if comparison.identical == 1 { "is" } else { "are" };
+        let targets = counted(comparison.identical, "target");
+        writeln!(f, "    {targets} {are} left out: identical to the truth, in the baseline or now")?;
     }
     let Some(at) = &comparison.largest_at else { return Ok(()) };
     write!(f, "    largest change {} at {at}", size(metric, comparison.largest))?;
@@ -170,9 +182,14 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
 
 impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { preset, method, metric, limit, runs } = self;
-        let runs = if *runs == 1 { "1 run".to_owned() } else { format!("{runs} runs") };
-        write!(f, "{preset}, {method}: {metric} may vary by {}, from {runs}", size(metric, *limit))
+        let Self { preset, method, metric, limit, runs, scene } = self;
+        let runs = counted(*runs, "run");
+        write!(f, "{preset}, {method}: {metric} may vary by {}, from {runs}", size(metric, *limit))?;
+        if scene.is_some() {
+            // As it applies: the least limit of a scene may be larger.
+            write!(f, "; the mean of a scene by {}", size(metric, scene_limit(metric, Some(self), 1)))?;
+        }
+        Ok(())
     }
 }
 

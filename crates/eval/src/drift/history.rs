@@ -96,7 +96,7 @@ fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<
 }
 
 impl Baseline {
-    /// With the numbers of its own rows and none of earlier acceptances.
+    /// With the numbers of its rows and none of earlier acceptances.
     pub(super) fn with_numbers_of_rows(self) -> Self {
         Self { numbers: of_rows(&self, None), ..self }
     }
@@ -106,11 +106,12 @@ impl Baseline {
 pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
     let acceptance = baseline.history.len().saturating_sub(1);
     let number = |((preset, method, metric), (mean, interval)): (Name, _)| {
-        let same = |own: (&String, &String, &String)| own == (&preset, &method, &metric);
-        let limit = baseline.limits.iter().find(|own| same((&own.preset, &own.method, &own.metric)));
-        let compared = report
-            .and_then(|report| report.comparisons.iter().find(|own| same((&own.preset, &own.method, &own.metric))));
-        let (limit, verdict) = (limit.map(|limit| limit.limit), compared.map(|own| own.verdict));
+        let same = |name: (&String, &String, &String)| name == (&preset, &method, &metric);
+        let mut limits = baseline.limits.iter();
+        let limit = limits.find(|limit| same((&limit.preset, &limit.method, &limit.metric))).map(|limit| limit.limit);
+        let mut comparisons = report.iter().flat_map(|report| &report.comparisons);
+        let compared = comparisons.find(|number| same((&number.preset, &number.method, &number.metric)));
+        let verdict = compared.map(|comparison| comparison.verdict);
         AcceptedNumber { acceptance, preset, method, metric, mean, interval, limit, verdict }
     };
     means(&baseline.targets).into_iter().map(number).collect()
@@ -129,8 +130,9 @@ fn history(
     report: &DriftReport,
 ) -> NumberHistory {
     let Comparison { preset, method, metric, verdict, .. } = comparison;
-    let own = |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
-    let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(own).collect();
+    let is_same =
+        |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
+    let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(is_same).collect();
     let range = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
     let mut runs = Vec::new();
     let mut before: Option<&AcceptedNumber> = None;

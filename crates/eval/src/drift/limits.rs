@@ -1,10 +1,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_numeric::{Extremes as _, Tolerance, mean};
 use atsplat_protocol::Aggregation;
 use serde::{Deserialize, Serialize};
 
-use crate::statistics::{SelectedTarget, score_of, student_quantile, summary_of};
+use crate::statistics::{SelectedTarget, scene_differences, score_of, student_quantile, summary_of};
 use crate::{Results, TargetRow, TargetStatus};
 
 /// How far a mean may change before it counts as drift.
@@ -21,6 +21,9 @@ pub struct Limit {
     pub limit: f64,
     /// Number of runs it was estimated from; with 1 run it is the least limit.
     pub runs: u64,
+    /// How far the mean of one scene may change, from the same runs; `None` with 1 run, and in baselines of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<f64>,
 }
 
 /// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
@@ -28,12 +31,20 @@ pub fn least_limit(metric: &str) -> f64 {
     if is_decibels(metric) { 0.01 } else { 0.0005 }
 }
 
-/// How far the mean of one scene may change, of several whose mean may change by `noise` from run to run: where noise is independent
-/// in each scene it is larger there by the root of their number; twice as much, because the largest of them is compared. Without repeated
-/// runs, and at least, 0.5 dB, and 0.02 for everything else.
-pub fn scene_limit(metric: &str, noise: Option<f64>, scenes: u64) -> f64 {
+/// How far the mean of one of several scenes may change: as far as repeated runs showed, and at least by 0.5 dB, or 0.02 for
+/// everything else.
+///
+/// Of a limit without [`Limit::scene`], what repeated runs showed is estimated: where noise is independent in each scene, it is larger
+/// there than in their mean by the root of their number; twice as much, because the largest of them is compared. The least limit of
+/// a mean is not noise, and estimates nothing.
+pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
+    let estimated = |known: &Limit| {
+        let is_noise = known.runs > 1 && known.limit > least_limit(metric);
+        is_noise.then(|| 2.0 * known.limit * (scenes as f64).sqrt())
+    };
+    let noise = known.and_then(|known| known.scene.or_else(|| estimated(known)));
     let least = if is_decibels(metric) { 0.5 } else { 0.02 };
-    noise.map_or(least, |noise| least.maximum_of(2.0 * noise * (scenes as f64).sqrt()))
+    noise.map_or(least, |noise| least.maximum_of(noise))
 }
 
 /// How far a target's score of a deterministic method may differ from the baseline's on another machine type: 0.001 dB, and
@@ -66,7 +77,8 @@ impl Limit {
 /// With `n` runs whose means have the standard deviation `s`, the difference between the baseline's mean and that of another
 /// run stays within `t · s · √2` in 99 of 100 cases, where `t` is Student's quantile with `n − 1` degrees of freedom. For few runs
 /// `t` is so large (63.7 for two) that no change would ever be beyond the limit: it is at most [`MOST_DIFFERENCES`] times the
-/// largest difference between two of the runs, which decides up to about four runs.
+/// largest difference between two of the runs, which decides up to about four runs. The limit of a scene's mean is as many times the
+/// largest difference of one.
 pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
     let Some(first) = runs.first() else { return Vec::new() };
     let random: BTreeSet<&str> = first
@@ -83,41 +95,63 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
         .collect();
     let limit = |(preset, method, metric): (&str, &str, &str)| {
-        let means = compared_means(runs, preset, method, metric);
+        let scores = compared_scores(runs, preset, method, metric);
+        let compared: Vec<Vec<SelectedTarget>> = scores.iter().map(selected).collect();
+        let means: Vec<f64> = compared.iter().filter_map(|run| summary_of(run, Aggregation::SceneMeans).mean).collect();
         let least = least_limit(metric);
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
+        let scene = largest_of_scene(&compared).map(|largest| MOST_DIFFERENCES * largest);
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
-        Limit { preset, method, metric, limit, runs: means.len() as u64 }
+        Limit { preset, method, metric, limit, runs: means.len() as u64, scene }
     };
     queries.into_iter().map(limit).collect()
 }
 
-/// The means of the runs as they are compared: over the targets with a score in all of them that is not of a render identical to
-/// the truth.
-fn compared_means(runs: &[&Results], preset: &str, method: &str, metric: &str) -> Vec<f64> {
-    let scores = |run: &&Results| -> BTreeMap<(String, u32, u32), f64> {
-        let rows = run.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
+/// Scores by scene, entry and target.
+type Scores = BTreeMap<(String, u32, u32), f64>;
+
+/// The scores of the runs as they are compared: of the targets with a score in all of them that is not of a render identical to the
+/// truth.
+fn compared_scores(runs: &[&Results], preset: &str, method: &str, metric: &str) -> Vec<Scores> {
+    let scores = |run: &&Results| -> Scores {
         let score = |row: &TargetRow| {
             let score = score_of(row.status, row.scores.get(metric).copied(), metric)?;
             let id = (row.key.scene.clone(), row.key.entry, row.target);
             (row.status != TargetStatus::Identical).then_some((id, score))
         };
-        rows.filter_map(score).collect()
+        run.targets_of(preset, method).filter_map(score).collect()
     };
-    let runs: Vec<_> = runs.iter().map(scores).collect();
-    let in_all = |id: &(String, u32, u32)| runs.iter().all(|run| run.contains_key(id));
-    let mean = |run: &BTreeMap<(String, u32, u32), f64>| {
-        let common = run.iter().filter(|(id, _)| in_all(id));
-        let selected = common
-            .map(|((scene, entry, target), value)| SelectedTarget::of_score((scene.as_str(), *entry, *target), *value));
-        summary_of(&selected.collect::<Vec<_>>(), Aggregation::SceneMeans).mean
+    let all: Vec<Scores> = runs.iter().map(scores).collect();
+    let in_all = |id: &(String, u32, u32)| all.iter().all(|run| run.contains_key(id));
+    let common = |run: &Scores| -> Scores {
+        run.iter().filter(|(id, _)| in_all(id)).map(|(id, score)| (id.clone(), *score)).collect()
     };
-    runs.iter().filter_map(mean).collect()
+    all.iter().map(common).collect()
+}
+
+fn selected(scores: &Scores) -> Vec<SelectedTarget<'_>> {
+    let scores = scores.iter();
+    scores
+        .map(|((scene, entry, target), value)| SelectedTarget::of_score((scene.as_str(), *entry, *target), *value))
+        .collect()
+}
+
+/// The largest difference of a scene's mean between two of the runs; `None` with one run, or without a scene.
+fn largest_of_scene(runs: &[Vec<SelectedTarget<'_>>]) -> Option<f64> {
+    let mut largest = None;
+    for (at, run) in runs.iter().enumerate() {
+        for other in runs.iter().skip(at + 1) {
+            for (_, change) in scene_differences(other, run) {
+                largest = Some(largest.map_or(change.abs(), |known: f64| known.maximum_of(change.abs())));
+            }
+        }
+    }
+    largest
 }
 
 fn spread(means: &[f64]) -> Option<f64> {
     let freedom = means.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
-    let mean = means.iter().sum::<f64>() / means.len() as f64;
+    let mean = mean(means.iter().copied())?;
     let variance = means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / freedom as f64;
     let [low, high] = means.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.minimum_of(*value), high.maximum_of(*value)]
@@ -145,7 +179,7 @@ mod tests {
     fn limits_of_more_than_ten_times_the_least_are_wide() {
         let of = |metric: &str, limit| {
             let (preset, method, metric) = ("p".to_owned(), "m".to_owned(), metric.to_owned());
-            Limit { preset, method, metric, limit, runs: 2 }.wide()
+            Limit { preset, method, metric, limit, runs: 2, scene: None }.wide()
         };
         assert_eq!([of("psnr", 0.09), of("ssim", 0.0045)], [None; 2]);
         Tolerance::relative(1e-9).assert([of("psnr", 0.5).unwrap(), of("ssim", 0.05).unwrap()], [50.0, 100.0], "times");

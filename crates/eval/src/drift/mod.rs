@@ -23,8 +23,8 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-pub use acceptance::{Acceptance, AcceptanceReport, acceptable};
-pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
+pub use acceptance::{Acceptance, AcceptanceReport, acceptable, no_longer_guarded};
+pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord, TargetGrouping};
 pub use compare::compare;
 pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;

@@ -142,6 +142,8 @@ pub enum FindingKind {
     New,
     /// Trials with another hash: frames, cameras or preprocessing.
     Trial,
+    /// Targets that tables group otherwise: by whether they are context frames, their distance from these, or their overlap.
+    Grouping,
     /// Targets with another status, such as failed instead of scored.
     Status,
     /// Context or target images with other samples, from the data, decoding or resizing.
@@ -164,6 +166,7 @@ impl FindingKind {
             Self::Missing => "targets are missing",
             Self::New => "targets are new",
             Self::Trial => "trials have changed",
+            Self::Grouping => "targets have another mark of context frames, distance or overlap",
             Self::Status => "targets have another status",
             Self::Data => "images have changed",
             Self::Render => "renders are not bit-identical",

@@ -1,5 +1,5 @@
 use atsplat_model::network::{Network, Trace};
-use atsplat_numeric::median;
+use atsplat_numeric::{mean, median};
 use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 use glam::DVec2;
@@ -36,7 +36,7 @@ pub struct BlockMeasurement {
     pub children: Option<Spread>,
 }
 
-/// How the children of a token lie around it, in pixels of the first context view.
+/// How the children of a token are distributed around it, in pixels of the first context view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// Root mean square of the children's distances from their mean position; 0 if they collapse into one.
@@ -67,16 +67,16 @@ pub fn measure_trial(
             continue;
         }
         let predictions = predictions(&trace, at, &subject)?;
-        let own: Vec<ExpandedToken> =
+        let of_block: Vec<ExpandedToken> =
             expanded_tokens.iter().filter(|expanded| expanded.block == at + 1).cloned().collect();
         blocks.push(BlockMeasurement {
             block: at + 1,
             tokens: made.parents.iter().max().map_or(0, |last| last + 1),
             expanded: made.selected.len(),
             scores,
-            correlation: mean(predictions.iter().map(|own| own.correlation)),
-            contrast: mean(predictions.iter().map(contrast)),
-            children: first.as_ref().map(|view| spread(&own, view)).transpose()?.flatten(),
+            correlation: mean(predictions.iter().filter_map(|prediction| prediction.correlation)),
+            contrast: mean(predictions.iter().filter_map(contrast)),
+            children: first.as_ref().map(|view| spread(&of_block, view)).transpose()?.flatten(),
         });
     }
     Ok(TrialMeasurement { scene: trial.scene().to_owned(), blocks })
@@ -88,14 +88,15 @@ fn predictions(trace: &Trace, at: usize, subject: &Subject) -> Result<Vec<Uncert
     subject.targets.iter().filter_map(of_target).collect()
 }
 
-fn contrast(own: &Uncertainty) -> Option<f64> {
+/// Mean error where the expanded tokens' Gaussians cover the target, divided by that elsewhere.
+fn contrast(uncertainty: &Uncertainty) -> Option<f64> {
     let weighted = |weight: &dyn Fn(f64) -> f64| {
-        let weights = own.selected_alpha.iter().map(|alpha| weight(*alpha));
-        let (sum, total) = own
-            .error
-            .iter()
-            .zip(weights)
-            .fold((0.0, 0.0), |(sum, total), (error, own)| (sum + error * own, total + own));
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (error, alpha) in uncertainty.error.iter().zip(&uncertainty.selected_alpha) {
+            let weight = weight(*alpha);
+            sum += error * weight;
+            total += weight;
+        }
         (total > 0.0).then(|| sum / total)
     };
     let (inside, outside) = (weighted(&|alpha| alpha)?, weighted(&|alpha| 1.0 - alpha)?);
@@ -118,12 +119,6 @@ fn spread(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Option<Sprea
     Ok(median(spreads).zip(median(shifts)).map(|(of_children, from_parent)| Spread { of_children, from_parent }))
 }
 
-/// The mean of the values that exist; `None` if there are none.
-fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
-    let values: Vec<f64> = values.flatten().collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
@@ -144,14 +139,14 @@ mod tests {
         let subject = Subject::of(&trial, &truths, &[0, 1], RenderOptions::default(), 0).unwrap();
         let studied = study(&network, &subject).unwrap();
         let budget = &studied.trace.reconstruction.budget;
-        assert_eq!(found.blocks.iter().map(|own| own.block).collect::<Vec<_>>(), [2, 3, 4]);
-        for own in &found.blocks {
-            assert_eq!(own.expanded, budget.expanded[own.block - 1]);
-            assert_eq!(own.tokens, studied.trace.entering[own.block - 1].len() / 16);
-            assert_eq!(own.scores.len(), own.tokens);
-            assert!(own.children.unwrap().of_children > 0.0 && own.contrast.unwrap() > 0.0);
+        assert_eq!(found.blocks.iter().map(|block| block.block).collect::<Vec<_>>(), [2, 3, 4]);
+        for measured in &found.blocks {
+            assert_eq!(measured.expanded, budget.expanded[measured.block - 1]);
+            assert_eq!(measured.tokens, studied.trace.entering[measured.block - 1].len() / 16);
+            assert_eq!(measured.scores.len(), measured.tokens);
+            assert!(measured.children.unwrap().of_children > 0.0 && measured.contrast.unwrap() > 0.0);
         }
-        let last = studied.targets.iter().map(|target| target.uncertainty.as_ref().unwrap().correlation);
+        let last = studied.targets.iter().filter_map(|target| target.uncertainty.as_ref().unwrap().correlation);
         Tolerance::F64.assert([found.blocks[2].correlation.unwrap()], [mean(last).unwrap()], "the last block");
         assert_ne!(found.blocks[0].correlation, found.blocks[1].correlation);
     }

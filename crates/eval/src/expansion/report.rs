@@ -79,11 +79,10 @@ impl ExpansionReport {
             }
         }
         by_block.sort_keys();
-        let scores: Vec<Vec<f64>> = by_block
-            .values()
-            .map(|own| own.iter().flat_map(|(_, block)| block.scores.iter().copied()).collect::<Vec<f64>>())
-            .filter(|scores| !scores.is_empty())
-            .collect();
+        let scores_of = |trials: &Vec<(&str, &BlockMeasurement)>| -> Vec<f64> {
+            trials.iter().flat_map(|(_, block)| block.scores.iter().copied()).collect()
+        };
+        let scores: Vec<Vec<f64>> = by_block.values().map(scores_of).filter(|scores| !scores.is_empty()).collect();
         let thresholds = PUBLISHED.iter().filter_map(|(published, quantiles)| {
             let thresholds = at_quantiles(&scores, quantiles)?;
             Some(ThresholdRow { published: *published, quantiles: *quantiles, thresholds })
@@ -97,23 +96,23 @@ impl ExpansionReport {
             trials: trials.len(),
             gaps,
             thresholds: thresholds.collect(),
-            blocks: by_block.iter().map(|(block, own)| row(*block, own)).collect(),
+            blocks: by_block.iter().map(|(block, trials)| row(*block, trials)).collect(),
         }
     }
 }
 
 fn row(block: usize, trials: &[(&str, &BlockMeasurement)]) -> BlockRow {
     let mean = |count: fn(&BlockMeasurement) -> usize| {
-        trials.iter().map(|(_, own)| count(own) as f64).sum::<f64>() / trials.len() as f64
+        trials.iter().map(|(_, measured)| count(measured) as f64).sum::<f64>() / trials.len() as f64
     };
     BlockRow {
         block,
-        tokens: mean(|own| own.tokens),
-        expanded: mean(|own| own.expanded),
-        correlation: over_scenes(trials, |own| own.correlation),
-        contrast: over_scenes(trials, |own| own.contrast),
-        of_children: over_scenes(trials, |own| Some(own.children?.of_children)),
-        from_parent: over_scenes(trials, |own| Some(own.children?.from_parent)),
+        tokens: mean(|measured| measured.tokens),
+        expanded: mean(|measured| measured.expanded),
+        correlation: over_scenes(trials, |measured| measured.correlation),
+        contrast: over_scenes(trials, |measured| measured.contrast),
+        of_children: over_scenes(trials, |measured| Some(measured.children?.of_children)),
+        from_parent: over_scenes(trials, |measured| Some(measured.children?.from_parent)),
     }
 }
 
@@ -123,15 +122,15 @@ fn over_scenes(
     number: impl Fn(&BlockMeasurement) -> Option<f64>,
 ) -> Option<MeanOverScenes> {
     let mut scenes: IndexMap<&str, [f64; 2]> = IndexMap::new();
-    for (scene, own) in trials {
-        if let Some(number) = number(own) {
+    for (scene, measured) in trials {
+        if let Some(number) = number(measured) {
             let [sum, count] = scenes.entry(scene).or_default();
             *sum += number;
             *count += 1.0;
         }
     }
     let clusters: Vec<[f64; 2]> = scenes.into_values().collect();
-    let [sum, count] = clusters.iter().fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
+    let [sum, count] = clusters.iter().fold([0.0; 2], |[sum, count], scene| [sum + scene[0], count + scene[1]]);
     let enough = clusters.len() as u64 >= MIN_SCENES;
     (count > 0.0)
         .then(|| MeanOverScenes { mean: sum / count, interval: enough.then(|| interval_of_mean(&clusters)).flatten() })

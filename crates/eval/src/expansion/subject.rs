@@ -6,8 +6,8 @@ use atsplat_protocol::trial::{ContextView, TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
-use crate::context::trial_seed;
-use crate::network_views;
+use crate::method::trial_seed;
+use crate::reconstruct::network_views;
 
 /// The scene to analyse, as input of network and renderer.
 #[derive(Clone, Debug)]

@@ -52,8 +52,8 @@ fn families_are_mean_centres_of_decoded_gaussians() {
 
     // The last block's children are final tokens, whose Gaussians have these mean centres.
     let centre = |gaussians: &Gaussians, token: usize| {
-        let own = gaussians.parts().means.iter().enumerate().filter(|(at, _)| at / 16 == token);
-        own.fold(DVec3::ZERO, |sum, (_, mean)| sum + DVec3::from(mean.map(f64::from)) / 16.0)
+        let of_token = gaussians.parts().means.iter().enumerate().filter(|(at, _)| at / 16 == token);
+        of_token.fold(DVec3::ZERO, |sum, (_, mean)| sum + DVec3::from(mean.map(f64::from)) / 16.0)
     };
     let tolerance = Tolerance::relative(1e-9);
     let first_child = reconstruction.budget.final_tokens - 2 * reconstruction.budget.expanded[3];
@@ -101,25 +101,25 @@ fn the_last_stage_is_the_full_render() {
     let network = network(&config);
     let found = study(&network, &subject).unwrap();
     let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
-    for (target, own) in subject.targets.iter().zip(&found.targets) {
-        let blocks: Vec<&[usize]> = own.stages.iter().map(|stage| stage.blocks.as_slice()).collect();
+    for (target, studied) in subject.targets.iter().zip(&found.targets) {
+        let blocks: Vec<&[usize]> = studied.stages.iter().map(|stage| stage.blocks.as_slice()).collect();
         assert_eq!(blocks, [&[][..], &[2], &[2, 3], &[2, 3, 4]]);
-        for (at, stage) in own.stages.iter().enumerate() {
+        for (at, stage) in studied.stages.iter().enumerate() {
             let range = budget(&config.with_expansion_in_first(at), 2, subject.views.size()).unwrap();
             assert_eq!(stage.gaussians, range.fixed().unwrap().gaussians);
             assert!(stage.psnr.is_finite());
         }
         let whole = CpuRenderer::default().render(&reconstruction.gaussians, &target.view, &subject.options).unwrap();
-        assert_eq!(own.stages[3].image.samples(), whole.rgb.as_flattened());
-        assert_ne!(own.stages[0].image.samples(), whole.rgb.as_flattened());
-        // Depth is a mean over what is drawn, so it lies between the nearest and the farthest Gaussian.
+        assert_eq!(studied.stages[3].image.samples(), whole.rgb.as_flattened());
+        assert_ne!(studied.stages[0].image.samples(), whole.rgb.as_flattened());
+        // Depth is a mean over what is drawn, so it is between the nearest and the farthest Gaussian.
         let pose = target.view.camera.camera_from_world;
         let means = reconstruction.gaussians.parts().means.iter();
         let depths: Vec<f64> =
             means.map(|mean| pose.transform_point(DVec3::from(mean.map(f64::from))).z).filter(|z| *z > 0.0).collect();
         let [nearest, farthest] =
             [f64::minimum_of, f64::maximum_of].map(|better| depths.iter().copied().reduce(better).unwrap());
-        let (seen, unseen): (Vec<f64>, Vec<f64>) = own.depth.iter().partition(|depth| **depth > 0.0);
+        let (seen, unseen): (Vec<f64>, Vec<f64>) = studied.depth.iter().partition(|depth| **depth > 0.0);
         assert_eq!(seen.len() + unseen.len(), 128 * 128);
         assert!(seen.len() > unseen.len() && seen.iter().all(|z| (nearest * 0.999..farthest * 1.001).contains(z)));
     }

@@ -1,7 +1,7 @@
-//! Thresholds of token expansion by quantile of a network's own scores.
+//! Thresholds of token expansion by quantile of a network's scores.
 //!
-//! The paper's thresholds are values of its own networks' uncertainty. A network at another scale has other scores, and all of
-//! the paper's thresholds may expand the same tokens; the same quantiles of its own scores give different budgets.
+//! The paper's thresholds are values of the uncertainty of the paper's networks. A network at another scale has other scores, and
+//! all of the paper's thresholds may expand the same tokens; the same quantiles of this network's scores give different budgets.
 
 use atsplat_model::network::Network;
 use atsplat_numeric::quantile;
@@ -9,7 +9,7 @@ use atsplat_protocol::EvaluationIndex;
 
 use super::context_views;
 use crate::EvalError;
-use crate::context::trial_seed;
+use crate::method::trial_seed;
 use crate::runner::Dataset;
 
 /// The paper's thresholds (supplement, "Per-scene dynamic budgets"), each with the quantiles whose mean budgets have the
@@ -83,7 +83,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn each_block_has_its_own_quantile() {
+    fn each_block_has_another_quantile() {
         let scores = [(0..=100).rev().map(f64::from).collect(), (0..=10).map(|at| f64::from(at) * 0.001_234).collect()];
         let found = at_quantiles(&scores, &[0.8, 0.3]).unwrap();
         Tolerance::relative(1e-12).assert(found, [80.0, 0.0037], "0.3 of 0.012 34, to three digits");

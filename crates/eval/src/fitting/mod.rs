@@ -23,7 +23,7 @@ pub fn training_view(name: String, camera: Camera, size: ImageSize, image: &Imag
     TrainingView { name, view: View { camera, size }, rgb }
 }
 
-/// The recipe of photos to optimise for: scaled and cropped to `size`, by default in their own size, with the scene's
+/// The recipe of photos to optimise for: scaled and cropped to `size`, by default in their given size, with the scene's
 /// poses. If a network reconstructs them first, they are prepared as for its reconstructions, by default at its
 /// resolution, and poses are normalised: lengths and cameras are then those of the trial's new world.
 pub fn fit_recipe(size: Option<ImageSize>, network: Option<&ModelConfig>) -> TrialRecipe {

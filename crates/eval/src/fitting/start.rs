@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use atsplat_files::InvalidText;
 use atsplat_fit::start::{Point, from_points, in_frustums};
-use atsplat_fit::{FitConfig, FitError, Strategy, TrainingView};
+use atsplat_fit::{FitConfig, FitError, Strategy, TrainingViews};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
@@ -25,12 +25,12 @@ pub enum Start {
     At(PathBuf),
 }
 
-/// Where COLMAP's points of a scene are read, and where they lie.
+/// Where COLMAP's points of a scene are read, and where they are in space.
 #[derive(Clone, Copy, Debug)]
 pub struct PointsOf<'a> {
     /// The dataset: a capture, a file in it, or a folder of captures.
     pub data: &'a Path,
-    /// The scene, with the cameras beside which the points must lie.
+    /// The scene, in whose world the points must be.
     pub scene: &'a Scene,
     /// What was done to these cameras, but not to COLMAP's points
     /// ([`applied_transform`](atsplat_scene::SceneSource::applied_transform)).
@@ -72,7 +72,7 @@ pub enum StartError {
     /// No Gaussians can be made of the points.
     #[error("COLMAP's points: {error} ({})", folder.display())]
     Unusable { folder: PathBuf, error: Box<FitError> },
-    /// The points lie in another world than the scene's cameras.
+    /// The points are in another world than the scene's cameras.
     #[error(
         "{}: the cameras of {images} images differ from the dataset's, in the median by {percent:.0} % of its extent: the \
          dataset's cameras were moved without an applied_transform, as by instant-ngp's colmap2nerf.py, or the points belong \
@@ -122,13 +122,13 @@ impl Start {
 
     /// The Gaussians for these views of a scene, to be optimised with a configuration, within whose limits on number and memory
     /// random points are made. They are between two `depths`, by default around the point that the cameras look at. With
-    /// `opacities_as_stored`, a PLY file holds opacities instead of logits.
+    /// `opacities_as_stored`, a PLY file contains opacities instead of logits.
     ///
     /// # Errors
     /// [`StartError`].
     pub fn gaussians(
         &self,
-        views: &[TrainingView],
+        views: &TrainingViews,
         of: PointsOf<'_>,
         depths: Option<[f64; 2]>,
         opacities_as_stored: bool,
@@ -166,7 +166,7 @@ impl PointsOf<'_> {
                 Err(StartError::Elsewhere { folder: folder.to_owned(), images, percent: 100.0 * distance })
             }
             None => Ok(vec![format!(
-                "whether COLMAP's points lie beside the cameras is not known: {} has no images.bin or images.txt with two \
+                "whether COLMAP's points are in the cameras' world is not known: {} has no images.bin or images.txt with two \
                  frames of the scene",
                 folder.display()
             )]),
@@ -258,7 +258,7 @@ mod tests {
         files::write(&path, &Gaussians::new(parts).unwrap(), output).unwrap();
         let start = Start::At(path);
         let of = PointsOf { data: folder.path(), scene: &scene_without_frames("scene"), applied: None };
-        start.gaussians(&[], of, None, opacities_as_stored, &FitConfig::new(strategy, 1)).unwrap()
+        start.gaussians(&TrainingViews::default(), of, None, opacities_as_stored, &FitConfig::new(strategy, 1)).unwrap()
     }
 
     #[test]
@@ -324,7 +324,7 @@ mod tests {
         std::fs::write(garden.join("sparse/points3D.txt"), rows).unwrap();
         let points = |start: &Start, data: &Path, scene: &str| {
             let of = PointsOf { data, scene: &scene_without_frames(scene), applied: None };
-            let made = start.gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1));
+            let made = start.gaussians(&TrainingViews::default(), of, None, false, &FitConfig::new(Strategy::Fixed, 1));
             made.map(|made| made.gaussians.len()).map_err(|error| error.to_string())
         };
         let file = garden.join("transforms.json");
@@ -358,7 +358,8 @@ mod tests {
             [Start::Points, Start::At(capture.clone())].map(|start| {
                 assert!(start.reads_points());
                 let of = PointsOf { data: folder.path(), scene: &scene, applied };
-                let made = start.gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1)).unwrap();
+                let config = FitConfig::new(Strategy::Fixed, 1);
+                let made = start.gaussians(&TrainingViews::default(), of, None, false, &config).unwrap();
                 assert!(made.warnings[0].contains("has no images.bin or images.txt"), "{:?}", made.warnings);
                 made.gaussians.parts().means.iter().map(|mean| mean.map(f64::from)).collect::<Vec<_>>()
             })
@@ -379,7 +380,7 @@ mod tests {
 
     /// The capture's world is COLMAP's turned by a quarter, moved and scaled; a camera was refined, and one is not COLMAP's.
     #[test]
-    fn points_of_another_world_than_the_cameras_are_refused() {
+    fn points_of_another_world_than_the_cameras_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let model = folder.path().join("sparse/0");
         std::fs::create_dir_all(&model).unwrap();
@@ -406,7 +407,7 @@ mod tests {
         let started = |applied| {
             let of = PointsOf { data: folder.path(), scene: &scene, applied };
             Start::Points
-                .gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1))
+                .gaussians(&TrainingViews::default(), of, None, false, &FitConfig::new(Strategy::Fixed, 1))
                 .map_err(|error| error.to_string())
         };
         let applied = dataset.applied_transform(&key).unwrap();

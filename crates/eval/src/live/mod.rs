@@ -128,8 +128,8 @@ fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Result<Vec<Li
     let mut scores: Vec<f32> = vec![uncertainty[0]; origins.len()];
     let mut stages = Vec::with_capacity(made.blocks.len() + 1);
     for (at, block) in made.blocks.iter().enumerate() {
-        if let Some(own) = &block.scores {
-            scores.clone_from(own);
+        if let Some(of_block) = &block.scores {
+            scores.clone_from(of_block);
         }
         let entering = trace.entering.get(at).expect("the Gaussians that enter the block");
         stages.push(LiveStage::of(at, entering, per_token, &labels(&origins, &scores, uncertainty), min_alpha));

@@ -15,7 +15,7 @@ const LARGEST_IMAGINARY: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// Little-endian: the mean as 3 × 16 bits within [`low`](Self::low) and [`high`](Self::high); logarithms of the scales as
 /// 3 × 8 bits within [`log_scales`](Self::log_scales); the imaginary part of the rotation as 3 × 8 bits, 127 for 0 and 127
 /// steps for `1/√2`; red, green and blue as 8 bits from 0 to [`brightest`](Self::brightest); opacity as 8 bits. An
-/// ellipsoid stays the same when turned by half a turn about its own axes, so that the real part can be chosen to be the
+/// ellipsoid stays the same when turned by half a turn about one of its axes, so that the real part can be chosen to be the
 /// largest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
@@ -92,7 +92,7 @@ fn colour(parts: &GaussianParts, at: usize) -> [f32; 3] {
 
 /// The imaginary part of the equivalent rotation with the largest real part.
 fn imaginary_of([w, x, y, z]: [f32; 4]) -> [f32; 3] {
-    // Products with 1, i, j and k: turned by half a turn about the ellipsoid's own axes.
+    // Products with 1, i, j and k: turned by half a turn about the ellipsoid's axes.
     let turned = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
     let [real, parts @ ..] = turned.into_iter().max_by(|a, b| a[0].abs().total_cmp(&b[0].abs())).unwrap_or(turned[0]);
     let norm = (w * w + x * x + y * y + z * z).sqrt().copysign(real);
@@ -150,7 +150,7 @@ mod tests {
             let difference = (covariance - expected).to_cols_array().map(|entry| (entry / largest).abs());
             assert!(difference.iter().all(|share| *share < 0.03), "{difference:?}");
             let seen = parts.sh[at]
-                .map(|own| if f64::from(own) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(own) });
+                .map(|band| if f64::from(band) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(band) });
             Tolerance::absolute(4e-3).assert(colour, seen, "colour");
             Tolerance::absolute(2e-3).assert(
                 [opacity],

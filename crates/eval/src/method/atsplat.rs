@@ -1,12 +1,12 @@
 use std::sync::Arc;
 
-use atsplat_model::network::{MatmulPrecision, Network, Reconstruction};
+use atsplat_model::network::{MatmulPrecision, Network, Reconstruction, Views};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrialInput};
-use crate::context::trial_seed;
-use crate::{EvalError, MethodRecord, TrainingRecord, network_views};
+use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrialInput, trial_seed};
+use crate::reconstruct::network_views;
+use crate::{EvalError, MethodRecord, TrainingRecord};
 
 /// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
 /// but not at 256×448.
@@ -146,7 +146,7 @@ impl AtSplat {
         self
     }
 
-    /// Records that its thresholds are these quantiles of its own scores, instead of the published thresholds.
+    /// Records that its thresholds are these quantiles of its scores, instead of the published thresholds.
     #[must_use]
     pub fn with_thresholds_at(mut self, quantiles: &[f64], published: &[f64]) -> Self {
         self.record.parameters.insert("threshold-quantiles".to_owned(), quantiles.into());
@@ -161,7 +161,8 @@ impl AtSplat {
         self
     }
 
-    /// Takes encoded scenes from others with the same weights and precision, if they encode alike; its encoding is then not timed.
+    /// Takes encoded scenes from others with the same weights and precision, if they have the same encoder; its encoding is then
+    /// not timed.
     #[must_use]
     pub(crate) fn sharing(mut self, shared: &Arc<SharedEncoding>) -> Self {
         self.shared = shared.serves(self.network.config()).then(|| Arc::clone(shared));
@@ -169,9 +170,7 @@ impl AtSplat {
     }
 
     fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Vec<String>), MethodError> {
-        let cameras = input.trial.context().iter().map(|view| view.camera).collect();
-        let views =
-            network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
+        let views = context_views(input)?;
         let seed = trial_seed(self.call_seed, input.trial);
         let size = views.size();
         let network = self.network_for(size);
@@ -194,6 +193,12 @@ impl AtSplat {
             size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.input_size(half) == half;
         self.high_resolution.as_ref().filter(|_| is_large).unwrap_or(&self.network)
     }
+}
+
+/// The trial's context views as the input of a network.
+pub(super) fn context_views(input: &TrialInput<'_>) -> Result<Views, MethodError> {
+    let cameras = input.trial.context().iter().map(|view| view.camera).collect();
+    network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))
 }
 
 /// A note for a trial under another pose normalisation than that of the weights' training, if it is known.
@@ -299,13 +304,13 @@ pub(super) mod tests {
     fn trials_under_another_pose_normalisation_get_a_note() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let (trial, images) = &trials(&preset)[0];
-        let own = preset.setting_for("ATSplat").pose_normalisation.name();
+        let evaluated = preset.setting_for("ATSplat").pose_normalisation.name();
         let notes = |poses: Option<String>| {
             let method = method(None, 0).with_training(None, poses);
             method.reconstruct(&TrialInput { preset: &preset, trial, images }).unwrap().1
         };
-        assert_eq!((notes(None), notes(Some(own.clone()))), (Vec::new(), Vec::new()));
-        let expected = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
+        assert_eq!((notes(None), notes(Some(evaluated.clone()))), (Vec::new(), Vec::new()));
+        let expected = format!("trained with the pose normalisation baseline-one, evaluated with {evaluated}");
         assert_eq!(notes(Some("baseline-one".to_owned())), [expected]);
     }
 

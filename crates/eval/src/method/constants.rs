@@ -49,7 +49,7 @@ impl ConstantsChoice {
         self.of_unit(convention, planes, 1.0)
     }
 
-    /// The constants for a trial of this protocol, in which the unit of the Gaussians' own frame has the length `unit`: near and
+    /// The constants for a trial of this protocol, in whose world the unit of the Gaussians' frame has the length `unit`: near and
     /// far planes that are not the protocol's are converted from it.
     pub(super) fn of_unit(&self, convention: &RendererConvention, planes: NearFar, unit: f64) -> RendererConstants {
         let constants = match self {
@@ -57,7 +57,7 @@ impl ConstantsChoice {
             Self::Fixed(constants) => constants.clone(),
             Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
         };
-        if self.has_own_planes() {
+        if self.changes_planes() {
             RendererConstants { near: constants.near * unit, far: constants.far * unit, ..constants }
         } else {
             constants
@@ -65,7 +65,7 @@ impl ConstantsChoice {
     }
 
     /// Whether near and far planes are not the protocol's.
-    pub(super) const fn has_own_planes(&self) -> bool {
+    pub(super) const fn changes_planes(&self) -> bool {
         match self {
             Self::FromPreset => false,
             Self::Fixed(_) => true,
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
     use atsplat_protocol::Preset;
 
-    /// Compares with the renderer's own preset of the published rasterizer.
+    /// Compares with the renderer's preset of the published rasterizer.
     #[test]
     fn published_protocols_use_the_published_rasterizer() {
         let preset = Preset::named("re10k-2v-256").unwrap();

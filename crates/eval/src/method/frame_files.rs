@@ -1,15 +1,17 @@
 //! The files of a scene's frames in folders that another program wrote.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The image files of one scene, in all folders that may hold them. Each folder is listed once.
+/// The image files of one scene, in all folders that may contain them. Each folder is listed once.
 #[derive(Debug)]
 pub(super) struct FrameFiles {
     folders: Vec<Listed>,
-    /// A frame's `.png` without an `.exr` beside it.
+    /// A frame's `.png` without an `.exr` next to it.
     png_alone: Option<PathBuf>,
+    /// The frames that have files, if they are exactly those after the frames that are looked for.
+    one_higher: Option<Vec<usize>>,
 }
 
 /// Extensions of image files, in lower case. Only `.exr` and `.png` are read.
@@ -26,7 +28,9 @@ impl FrameFiles {
     /// Lists folders for these frames; one that does not exist is empty.
     pub(super) fn of(folders: impl IntoIterator<Item = PathBuf>, frames: impl IntoIterator<Item = usize>) -> Self {
         let folders = folders.into_iter().map(Listed::of).collect();
-        let mut files = Self { folders, png_alone: None };
+        let mut files = Self { folders, png_alone: None, one_higher: None };
+        let frames: Vec<usize> = frames.into_iter().collect();
+        files.one_higher = files.numbers_if_one_higher(&frames);
         let alone = |found: Vec<PathBuf>| found.into_iter().next().filter(|first| !is_exr(first));
         files.png_alone = frames.into_iter().find_map(|frame| alone(files.all_of(frame)));
         files
@@ -36,8 +40,16 @@ impl FrameFiles {
     ///
     /// # Errors
     /// Two files, either of which may be the right one: with different numbers of digits, in two folders, in a spelling or a format that
-    /// is not read, or an `.exr` and a `.png` where another frame has no `.exr`.
+    /// is not read, or an `.exr` and a `.png` where another frame has no `.exr`. Files that are numbered from 1: the file of a frame
+    /// would show the one before it.
     pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
+        if let Some(numbers) = &self.one_higher {
+            let numbers = super::layout::listed(numbers.iter().map(ToString::to_string).collect());
+            return Err(format!(
+                "the scene's files are numbered {numbers}, each one more than the frame of a target: frames are numbered from 0 \
+                 (frame {frame})"
+            ));
+        }
         let found = self.all_of(frame);
         let Some((first, others)) = found.split_first() else { return Ok(None) };
         let both = |other: &Path| format!("two files for frame {frame}: {} and {}", first.display(), other.display());
@@ -51,6 +63,13 @@ impl FrameFiles {
             return Err(format!("{}, but only the .png of another frame: {}", both(other), alone.display()));
         }
         Ok(Some(first.clone()))
+    }
+
+    /// The frames with files, if those are exactly the ones after `frames`.
+    fn numbers_if_one_higher(&self, frames: &[usize]) -> Option<Vec<usize>> {
+        let found: BTreeSet<usize> = self.folders.iter().flat_map(|listed| listed.names.keys().copied()).collect();
+        let expected: BTreeSet<usize> = frames.iter().map(|frame| frame + 1).collect();
+        (!found.is_empty() && found == expected).then(|| found.into_iter().collect())
     }
 
     /// The name of one of the frames' files, and the position of its folder.
@@ -136,7 +155,7 @@ mod tests {
 
     type Found = Result<Option<String>, String>;
 
-    /// What is found in `color/` and beside it, for frames 7 and 28.
+    /// What is found in `color/` and next to it, for frames 7 and 28.
     fn found(files: &[&str]) -> [Found; 2] {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("color")).unwrap();
@@ -173,14 +192,33 @@ mod tests {
     fn images_in_another_spelling_or_format_are_further_candidates() {
         for other in ["000028.PNG", "000028.EXR", "0000028.png", "28.jpg", "color/000028.webp", "color/00000028.Tiff"] {
             let [first, second] = found(&[other, "000028.png", "000007.png"]);
-            assert!(is(&first, "000007.png"), "{other} is no image of frame 7: {first:?}");
+            assert!(is(&first, "000007.png"), "{other} is not an image of frame 7: {first:?}");
             assert_eq!(second, Err(format!("two files for frame 28: 000028.png and {other}")));
             assert_eq!(found(&[other])[1], Ok(None), "{other} is not read");
         }
         for other in ["000028.txt", "000028.png.bak", "000028-error.png", "x28.png", ".png", "00002.8.png", "28"] {
             let [_, second] = found(&[other, "000028.png"]);
-            assert!(is(&second, "000028.png"), "{other} is no image of frame 28: {second:?}");
+            assert!(is(&second, "000028.png"), "{other} is not an image of frame 28: {second:?}");
         }
+    }
+
+    /// Half of them would be scored against the frame after theirs.
+    #[test]
+    fn files_that_are_numbered_from_1_are_refused() {
+        let of = |numbers: &[usize], frames: &[usize]| {
+            let folder = tempfile::tempdir().unwrap();
+            for number in numbers {
+                fs::write(folder.path().join(format!("{number:06}.png")), "").unwrap();
+            }
+            let files = FrameFiles::of([folder.path().to_owned()], frames.iter().copied());
+            files.file_of(frames[0]).map(|path| path.is_some())
+        };
+        let why = of(&[6, 7, 9], &[5, 6, 8]).unwrap_err();
+        assert!(why.starts_with("the scene's files are numbered 6, 7, 9, each one more than "), "{why}");
+        assert_eq!(of(&[5, 6, 8], &[5, 6, 8]), Ok(true));
+        assert_eq!(of(&[4, 5, 6, 7, 9], &[5, 6, 8]), Ok(true), "among others");
+        assert_eq!(of(&[6, 7], &[5, 6, 8]), Ok(false), "some of them");
+        assert_eq!(of(&[], &[5]), Ok(false));
     }
 
     #[test]
@@ -191,7 +229,7 @@ mod tests {
         }
         fs::create_dir(folder.path().join("28.bmp")).unwrap();
         let files = FrameFiles::of([folder.path().to_owned()], [7, 28]);
-        assert_eq!(files.unread_of(28), [folder.path().join("000028.jpg")], "a folder is no image");
+        assert_eq!(files.unread_of(28), [folder.path().join("000028.jpg")], "a folder is not an image");
         assert_eq!(files.unread_of(7), [folder.path().join("0000007.png")]);
         assert!(files.unread_of(0).is_empty());
     }

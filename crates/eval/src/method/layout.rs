@@ -7,8 +7,10 @@ use super::below;
 use super::scene_names::SceneNames;
 use crate::EvalError;
 
-/// Limit on the subfolders searched if the given folder holds no scene.
+/// Limit on the subfolders searched if the given folder contains no scene.
 const MAX_SUBFOLDERS: usize = 64;
+/// Limit on the scenes that are looked for in each of them.
+const MAX_SCENES: usize = 256;
 /// Number of folder entries, and of frames, listed in a message.
 const MAX_LISTED: usize = 6;
 
@@ -29,7 +31,7 @@ pub struct Layout(pub String);
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct LayoutCounts(BTreeMap<Layout, usize>);
 
-/// How many of the requested scenes a folder of imported results holds, and in which layout.
+/// How many of the requested scenes a folder of imported results contains, and in which layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundFiles {
     what: &'static str,
@@ -38,7 +40,7 @@ pub struct FoundFiles {
     requested: usize,
     first: String,
     here: LayoutCounts,
-    /// A parent or subfolder that holds scenes if this one holds none.
+    /// A parent or subfolder that contains scenes if this one contains none.
     elsewhere: Option<(PathBuf, LayoutCounts)>,
     /// The first folder of a scene if none has the files that are looked for, and the scene's frames.
     without_files: Option<(PathBuf, Vec<usize>)>,
@@ -54,15 +56,16 @@ impl FoundFiles {
         requested: &[RequestedScene<'_>],
         layout: impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Option<Layout>,
     ) -> Self {
-        let found = |folder: &Path| {
+        let found = |folder: &Path, every: usize| {
             let (mut found, names) = (LayoutCounts::default(), names.below(folder));
-            for layout in requested.iter().filter_map(|requested| layout(folder, requested, &names)) {
+            for layout in requested.iter().step_by(every).filter_map(|requested| layout(folder, requested, &names)) {
                 *found.0.entry(layout).or_default() += 1;
             }
             found
         };
-        let here = found(folder);
-        let others = || neighbours(folder).into_iter().map(|other| (found(&other), other));
+        let here = found(folder, 1);
+        let every = requested.len().div_ceil(MAX_SCENES).max(1);
+        let others = || neighbours(folder).into_iter().map(|other| (found(&other, every), other));
         let with_scenes = || others().filter(|(found, _)| found.scenes() > 0);
         let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
         let elsewhere = elsewhere.map(|(found, other)| (other, found));
@@ -82,7 +85,7 @@ impl FoundFiles {
     }
 
     /// # Errors
-    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder holds, and
+    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains, and
     /// where the scenes are instead.
     pub fn check(&self) -> Result<(), EvalError> {
         if self.scenes() > 0 || self.requested == 0 {
@@ -91,16 +94,18 @@ impl FoundFiles {
         let (folder, requested) = (self.folder.display(), self.requested);
         let found = match (&self.elsewhere, &self.without_files) {
             (Some((other, found)), _) => format!(
-                "none of {requested} scenes there, but {} of them below {}, in the layout {found}: use that folder",
+                "none of {requested} scenes there, but {}{} of them below {}, in the layout {found}: use that folder",
+                if requested > MAX_SCENES { "at least " } else { "" },
                 found.scenes(),
                 other.display()
             ),
             (None, Some((scene, frames))) => {
                 let colour = scene.join("color");
-                let (holder, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
-                format!("no such file in the folder of a scene: {} holds {}{frames}", holder.display(), content(holder))
+                let (listed, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
+                let (folder, content) = (listed.display(), content(listed));
+                format!("no such file in the folder of a scene: {folder} contains {content}{frames}")
             }
-            (None, None) => format!("none of {requested} scenes there; the folder holds {}", content(&self.folder)),
+            (None, None) => format!("none of {requested} scenes there; the folder contains {}", content(&self.folder)),
         };
         let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.first);
         Err(EvalError::Settings { what: self.what, expected, found })
@@ -156,14 +161,14 @@ fn content(folder: &Path) -> String {
     if names.is_empty() { "nothing".to_owned() } else { listed(names) }
 }
 
-/// Which frames are looked for; empty for a file that holds a whole scene.
+/// Which frames are looked for; empty for a file with a whole scene.
 fn frames_as_text(frames: &[usize]) -> String {
     let numbers: Vec<String> = frames.iter().map(ToString::to_string).collect();
     if numbers.is_empty() { String::new() } else { format!(", and the frames are {}", listed(numbers)) }
 }
 
 /// The first names, and how many more there are.
-fn listed(mut names: Vec<String>) -> String {
+pub(super) fn listed(mut names: Vec<String>) -> String {
     let more = if names.len() > MAX_LISTED { format!(" and {} more", names.len() - MAX_LISTED) } else { String::new() };
     names.truncate(MAX_LISTED);
     format!("{}{more}", names.join(", "))
@@ -191,10 +196,10 @@ mod tests {
         };
         let said = "no such file in the folder of a scene: ";
         let many = [28, 65, 83, 90, 91, 92, 93, 94];
-        assert_eq!(why(&["a", "b"], &[28, 65]), format!("{said}b-0 holds 0.png, 2.png, and the frames are 28, 65"));
-        let jpegs = format!("{said}c/color holds 000028.jpg, and the frames are 28, 65, 83, 90, 91, 92 and 2 more");
+        assert_eq!(why(&["a", "b"], &[28, 65]), format!("{said}b-0 contains 0.png, 2.png, and the frames are 28, 65"));
+        let jpegs = format!("{said}c/color contains 000028.jpg, and the frames are 28, 65, 83, 90, 91, 92 and 2 more");
         assert_eq!(why(&["c"], &many), jpegs);
-        assert_eq!(why(&["b"], &[]), format!("{said}b-0 holds 0.png, 2.png"));
-        assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder holds b-0, c");
+        assert_eq!(why(&["b"], &[]), format!("{said}b-0 contains 0.png, 2.png"));
+        assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder contains b-0, c");
     }
 }

@@ -21,6 +21,7 @@ use std::fmt::Debug;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 use atsplat_protocol::{EvaluationIndex, Preset};
@@ -53,19 +54,25 @@ pub trait Method: Debug + Send + Sync {
         Preset::OWN_METHOD
     }
 
+    /// Whether [`Self::setting`] is the preset's own only because nobody chose another, although the results may come from any
+    /// method: a name that the preset lists is then probably the method's.
+    fn has_no_chosen_setting(&self) -> bool {
+        false
+    }
+
     /// Whether one trial needs so much memory that trials must run one at a time.
     fn runs_alone(&self) -> bool {
         false
     }
 
-    /// For an imported method, the files that hold its results for a trial, `None` for each missing file. Rows are
-    /// recomputed when one of them changes.
+    /// For an imported method, the files with its results for a trial, `None` for each missing file. Rows are recomputed when
+    /// one of them changes.
     fn files(&self, _trial: &Trial) -> Vec<Option<PathBuf>> {
         Vec::new()
     }
 
     /// For an imported method, itself with the names of all scenes of a run, so that it never takes the files of one scene for
-    /// those of another; `None` for all others. A run binds its methods to its own indices.
+    /// those of another; `None` for all others. A run binds its methods to its indices.
     fn for_scenes_of(&self, _indices: &[&EvaluationIndex]) -> Option<Arc<dyn Method>> {
         None
     }
@@ -75,13 +82,13 @@ pub trait Method: Debug + Send + Sync {
         None
     }
 
-    /// Processor time in seconds that processes of its own have used so far; `None` for a method that runs in this process,
+    /// Processor time in seconds that the method's processes have used so far; `None` for a method that runs in this process,
     /// and where the system does not report it.
-    fn own_processor_secs(&self) -> Option<f64> {
+    fn process_secs(&self) -> Option<f64> {
         None
     }
 
-    /// Which parts a timing pass measures: the method's own work, not reading another program's output.
+    /// Which parts a timing pass measures: the method's work, not reading another program's output.
     fn timed(&self) -> Timed {
         Timed { encoding: true, rendering: true }
     }
@@ -146,9 +153,9 @@ pub struct Cost {
     pub context_psnr: Option<f64>,
     /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
-    /// Measured peak of the resident memory of the method's own processes since they were started, in bytes; `None` for a
-    /// method that runs in this process, and where the system does not report it.
-    pub own_peak_bytes: Option<u64>,
+    /// Measured peak of the resident memory of the method's processes since they were started, in bytes; `None` for a method
+    /// that runs in this process, and where the system does not report it.
+    pub process_peak_bytes: Option<u64>,
     /// Notes for readers of the results.
     pub notes: Vec<String>,
 }
@@ -186,6 +193,13 @@ fn render_each(
         Ok(Rendered { image: render(target)?, drawn: None, effects: Vec::new() })
     };
     positions.iter().map(one).collect()
+}
+
+/// The seed of a network's forward pass, or of an optimisation, for one trial: a hash of the configured seed, the scene's key and
+/// the entry's number. Random token expansion therefore selects other tokens in every trial, independent of the order of trials
+/// and the number of threads.
+pub(crate) fn trial_seed(seed: u64, trial: &Trial) -> u64 {
+    SplitMix64::for_scene(seed, &format!("{} {}", trial.scene(), trial.entry_number())).next_u64()
 }
 
 /// A path below a folder; `None` if it would leave the folder.

@@ -1,16 +1,15 @@
 use std::time::Instant;
 
 use atsplat_fit::start::in_frustums;
-use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, camera_extent};
+use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, TrainingViews, camera_extent};
 use atsplat_model::network::Network;
 use atsplat_splat::Gaussians;
 
-use super::atsplat::{method_error, other_poses};
+use super::atsplat::{context_views, method_error, other_poses};
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource};
-use crate::context::trial_seed;
+use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
-use crate::{EvalError, MethodRecord, TrainingRecord, network_views};
+use crate::{EvalError, MethodRecord, TrainingRecord};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
@@ -27,8 +26,8 @@ pub struct Optimised {
     strategy: Strategy,
     budget: Budget,
     seed: u64,
-    /// Maximum number of Gaussians.
-    limit: usize,
+    /// Maximum number of Gaussians; `None` for a refinement, which keeps that of its network.
+    limit: Option<usize>,
     /// Makes the Gaussians to start from.
     network: Option<Network>,
     splatting: Splatting,
@@ -37,7 +36,7 @@ pub struct Optimised {
     trained_poses: Option<String>,
 }
 
-/// How the note begins that says how many steps an optimisation took, which is nothing to warn of.
+/// How the note begins that says how many steps an optimisation took; it is not a warning.
 pub const STEPS_TAKEN: &str = "optimisation: ";
 
 impl Optimised {
@@ -62,6 +61,7 @@ impl Optimised {
             title: format!("{title} ({budget})"),
             ..MethodRecord::default()
         };
+        let limit = Some(limit);
         Self { strategy, budget, seed, limit, network: None, splatting, record, trained_poses: None }.described()
     }
 
@@ -87,9 +87,8 @@ impl Optimised {
             ..MethodRecord::default()
         };
         weights.describe(&network, &mut record)?;
-        let limit = usize::MAX;
         let network = Some(network);
-        let (strategy, trained_poses) = (Strategy::Fixed, None);
+        let (strategy, limit, trained_poses) = (Strategy::Fixed, None, None);
         Ok(Self { strategy, budget, seed, limit, network, splatting, record, trained_poses }.described())
     }
 
@@ -111,9 +110,11 @@ impl Optimised {
             budget,
             ("strategy", self.strategy.name().into()),
             ("start", start.into()),
-            ("max-gaussians", self.limit.into()),
             ("seed", self.seed.into()),
         ]));
+        if let Some(limit) = self.limit {
+            self.record.parameters.extend(parameters([("max-gaussians", limit.into())]));
+        }
         self.splatting.describe(&mut self.record);
         if self.splatting.backend.adapter().is_some() {
             self.record.parameters.extend(parameters([("optimised-on", "the renderer's adapter".into())]));
@@ -132,7 +133,7 @@ impl Optimised {
         FitConfig {
             seed: trial_seed(self.seed, input.trial),
             background: Background::of(rgb),
-            max_gaussians: self.limit,
+            max_gaussians: self.limit.unwrap_or(usize::MAX),
             constants: self.splatting.constants.of(convention, input.trial.near_far()),
             ..FitConfig::new(self.strategy, 1)
         }
@@ -147,13 +148,11 @@ impl Optimised {
     ) -> Result<Gaussians, MethodError> {
         let Some(network) = &self.network else {
             cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
-            return in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy).map_err(failed);
+            let points = START_POINTS.min(config.max_gaussians);
+            return in_frustums(views, points, None, config.seed, self.strategy).map_err(failed);
         };
         cost.notes.extend(other_poses(self.trained_poses.as_deref(), input, self.setting()));
-        let cameras = input.trial.context().iter().map(|view| view.camera).collect();
-        let context =
-            network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
-        let made = network.reconstruct(&context, config.seed).map_err(|error| method_error(&error))?;
+        let made = network.reconstruct(&context_views(input)?, config.seed).map_err(|error| method_error(&error))?;
         cost.initial_tokens = Some(made.budget.initial_tokens as u64);
         cost.final_tokens = Some(made.budget.final_tokens as u64);
         cost.stages.extend(made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs)));
@@ -177,6 +176,7 @@ impl Method for Optimised {
         let views: Vec<TrainingView> = context
             .map(|(view, image)| training_view(format!("frame {}", view.frame), view.camera, view.size, image))
             .collect();
+        let views = TrainingViews::from(views);
         let extent = camera_extent(views.iter().map(|view| &view.view));
         if self.network.is_none() && (extent.is_nan() || extent <= 0.0) {
             return Err(MethodError::NotApplicable("all context cameras are in the same place".to_owned()));
@@ -224,7 +224,7 @@ mod tests {
     use crate::method::atsplat::tests::trials;
     use crate::method::{AtSplat, Backend};
 
-    /// Of the last step on each view, also after a number of steps that is no multiple of theirs.
+    /// Of the last step on each view, also after a number of steps that is not a multiple of theirs.
     #[test]
     fn the_context_psnr_is_over_all_views() {
         let preset = Preset::named("rooms-2v-128").unwrap();
@@ -282,6 +282,15 @@ mod tests {
         assert!(cost.final_tokens.is_some() && method.record().untrained);
     }
 
+    /// A refinement keeps the number of its network, which is not a limit.
+    #[test]
+    fn the_record_states_a_limit_only_where_there_is_one() {
+        let budget = Budget::Steps(2);
+        let scratch = Optimised::from_scratch(None, Strategy::Mcmc, budget, 400, 0, Splatting::default());
+        let limit = |method: &Optimised| method.record().parameters.get("max-gaussians").cloned();
+        assert_eq!((limit(&scratch), limit(&refined(Splatting::default()))), (Some(400.into()), None));
+    }
+
     #[test]
     fn an_optimisation_without_a_step_is_a_failure() {
         let preset = Preset::named("rooms-2v-128").unwrap();
@@ -297,7 +306,7 @@ mod tests {
     fn a_refinement_keeps_the_training_of_its_network() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let (trial, images) = trials(&preset).swap_remove(0);
-        let own = preset.setting_for("ATSplat").pose_normalisation.name();
+        let evaluated = preset.setting_for("ATSplat").pose_normalisation.name();
         let training = Some(TrainingRecord { data: "yards".to_owned(), seed: None });
         let found = |poses: &str| {
             let method = refined(Splatting::default()).with_training(training.clone(), Some(poses.to_owned()));
@@ -306,8 +315,8 @@ mod tests {
             assert_eq!(method.record().training, training);
             notes.into_iter().filter(|note| note.starts_with("trained with")).collect::<Vec<_>>()
         };
-        let other = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
-        assert_eq!((found("baseline-one"), found(&own)), (vec![other], Vec::new()));
+        let other = format!("trained with the pose normalisation baseline-one, evaluated with {evaluated}");
+        assert_eq!((found("baseline-one"), found(&evaluated)), (vec![other], Vec::new()));
     }
 
     /// Patches of 16 pixels do not divide it. The network alone does not support it either.
@@ -336,8 +345,8 @@ mod tests {
             (method.config(&input).background, cost.context_psnr.unwrap().to_bits())
         };
         let colour = [0.25, 0.5, 0.75];
-        let [(black, on_black), (own, on_colour), (_, on_white)] = [[0.0; 3], colour, [1.0; 3]].map(on);
-        assert_eq!((black, own), (Background::Black, Background::Colour(colour)));
+        let [(black, on_black), (coloured, on_colour), (_, on_white)] = [[0.0; 3], colour, [1.0; 3]].map(on);
+        assert_eq!((black, coloured), (Background::Black, Background::Colour(colour)));
         assert!(on_colour != on_black && on_colour != on_white, "another PSNR on each background");
     }
 
@@ -350,7 +359,7 @@ mod tests {
         Optimised::refined(None, network, &weights, Budget::Steps(2), 0, splatting).unwrap()
     }
 
-    /// As in the record of the network's own method: networks that differ in any of these make other Gaussians.
+    /// As in the record of the network's method: networks that differ in any of these make other Gaussians.
     #[test]
     fn the_record_says_which_weights_the_network_has() {
         let config = ModelConfig::named("nano").unwrap();
@@ -381,10 +390,10 @@ mod tests {
 
         let weights = random(3, Some("cd"));
         let refined = record(size, &weights).parameters;
-        let own = AtSplat::new("atsplat", network(size), &weights, 0, Splatting::default()).unwrap();
-        let own = own.record().parameters;
+        let atsplat = AtSplat::new("atsplat", network(size), &weights, 0, Splatting::default()).unwrap();
+        let alone = atsplat.record().parameters;
         for name in ["model", "model-hash", "weights-seed", "backbone-sha256", "context-at-scale-of"] {
-            assert!(own.contains_key(name) && own.get(name) == refined.get(name), "{name}: {own:?} {refined:?}");
+            assert!(alone.contains_key(name) && alone.get(name) == refined.get(name), "{name}: {alone:?} {refined:?}");
         }
         let file = record(None, &WeightsSource::File { sha256: "ef".to_owned() });
         assert_eq!((file.weights_sha256.as_deref(), file.untrained), (Some("ef"), false));

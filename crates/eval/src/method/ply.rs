@@ -2,8 +2,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
+use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_splat::files::Import;
 use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
@@ -12,6 +12,7 @@ use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
 };
+use crate::doubts::OPACITIES;
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
@@ -28,13 +29,15 @@ pub struct Ply {
     /// Whether a PLY file stores opacities themselves instead of logits.
     opacities_as_stored: bool,
     splatting: Splatting,
+    /// The published method whose settings it has; `None` for the preset's own.
+    setting: Option<String>,
     deterministic: bool,
 }
 
 /// The coordinate frame of imported Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GaussianFrame {
-    /// The dataset's own world frame.
+    /// The dataset's world frame.
     #[default]
     Dataset,
     /// The trial's world frame, normalised as the preset says.
@@ -66,7 +69,14 @@ impl Ply {
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         let names = SceneNames::default().below(folder);
         let folder = folder.to_owned();
-        Ok(Self { folder, name, names, frame, opacities_as_stored, splatting, deterministic: false })
+        Ok(Self { folder, name, names, frame, opacities_as_stored, splatting, setting: None, deterministic: false })
+    }
+
+    /// Chooses the published method whose pose normalisation, planes and renderer the Gaussians have, as [`Method::setting`]; `None`
+    /// for the preset's own, with a warning under presets that list others for a method of this name.
+    #[must_use]
+    pub fn with_setting(self, setting: Option<&str>) -> Self {
+        Self { setting: setting.map(str::to_owned), ..self }
     }
 
     /// Declares that whatever made the Gaussians gives the same bits every time. Nobody can tell that from files.
@@ -133,7 +143,7 @@ fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> 
     })
 }
 
-/// The Gaussians of a file, which remarks call `name`, and remarks on it. With `as_stored`, a PLY file holds opacities
+/// The Gaussians of a file, which remarks call `name`, and remarks on it. With `as_stored`, a PLY file contains opacities
 /// instead of logits. `mode` is the one that was chosen for drawing them, if any was.
 pub(super) fn read(
     path: &Path,
@@ -152,7 +162,7 @@ pub(super) fn read(
     if as_stored {
         gaussians = gaussians.with_linear_opacities();
     } else if import.opacities_may_be_no_logits {
-        notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
+        notes.push(format!("{OPACITIES}: they may not be logits"));
     }
     notes.extend(import.doubts());
     Ok((gaussians, notes))
@@ -193,11 +203,23 @@ impl Method for Ply {
             ..MethodRecord::default()
         };
         self.splatting.describe(&mut record);
-        if self.frame == GaussianFrame::Dataset && self.splatting.constants.has_own_planes() {
+        if self.frame == GaussianFrame::Dataset && self.splatting.constants.changes_planes() {
             record.parameters.insert("planes".to_owned(), "in the dataset's unit".into());
+        }
+        // Records of stores without a chosen setting stay as they are.
+        if let Some(setting) = &self.setting {
+            record.parameters.insert("setting".to_owned(), setting.as_str().into());
         }
         record.deterministic &= self.deterministic;
         record
+    }
+
+    fn setting(&self) -> &str {
+        self.setting.as_deref().unwrap_or(Preset::OWN_METHOD)
+    }
+
+    fn has_no_chosen_setting(&self) -> bool {
+        self.setting.is_none()
     }
 
     fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
@@ -210,7 +232,7 @@ impl Method for Ply {
 
     fn find_files(&self, requested: &[RequestedScene<'_>]) -> Option<FoundFiles> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
-        // One file holds all frames.
+        // One file is for all frames.
         let requested: Vec<_> = requested.iter().map(|of| RequestedScene { frames: &[], ..*of }).collect();
         Some(FoundFiles::of(("folder of Gaussians", EXPECTED), &self.folder, &self.names, &requested, layout))
     }
@@ -232,6 +254,30 @@ mod tests {
     use atsplat_splat::files::Output;
 
     use super::*;
+
+    /// Tables look for the notes by their beginnings.
+    #[test]
+    fn doubts_about_a_file_are_known_to_tables() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let parts = GaussianParts {
+            means: vec![[0.0, 0.0, 2.0]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[0.5; 3]],
+            opacity_logits: vec![0.75],
+            sh: vec![[0.25, 0.5, 0.0]],
+            ..GaussianParts::default()
+        };
+        let gaussians = Gaussians::new(parts).unwrap();
+        files::write(&path, &gaussians, Output::Ply(files::Encoding::BinaryLittleEndian)).unwrap();
+        let (_, noted) = read(&path, Path::new("a.ply"), false, None).unwrap();
+        let expected = [OPACITIES, crate::doubts::LOG_SCALES, crate::doubts::COLOURS];
+        assert_eq!(noted.len(), expected.len(), "{noted:?}");
+        for (note, beginning) in noted.iter().zip(expected) {
+            assert!(note.starts_with(beginning), "{note}");
+            assert!(crate::doubts::DOUBTS.iter().any(|(known, _)| *known == beginning));
+        }
+    }
 
     #[test]
     fn a_file_of_antialiased_training_is_noted_unless_a_mode_is_chosen() {

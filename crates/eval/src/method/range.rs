@@ -1,4 +1,4 @@
-//! The range of the samples in float images of other programs.
+//! The range of the samples in images of other programs.
 
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::Image;
@@ -7,6 +7,9 @@ use atsplat_pixels::Image;
 const FAR: [f32; 2] = [-0.5, 2.0];
 /// One sample in this many may be far outside: a highlight of a renderer that does not clamp is legitimate.
 const ONE_IN: usize = 100;
+/// As the Python package says it (`_arrays.py`).
+const CAST: &str = "expected uint8 from 0 to 255, found only 0 and 1, as floats that were cast: multiply them by 255 before, or give \
+                    floats in [0, 1]";
 /// The largest sample of an image in 0…255, with some overshoot.
 const BYTES: f32 = 256.0;
 /// Samples below this are clearly negative. Renderers that do not clamp have some of them, at edges and in the dark; in −1…1 and
@@ -43,6 +46,14 @@ pub fn check_range(image: &Image) -> Result<(), String> {
         ""
     };
     Err(format!("expected samples in [0, 1], found {smallest:.2}…{largest:.2}{seems}"))
+}
+
+/// Rejects bytes that are 0 and 1 alone. Of images that are meant, only black ones are bytes like these.
+///
+/// # Errors
+/// That they are probably floats that were cast.
+pub(super) fn check_bytes(samples: &[u8]) -> Result<(), String> {
+    if samples.iter().max() == Some(&1) { Err(CAST.to_owned()) } else { Ok(()) }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
 
 use super::frame_files::FrameFiles;
-use super::range::check_range;
+use super::range::{check_bytes, check_range};
 use super::scene_names::SceneNames;
 use super::splatting::parameters;
 use super::{
@@ -26,19 +26,20 @@ use crate::{EvalError, MethodRecord};
 /// | `<scene>/000029.png` | `atsplat run --keep-images all`, most others |
 /// | `<scene>/29.png` | programs that pad to fewer digits: one to five |
 ///
-/// A frame's number is its position in the scene, as in the evaluation index. `.exr` files hold floats (channels R, G, B)
+/// A frame's number is its position in the scene, as in the evaluation index. `.exr` files contain floats (channels R, G, B)
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
 /// first may be `<scene>-0`. Folders that `--keep-images` names otherwise ([`crate::file_name()`]) are known too. A folder
-/// with the name of a scene of the index is that scene's alone, except in a store's own images, where all names end with the
-/// entry.
+/// with the name of a scene of the index is that scene's alone, except among the images of a store, where all names end with
+/// the entry.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
 /// over a background or skipped. So are a file whose stored samples are not the image (16 bits in a PNG, linear light, a
 /// rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's folders:
 /// either may be the right one. An image whose name is the frame's number in another spelling (`000029.PNG`, seven digits)
-/// or format (`.jpg`) is such a second file, and alone it is not read.
+/// or format (`.jpg`) is such a second file, and alone it is not read. All frames of a scene fail whose files are numbered
+/// from 1, each one more than a target.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -170,7 +171,9 @@ pub(super) fn read(path: &Path) -> Result<Image, String> {
             (image, _) => check_range(&image).map(|()| image),
         };
     }
-    Ok(Image::from_u8(&decode_render(&bytes, &limits).map_err(|error| error.to_string())?))
+    let image = decode_render(&bytes, &limits).map_err(|error| error.to_string())?;
+    check_bytes(image.samples())?;
+    Ok(Image::from_u8(&image))
 }
 
 fn explained(error: &PixelError) -> String {
@@ -210,6 +213,22 @@ mod tests {
             assert!(error.contains(&format!(", found {found}")), "{file}: {error}");
         }
         assert!(read_as("images/colour2_8.png", "29.png").is_ok());
+    }
+
+    /// The decoded samples of `numpy.uint8(image)` of an image in [0, 1].
+    #[test]
+    fn floats_that_were_cast_to_bytes_are_rejected_and_black_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("29.png");
+        let read_of = |samples: [u8; 6]| {
+            let image = atsplat_pixels::ImageU8::new(2, 1, samples.to_vec()).unwrap();
+            fs::write(&path, atsplat_pixels::encode_png(&image).unwrap()).unwrap();
+            read(&path)
+        };
+        let cast = read_of([0, 1, 0, 0, 0, 1]).unwrap_err();
+        assert!(cast.starts_with("expected uint8 from 0 to 255, found only 0 and 1, as floats that were "), "{cast}");
+        assert!(read_of([0; 6]).is_ok(), "black");
+        assert!(read_of([0, 2, 0, 0, 0, 1]).is_ok(), "dark");
     }
 
     #[test]

@@ -33,15 +33,15 @@ impl SceneNames {
     /// The accepted names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
     /// a store keeps its images.
     pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
-        let (own, _) = self.own_and_taken(scene, entry);
-        own
+        let (available, _) = self.available_and_taken(scene, entry);
+        available
     }
 
     /// What to add to a message about missing files of a scene: which of its names are those of other scenes.
     pub(super) fn note(&self, scene: &str, entry: usize) -> String {
-        let (_, taken) = self.own_and_taken(scene, entry);
-        let each = taken.iter().map(|name| format!("; {name} is the scene of that name"));
-        each.collect()
+        let (_, taken) = self.available_and_taken(scene, entry);
+        let notes = taken.iter().map(|name| format!("; {name} is the scene of that name"));
+        notes.collect::<Vec<_>>().concat()
     }
 
     /// Whether a path below the folder is not that of another scene.
@@ -50,7 +50,7 @@ impl SceneNames {
     }
 
     /// The names of an entry, and those that it cannot have because they are keys of other scenes.
-    fn own_and_taken(&self, scene: &str, entry: usize) -> (Vec<String>, Vec<String>) {
+    fn available_and_taken(&self, scene: &str, entry: usize) -> (Vec<String>, Vec<String>) {
         let stored = format!("{}-{entry}", file_name(scene));
         if self.is_of_store {
             return (vec![stored], Vec::new());
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scenes_name_is_no_entry_of_another() {
+    fn the_name_of_a_scene_is_not_an_entry_of_another() {
         let of = |keys: &[&str], scene, entry| (names(keys).of(scene, entry), names(keys).note(scene, entry));
         let no_note = String::new();
         assert_eq!(of(&[], "room", 0), (vec!["room".to_owned(), "room-0".to_owned()], no_note.clone()));

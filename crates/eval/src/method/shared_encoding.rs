@@ -30,7 +30,7 @@ impl SharedEncoding {
         call_seed: u64,
     ) -> Result<Reconstruction, ModelError> {
         let known = self.lock().as_ref().filter(|(encoded, _)| *encoded == views).map(|(_, scene)| scene.clone());
-        // Encoding while locked could wait for itself: its threads may take up another trial.
+        // Encoding while locked could wait for itself: its threads may begin another trial.
         let scene = if let Some(scene) = known {
             scene
         } else {

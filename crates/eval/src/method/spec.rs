@@ -12,7 +12,7 @@ use crate::runner::{CONTEXT, TRUTH};
 /// A method that is not loaded yet: `KIND` or `NAME=KIND`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MethodSpec {
-    /// Name in the results; by default the method's own.
+    /// Name in the results; by default that of the method.
     pub name: Option<String>,
     /// What it is.
     pub kind: MethodKind,
@@ -86,7 +86,7 @@ impl MethodKind {
 }
 
 impl MethodSpec {
-    /// Methods separated by commas. A command is the last one: it may hold commas itself.
+    /// Methods separated by commas. A command is the last one: it may contain commas itself.
     ///
     /// # Errors
     /// [`InvalidMethod`] for the first one that is invalid.
@@ -117,7 +117,7 @@ impl MethodSpec {
     }
 }
 
-/// Name and method of `NAME=METHOD`; a method may hold an equals sign after its colon.
+/// Name and method of `NAME=METHOD`; a method may contain an equals sign after its colon.
 fn parts(text: &str) -> (Option<&str>, &str) {
     match text.split_once('=') {
         Some((name, method)) if !name.contains([':', ',']) => (Some(name), method),

@@ -147,7 +147,7 @@ impl Splatting {
         Box::new(Splatted::new(self, input, gaussians, constants, cost))
     }
 
-    /// The constants for a trial in whose world the unit of the Gaussians' own frame has this length.
+    /// The constants for a trial in whose world the unit of the Gaussians' frame has this length.
     pub(super) fn constants_in(&self, input: TrialInput<'_>, unit: f64) -> RendererConstants {
         self.constants.of_unit(&input.preset.renderer, input.trial.near_far(), unit)
     }
@@ -215,7 +215,7 @@ impl Splatting {
     }
 }
 
-#[expect(clippy::expect_used, reason = "the types hold numbers and strings only")]
+#[expect(clippy::expect_used, reason = "the types contain numbers and strings only")]
 fn as_json<T: serde::Serialize>(settings: &T) -> serde_json::Value {
     serde_json::to_value(settings).expect("settings are representable in JSON")
 }
@@ -296,7 +296,7 @@ impl Prediction for Splatted<'_> {
     /// Gaussians are checked here, and not in the time of the encoding.
     fn cost(&self) -> Cost {
         let mut cost = self.cost.clone();
-        cost.notes.extend(undrawn(self.scene.gaussians(), &cost.notes));
+        cost.notes.extend(broken_note(self.scene.gaussians(), &cost.notes));
         cost.notes.extend(self.options.ignored_harmonics(self.scene.gaussians()));
         cost
     }
@@ -313,7 +313,7 @@ impl Prediction for Splatted<'_> {
 
 /// A note on Gaussians that no renderer draws, unless `notes` have them already: those of a file are noted when it is read. Logits
 /// and log-scales that are not finite are opacities of 0 and 1 and scales of 0, and are rendered.
-fn undrawn(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
+fn broken_note(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
     let are_noted = notes.iter().any(|note| note.starts_with(BROKEN));
     let is_new = |finding: &&Finding| match finding.problem {
         // Reading a file drops them, but reading logits as opacities makes new ones.

@@ -25,6 +25,7 @@ mod render_json;
 mod renders;
 mod report;
 mod scene_file;
+mod views;
 
 use atsplat_model::network::{Network, Reconstruction};
 use atsplat_protocol::trial::Skipped;
@@ -37,6 +38,7 @@ pub use render_json::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};
 pub use scene_file::{GaussianFrame, OutputRecord, SceneFormat, write_gaussians};
+pub use views::network_views;
 
 /// Why photos cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]

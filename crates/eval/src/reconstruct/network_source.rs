@@ -69,7 +69,7 @@ pub enum WeightsRecord {
         file: PathBuf,
         /// Of the whole file, in hexadecimal.
         sha256: String,
-        /// Its own provenance.
+        /// What the file says about its origin.
         provenance: BTreeMap<String, String>,
     },
     /// Random weights.
@@ -216,13 +216,13 @@ impl NetworkSource {
     /// [`ModelError`] if the configuration cannot be hashed.
     pub fn record(&self) -> Result<ModelRecord, ModelError> {
         let hash = self.config.hash()?;
-        let written_for = match &self.weights {
+        let of_weights = match &self.weights {
             Weights::File { written_for, .. } => {
                 Some(WrittenFor { name: written_for.name.clone(), hash: written_for.hash()? })
             }
             Weights::Untrained { .. } => None,
         };
-        let written_for = written_for.filter(|own| own.hash != hash);
+        let written_for = of_weights.filter(|config| config.hash != hash);
         Ok(ModelRecord { name: self.config.name.clone(), hash, written_for })
     }
 }

@@ -14,8 +14,7 @@ use atsplat_splat::Gaussians;
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
-use super::ReconstructError;
-use crate::network_views;
+use super::{ReconstructError, network_views};
 
 /// iLRM's planes in the normalised world, which the presets infer for ATSplat too.
 const NEAR_FAR: NearFar = NearFar { near: 0.01, far: 500.0 };

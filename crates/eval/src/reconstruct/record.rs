@@ -156,7 +156,7 @@ impl InputRecord {
 /// render.
 pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Processor) -> Vec<String> {
     let refused = |why| format!("the GPU cannot render the network's Gaussians: {why}");
-    let mut warnings: Vec<String> = processor.refusal().map(refused).into_iter().collect();
+    let mut warnings: Vec<String> = processor.render_error().map(refused).into_iter().collect();
     let fallbacks = &photos.trial().normalisation().fallbacks;
     if !fallbacks.is_empty() {
         let names: Vec<String> = fallbacks.iter().map(ToString::to_string).collect();

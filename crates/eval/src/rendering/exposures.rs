@@ -55,7 +55,7 @@ pub enum ExposuresError {
     /// The file cannot be read.
     #[error(transparent)]
     Io(#[from] FileError),
-    /// The file does not hold exposures.
+    /// The file does not contain exposures.
     #[error(transparent)]
     Malformed(#[from] Malformed),
     /// A view is not in the file.

@@ -54,7 +54,7 @@ struct Pending<'a> {
 }
 
 /// Renders and writes every request, in order. Before the first image is written, the folder's record of earlier images is removed:
-/// what is interrupted leaves images without a record, never beside one of others. A frame that cannot be rendered or encoded is
+/// what is interrupted leaves images without a record, never next to one of others. A frame that cannot be rendered or encoded is
 /// reported in its [`Frame`]; a file that cannot be written is an error. With `sequential`, nothing else runs while a frame is
 /// rendered. `on_frame` is called after each frame, from any thread.
 ///
@@ -87,7 +87,7 @@ pub fn render_all(
     Ok(frames)
 }
 
-/// Enough frames for every thread to encode one, few enough to hold two batches in memory.
+/// Enough frames for every thread to encode one, few enough to keep two batches in memory.
 fn batch_length(requests: &[FrameRequest]) -> usize {
     let largest = requests.iter().map(|request| request.view.pixels()).max().unwrap_or(1);
     // Colour, alpha and up to three more planes, as f32.

@@ -29,7 +29,7 @@ impl fmt::Display for AdapterRecord {
     }
 }
 
-/// `network and renderer on …`, or each on its own; `None` if the CPU does both.
+/// `network and renderer on …`, or each by itself; `None` if the CPU does both.
 pub(crate) fn placement(network: Option<&str>, renderer: Option<&str>) -> Option<String> {
     match (network, renderer) {
         (None, None) => None,

@@ -44,37 +44,46 @@ fn compare(field: String, first: &Value, second: &Value, found: &mut Vec<Differe
         (Value::Object(a), Value::Object(b)) => {
             let names = a.keys().chain(b.keys().filter(|name| !a.contains_key(*name)));
             for name in names {
-                let [own, other] = [a, b].map(|object| object.get(name).unwrap_or(&Value::Null));
-                let [own, other] = [own, other].map(|value| if name == TOML { table(value) } else { value.clone() });
-                let path = if field.is_empty() { name.clone() } else { format!("{field}.{name}") };
-                compare(path, &own, &other, found);
+                let [first, second] = [a, b].map(|object| match object.get(name) {
+                    Some(toml) if name == TOML => table(toml),
+                    value => value.cloned().unwrap_or_default(),
+                });
+                compare(path_of(&field, name), &first, &second, found);
             }
         }
         (Value::Array(a), Value::Array(b)) if a.iter().chain(b).all(|item| name_of(item).is_some()) => {
-            let with = |list: &[Value], name: &str| list.iter().find(|item| name_of(item) == Some(name)).cloned();
-            let names = a.iter().chain(b).filter_map(name_of);
-            let mut seen: Vec<&str> = Vec::new();
-            for name in names {
-                if seen.contains(&name) {
-                    continue;
-                }
-                seen.push(name);
-                let path = if field.is_empty() { name.to_owned() } else { format!("{field}.{name}") };
-                match (with(a, name), with(b, name)) {
-                    (Some(own), Some(other)) => compare(path, &own, &other, found),
-                    (own, _) => {
-                        let presence = |present: bool| if present { "present" } else { "absent" }.to_owned();
-                        let [first, second] = [own.is_some(), own.is_none()].map(presence);
-                        found.push(Difference { field: path, first, second });
-                    }
-                }
-            }
+            compare_named(&field, a, b, found);
         }
         (first, second) => {
             let [first, second] = excerpts([&text(first), &text(second)], MAX_LENGTH);
             found.push(Difference { field, first, second });
         }
     }
+}
+
+/// Compares two lists whose elements have names, whatever their order.
+fn compare_named(field: &str, a: &[Value], b: &[Value], found: &mut Vec<Difference>) {
+    let element = |list: &[Value], name: &str| list.iter().find(|item| name_of(item) == Some(name)).cloned();
+    let mut seen: Vec<&str> = Vec::new();
+    for name in a.iter().chain(b).filter_map(name_of) {
+        if seen.contains(&name) {
+            continue;
+        }
+        seen.push(name);
+        let path = path_of(field, name);
+        match (element(a, name), element(b, name)) {
+            (Some(first), Some(second)) => compare(path, &first, &second, found),
+            (first, second) => {
+                let presence = |item: Option<Value>| if item.is_some() { "present" } else { "absent" }.to_owned();
+                found.push(Difference { field: path, first: presence(first), second: presence(second) });
+            }
+        }
+    }
+}
+
+/// Path of the field `name` of the record at `field`.
+fn path_of(field: &str, name: &str) -> String {
+    if field.is_empty() { name.to_owned() } else { format!("{field}.{name}") }
 }
 
 /// TOML text as a table; other values unchanged.
@@ -95,14 +104,14 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// At most `characters` of two texts, with ellipses where some are missing. Long texts that begin alike are shown from shortly
-/// before their first difference.
+/// At most `characters` of two texts, with ellipses where some are missing. Long texts with the same beginning are shown from
+/// shortly before their first difference.
 pub(crate) fn excerpts(texts: [&str; 2], characters: usize) -> [String; 2] {
     let [first, second] = texts;
-    let alike = first.chars().zip(second.chars()).take_while(|(a, b)| a == b).count();
+    let equal = first.chars().zip(second.chars()).take_while(|(a, b)| a == b).count();
     let is_long = texts.iter().any(|text| text.chars().nth(characters).is_some());
     // The difference itself needs room within the excerpt.
-    let start = if is_long && alike > characters / 2 { alike - characters / 4 } else { 0 };
+    let start = if is_long && equal > characters / 2 { equal - characters / 4 } else { 0 };
     texts.map(|text| {
         let before = if start > 0 { "…" } else { "" };
         let rest: String = text.chars().skip(start).collect();

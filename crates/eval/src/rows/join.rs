@@ -17,7 +17,7 @@ impl Provenance {
     /// # Errors
     /// [`EvalError::Differences`] naming what differs.
     pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), EvalError> {
-        let together = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
+        let joined = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
         // They may have been added to the shards in another order.
         same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
@@ -26,7 +26,7 @@ impl Provenance {
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
                 let preset = preset.with_places_of(known);
-                let entries = together(known.entries, preset.entries);
+                let entries = joined(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
                 same("presets", Some(&preset.name), &without_entries(known), &without_entries(&preset), "")?;
                 known.entries = entries;
@@ -38,7 +38,7 @@ impl Provenance {
             let WarningCount { preset, kind, count, .. } = &warning;
             match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
                 Some(known) if is_of_run(kind) => known.count = known.count.max(*count),
-                Some(known) => known.count = together(known.count, *count),
+                Some(known) => known.count = joined(known.count, *count),
                 None => self.warnings.push(warning),
             }
         }
@@ -51,7 +51,7 @@ impl Provenance {
 
     /// A method of another run; a folder that this run knows under another path is named as here.
     pub(crate) fn placed(&self, method: MethodRecord) -> MethodRecord {
-        match self.methods.iter().find(|known| known.name == method.name) {
+        match self.method(&method.name) {
             Some(known) => method.with_places_of(known),
             None => method,
         }
@@ -68,14 +68,14 @@ impl Provenance {
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         same("shards", None, &(self.shard, &self.merged_shards), &(other.shard, &other.merged_shards), ADVICE)?;
         for preset in other.presets {
-            match self.presets.iter().find(|known| known.name == preset.name) {
+            match self.preset(&preset.name) {
                 Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
                 None => self.presets.push(preset),
             }
         }
         for method in other.methods {
             let method = self.placed(method);
-            match self.methods.iter().find(|known| known.name == method.name) {
+            match self.method(&method.name) {
                 Some(known) => same("methods", Some(&known.name), known, &method, ADVICE)?,
                 None => self.methods.push(method),
             }
@@ -101,8 +101,8 @@ impl Provenance {
         same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
         same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
         same("platforms", None, &self.platform, &other.platform, advice)?;
-        let [known, own] = [self, other].map(|run| run.metrics.iter().map(MetricRecord::without_folders));
-        same("metrics", None, &known.collect::<Vec<_>>(), &own.collect::<Vec<_>>(), advice)?;
+        let metrics = |run: &Self| run.metrics.iter().map(MetricRecord::without_folders).collect::<Vec<_>>();
+        same("metrics", None, &metrics(self), &metrics(other), advice)?;
         same("limits", None, &self.limit, &other.limit, advice)
     }
 }
@@ -158,7 +158,7 @@ mod tests {
 
     /// Two machines without the weights of LPIPS, whose torch has its cache in different places.
     #[test]
-    fn folders_that_were_searched_in_vain_are_no_difference() {
+    fn searched_folders_without_weights_may_differ() {
         let of = |absent: Option<&str>| {
             let hash = absent.is_none().then(|| "hash".to_owned());
             let id = "lpips".to_owned();
@@ -180,7 +180,7 @@ mod tests {
         }
     }
 
-    /// Every shard warns of what is true of the whole run; of its own scenes, each warns by itself.
+    /// Every shard warns of what is true of the whole run; each of its scenes causes separate warnings.
     #[test]
     fn warnings_about_a_run_are_counted_once_over_its_shards() {
         let of = |kind: &str, count| {
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn other_paths_to_the_same_places_are_no_difference() {
+    fn paths_to_the_same_places_are_equal() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(folder.path().join("data/test")).unwrap();
         std::fs::write(folder.path().join("index.json"), "{}").unwrap();

@@ -53,6 +53,16 @@ pub struct Results {
 }
 
 impl Results {
+    /// The trials of one method under one preset, by their names.
+    pub fn trials_of(&self, preset: &str, method: &str) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(move |trial| trial.key.is_of(preset, method))
+    }
+
+    /// The targets of one method under one preset, by their names.
+    pub fn targets_of(&self, preset: &str, method: &str) -> impl Iterator<Item = &TargetRow> {
+        self.targets.iter().filter(move |target| target.key.is_of(preset, method))
+    }
+
     /// The trials that their method does not support. Their targets have no scores, which does not count as a failure.
     pub(crate) fn not_applicable(&self) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
@@ -65,6 +75,11 @@ impl Results {
 }
 
 impl TrialKey {
+    /// Whether it is a trial of this method under this preset.
+    pub fn is_of(&self, preset: &str, method: &str) -> bool {
+        self.preset == preset && self.method == method
+    }
+
     /// The same trial under another method.
     #[must_use]
     pub fn of_method(&self, method: &str) -> Self {
@@ -79,7 +94,7 @@ impl fmt::Display for TrialKey {
     }
 }
 
-/// A field of a row whose value cannot be.
+/// A field of a row with an impossible value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Impossible {
     pub(crate) field: String,
@@ -106,5 +121,22 @@ pub(crate) fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item 
     match value.into_iter().find(|value| !value.is_finite()) {
         None => Ok(()),
         Some(value) => Err(EvalError::NotFinite { key: key.to_string(), field: field.to_owned(), value }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::sample_rows::{self, PRESET};
+
+    #[test]
+    fn rows_are_of_their_preset_and_method() {
+        let mut results = sample_rows::results("a", "psnr", &[("x", 0, vec![20.0, 30.0])]);
+        let other = sample_rows::results("b", "psnr", &[("x", 0, vec![25.0])]);
+        results.trials.extend(other.trials);
+        results.targets.extend(other.targets);
+        let counts = |preset: &str, method: &str| {
+            (results.trials_of(preset, method).count(), results.targets_of(preset, method).count())
+        };
+        assert_eq!((counts(PRESET, "a"), counts(PRESET, "b"), counts("a", PRESET)), ((1, 2), (1, 1), (0, 0)));
     }
 }

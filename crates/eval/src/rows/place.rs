@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use super::{MethodRecord, PresetRecord};
 
-/// What an index that was sampled by a rule of this name or path is called.
+/// How the description of a sampled index begins; the rule's name or path follows.
 pub(crate) const SAMPLED_BY: &str = "sampled by ";
 /// The parameter of an imported method that names its folder.
 const FOLDER: &str = "folder";
@@ -13,12 +13,11 @@ impl PresetRecord {
     /// Names data and index as `known` does, if the data are in the same place, and the index is there too or has the same content: the
     /// machines of a cluster may have it under several paths.
     pub(super) fn with_places_of(self, known: &Self) -> Self {
-        let of = |own: String, known: &str, is_one: bool| if is_one { known.to_owned() } else { own };
-        let has_one_index = self.index_sha256 == known.index_sha256 || is_same(&self.index, &known.index);
-        let has_one_dataset = is_same(&self.dataset, &known.dataset);
+        let same_index = self.index_sha256 == known.index_sha256 || is_same(&self.index, &known.index);
+        let same_dataset = is_same(&self.dataset, &known.dataset);
         Self {
-            dataset: of(self.dataset, &known.dataset, has_one_dataset),
-            index: of(self.index, &known.index, has_one_index),
+            dataset: if same_dataset { known.dataset.clone() } else { self.dataset },
+            index: if same_index { known.index.clone() } else { self.index },
             ..self
         }
     }
@@ -28,8 +27,8 @@ impl MethodRecord {
     /// Names the folder of an imported method as `known` does, if it is the same.
     pub(super) fn with_places_of(mut self, known: &Self) -> Self {
         let folder = |record: &Self| record.parameters.get(FOLDER)?.as_str().map(str::to_owned);
-        let known = folder(known).filter(|known| folder(&self).is_some_and(|own| is_same(&own, known)));
-        if let Some(known) = known {
+        let same_folder = folder(&self).zip(folder(known)).filter(|(folder, known)| is_same(folder, known));
+        if let Some((_, known)) = same_folder {
             self.parameters.insert(FOLDER.to_owned(), known.into());
         }
         self
@@ -68,7 +67,7 @@ mod tests {
             index_sha256: hash.to_owned(),
             ..PresetRecord::default()
         };
-        let named = |own: PresetRecord| own.with_places_of(&record("a/index.json", "1")).index;
+        let named = |other: PresetRecord| other.with_places_of(&record("a/index.json", "1")).index;
         assert_eq!(named(record("b/copy.json", "1")), "a/index.json");
         assert_eq!(named(record("b/copy.json", "2")), "b/copy.json");
     }

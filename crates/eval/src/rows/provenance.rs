@@ -5,7 +5,7 @@ use atsplat_metrics::learned::WeightsAbsent;
 use atsplat_metrics::{Measure, definition};
 use atsplat_model::network::Network;
 use atsplat_protocol::Preset;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::AdapterRecord;
 use crate::{EvalError, Shard};
@@ -93,7 +93,7 @@ pub struct PresetRecord {
 }
 
 impl PresetRecord {
-    /// The published preset in whose tables these results belong: its own, or the one that it represents.
+    /// The published preset in whose tables these results belong: this one, or the one that it represents.
     pub fn published(&self) -> &str {
         self.stands_for.as_deref().unwrap_or(&self.preset)
     }
@@ -119,6 +119,7 @@ pub struct MethodRecord {
     /// Title in tables.
     pub title: String,
     /// Everything that determines its renders: configuration, constants, precision, as JSON values by name.
+    #[serde(deserialize_with = "parameters")]
     pub parameters: BTreeMap<String, serde_json::Value>,
     /// SHA-256 of its weights; `None` for methods without weights and for untrained ones.
     pub weights_sha256: Option<String>,
@@ -141,7 +142,24 @@ pub struct MethodRecord {
     pub deterministic: bool,
 }
 
+/// The parameters of a record. Where no limit on the number of Gaussians applied, earlier versions wrote the largest number there is.
+fn parameters<'de, D: Deserializer<'de>>(record: D) -> Result<BTreeMap<String, serde_json::Value>, D::Error> {
+    let mut parameters = BTreeMap::<String, serde_json::Value>::deserialize(record)?;
+    parameters.retain(|name, value| name != "max-gaussians" || value.as_u64() != Some(u64::MAX));
+    Ok(parameters)
+}
+
 impl Provenance {
+    /// The record of the protocol with this name in the rows.
+    pub fn preset(&self, name: &str) -> Option<&PresetRecord> {
+        self.presets.iter().find(|preset| preset.name == name)
+    }
+
+    /// The record of the method with this name in the rows.
+    pub fn method(&self, name: &str) -> Option<&MethodRecord> {
+        self.methods.iter().find(|method| method.name == name)
+    }
+
     /// The graphics adapters of the methods, each once.
     pub(crate) fn adapters(methods: &[MethodRecord]) -> Option<String> {
         let of = |method: &'_ MethodRecord| [method.network_adapter.clone(), method.renderer_adapter.clone()];
@@ -161,8 +179,8 @@ impl Provenance {
 impl Provenance {
     /// The numbers of its shards; empty for a whole run.
     pub(crate) fn shards(&self) -> BTreeSet<u32> {
-        let own = self.shard.filter(|_| self.merged_shards.is_empty()).map(|shard| shard.number);
-        own.into_iter().chain(self.merged_shards.iter().copied()).collect()
+        let single = self.shard.filter(|_| self.merged_shards.is_empty()).map(|shard| shard.number);
+        single.into_iter().chain(self.merged_shards.iter().copied()).collect()
     }
 
     /// Which part of a run it is, such as `shard 2 of 8` or `shards 1 and 2 of 3`; `None` for a whole run.
@@ -178,7 +196,7 @@ impl Provenance {
 }
 
 impl MethodRecord {
-    /// Whether it ran as a process of its own, whose timed answers include reading and writing of files.
+    /// Whether it ran as a separate process, whose timed answers include reading and writing of files.
     pub fn is_process(&self) -> bool {
         self.kind == "exec"
     }
@@ -226,17 +244,17 @@ pub struct MetricRecord {
 }
 
 impl MetricRecord {
-    /// Why it was not computed, without the folders that were searched for its weights: they do not make another run.
+    /// Why it was not computed, without the folders that were searched for its weights: runs that differ in them are the same.
     pub fn reason_of_absence(&self) -> Option<&str> {
         self.absent.as_deref().map(WeightsAbsent::without_folders)
     }
 
-    /// What is other about its weights if they are not the published ones, so that its numbers are of another metric.
+    /// How its weights differ if they are not the published ones, so that its numbers are of another metric.
     pub fn unpublished(&self) -> Option<String> {
         let Measure::Perceptual { network, .. } = definition(&self.id)?.measure else { return None };
         let (found, published) = (self.weights_sha256.as_deref()?, network.sha256_prefix()?);
-        let is_other = network.is_published(found) == Some(false);
-        is_other.then(|| format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id))
+        let is_unpublished = network.is_published(found) == Some(false);
+        is_unpublished.then(|| format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id))
     }
 
     pub(super) fn without_folders(&self) -> Self {
@@ -303,5 +321,29 @@ impl SkippedEntry {
             is_same
         });
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As versions before wrote it for a refinement.
+    #[test]
+    fn the_largest_number_of_gaussians_is_not_a_limit() {
+        let read = |limit: &str| {
+            let stated = [("max-gaussians", "LIMIT"), ("seed", "7")];
+            let parameters = stated.map(|(name, value)| (name.to_owned(), serde_json::Value::from(value))).into();
+            let method = MethodRecord { parameters, ..MethodRecord::default() };
+            let text = serde_json::to_string(&method).unwrap().replace("\"LIMIT\"", limit);
+            let found: MethodRecord = serde_json::from_str(&text).unwrap();
+            let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+            assert_eq!(serde_json::from_value::<MethodRecord>(value).unwrap(), found, "as a store is read");
+            assert_eq!(found.parameters["seed"], "7");
+            found.parameters.get("max-gaussians").cloned()
+        };
+        let largest_limit = u64::MAX - 1;
+        assert_eq!(read("18446744073709551615"), None);
+        assert_eq!(read(&largest_limit.to_string()), Some(serde_json::Value::from(largest_limit)));
     }
 }

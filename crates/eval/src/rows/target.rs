@@ -71,7 +71,7 @@ impl TargetRow {
         self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
     }
 
-    /// The first field whose value cannot be. Metrics that this toolkit does not know have no range.
+    /// The first field with an impossible value. Metrics that this toolkit does not know have no range.
     pub(crate) fn impossible(&self) -> Option<Impossible> {
         let not_compared = matches!(self.status, TargetStatus::Failed | TargetStatus::NonFinite);
         if let Some((id, score)) = self.scores.first_key_value().filter(|_| not_compared) {

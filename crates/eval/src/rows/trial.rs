@@ -88,14 +88,14 @@ impl TrialRow {
         self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
     }
 
-    /// The first field whose value cannot be.
+    /// The first field with an impossible value.
     pub(crate) fn impossible(&self) -> Option<Impossible> {
         let drawn = || Impossible::unless_within("gaussians-drawn", self.gaussians_drawn, [0.0, f64::INFINITY]);
         Impossible::unless_within("overlap", self.overlap, [0.0, 1.0]).or_else(drawn)
     }
 
-    /// Whether none of its Gaussians is drawn in any target.
-    pub fn draws_nothing(&self) -> bool {
+    /// Whether no Gaussian contributes to the render of any target.
+    pub fn renders_nothing(&self) -> bool {
         self.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0)
     }
 }

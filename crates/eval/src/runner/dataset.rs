@@ -8,7 +8,7 @@ use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::RenderOptions;
 
-use super::{Dataset, PlannedIndex};
+use super::{Dataset, IndexFolder, PlannedIndex};
 use crate::EvalError;
 use crate::method::constants_of;
 use crate::sources::AlreadyCropped;
@@ -20,6 +20,8 @@ pub enum IndexChoice<'a> {
     NextToData,
     /// This file, or the protocol's published index below this folder ([`PlannedIndex::read`]).
     At(&'a Path),
+    /// The protocol's published index among the files of this folder, which was searched before ([`PlannedIndex::published`]).
+    Below(&'a IndexFolder),
     /// Frames sampled by a rule of this name or path ([`PlannedIndex::sampled`]).
     Sampled(&'a str, &'a SamplingRule),
 }
@@ -50,6 +52,7 @@ impl Dataset {
         let index = match index {
             IndexChoice::Sampled(name, rule) => PlannedIndex::sampled(name, rule, source.as_ref(), warnings),
             IndexChoice::At(path) => PlannedIndex::read(path, &preset, source.as_ref(), warnings)?,
+            IndexChoice::Below(folder) => PlannedIndex::published(folder, &preset, source.as_ref(), warnings)?,
             IndexChoice::NextToData => {
                 let accepted = || preset.index.accepted.iter().map(|accepted| accepted.name.clone()).collect();
                 let sampler = || preset.index.sampler.clone();

@@ -7,14 +7,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_metrics::Suite;
+use atsplat_numeric::mean;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::images::{self, CONTEXT, ImageSink, TRUTH};
+use super::image_files::{self, CONTEXT, ImageSink, TRUTH};
 use super::metric_ids;
+use super::resemblance::{self, Compared};
 use super::scored::{compare, hash_of_bytes, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
@@ -105,18 +107,20 @@ impl Evaluation<'_> {
         result.cost = prediction.cost();
         let rows = result.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();
-        let batch = |targets: &[usize]| self.score_batch(prediction, targets, &rows, decoded);
+        let is_checked = resemblance::is_checked(&method.record().kind);
+        let batch = |targets: &[usize]| self.score_batch(prediction, targets, &rows, decoded, is_checked);
         // All batches first, so that the error of the first one is reported whatever the number of threads.
         let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
         let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
         result.rows.clear();
-        for ScoredTarget { row, drawn, effects, suspicion } in batches.into_iter().flatten() {
+        for ScoredTarget { row, drawn, effects, suspicion, compared } in batches.into_iter().flatten() {
             result.rows.push(row);
             result.drawn.extend(drawn);
             if let Some(suspicion) = suspicion {
                 *result.suspicious.entry(suspicion).or_default() += 1;
             }
             result.effects.extend(effects);
+            result.compared.extend(compared);
         }
         let [psnr, ..] = metric_ids(&self.preset.metrics);
         if let Some(store) = self.images.worst(key, &result.rows, psnr) {
@@ -134,12 +138,13 @@ impl Evaluation<'_> {
         targets: &[usize],
         rows: &[TargetRow],
         decoded: &DecodedTrial,
+        is_checked: bool,
     ) -> Result<Vec<ScoredTarget>, Failure> {
         let mut scored = Vec::with_capacity(targets.len());
         for (position, rendered) in targets.iter().zip(render_all(prediction, targets)?) {
             let row = rows.get(*position).cloned().expect("a row for each target");
             let truth = decoded.truths.get(*position).expect("a truth or its error for each target");
-            scored.push(self.score(row, rendered, truth)?);
+            scored.push(self.score(row, rendered, truth, is_checked)?);
         }
         Ok(scored)
     }
@@ -149,12 +154,13 @@ impl Evaluation<'_> {
         mut row: TargetRow,
         rendered: Result<Rendered, String>,
         truth: &Result<Arc<ImageU8>, String>,
+        is_checked: bool,
     ) -> Result<ScoredTarget, EvalError> {
         let Rendered { image, drawn, effects } = match rendered {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), suspicion: None });
+                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), suspicion: None, compared: None });
             }
         };
         match truth {
@@ -163,10 +169,11 @@ impl Evaluation<'_> {
         }
         let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
+        let compared = scored.filter(|_| is_checked).map(|truth| Compared::of(&image, truth, row.leaked));
         if let Some(store) = self.images.all() {
-            images::write_render(store, &row, &image)?;
+            image_files::write_render(store, &row, &image)?;
         }
-        Ok(ScoredTarget { row, drawn, effects, suspicion })
+        Ok(ScoredTarget { row, drawn, effects, suspicion, compared })
     }
 }
 
@@ -203,7 +210,7 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
     let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
     let context = context.map(|(view, image)| (CONTEXT, view.frame, image));
     for (method, frame, image) in truths.chain(context) {
-        images::write_image(store, &key.of_method(method), frame as u64, image)?;
+        image_files::write_image(store, &key.of_method(method), frame as u64, image)?;
     }
     Ok(())
 }
@@ -214,7 +221,7 @@ fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) 
     for batch in positions.chunks(BATCH) {
         for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
             if let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) {
-                images::write_render(store, row, &rendered.image)?;
+                image_files::write_render(store, row, &rendered.image)?;
             }
         }
     }
@@ -227,6 +234,8 @@ struct ScoredTarget {
     drawn: Option<u64>,
     effects: Vec<&'static str>,
     suspicion: Option<SuspiciousRender>,
+    /// Of a method whose images may be other ones than it meant.
+    compared: Option<Compared>,
 }
 
 /// Results of a trial so far.
@@ -239,6 +248,7 @@ struct TrialResult {
     effects: BTreeSet<&'static str>,
     /// Number of suspicious renders of each kind.
     suspicious: BTreeMap<SuspiciousRender, usize>,
+    compared: Vec<Compared>,
 }
 
 impl TrialResult {
@@ -249,7 +259,7 @@ impl TrialResult {
         record: &MethodRecord,
         error: Option<MethodError>,
     ) -> (TrialRow, Vec<TargetRow>) {
-        let Self { input_hash, rows, cost, drawn, effects, suspicious } = self;
+        let Self { input_hash, rows, cost, drawn, effects, suspicious, compared } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -267,6 +277,7 @@ impl TrialResult {
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
+        let resemblance = resemblance::note(&compared, &rows, &record.kind, !suspicious.is_empty());
         let suspicious = suspicious::notes(&suspicious, rows.len(), cost.gaussians);
         let row = TrialRow {
             key,
@@ -285,18 +296,14 @@ impl TrialResult {
             initial_tokens: cost.initial_tokens,
             final_tokens: cost.final_tokens,
             gaussians: cost.gaussians,
-            gaussians_drawn: mean(&drawn),
+            gaussians_drawn: mean(drawn.iter().map(|count| *count as f64)),
             context_psnr: cost.context_psnr,
             peak_bytes: cost.peak_bytes,
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
-            notes: cost.notes.into_iter().chain(suspicious).chain(fallbacks).collect(),
+            notes: cost.notes.into_iter().chain(suspicious).chain(resemblance).chain(fallbacks).collect(),
         };
         (row, rows)
     }
-}
-
-fn mean(counts: &[u64]) -> Option<f64> {
-    (!counts.is_empty()).then(|| counts.iter().sum::<u64>() as f64 / counts.len() as f64)
 }

@@ -4,28 +4,34 @@ use std::sync::Arc;
 use atsplat_metrics::Suite;
 use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
-use atsplat_protocol::{DropReason, EvaluationIndex};
+use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
 use atsplat_scene::Warnings;
 
-use super::{Dataset, Missing, Selection, Summary};
+use super::shared_files::SHARED_FILES;
+use super::{Dataset, Missing, Plan, Selection, Summary};
 use crate::method::Method;
-use crate::{SkippedEntry, WarningCount};
+use crate::{Provenance, SkippedEntry, WarningCount};
 
 /// How the kinds of warnings begin about methods whose settings other presets state; the method's name follows.
 const UNLISTED_SETTINGS: &str =
     "methods with the preset's own poses and planes, because it states none of the method they name";
+/// How the kinds of warnings begin about methods for which nobody chose a setting, although the preset lists one for their name, which
+/// follows.
+const SETTINGS_NOT_CHOSEN: &str =
+    "methods with the preset's own poses and planes, although it states others for a method of their name";
 /// The kind of the warning about learned metrics with other weights than the published ones, whose numbers are of another metric.
 pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than the published ones";
 
 /// Whether a kind of warning is about a whole run, which every shard of it counts.
 pub(crate) fn is_of_run(kind: &str) -> bool {
-    kind.starts_with(UNLISTED_SETTINGS) || kind == UNPUBLISHED_WEIGHTS
+    kind.starts_with(UNLISTED_SETTINGS) || kind.starts_with(SETTINGS_NOT_CHOSEN) || kind == UNPUBLISHED_WEIGHTS
 }
 
-/// Whether a kind of warning is about the settings of a method that is none of `own`.
-pub(super) fn is_of_another_method(kind: &str, own: &BTreeSet<String>) -> bool {
-    let name = kind.strip_prefix(UNLISTED_SETTINGS).and_then(|rest| rest.strip_prefix(": "));
-    name.is_some_and(|name| !own.contains(name))
+/// Whether a kind of warning is about a method that is not among `methods`.
+fn is_of_another_method(kind: &str, methods: &BTreeSet<String>) -> bool {
+    let of_methods = [UNLISTED_SETTINGS, SETTINGS_NOT_CHOSEN, SHARED_FILES];
+    let name = of_methods.into_iter().find_map(|start| kind.strip_prefix(start)?.strip_prefix(": "));
+    name.is_some_and(|name| !methods.contains(name))
 }
 
 /// Problems with datasets that did not stop a run.
@@ -101,12 +107,25 @@ impl Findings {
         }
     }
 
-    /// Adds the methods that name a method whose settings other presets state: they run with the preset's own.
-    pub(super) fn add_unlisted_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
-        for method in methods.iter().filter(|method| !dataset.preset.has_setting_of(method.setting())) {
+    /// Adds the methods that may need other settings than the preset's own, with which they run: those that name a method whose
+    /// settings other presets state, and those for which nobody chose any, but that have the name of a method with others.
+    pub(super) fn add_doubtful_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
+        let preset = &dataset.preset;
+        for method in methods.iter().filter(|method| !preset.has_setting_of(method.setting())) {
             let (name, setting) = (method.record().name, method.setting());
             let kind = format!("{UNLISTED_SETTINGS}: {name}");
             self.add(&dataset.name, &kind, 1, format!("{name} names {setting}"));
+        }
+        let differs = |name: &str| {
+            preset.setting_for(name) != preset.setting_for(Preset::OWN_METHOD)
+                || preset.renderer_overrides_of(name).is_some()
+        };
+        let not_chosen = methods.iter().filter(|method| method.has_no_chosen_setting());
+        for name in not_chosen.map(|method| method.record().name).filter(|name| differs(name)) {
+            let kind = format!("{SETTINGS_NOT_CHOSEN}: {name}");
+            let of_preset = Preset::OWN_METHOD;
+            let choice = format!("--setting {name} chooses its own, --setting {of_preset} keeps these");
+            self.add(&dataset.name, &kind, 1, choice);
         }
     }
 
@@ -118,7 +137,7 @@ impl Findings {
     }
 
     /// Adds entries without a trial under these methods. Methods with different pose normalisations go through the same index;
-    /// duplicates are removed by [`Self::in_order`].
+    /// duplicates are removed by [`Self::with_earlier`].
     pub(super) fn add_skipped(&mut self, preset: &str, methods: &BTreeSet<String>, report: &SkipReport) {
         for Skipped { scene, entry_number, reason, detail } in &report.skipped {
             let methods = if depends_on_poses(*reason) { methods.clone() } else { BTreeSet::new() };
@@ -133,8 +152,34 @@ impl Findings {
         }
     }
 
-    /// Sorted and without duplicates: independent of how the work was divided.
-    pub(super) fn in_order(mut self) -> Self {
+    /// Number of index entries without a trial. Methods with other poses may give other reasons for one entry.
+    pub(super) fn skipped_entries(&self) -> u64 {
+        let entries = self.skipped.iter().map(|skipped| (&skipped.preset, &skipped.scene, skipped.entry));
+        entries.collect::<BTreeSet<_>>().len() as u64
+    }
+
+    /// Adds what the store recorded before this run and is still true: about other protocols, and about other methods, whose rows
+    /// are still there. Sorted and without duplicates: independent of how the work was divided.
+    pub(super) fn with_earlier(mut self, plan: &Plan<'_>, earlier: &Provenance) -> Self {
+        let methods: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();
+        let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
+        // With this run's protocols alone, files are not compared with those of the store's others.
+        let has_others = earlier.presets.iter().any(|record| !is_run(&record.name));
+        for warning in &earlier.warnings {
+            let is_repeated =
+                || self.warnings.iter().any(|known| (&known.preset, &known.kind) == (&warning.preset, &warning.kind));
+            let is_shared = || has_others && warning.kind.starts_with(SHARED_FILES) && !is_repeated();
+            if !is_run(&warning.preset) || is_of_another_method(&warning.kind, &methods) || is_shared() {
+                self.warnings.push(warning.clone());
+            }
+        }
+        for skipped in &earlier.skipped {
+            if is_run(&skipped.preset) {
+                self.skipped.extend(skipped.for_others(&methods));
+            } else {
+                self.skipped.push(skipped.clone());
+            }
+        }
         self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
         self.skipped = SkippedEntry::joined(self.skipped);
         self

@@ -7,13 +7,13 @@ use atsplat_protocol::{EvaluationIndex, Preset};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
-use super::Findings;
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::findings::SceneWarnings;
-use super::images::{self, ImageSink};
+use super::image_files::{self, ImageSink};
 use super::images_and_times::ImagesAndTimes;
 use super::outdated::Outdated;
-use super::plan::{Dataset, Plan, Summary};
+use super::plan::{Dataset, Plan};
+use super::run::Progress;
 use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
 
@@ -64,7 +64,10 @@ fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDigests) -> Opt
     (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
-fn scene_of(outcome: &Result<(Trial, TargetImages), Skipped>) -> &str {
+/// What [`Trials`] yields: a trial, or why an entry has none.
+type Outcome = Result<(Trial, TargetImages), Skipped>;
+
+fn scene_of(outcome: &Outcome) -> &str {
     match outcome {
         Ok((trial, _)) => trial.scene(),
         Err(skipped) => &skipped.scene,
@@ -93,20 +96,25 @@ pub(super) struct GroupRun<'a> {
 }
 
 impl GroupRun<'_> {
-    pub(super) fn run(
-        &self,
-        index: &EvaluationIndex,
-        warnings: &mut SceneWarnings,
-        findings: &mut Findings,
-        summary: &mut Summary,
-    ) -> Result<(), EvalError> {
-        let names: BTreeSet<String> = self.methods.iter().map(|method| method.record().name).collect();
+    pub(super) fn run(&self, index: &EvaluationIndex, progress: &mut Progress) -> Result<(), EvalError> {
         let (known, mut rest) = self.split_known(index);
         let (preset, with_results, new) = (&self.dataset.name, known.scenes.len(), rest.scenes.len());
         tracing::info!(preset, with_results, new, "scenes to evaluate, of which some have results in the store");
-        // Scenes with results are checked without decoding: whether their trials and data are unchanged.
+        let scenes = self.check_existing(&known, progress)?;
+        let is_incomplete = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_incomplete);
+        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_incomplete(scene)));
+        self.evaluate_rest(&rest, progress)
+    }
+
+    /// Checks scenes with results without decoding: whether their trials and data are unchanged. Those that are complete are done.
+    fn check_existing(
+        &self,
+        known: &EvaluationIndex,
+        progress: &mut Progress,
+    ) -> Result<IndexMap<String, SceneState>, EvalError> {
+        let names = self.method_names();
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
-        let mut trials = self.trials(&known, ahead);
+        let mut trials = self.trials(known, ahead);
         let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
         let mut reading = SceneWarnings::default();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
@@ -130,16 +138,19 @@ impl GroupRun<'_> {
         }
         self.store.digests().save()?;
         outdated.into_result()?;
-        warnings.join(reading);
-        findings.add_skipped(&self.dataset.name, &names, trials.report());
+        progress.warnings.join(reading);
+        progress.findings.add_skipped(&self.dataset.name, &names, trials.report());
         for state in scenes.values().filter(|state| !state.is_incomplete) {
             let methods = self.methods.len() as u64;
-            summary.resumed += state.trials * methods;
+            progress.summary.resumed += state.trials * methods;
             (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)());
         }
-        let is_incomplete = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_incomplete);
-        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_incomplete(scene)));
-        let mut trials = self.trials(&rest, self.plan.prefetch);
+        Ok(scenes)
+    }
+
+    /// Evaluates scenes without results, or with some, batch by batch.
+    fn evaluate_rest(&self, rest: &EvaluationIndex, progress: &mut Progress) -> Result<(), EvalError> {
+        let mut trials = self.trials(rest, self.plan.prefetch);
         let mut reading = SceneWarnings::default();
         loop {
             let mut batch = Vec::new();
@@ -151,26 +162,34 @@ impl GroupRun<'_> {
             if batch.is_empty() {
                 break;
             }
-            let mut work = Vec::new();
-            for outcome in batch {
-                match outcome {
-                    Ok(trial) => work.push(trial),
-                    Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
-                }
-            }
-            let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate(trial, &targets);
-            let evaluated: Vec<(u64, u64)> = match work.len() {
-                0 | 1 => work.into_iter().map(evaluate).collect::<Result<_, _>>()?,
-                _ => work.into_par_iter().map(evaluate).collect::<Result<_, _>>()?,
-            };
-            for (evaluated, resumed) in evaluated {
-                summary.evaluated += evaluated;
-                summary.resumed += resumed;
+            for (evaluated, resumed) in self.evaluate_batch(batch)? {
+                progress.summary.evaluated += evaluated;
+                progress.summary.resumed += resumed;
             }
         }
-        warnings.join(reading);
-        findings.add_skipped(&self.dataset.name, &names, trials.report());
+        progress.warnings.join(reading);
+        progress.findings.add_skipped(&self.dataset.name, &self.method_names(), trials.report());
         Ok(())
+    }
+
+    /// For each trial of a batch, how many results were evaluated and how many there were.
+    fn evaluate_batch(&self, batch: Vec<Outcome>) -> Result<Vec<(u64, u64)>, EvalError> {
+        let mut work = Vec::new();
+        for outcome in batch {
+            match outcome {
+                Ok(trial) => work.push(trial),
+                Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
+            }
+        }
+        let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate(trial, &targets);
+        match work.len() {
+            0 | 1 => work.into_iter().map(evaluate).collect(),
+            _ => work.into_par_iter().map(evaluate).collect(),
+        }
+    }
+
+    fn method_names(&self) -> BTreeSet<String> {
+        self.methods.iter().map(|method| method.record().name).collect()
     }
 
     fn check_stop(&self) -> Result<(), EvalError> {
@@ -225,22 +244,22 @@ impl GroupRun<'_> {
         self.images_and_times.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
-        let before = (self.methods.len() - missing.len()) as u64;
-        (0..before).for_each(|_| (self.step)());
+        let resumed = (self.methods.len() - missing.len()) as u64;
+        (0..resumed).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;
         for (method, input_hash) in missing {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            images::remove(self.images.store, &key)?;
+            image_files::remove(self.images.store, &key)?;
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
             self.images_and_times.remove_outdated_times(&row)?;
             self.store.append(&row, &targets)?;
-            images::publish(self.images.store, &row.key)?;
+            image_files::publish(self.images.store, &row.key)?;
             (self.step)();
         }
-        Ok((evaluated, before))
+        Ok((evaluated, resumed))
     }
 }

@@ -7,35 +7,35 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_protocol::trial::Trial;
 
 use super::group_run::to_u32;
-use super::images::{self, CONTEXT, KeepImages, TRUTH};
-use crate::store::OwnImage;
+use super::image_files::{self, CONTEXT, KeepImages, TRUTH};
+use crate::store::StoredImage;
 use crate::{EvalError, Store, TrialKey, TrialRow};
 
-/// Images and times that a store held when a run began.
+/// Images and times that a store contained when a run began.
 #[derive(Debug)]
 pub(super) struct ImagesAndTimes<'a> {
     store: &'a Store,
     /// The images of each result that are to be kept; empty unless the run keeps all images.
-    own: BTreeMap<TrialKey, Vec<OwnImage>>,
+    kept: BTreeMap<TrialKey, Vec<StoredImage>>,
     /// Results whose times are in the store. The lock is held while the table of times is written.
     timed: Mutex<BTreeSet<TrialKey>>,
-    /// Trials whose images of other data were removed, each with an empty name of the method.
+    /// Trials whose images of other data were removed, each under an empty method name.
     renewed: Mutex<BTreeSet<TrialKey>>,
 }
 
 impl<'a> ImagesAndTimes<'a> {
     pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, EvalError> {
-        let own = if keep == KeepImages::All { store.own_images()? } else { BTreeMap::new() };
+        let kept = if keep == KeepImages::All { store.images_of_results()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
-        Ok(Self { store, own, timed: Mutex::new(timed), renewed: Mutex::default() })
+        Ok(Self { store, kept, timed: Mutex::new(timed), renewed: Mutex::default() })
     }
 
     /// Whether the run keeps all images, and the store has a result without one of its images, or with another result's.
     pub(super) fn lacks_images(&self, key: &TrialKey) -> bool {
-        let is_stored = |OwnImage { key, frame, hash }: &OwnImage| {
-            images::is_stored(self.store.folder(), key, *frame, hash.as_deref())
+        let is_stored = |StoredImage { key, frame, hash }: &StoredImage| {
+            image_files::is_stored(self.store.folder(), key, *frame, hash.as_deref())
         };
-        self.own.get(key).is_some_and(|own| !own.iter().all(is_stored))
+        self.kept.get(key).is_some_and(|images| !images.iter().all(is_stored))
     }
 
     /// Removes the images of a trial's results that were computed from other data, and the images of that data.
@@ -55,7 +55,7 @@ impl<'a> ImagesAndTimes<'a> {
         let is_all = known.methods(&trial.preset, &trial.scene, trial.entry).count() == outdated.len();
         let of_data = [TRUTH, CONTEXT].into_iter().filter(|_| is_all);
         let mut names = outdated.iter().copied().chain(of_data);
-        names.try_for_each(|name| images::remove(self.store.folder(), &trial.of_method(name)))
+        names.try_for_each(|name| image_files::remove(self.store.folder(), &trial.of_method(name)))
     }
 
     /// Removes the times of the row that this one replaces, unless that was made from the same data and files.
@@ -75,7 +75,7 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::images::image_path;
+    use super::image_files::image_path;
     use super::*;
     use crate::Provenance;
     use crate::sample_rows::{key, target, trial};

@@ -1,33 +1,15 @@
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{
-    BuiltIndex, Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, IndexNotices, Preset, SamplingRule,
-};
+use atsplat_protocol::{Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, WarningKind, Warnings};
 
+use super::IndexFolder;
+use super::index_notices::{self, IndexNotice};
 use crate::EvalError;
 use crate::rows::SAMPLED_BY;
-
-/// Larger files are not searched: the largest published index has 1.2 MB.
-const MAX_BYTES: u64 = 64 << 20;
-/// Depth to which folders are searched for indices.
-const MAX_DEPTH: usize = 4;
-
-/// Prefix of warning kinds for published entries that the derived split drops.
-pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
-
-const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
-const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
-const REPEATED_IMAGE: &str = "frames that repeat an earlier frame's image file, which are not sampled";
-const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
-const NOT_READ: &str = "scenes that are not read, and not sampled";
-
-/// Prefixes of warning kinds for scenes and frames of the data that the sampled index leaves out.
-pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
 
 /// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,31 +29,9 @@ pub struct PlannedIndex {
     pub notices: BTreeMap<String, IndexNotice>,
 }
 
-/// Irregularities of an index of one kind.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct IndexNotice {
-    /// How often it occurs in the whole index.
-    pub count: u64,
-    /// The first of them.
-    pub example: String,
-    /// What a run misses because of them.
-    pub missing: Missing,
-}
-
-/// What a run misses because of a notice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// Nothing.
-    Nothing,
-    /// Entries of a published index that have no trial.
-    Entries,
-    /// Scenes or frames of the data that a sampled index leaves out.
-    Data,
-}
-
 impl PlannedIndex {
-    /// Reads an index file, or finds the preset's index in a folder by its hash. If the preset's split has to be derived from
-    /// a published index, the split is computed with the scene lengths of the dataset.
+    /// Reads an index file, or finds the preset's index in a folder by its hash ([`Self::published`]). If the preset's split has
+    /// to be derived from a published index, the split is computed with the scene lengths of the dataset.
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a file that is not an index or has conflicting entries for a scene, [`EvalError::Io`],
@@ -82,8 +42,10 @@ impl PlannedIndex {
         source: &dyn SceneSource,
         warnings: &mut Warnings,
     ) -> Result<Self, EvalError> {
-        let path = if path.is_dir() { published_below(path, preset)? } else { path.to_owned() };
-        let file = IndexFile::read(&path)?;
+        if path.is_dir() {
+            return Self::published(&IndexFolder::search(path)?, preset, source, warnings);
+        }
+        let file = IndexFile::read(path)?;
         let sha256 = file.sha256;
         let matched = preset.index.recognise(&file);
         let name = match matched {
@@ -93,15 +55,28 @@ impl PlannedIndex {
             | IndexMatch::Underived { name } => Some(name.to_owned()),
             IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => None,
         };
-        let notices = if name.is_some() { BTreeMap::new() } else { notices_of_file(&file.notices) };
+        let notices = if name.is_some() { BTreeMap::new() } else { index_notices::of_file(&file.notices) };
         let underived = matches!(matched, IndexMatch::Underived { .. });
-        let index = file.into_unambiguous().map_err(|error| error.in_file(&path))?;
+        let index = file.into_unambiguous().map_err(|error| error.in_file(path))?;
         let description = path.display().to_string();
         let read = Self { index, description, sha256, name, left_out: 0, notices };
         Ok(match preset.index.derivation.filter(|_| underived) {
             None => read,
             Some(derivation) => read.split(derivation, source, warnings),
         })
+    }
+
+    /// Reads the preset's index among the files of a folder, as [`Self::read`] does.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`] and [`IndexFolder::published`].
+    pub fn published(
+        folder: &IndexFolder,
+        preset: &Preset,
+        source: &dyn SceneSource,
+        warnings: &mut Warnings,
+    ) -> Result<Self, EvalError> {
+        Self::read(folder.published(preset)?, preset, source, warnings)
     }
 
     /// The split that a preset derives from this index, for the scenes of a dataset. Entries that it drops are noticed.
@@ -111,17 +86,8 @@ impl PlannedIndex {
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
         let lengths = scene_lengths(&present, source, &|| (), warnings);
         let split = Extrapolation::from(derivation).split(&self.index, &lengths);
-        let (kind, missing) = match self.name {
-            Some(_) => (DROPPED_BY_SPLIT, Missing::Entries),
-            None => ("sampled entries that have no place in the split", Missing::Nothing),
-        };
         let mut notices = self.notices;
-        for (why, scenes) in split.drops() {
-            if let Some(first) = scenes.first() {
-                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), missing };
-                notices.insert(format!("{kind}: {why}"), notice);
-            }
-        }
+        notices.extend(index_notices::of_split(&split, self.name.is_some()));
         let description = format!("{}, its windows with frames before and after them", self.description);
         Self { notices, ..Self::generated(split.index, description, self.name) }
     }
@@ -139,21 +105,16 @@ impl PlannedIndex {
         warnings.merge(found);
         let mut description = format!("{SAMPLED_BY}{name}");
         if built.entries == 0 && !built.nulls.is_empty() {
-            description = format!("{description}; scenes without an entry: {}", reasons(&built));
+            description = format!("{description}; scenes without an entry: {}", index_notices::reasons(&built));
         }
-        let notices = notices_of_sampling(&built, unreadable, name);
+        let notices = index_notices::of_sampling(&built, unreadable, name);
         Self { notices, ..Self::generated(built.index, description, None) }
     }
 
     /// Notes the scenes of a sampled index's data that were not read when the data were opened, by the warnings of opening: the
     /// sampler did not see them.
     pub fn note_unread(&mut self, opening: &Warnings) {
-        const UNREAD: [WarningKind; 3] =
-            [WarningKind::UnreadableScene, WarningKind::SceneNotFound, WarningKind::IgnoredScene];
-        for (kind, count, first) in opening.summary().filter(|(kind, ..)| UNREAD.contains(kind)) {
-            let notice = IndexNotice { count, example: first.to_string(), missing: Missing::Data };
-            self.notices.insert(format!("{NOT_READ}: {kind}"), notice);
-        }
+        self.notices.extend(index_notices::of_unread(opening));
     }
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
@@ -174,82 +135,6 @@ impl PlannedIndex {
     }
 }
 
-fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
-    let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
-    found
-        .map(|found| {
-            (found.kind, IndexNotice { count: found.count, example: found.example, missing: Missing::Nothing })
-        })
-        .collect()
-}
-
-/// What a rule left out: scenes and frames that it could not use, and entries that it rejects by itself.
-fn notices_of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str) -> BTreeMap<String, IndexNotice> {
-    let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
-    let nulls = first_null.map(|(key, _)| {
-        let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
-        (WITHOUT_ENTRY, IndexNotice { count, example, missing: Missing::Data })
-    });
-    let others = [
-        ("sampled entries rejected for their overlap", built.refused_entries as u64, Missing::Nothing),
-        (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
-        (REPEATED_IMAGE, built.repeated_images as u64, Missing::Nothing),
-        (UNREADABLE_IMAGE, unreadable_images, Missing::Data),
-    ]
-    .map(|(kind, count, missing)| (kind, IndexNotice { count, example: rule.to_owned(), missing }));
-    let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
-    found.map(|(kind, notice)| (kind.to_owned(), notice)).collect()
-}
-
-/// Numbers of scenes without an entry, by reason.
-fn reasons(built: &BuiltIndex) -> String {
-    let reasons: Vec<String> = built.nulls.iter().map(|(reason, scenes)| format!("{scenes} {reason}")).collect();
-    reasons.join(", ")
-}
-
-/// The first of a preset's accepted indices in a folder, in any subfolder and under any name.
-fn published_below(folder: &Path, preset: &Preset) -> Result<PathBuf, EvalError> {
-    let mut found: Vec<(Sha256Digest, PathBuf)> = Vec::new();
-    // Such as `lost+found`, which only the administrator may read.
-    let mut unread: Vec<PathBuf> = Vec::new();
-    let mut folders = vec![(folder.to_owned(), 0)];
-    while let Some((folder, depth)) = folders.pop() {
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(_) if depth > 0 => {
-                unread.push(folder);
-                continue;
-            }
-            Err(error) => return Err(EvalError::io("searching for evaluation indices", &folder)(error)),
-        };
-        for path in entries.flatten().map(|entry| entry.path()) {
-            let is_json = path.extension().is_some_and(|extension| extension == "json");
-            if path.is_dir() && depth < MAX_DEPTH {
-                folders.push((path, depth + 1));
-            } else if is_json && fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= MAX_BYTES) {
-                match fs::read(&path) {
-                    Ok(bytes) => found.push((Sha256Digest::of(&bytes), path)),
-                    Err(_) => unread.push(path),
-                }
-            }
-        }
-    }
-    found.sort_by(|(_, a), (_, b)| a.cmp(b));
-    let accepted = &preset.index.accepted;
-    let by_hash = |sha256: &Sha256Digest| found.iter().find(|(hash, _)| hash == sha256).map(|(_, path)| path.clone());
-    accepted.iter().find_map(|accepted| by_hash(&accepted.sha256)).ok_or_else(|| {
-        let names: Vec<&str> = accepted.iter().map(|accepted| accepted.name.as_str()).collect();
-        let unread = unread.first().map_or_else(String::new, |first| {
-            format!(", and {} that cannot be read, such as {}", unread.len(), first.display())
-        });
-        EvalError::Settings {
-            what: "evaluation index",
-            expected: format!("the file of {} for the preset {}", names.join(" or "), preset.name),
-            found: format!("{} other .json files below {}{unread}", found.len(), folder.display()),
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
@@ -259,6 +144,7 @@ mod tests {
     use glam::{DMat3, DVec3};
 
     use super::*;
+    use crate::runner::{DROPPED_BY_SPLIT, Missing, NOT_SAMPLED};
 
     /// Scenes of cameras in a row, by their numbers of frames; the first frame of the first scene has lost its image.
     struct Lengths {
@@ -307,7 +193,7 @@ mod tests {
         let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
         let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
         let mut opening = Warnings::new();
-        opening.push(WarningKind::IgnoredScene, "f", "holds images, but no cameras");
+        opening.push(WarningKind::IgnoredScene, "f", "contains images, but no cameras");
         opening.push(WarningKind::SceneNotFound, "g", "index.json lists it in 000001.torch, which is missing");
         opening.push(WarningKind::ImperfectRotation, "a", "frame 3");
         index.note_unread(&opening);
@@ -316,7 +202,7 @@ mod tests {
             (
                 "scenes that are not read, and not sampled: ignored-scene",
                 1,
-                "f: holds images, but no cameras",
+                "f: contains images, but no cameras",
                 Missing::Data,
             ),
             (
@@ -370,7 +256,7 @@ mod tests {
         let path = folder.path().join("index.json");
         let entry = |more: &str| format!(r#"{{"context": [0, 9], "target": [3], {more}}}"#);
         let [word, other, field] = [r#""overlap": "ignore""#, r#""overlap": "large""#, r#""overlapp": 1"#].map(entry);
-        fs::write(&path, format!(r#"{{"a": {word}, "b": {other}, "c": {field}}}"#)).unwrap();
+        std::fs::write(&path, format!(r#"{{"a": {word}, "b": {other}, "c": {field}}}"#)).unwrap();
         let preset = Preset::named("re10k-overlap").unwrap();
         let index = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
         let expected = [

@@ -55,33 +55,29 @@ pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&
 ///
 /// # Errors
 /// [`EvalError::Unknown`], [`EvalError::Settings`] for a protocol whose metrics do not exist for its pixel values, and
-/// [`EvalError::Metrics`] for a file that holds other weights.
+/// [`EvalError::Metrics`] for a file that contains other weights.
 pub fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> Result<Suite, EvalError> {
     datasets.iter().try_for_each(|dataset| check_implemented(&dataset.preset))?;
-    let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
-    let definitions = named_metrics(own.chain(more.iter().map(String::as_str)))?;
+    let of_protocols = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
+    let definitions = named_metrics(of_protocols.chain(more.iter().map(String::as_str)))?;
     let given = WeightsFolders::new(weights.iter().map(|folder| folder.to_path_buf()).collect());
     let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
     Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
 }
 
-/// Rejects a protocol whose SSIM or LPIPS only exists for other pixel values than its own.
+/// Rejects a protocol whose SSIM or LPIPS only exists for other pixel values than the protocol's.
 fn check_implemented(preset: &Preset) -> Result<(), EvalError> {
     let MetricConvention { psnr: _, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = preset.metrics;
     let truncated = pixels == PixelValues::TruncatedToBytes;
-    let refused = |expected: &str| {
-        let (expected, found) = (expected.to_owned(), format!("other pixel values in {}", preset.name));
-        Err(EvalError::Settings { what: "metrics of the protocol", expected, found })
-    };
-    match (ssim, lpips) {
-        (SsimConvention::SkimageUniform, _) if truncated => {
-            refused("pixels = \"float\" for ssim = \"skimage-uniform\"")
-        }
+    let expected = match (ssim, lpips) {
+        (SsimConvention::SkimageUniform, _) if truncated => "pixels = \"float\" for ssim = \"skimage-uniform\"",
         (_, LpipsConvention::AlexV01) if truncated || clip => {
-            refused("pixels = \"float\" and clip-before-ssim-and-lpips = false for lpips = \"alex-v01\"")
+            "pixels = \"float\" and clip-before-ssim-and-lpips = false for lpips = \"alex-v01\""
         }
-        _ => Ok(()),
-    }
+        _ => return Ok(()),
+    };
+    let found = format!("other pixel values in {}", preset.name);
+    Err(EvalError::Settings { what: "metrics of the protocol", expected: expected.to_owned(), found })
 }
 
 /// The provenance records of a suite's metrics.
@@ -124,24 +120,24 @@ mod tests {
 
     /// The metric of that name would be measured on other pixel values than the protocol's.
     #[test]
-    fn metrics_that_are_not_implemented_for_a_protocols_pixels_are_refused() {
+    fn metrics_that_are_not_implemented_for_a_protocols_pixels_are_rejected() {
         let mut preset = Preset::named("re10k-2v-256").unwrap();
-        let mut is_refused = |ssim, lpips, pixels, clip_before_ssim_and_lpips| {
+        let mut is_rejected = |ssim, lpips, pixels, clip_before_ssim_and_lpips| {
             preset.metrics = MetricConvention { ssim, lpips, pixels, clip_before_ssim_and_lpips, ..preset.metrics };
             check_implemented(&preset).is_err()
         };
         let (float, bytes) = (PixelValues::Float, PixelValues::TruncatedToBytes);
         let (gaussian, uniform) = (SsimConvention::SkimageGaussian, SsimConvention::SkimageUniform);
         let (vgg, alex) = (LpipsConvention::VggV01, LpipsConvention::AlexV01);
-        let refused = [
-            is_refused(gaussian, vgg, bytes, true),
-            is_refused(uniform, vgg, float, true),
-            is_refused(uniform, vgg, bytes, false),
-            is_refused(gaussian, alex, float, false),
-            is_refused(gaussian, alex, float, true),
-            is_refused(gaussian, alex, bytes, false),
+        let rejected = [
+            is_rejected(gaussian, vgg, bytes, true),
+            is_rejected(uniform, vgg, float, true),
+            is_rejected(uniform, vgg, bytes, false),
+            is_rejected(gaussian, alex, float, false),
+            is_rejected(gaussian, alex, float, true),
+            is_rejected(gaussian, alex, bytes, false),
         ];
-        assert_eq!(refused, [false, false, true, false, true, true]);
+        assert_eq!(rejected, [false, false, true, false, true, true]);
     }
 
     #[test]

@@ -1,15 +1,16 @@
 //! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use atsplat_protocol::DropReason;
 use atsplat_protocol::trial::SkipReason;
 
 use super::{Plan, Selection, spread};
-use crate::method::{FoundFiles, RequestedScene};
+use crate::method::{FoundFiles, Method, RequestedScene};
 use crate::{EvalError, Results, SkippedEntry, TargetRow, TargetStatus};
 
-/// Scenes per dataset whose imported files are looked for before the run.
+/// Scenes per dataset whose imported files are looked for before the run; all of them if there is no file of these.
 const CHECKED_SCENES: usize = 32;
 
 impl Plan<'_> {
@@ -21,21 +22,28 @@ impl Plan<'_> {
         // A method may lack every scene of a shard and have others.
         let whole = Selection { shard: None, ..self.selection };
         let indices: Vec<_> = self.datasets.iter().map(|dataset| whole.index_of(dataset)).collect();
-        let mut requested: Vec<RequestedScene<'_>> = Vec::new();
-        for index in &indices {
-            for at in spread(index.scenes.len(), CHECKED_SCENES) {
-                let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
-                requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
+        let requested = |scenes: usize| {
+            let mut requested: Vec<RequestedScene<'_>> = Vec::new();
+            for index in &indices {
+                for at in spread(index.scenes.len(), scenes) {
+                    let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
+                    requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
+                }
             }
-        }
-        let methods = self.methods_of_scenes();
-        let found: Vec<FoundFiles> = methods.iter().filter_map(|method| method.find_files(&requested)).collect();
+            requested
+        };
+        let (some, methods) = (requested(CHECKED_SCENES), self.methods_of_scenes());
+        let find = |method: &Arc<dyn Method>| {
+            let found = method.find_files(&some)?;
+            if found.scenes() == 0 { method.find_files(&requested(usize::MAX)) } else { Some(found) }
+        };
+        let found: Vec<FoundFiles> = methods.iter().filter_map(find).collect();
         found.iter().try_for_each(FoundFiles::check)?;
         Ok(found)
     }
 
-    /// Whether this shard has no trial although its datasets have scenes of the index: it is smaller than a scene, or its entries are
-    /// skipped for what they are. The run may be complete nevertheless, unless files of this shard cannot be read.
+    /// Whether this shard has no trial although its datasets have scenes of the index: it has no whole scene, or the protocol skips
+    /// its entries. The run may be complete nevertheless, unless files of this shard cannot be read.
     pub fn is_shard_without_trials(&self, results: &Results) -> bool {
         let has_scenes = |dataset: &super::Dataset| {
             let index = &dataset.index.index;
@@ -59,31 +67,21 @@ impl Plan<'_> {
             && self.methods.iter().any(|method| method.record().name == row.key.method)
     }
 
-    /// Why `results` hold no scored target of this plan; `None` if they hold one, and if the methods do not support any of the
+    /// Why `results` have no scored target of this plan; `None` if they have one, and if the methods do not support any of the
     /// trials.
     pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
-        let own: Vec<&TargetRow> = results.targets.iter().filter(|row| self.requests(row)).collect();
-        if own.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
+        let requested: Vec<&TargetRow> = results.targets.iter().filter(|row| self.requests(row)).collect();
+        if requested.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }
-        let unsupported = results.unsupported();
-        let (unsupported, own): (Vec<&TargetRow>, Vec<&TargetRow>) =
-            own.into_iter().partition(|row| unsupported.contains(&row.key));
-        if own.is_empty() && !unsupported.is_empty() {
-            return None;
+        let unsupported_trials = results.unsupported();
+        let (unsupported, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            requested.into_iter().partition(|row| unsupported_trials.contains(&row.key));
+        if let Some(first) = failed.first() {
+            return Some(why_failed(&failed, first));
         }
-        if let Some(first) = own.first() {
-            let why = first.detail.as_deref().unwrap_or("unknown reason");
-            let all = own.len();
-            let what = match own.iter().filter(|row| row.status == TargetStatus::NonFinite).count() {
-                0 => format!("all of {all} targets failed"),
-                some if some == all => format!("all of {all} targets have non-finite samples"),
-                some => format!("of {all} targets, {some} have non-finite samples and the others failed"),
-            };
-            return Some(format!("{what}, the first with: {why}"));
-        }
-        let reasons: Vec<String> = self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect();
-        Some(reasons.join("; "))
+        let reasons = || self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect::<Vec<_>>();
+        unsupported.is_empty().then(|| reasons().join("; "))
     }
 
     fn why_empty(&self, dataset: &super::Dataset, results: &Results) -> String {
@@ -113,4 +111,15 @@ impl Plan<'_> {
         }
         format!("{name}: every entry was skipped: {}", reasons.join(", "))
     }
+}
+
+/// How targets without a score failed, the first of them with its reason.
+fn why_failed(targets: &[&TargetRow], first: &TargetRow) -> String {
+    let all = targets.len();
+    let what = match targets.iter().filter(|row| row.status == TargetStatus::NonFinite).count() {
+        0 => format!("all of {all} targets failed"),
+        some if some == all => format!("all of {all} targets have non-finite samples"),
+        some => format!("of {all} targets, {some} have non-finite samples and the others failed"),
+    };
+    format!("{what}, the first with: {}", first.detail.as_deref().unwrap_or("unknown reason"))
 }

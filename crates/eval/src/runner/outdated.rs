@@ -24,12 +24,12 @@ impl<'a> Outdated<'a> {
         Self { plan, dataset, store, count: 0, first: None }
     }
 
-    /// Checks the current state of a trial. Outdated results of the run's own methods are recomputed; those of other methods
-    /// are recorded here.
+    /// Checks the current state of a trial. Outdated results of the run's methods are recomputed; those of other methods are
+    /// recorded here.
     pub(super) fn check_trial(&mut self, trial: &Trial, data_hash: &str) {
         let key = self.key(trial.scene(), trial.entry_number());
         for method in self.store.known().outdated(&key, data_hash) {
-            if !self.plan.methods.iter().any(|own| own.record().name == method) {
+            if !self.plan.methods.iter().any(|run| run.record().name == method) {
                 self.note(&key, method, "its images or cameras changed", RECOMPUTE);
             }
         }

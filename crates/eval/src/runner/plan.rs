@@ -12,7 +12,7 @@ use super::selection::Selected;
 use super::{CONTEXT, KeepImages, PlannedIndex, Selection, TRUTH, metric_records};
 use crate::method::Method;
 use crate::timing::{Machine, TimingPlan};
-use crate::{EvalError, PresetRecord, Provenance};
+use crate::{EvalError, MethodRecord, PresetRecord, Provenance, Results, TargetStatus, TrialRow, TrialStatus};
 
 /// A dataset with the protocol that it is evaluated under.
 #[derive(Clone)]
@@ -58,12 +58,13 @@ pub struct Summary {
     pub resumed: u64,
     /// Trials, new and old, that failed or have failed targets.
     pub incomplete: u64,
-    /// Trials, new and old, that their method does not support; they count as no failure.
+    /// Trials, new and old, that their method does not support; they do not count as failures.
     pub not_applicable: u64,
     /// Targets, new and old, with non-finite samples.
     pub non_finite: u64,
-    /// Trials, new and old, of whose Gaussians none is drawn in any target.
-    pub undrawn: u64,
+    /// Trials, new and old, of whose Gaussians none contributes to any target's render.
+    #[serde(rename = "undrawn")]
+    pub empty_renders: u64,
     /// Index entries without a trial.
     pub skipped: u64,
     /// Scenes and frames of the data that are not in a sampled index: not read, without an entry, without an image.
@@ -71,6 +72,19 @@ pub struct Summary {
     /// Scenes of the indices that the datasets lack.
     #[serde(rename = "not-there")]
     pub missing_scenes: u64,
+}
+
+impl Summary {
+    /// Counts the outcomes of all trials and targets of the store, new and old.
+    pub(super) fn add_totals(&mut self, results: &Results) {
+        let trials =
+            |is_counted: fn(&TrialRow) -> bool| results.trials.iter().filter(|row| is_counted(row)).count() as u64;
+        self.incomplete = trials(|trial| trial.status.is_incomplete());
+        self.not_applicable = trials(|trial| trial.status == TrialStatus::NotApplicable);
+        self.empty_renders = trials(TrialRow::renders_nothing);
+        self.non_finite =
+            results.targets.iter().filter(|target| target.status == TargetStatus::NonFinite).count() as u64;
+    }
 }
 
 impl std::fmt::Debug for Dataset {
@@ -103,55 +117,42 @@ impl Plan<'_> {
     pub fn provenance(&self, here: Provenance) -> Result<Provenance, EvalError> {
         let methods: Vec<_> = self.methods.iter().map(|method| method.record()).collect();
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
-        // A name may be a folder's, which nobody chose for a method.
-        if let Some(reserved) =
-            methods.iter().map(|method| method.name.trim()).find(|name| [TRUTH, CONTEXT].contains(name))
-        {
-            let expected = "other names than truth and context, which images of a store have (NAME=METHOD names a method of \
-                            run, --name that of score)";
-            return Err(EvalError::Settings {
-                what: "methods",
-                expected: expected.to_owned(),
-                found: reserved.to_owned(),
-            });
-        }
+        methods.iter().try_for_each(check_name)?;
         unique("presets", self.datasets.iter().map(|dataset| dataset.name.as_str()))?;
         self.check_settings()?;
         if let Some(shard) = self.selection.shard.filter(|shard| shard.number == 0 || shard.number > shard.count) {
+            let expected = "a number from 1 to the number of shards".to_owned();
             let found = format!("{} of {}", shard.number, shard.count);
-            return Err(EvalError::Settings {
-                what: "shard",
-                expected: "a number from 1 to the number of shards".to_owned(),
-                found,
-            });
+            return Err(EvalError::Settings { what: "shard", expected, found });
         }
-        let preset = |dataset: &Dataset| {
-            let Dataset { name, preset, description, index, .. } = dataset;
-            Ok(PresetRecord {
-                name: name.clone(),
-                preset: preset.name.clone(),
-                stands_for: preset.stands_for.clone(),
-                title: preset.title.clone(),
-                hash: preset.hash()?.to_string(),
-                toml: preset.to_toml()?,
-                dataset: description.clone(),
-                index: index.description.clone(),
-                index_sha256: index.sha256.to_string(),
-                index_name: index.name.clone(),
-                overlap_estimators: index.index.overlap_estimators(),
-                entries: self.selected(dataset).index.entries().count() as u64,
-                entries_of_index: index.entries_of_file(),
-                scenes_of_index: (index.left_out == 0).then(|| index.index.scene_count() as u64),
-            })
-        };
         Ok(Provenance {
             shard: self.selection.shard,
             limit: self.selection.limit,
-            presets: self.datasets.iter().map(preset).collect::<Result<_, EvalError>>()?,
+            presets: self.datasets.iter().map(|dataset| self.preset_record(dataset)).collect::<Result<_, _>>()?,
             adapter: Provenance::adapters(&methods),
             methods,
             metrics: metric_records(self.suite),
             ..here
+        })
+    }
+
+    fn preset_record(&self, dataset: &Dataset) -> Result<PresetRecord, EvalError> {
+        let Dataset { name, preset, description, index, .. } = dataset;
+        Ok(PresetRecord {
+            name: name.clone(),
+            preset: preset.name.clone(),
+            stands_for: preset.stands_for.clone(),
+            title: preset.title.clone(),
+            hash: preset.hash()?.to_string(),
+            toml: preset.to_toml()?,
+            dataset: description.clone(),
+            index: index.description.clone(),
+            index_sha256: index.sha256.to_string(),
+            index_name: index.name.clone(),
+            overlap_estimators: index.index.overlap_estimators(),
+            entries: self.selected(dataset).index.entries().count() as u64,
+            entries_of_index: index.entries_of_file(),
+            scenes_of_index: (index.left_out == 0).then(|| index.index.scene_count() as u64),
         })
     }
 
@@ -181,6 +182,17 @@ impl Plan<'_> {
     pub(crate) fn selected(&self, dataset: &Dataset) -> Selected {
         self.selection.of(&dataset.index.index, dataset.source.keys())
     }
+}
+
+/// Rejects the names that images of a store have: a method's name may be that of a folder, which nobody chose for a method.
+fn check_name(method: &MethodRecord) -> Result<(), EvalError> {
+    let name = method.name.trim();
+    if ![TRUTH, CONTEXT].contains(&name) {
+        return Ok(());
+    }
+    let expected = "other names than truth and context, which images of a store have (NAME=METHOD names a method of run, --name \
+                    that of score)";
+    Err(EvalError::Settings { what: "methods", expected: expected.to_owned(), found: name.to_owned() })
 }
 
 fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Result<(), EvalError> {

@@ -34,8 +34,8 @@ impl Selection {
         self.of(&dataset.index.index, dataset.source.keys()).missing
     }
 
-    /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes those that lie
-    /// together in the dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
+    /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes neighbours in the
+    /// dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
     pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
         let known: HashMap<&str, usize> = keys.iter().enumerate().map(|(at, key)| (key.as_str(), at)).collect();
         let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
@@ -127,9 +127,9 @@ mod tests {
         assert_eq!(Selection::default().share_of(4), 4);
     }
 
-    /// The index is in another order than the data, whose chunks hold two scenes each.
+    /// The index is in another order than the data, whose chunks contain two scenes each.
     #[test]
-    fn a_shard_takes_scenes_that_lie_together_in_the_data() {
+    fn a_shard_takes_scenes_that_are_neighbours_in_the_data() {
         let index = index(8);
         let keys: Vec<String> = [3, 1, 7, 5, 0, 2, 4, 6].map(|scene| format!("s{scene}")).to_vec();
         let parts = (1..=4).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 4 }) });

@@ -5,8 +5,8 @@ use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::group_run::key_of;
-use super::images::ImageSink;
-use super::worst::WorstSoFar;
+use super::image_files::ImageSink;
+use super::kept_images::WorstSoFar;
 use super::{Dataset, KeepImages};
 use crate::method::Method;
 use crate::{EvalError, TargetRow, TrialRow};

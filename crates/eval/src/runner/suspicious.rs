@@ -4,20 +4,22 @@ use std::collections::BTreeMap;
 
 use atsplat_pixels::{Image, ImageU8};
 
+use crate::doubts::NO_COLOUR;
+
 /// Why a render is suspicious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum SuspiciousRender {
     /// No Gaussian contributes to it.
-    NothingDrawn,
+    Empty,
     /// It is grey, but the ground truth is not.
     NoColour,
 }
 
 impl SuspiciousRender {
-    /// What is suspicious about a render in which this many Gaussians are drawn.
+    /// What is suspicious about a render to which this many Gaussians contribute.
     pub(super) fn of(render: &Image, drawn: Option<u64>, truth: &ImageU8) -> Option<Self> {
         if drawn == Some(0) {
-            return Some(Self::NothingDrawn);
+            return Some(Self::Empty);
         }
         // Fast: nearly every render has a colour in its first pixel, and the truth is only examined if the render is
         // grey.
@@ -38,15 +40,15 @@ pub(super) fn notes(
     gaussians: Option<u64>,
 ) -> Vec<String> {
     let note = |(suspicion, count): (&SuspiciousRender, &usize)| match (suspicion, gaussians) {
-        (SuspiciousRender::NothingDrawn, Some(0)) => {
+        (SuspiciousRender::Empty, Some(0)) => {
             format!("no Gaussian is left: {count} of {targets} renders show the background")
         }
-        (SuspiciousRender::NothingDrawn, _) => {
+        (SuspiciousRender::Empty, _) => {
             let question = "do the Gaussians belong to this scene, its axes and its unit of length?";
             format!("no Gaussian is drawn: {count} of {targets} renders show the background; {question}")
         }
         (SuspiciousRender::NoColour, _) => {
-            format!("renders without colour: {count} of {targets}, where the ground truth has colours")
+            format!("{NO_COLOUR}{count} of {targets}, where the ground truth has colours")
         }
     };
     suspicious.iter().map(note).collect()
@@ -64,6 +66,6 @@ mod tests {
         assert_eq!(SuspiciousRender::of(&render(0.5), None, &truth(40)), None, "a scene without colour");
         assert_eq!(SuspiciousRender::of(&render(0.51), None, &truth(41)), None);
         assert_eq!(SuspiciousRender::of(&render(0.5), Some(1), &truth(41)), Some(SuspiciousRender::NoColour));
-        assert_eq!(SuspiciousRender::of(&render(0.51), Some(0), &truth(41)), Some(SuspiciousRender::NothingDrawn));
+        assert_eq!(SuspiciousRender::of(&render(0.51), Some(0), &truth(41)), Some(SuspiciousRender::Empty));
     }
 }

@@ -4,7 +4,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Scene, SceneError, SceneSource, WarningKind, Warnings, ratio_of_focal_lengths};
+use atsplat_scene::{Scene, SceneError, SceneSource, Times, WarningKind, Warnings, ratio_of_focal_lengths};
 
 /// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K and DL3DV are distributed as crops,
 /// either with the official cameras of the whole images, which are cropped here, or with cameras that are already cropped, which are
@@ -67,17 +67,21 @@ impl SceneSource for AlreadyCropped {
         }
         Ok(scene)
     }
+
+    fn times(&self) -> Times {
+        self.inner.times()
+    }
 }
 
 impl AlreadyCropped {
-    /// Whether a frame's own camera is that of the whole image: pixels are closer to square when it is cropped. Warns if both would
-    /// do, although they differ.
-    fn is_of_whole(&self, (key, at): (&str, usize), [own, cropped]: [&Camera; 2], warnings: &mut Warnings) -> bool {
+    /// Whether a frame's camera, as given, is that of the whole image: pixels are closer to square when it is cropped. Warns if both
+    /// would do, although they differ.
+    fn is_of_whole(&self, (key, at): (&str, usize), [given, cropped]: [&Camera; 2], warnings: &mut Warnings) -> bool {
         /// The same as a difference of focal lengths by half a percent.
         const CLOSE: Tolerance = Tolerance::absolute(5e-3);
-        let is_of_whole = self.stretch(cropped) < self.stretch(own);
-        let differs = !CLOSE.accepts(cropped.intrinsics.fx / own.intrinsics.fx, 1.0);
-        if differs && CLOSE.accepts(self.stretch(own), self.stretch(cropped)) {
+        let is_of_whole = self.stretch(cropped) < self.stretch(given);
+        let differs = !CLOSE.accepts(cropped.intrinsics.fx / given.intrinsics.fx, 1.0);
+        if differs && CLOSE.accepts(self.stretch(given), self.stretch(cropped)) {
             let taken = if is_of_whole { "of the whole image" } else { "of the crop" };
             let detail = format!(
                 "frame {at}: expected a camera of the whole image or of its crop, found one whose pixels are as square in either: taken as \

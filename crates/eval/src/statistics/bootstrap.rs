@@ -23,9 +23,9 @@ const MAX_DRAWS: usize = 10_000_000;
 /// Statistician 69, 2015, section 4.1).
 ///
 /// A plain percentile interval of `n` clusters is too short by `√((n − 1) / n)` and by the difference between Student's and
-/// the normal distribution; percentiles further out, at `Φ(−√(n / (n − 1)) · t)`, correct for both. Every resample has its own
-/// stream from a fixed seed, so results do not depend on threads. The interval cannot leave the range of the clusters' values,
-/// so with fewer than six clusters it is too short.
+/// the normal distribution; percentiles further out, at `Φ(−√(n / (n − 1)) · t)`, correct for both. Every resample has a
+/// separate stream from a fixed seed, so results do not depend on threads. The interval cannot leave the range of the clusters'
+/// values, so with fewer than six clusters it is too short.
 ///
 /// `None` with fewer than two clusters, or if a value is not finite or a weight not positive.
 pub fn interval_of_mean(clusters: &[[f64; 2]]) -> Option<[f64; 2]> {
@@ -59,7 +59,7 @@ pub(super) fn interval_of<const N: usize>(
         .map(|seed| {
             let mut random = SplitMix64::new(seed);
             let drawn = (0..=last).filter_map(|_| random.within(0..=last).and_then(|at| clusters.get(at)));
-            statistic(drawn.fold([0.0; N], |sums, own| std::array::from_fn(|at| sums[at] + own[at])))
+            statistic(drawn.fold([0.0; N], |sums, cluster| std::array::from_fn(|at| sums[at] + cluster[at])))
         })
         .collect();
     values.sort_by(f64::total_cmp);

@@ -112,7 +112,7 @@ mod tests {
         assert_eq!(difference(&first, &second), Some((4.0, 3)), "2 at frame 20, 6 at frame 30");
         assert_eq!(difference(&second, &first), Some((-4.0, 3)));
         assert_eq!(difference(&first, &[(11, 3.0), (21, 3.0)]), None);
-        // A target that the index repeats counts as often as in the protocol's own mean.
+        // A target that the index repeats counts as often as in the protocol's mean.
         assert_eq!(difference(&[(7, 9.0), (7, 5.0)], &[(7, 4.0), (7, 3.0)]), Some((3.5, 0)));
         assert_eq!(difference(&[(7, 9.0), (7, 5.0)], &[(7, 4.0)]), Some((5.0, 1)));
     }

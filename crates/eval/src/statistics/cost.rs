@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 
+use atsplat_numeric::mean;
 use serde::Serialize;
 
 use super::summary::set_hash;
@@ -36,28 +37,26 @@ pub struct Cost {
 
 /// The cost of a method under a preset.
 pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
-    let all = results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method);
-    let count = |status: TrialStatus| all.clone().filter(|trial| trial.status == status).count() as u64;
+    let all: Vec<&TrialRow> = results.trials_of(preset, method).collect();
+    let count = |status: TrialStatus| all.iter().filter(|trial| trial.status == status).count() as u64;
     let has_results = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
-    let trials: Vec<&TrialRow> = all.clone().filter(has_results).collect();
-    let mean = |of: &dyn Fn(&TrialRow) -> Option<f64>| mean(trials.iter().filter_map(|trial| of(trial)));
+    let trials: Vec<&TrialRow> = all.iter().copied().filter(has_results).collect();
+    let mean_of = |value: fn(&TrialRow) -> Option<f64>| {
+        mean(trials.iter().filter_map(|trial| value(trial)).filter(|value| value.is_finite()))
+    };
     let gaussians = || trials.iter().filter_map(|trial| trial.gaussians);
+    let identities = all.iter().map(|trial| (trial.key.scene.as_str(), trial.key.entry));
     Cost {
         trials: trials.len() as u64,
         failed: count(TrialStatus::Failed),
         not_applicable: count(TrialStatus::NotApplicable),
-        gaussians: mean(&|trial| trial.gaussians.map(|count| count as f64)),
+        gaussians: mean_of(|trial| trial.gaussians.map(|count| count as f64)),
         gaussians_min: gaussians().min(),
         gaussians_max: gaussians().max(),
-        gaussians_drawn: mean(&|trial| trial.gaussians_drawn),
-        initial_tokens: mean(&|trial| trial.initial_tokens.map(|count| count as f64)),
-        final_tokens: mean(&|trial| trial.final_tokens.map(|count| count as f64)),
+        gaussians_drawn: mean_of(|trial| trial.gaussians_drawn),
+        initial_tokens: mean_of(|trial| trial.initial_tokens.map(|count| count as f64)),
+        final_tokens: mean_of(|trial| trial.final_tokens.map(|count| count as f64)),
         peak_bytes: trials.iter().filter_map(|trial| trial.peak_bytes).max(),
-        trial_set_hash: set_hash(all.map(|trial| (trial.key.scene.as_str(), trial.key.entry)).collect::<BTreeSet<_>>()),
+        trial_set_hash: set_hash(identities.collect::<BTreeSet<_>>()),
     }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = values.filter(|value| value.is_finite()).fold((0.0, 0u64), |(s, n), value| (s + value, n + 1));
-    (count > 0).then(|| sum / count as f64)
 }

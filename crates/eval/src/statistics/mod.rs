@@ -25,7 +25,7 @@ pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
 pub use paired::{Paired, paired, paired_between, paired_scene_means};
-pub use scene_means::{SceneMean, direction, scene_means, weighted_scene_means, worst};
+pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
 pub use seeds::{Seeds, difference_of_seeds, of_seeds};
 pub use significance::sign_test;
 pub use summary::{Summary, summary};

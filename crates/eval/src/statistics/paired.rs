@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn targets_of_other_frames_are_no_pair() {
+    fn targets_of_other_frames_are_not_paired() {
         let target = |at, frame, value| SelectedTarget { frame, ..SelectedTarget::of_score(("a", 0, at), value) };
         let first = [target(0, 10, 5.0), target(1, 20, 7.0), target(2, 30, 1.0)];
         let second = [target(0, 10, 3.0), target(1, 21, 100.0)];

@@ -1,9 +1,11 @@
+use std::collections::BTreeSet;
+
 use atsplat_metrics::{Direction, definition};
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::MetricQuery;
-use super::selection::{Outcome, SelectedTarget, select};
+use super::selection::{ImageKey, Outcome, SelectedTarget, select};
 use crate::Results;
 
 /// The mean score of one scene.
@@ -13,7 +15,7 @@ pub struct SceneMean {
     /// Key of the scene.
     pub scene: String,
     /// The mean over targets; if the index has several entries for the scene, the mean of the entries' means, unless all
-    /// images count alike.
+    /// images have the same weight.
     pub mean: f64,
     /// Its weight in the protocol's mean: the number of its entries, or of its targets.
     pub weight: f64,
@@ -31,8 +33,30 @@ pub fn scene_means(results: &Results, query: &MetricQuery) -> Vec<SceneMean> {
 /// Like [`scene_means`], over entries or over targets as the protocol averages them: their weighted mean is that of
 /// [`super::summary()`].
 pub fn weighted_scene_means(results: &Results, query: &MetricQuery, aggregation: Aggregation) -> Vec<SceneMean> {
-    let selected = select(results, query);
-    let clusters = clusters(&selected, aggregation).into_iter();
+    means_of(&select(results, query), aggregation)
+}
+
+/// Like [`scene_means`], of several results, each over the targets that all of them have a score for, so that their differences
+/// are paired. Targets are matched by scene, entry and frame, whatever their preset.
+pub fn common_scene_means(queries: &[(&Results, MetricQuery<'_>)]) -> Vec<Vec<SceneMean>> {
+    let selected: Vec<Vec<SelectedTarget>> = queries.iter().map(|(results, query)| select(results, query)).collect();
+    let mut common: Option<BTreeSet<ImageKey<'_>>> = None;
+    for targets in &selected {
+        let images: BTreeSet<ImageKey<'_>> = SelectedTarget::scored(targets).map(|(image, ..)| image).collect();
+        common = Some(common.map_or_else(|| images.clone(), |known| &known & &images));
+    }
+    let common = common.unwrap_or_default();
+    let of_common = |targets: &Vec<SelectedTarget>| {
+        let scored = SelectedTarget::scored(targets).filter(|(image, ..)| common.contains(image));
+        let targets: Vec<SelectedTarget> = scored.map(|(_, target, _)| *target).collect();
+        means_of(&targets, Aggregation::SceneMeans)
+    };
+    selected.iter().map(of_common).collect()
+}
+
+/// The means of scenes with at least one score, of targets that are already selected and ordered.
+fn means_of(selected: &[SelectedTarget], aggregation: Aggregation) -> Vec<SceneMean> {
+    let clusters = clusters(selected, aggregation).into_iter();
     let mean = |cluster: Cluster| SceneMean {
         scene: cluster.scene.to_owned(),
         mean: cluster.sum / cluster.weight,

@@ -1,4 +1,4 @@
-//! Several trainings of one network: the spread that training causes beside that of scenes.
+//! Several trainings of one network: the spread that training causes in addition to that of scenes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,9 +46,9 @@ pub fn difference_of_seeds(a: &[Vec<SceneMean>], b: &[Vec<SceneMean>]) -> Option
     let (first, second) = table.split_at_checked(a.len())?;
     let differences: Vec<f64> =
         over_scenes(first).iter().zip(over_scenes(second)).map(|(one, other)| one - other).collect();
-    let several = [first, second].into_iter().filter(|own| own.len() > 1);
-    let trainings: Vec<Spread> = several.filter_map(|own| spread(&over_seeds(own, &weights))).collect();
-    Some(combined(weighted_spread(&differences, &weights)?, &trainings, both.len() as u64))
+    let several = [first, second].into_iter().filter(|trainings| trainings.len() > 1);
+    let spreads: Vec<Spread> = several.filter_map(|trainings| spread(&over_seeds(trainings, &weights))).collect();
+    Some(combined(weighted_spread(&differences, &weights)?, &spreads, both.len() as u64))
 }
 
 /// Mean, variance and number of values.
@@ -78,17 +78,17 @@ fn weighted_spread(values: &[f64], weights: &[f64]) -> Option<Spread> {
 fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
     let parts: Vec<(f64, usize)> = std::iter::once(&scenes)
         .chain(trainings)
-        .map(|own| (own.variance / own.count as f64, own.count.saturating_sub(1).max(1)))
+        .map(|spread| (spread.variance / spread.count as f64, spread.count.saturating_sub(1).max(1)))
         .collect();
     let variance: f64 = parts.iter().map(|(variance, _)| variance).sum();
     let squares: f64 = parts.iter().map(|(variance, freedom)| variance.powi(2) / *freedom as f64).sum();
-    // Satterthwaite's degrees of freedom lie between the smallest of the parts' and their sum.
+    // Satterthwaite's degrees of freedom are between the smallest of the parts' and their sum.
     let least = parts.iter().map(|(_, freedom)| *freedom).min().unwrap_or(1);
     let most: usize = parts.iter().map(|(_, freedom)| freedom).sum();
     let freedom = (least..=most).rev().find(|freedom| *freedom as f64 * squares <= variance.powi(2)).unwrap_or(least);
     let half = student_quantile(f64::midpoint(1.0, CONFIDENCE), freedom) * variance.sqrt();
     let enough = scenes.count as u64 >= MIN_SCENES;
-    let mean_variance = trainings.iter().map(|own| own.variance).sum::<f64>();
+    let mean_variance = trainings.iter().map(|spread| spread.variance).sum::<f64>();
     Seeds {
         mean: scenes.mean,
         interval: enough.then_some([scenes.mean - half, scenes.mean + half]),
@@ -115,14 +115,14 @@ struct Matrix {
 /// `None` without a common scene.
 fn matrix(trainings: &[Vec<SceneMean>]) -> Option<Matrix> {
     let by_scene: Vec<BTreeMap<&str, &SceneMean>> =
-        trainings.iter().map(|own| own.iter().map(|scene| (scene.scene.as_str(), scene)).collect()).collect();
+        trainings.iter().map(|means| means.iter().map(|scene| (scene.scene.as_str(), scene)).collect()).collect();
     let mut common: BTreeSet<&str> = by_scene.first()?.keys().copied().collect();
-    common.retain(|scene| by_scene.iter().all(|own| own.contains_key(scene)));
-    let row = |own: &BTreeMap<&str, &SceneMean>| {
-        common.iter().filter_map(|scene| own.get(scene)).map(|scene| scene.mean).collect::<Vec<f64>>()
+    common.retain(|scene| by_scene.iter().all(|training| training.contains_key(scene)));
+    let row = |training: &BTreeMap<&str, &SceneMean>| {
+        common.iter().filter_map(|scene| training.get(scene)).map(|scene| scene.mean).collect::<Vec<f64>>()
     };
     let weight = |scene: &&str| {
-        let weights = by_scene.iter().filter_map(|own| own.get(scene)).map(|scene| scene.weight);
+        let weights = by_scene.iter().filter_map(|training| training.get(scene)).map(|scene| scene.weight);
         weights.sum::<f64>() / by_scene.len() as f64
     };
     (!common.is_empty())
@@ -135,7 +135,7 @@ fn over_seeds(table: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
 
 fn over_scenes(table: &[Vec<f64>]) -> Vec<f64> {
     let scenes = table.first().map_or(0, Vec::len);
-    let mean = |scene: usize| table.iter().filter_map(|own| own.get(scene)).sum::<f64>() / table.len() as f64;
+    let mean = |scene: usize| table.iter().filter_map(|means| means.get(scene)).sum::<f64>() / table.len() as f64;
     (0..scenes).map(mean).collect()
 }
 

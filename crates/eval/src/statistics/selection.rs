@@ -74,11 +74,10 @@ impl<'a> SelectedTarget<'a> {
 /// The targets of a query, ordered by scene, entry and target.
 pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<SelectedTarget<'a>> {
     let MetricQuery { preset, method, metric, leaked, identical } = *query;
-    let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
-    let is_requested = results.provenance.metrics.iter().any(|record| record.id == metric)
-        || rows().any(|row| row.scores.contains_key(metric));
-    let absent = results.provenance.metrics.iter().find(|record| record.id == metric);
-    let absent = absent.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
+    let rows = || results.targets_of(preset, method);
+    let record = results.provenance.metrics.iter().find(|record| record.id == metric);
+    let is_requested = record.is_some() || rows().any(|row| row.scores.contains_key(metric));
+    let absent = record.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
     let unsupported = results.unsupported();
     let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
     let of_row = |row: &'a TargetRow| SelectedTarget {

@@ -429,3 +429,40 @@ fn trainings_and_scenes_have_separate_deviations() {
     let swapped = difference_of_seeds(&[training(1.0)], &trainings).unwrap();
     Tolerance::relative(1e-9).assert([swapped.mean], [1.0], "swapped");
 }
+
+/// Both trainings of one network fail at the harder target of every scene; those of the other are half a decibel better at the easier.
+#[test]
+fn several_trainings_are_compared_over_the_targets_that_all_have() {
+    let store = |easy: f64, hard: f64| {
+        let scenes = ["a", "b", "c", "d", "e", "f"].map(|scene| (scene, 0, vec![easy, hard]));
+        psnr(&scenes)
+    };
+    let lose = |results: &mut Results, is_lost: fn(&str, u32) -> bool| {
+        for row in results.targets.iter_mut().filter(|row| is_lost(&row.key.scene, row.target)) {
+            row.status = TargetStatus::NonFinite;
+            row.scores.clear();
+        }
+    };
+    let difference = |first: [&Results; 2], second: [&Results; 2]| {
+        let queries = [first[0], first[1], second[0], second[1]].map(|results| (results, query("m")));
+        let mut means = common_scene_means(&queries);
+        let of_second = means.split_off(2);
+        difference_of_seeds(&means, &of_second).map(|found| (found.mean, found.scenes, found.seeds))
+    };
+    let whole = store(20.5, 10.5);
+    let mut lacking = store(20.0, 10.0);
+    lose(&mut lacking, |_, target| target == 1);
+    let (mean, scenes, seeds) = difference([&lacking; 2], [&whole; 2]).unwrap();
+    Tolerance::F64.assert([mean], [-0.5], "not 20 against the mean of 20.5 and 10.5");
+    assert_eq!((scenes, seeds), (6, 4));
+    // What one training of the other side lacks is left out too.
+    let mut without_scene = whole.clone();
+    lose(&mut without_scene, |scene, target| scene == "c" && target == 0);
+    let (mean, scenes, _) = difference([&without_scene, &whole], [&lacking; 2]).unwrap();
+    Tolerance::F64.assert([mean], [0.5], "the other way round");
+    assert_eq!(scenes, 5);
+    let mut only_hard = whole.clone();
+    lose(&mut only_hard, |_, target| target == 0);
+    assert_eq!(difference([&lacking; 2], [&whole, &only_hard]), None, "no target in common");
+    assert!(common_scene_means(&[]).is_empty());
+}

@@ -34,7 +34,7 @@ pub fn along_overlap(results: &Results, query: &MetricQuery) -> Option<Trend> {
 }
 
 /// The slope over the distance from the window of context frames, per frame, of the targets outside it: lines of one slope,
-/// each scene with its own height. Scenes without two different distances do not count; `None` if no scene has them.
+/// each scene at another height. Scenes without two different distances do not count; `None` if no scene has them.
 pub fn along_distance(results: &Results, query: &MetricQuery) -> Option<Trend> {
     over_distance(&select(results, query))
 }
@@ -74,8 +74,8 @@ fn by_scene<'a>(
     scenes
 }
 
-/// The slope over a setting, given as its value with the scene means that it led to: lines of one slope, each scene with its
-/// own height. Only scenes that all settings have count. `None` without two different values.
+/// The slope over a setting, given as its value with the scene means that it led to: lines of one slope, each scene at another
+/// height. Only scenes that all settings have count. `None` without two different values.
 pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Option<Trend> {
     let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
     for (value, means) in settings {
@@ -98,20 +98,20 @@ fn one_line(scenes: &[Points]) -> Vec<Sums> {
     scenes.iter().map(|points| sums(points, middle, points.len() as f64)).collect()
 }
 
-/// Each scene is centred on its own, which leaves nothing of its height. A scene with a single value of the property says nothing
+/// Each scene is centred by itself, which leaves nothing of its height. A scene with a single value of the property says nothing
 /// about the slope, and must not make its interval look as if it did.
 fn parallel_lines(scenes: impl Iterator<Item = Points>) -> Vec<Sums> {
     let centred = scenes.map(|points| sums(&points, mean(points.iter()), 1.0));
-    centred.filter(|own| spread(*own) > LEAST_SPREAD).collect()
+    centred.filter(|scene| spread(*scene) > LEAST_SPREAD).collect()
 }
 
 fn mean<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
-    let (sums, count) = points.fold(([0.0; 2], 0.0), |([x, y], count), own| ([x + own[0], y + own[1]], count + 1.0));
+    let (sums, count) = points.fold(([0.0; 2], 0.0), |([x, y], count), at| ([x + at[0], y + at[1]], count + 1.0));
     sums.map(|sum| sum / count)
 }
 
 fn sums(points: &Points, [x, y]: [f64; 2], count: f64) -> Sums {
-    let centred = points.iter().map(|own| [own[0] - x, own[1] - y]);
+    let centred = points.iter().map(|point| [point[0] - x, point[1] - y]);
     centred.fold([count, 0.0, 0.0, 0.0, 0.0], |[n, sx, sy, sxx, sxy], [x, y]| {
         [n, sx + x, sy + y, sxx + x * x, sxy + x * y]
     })
@@ -127,7 +127,7 @@ fn slope(sums: Sums) -> f64 {
 }
 
 fn of_sums(scenes: &[Sums]) -> Option<Trend> {
-    let all = scenes.iter().fold([0.0; 5], |all: Sums, own| std::array::from_fn(|at| all[at] + own[at]));
+    let all = scenes.iter().fold([0.0; 5], |all: Sums, scene| std::array::from_fn(|at| all[at] + scene[at]));
     let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread(all) > LEAST_SPREAD)?;
     let enough = scenes.len() as u64 >= MIN_SCENES;
     let interval = enough.then(|| interval_of(scenes, resamples(scenes.len()), slope)).flatten();

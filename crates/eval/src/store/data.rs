@@ -20,7 +20,7 @@ struct Inputs {
     trial: String,
     data: Option<String>,
     input: Option<String>,
-    /// Whether another run tries again: nothing says whether a method of Python failed for a reason that is still there.
+    /// Whether another run tries again: nothing says whether the reason for which a method of Python failed is still there.
     retried: bool,
 }
 

@@ -68,9 +68,8 @@ impl Results {
         let Provenance { shard, presets, methods, skipped, .. } = &self.provenance;
         let mut unfinished = Vec::new();
         for (preset, method) in presets.iter().flat_map(|preset| methods.iter().map(move |method| (preset, method))) {
-            let of_both = |key: &&TrialKey| key.preset == preset.name && key.method == method.name;
-            let rows = self.trials.iter().map(|trial| &trial.key).filter(of_both);
-            let mut known: BTreeSet<(&str, u32)> = rows.map(|key| (key.scene.as_str(), key.entry)).collect();
+            let keys = self.trials_of(&preset.name, &method.name).map(|trial| &trial.key);
+            let mut known: BTreeSet<(&str, u32)> = keys.map(|key| (key.scene.as_str(), key.entry)).collect();
             let skipped =
                 skipped.iter().filter(|skipped| skipped.preset == preset.name && skipped.concerns(&method.name));
             known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
@@ -87,12 +86,30 @@ impl Results {
     /// of other methods under other protocols may share a store.
     pub fn interrupted(&self) -> Vec<Unfinished> {
         let mut interrupted = self.unfinished();
-        let is_of = |key: &TrialKey, run: &Unfinished| key.preset == run.preset && key.method == run.method;
-        interrupted.retain(|run| self.trials.iter().any(|trial| is_of(&trial.key, run)));
+        interrupted.retain(|run| self.trials_of(&run.preset, &run.method).next().is_some());
         interrupted
     }
 
-    /// Merges shards of one run. Rows that several shards hold must agree; timings stay separate by machine.
+    /// Those of [`Self::unfinished`] that are known to have been cut off: with a row, and those that a run has not reached, because
+    /// nothing under that protocol, or nothing of that method, has a row or is finished.
+    pub fn cut_off(&self) -> Vec<Unfinished> {
+        let unfinished = self.unfinished();
+        let Provenance { presets, methods, .. } = &self.provenance;
+        let rows: BTreeSet<(&str, &str)> =
+            self.trials.iter().map(|trial| (trial.key.preset.as_str(), trial.key.method.as_str())).collect();
+        let is_finished =
+            |preset: &str, method: &str| !unfinished.iter().any(|run| run.preset == preset && run.method == method);
+        let has_begun = |preset: &str, method: &str| rows.contains(&(preset, method)) || is_finished(preset, method);
+        let is_cut_off = |run: &&Unfinished| {
+            let (preset, method) = (run.preset.as_str(), run.method.as_str());
+            rows.contains(&(preset, method))
+                || !methods.iter().any(|other| has_begun(preset, &other.name))
+                || !presets.iter().any(|other| has_begun(&other.name, method))
+        };
+        unfinished.iter().filter(is_cut_off).cloned().collect()
+    }
+
+    /// Merges shards of one run. Rows that several shards contain must agree; timings stay separate by machine.
     ///
     /// # Errors
     /// [`EvalError::Different`] and [`EvalError::Differences`] if they are not of one run, [`EvalError::Disagreement`],
@@ -109,31 +126,10 @@ impl Results {
         let mut rows = Rows::default();
         rows.add(trials, targets, timings)?;
         for part in parts {
-            let shard = part.provenance.shard;
             unfinished.extend(part.unfinished());
-            if shard.map(|shard| shard.count) != count {
-                let describe = |count: Option<u32>| {
-                    count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards"))
-                };
-                return Err(EvalError::Different {
-                    what: "numbers of shards",
-                    expected: describe(count),
-                    found: describe(shard.map(|shard| shard.count)),
-                    advice: "",
-                });
-            }
-            let own = part.provenance.shards();
-            // Entries of shards that only one of two parts repeats could not be counted once.
-            let is_repeated = own.is_subset(&shards);
-            if let Some(twice) = own.intersection(&shards).next().filter(|_| !is_repeated) {
-                return Err(EvalError::Different {
-                    what: "shards",
-                    expected: "stores that have no shard in common, or the same ones".to_owned(),
-                    found: format!("shard {twice} in two of them"),
-                    advice: "; name each shard once",
-                });
-            }
-            shards.extend(own);
+            check_same_count(count, part.provenance.shard.map(|shard| shard.count))?;
+            let is_repeated = is_repeated(&shards, &part.provenance)?;
+            shards.extend(part.provenance.shards());
             provenance.merge_shard(part.provenance, is_repeated)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
@@ -143,10 +139,10 @@ impl Results {
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;
         let mut results = rows.into_results(provenance)?;
-        // A store may hold runs of other methods under other protocols, or be an unfinished copy of another part.
-        let interrupted = results.interrupted();
+        // A store may contain runs of other methods under other protocols, or be an unfinished copy of another part.
+        let cut_off = results.cut_off();
         let is_same = |a: &Unfinished, b: &Unfinished| (&a.preset, &a.method) == (&b.preset, &b.method);
-        unfinished.retain(|run| interrupted.iter().any(|other| is_same(run, other)));
+        unfinished.retain(|run| cut_off.iter().any(|other| is_same(run, other)));
         if missing_shards.is_empty() && unfinished.is_empty() {
             results.provenance.shard = None;
         }
@@ -154,6 +150,33 @@ impl Results {
         results.provenance.merged_shards = if is_several { Vec::from_iter(shards) } else { Vec::new() };
         check_consistent(&results)?;
         Ok(Merged { results, missing_shards, unfinished, repeated })
+    }
+}
+
+/// Rejects parts of runs that were divided into different numbers of shards, or of which one was not divided.
+fn check_same_count(expected: Option<u32>, found: Option<u32>) -> Result<(), EvalError> {
+    if expected == found {
+        return Ok(());
+    }
+    let [expected, found] = [expected, found]
+        .map(|count| count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards")));
+    Err(EvalError::Different { what: "numbers of shards", expected, found, advice: "" })
+}
+
+/// Whether all shards of a part were merged before. If only some were, their entries could not be counted once.
+fn is_repeated(merged: &BTreeSet<u32>, part: &Provenance) -> Result<bool, EvalError> {
+    let shards = part.shards();
+    if shards.is_subset(merged) {
+        return Ok(true);
+    }
+    match shards.intersection(merged).next() {
+        None => Ok(false),
+        Some(twice) => Err(EvalError::Different {
+            what: "shards",
+            expected: "stores that have no shard in common, or the same ones".to_owned(),
+            found: format!("shard {twice} in two of them"),
+            advice: "; name each shard once",
+        }),
     }
 }
 

@@ -1,6 +1,6 @@
 //! A results store: a folder.
 //!
-//! | file | holds |
+//! | file | content |
 //! |---|---|
 //! | `provenance.json` | what was run, how and where |
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
@@ -18,11 +18,11 @@
 mod columns;
 mod data;
 pub(crate) mod disk;
-mod images_and_times;
 mod merge;
 mod parts;
 mod read;
 mod schema;
+mod stored_images;
 mod table;
 mod targets;
 #[cfg(test)]
@@ -36,9 +36,9 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::FolderLock;
 use atsplat_protocol::trial::ImageDigests;
-pub(crate) use images_and_times::OwnImage;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
+pub(crate) use stored_images::StoredImage;
 
 use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
 use data::KnownResults;
@@ -66,7 +66,7 @@ impl Store {
     /// Creates a store in a folder without one, and checks that it can be written.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::HasResults`] if the folder already holds a store, or rows of one; [`EvalError::InUse`] if
+    /// [`EvalError::Io`]; [`EvalError::HasResults`] if the folder already contains a store, or rows of one; [`EvalError::InUse`] if
     /// another process is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = FolderLock::of(folder)?;
@@ -134,15 +134,15 @@ impl Store {
         let mut joined = store.provenance.clone();
         let mut replaced = BTreeSet::new();
         for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
-            let own = provenance.methods.iter().find(|own| own.name == known.name);
-            if let Some(own) = own.filter(|own| store.provenance.placed((*own).clone()) != *known) {
+            let requested = provenance.method(&known.name);
+            if let Some(other) = requested.filter(|method| store.provenance.placed((*method).clone()) != *known) {
                 replaced.insert(known.name.clone());
-                known.clone_from(own);
+                known.clone_from(other);
             }
         }
         match joined.resume_with(provenance.clone()) {
             Ok(()) => {
-                // Under the new records, the run after one that is killed would take the old rows for its own.
+                // Under the new records, the run after one that is killed would keep the old rows.
                 if !replaced.is_empty() {
                     store.remove_rows(|method| replaced.contains(method))?;
                     store.known.forget(&replaced);
@@ -157,7 +157,7 @@ impl Store {
         }
     }
 
-    /// Removes all rows, none of which holds a score, and the provenance.
+    /// Removes all rows, none of which has a score, and the provenance.
     fn restart(self, provenance: Provenance) -> Result<Self, EvalError> {
         self.remove_rows(|_method| true)?;
         for unfinished in disk::files(&parts::folder(&self.folder))? {

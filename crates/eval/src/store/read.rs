@@ -107,7 +107,7 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
 pub(super) type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
 
 /// The rows of the compacted tables, except the trials that parts `replace`; none if there are no tables. A run may be
-/// killed between writing the two tables: they then disagree about trials that the parts hold as well.
+/// killed between writing the two tables: they then disagree about trials that the parts contain as well.
 pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKey>) -> Result<Rows, EvalError> {
     let mut rows = Rows::new();
     let path = folder.join(TRIALS);
@@ -144,7 +144,7 @@ fn check_targets(path: &Path, trial: &TrialRow, targets: &mut [TargetRow]) -> Re
     Err(EvalError::malformed(path, "rows", expected, targets.len()))
 }
 
-/// Rejects a part with a value that cannot be; the tables are checked row by row.
+/// Rejects a part with an impossible value; the tables are checked row by row.
 fn check_possible(path: &Path, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
     let of_target = |row: &TargetRow| {
         row.impossible().map(|found| (format!("field {} of target {}", found.field, row.target), found))

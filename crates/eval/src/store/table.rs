@@ -143,7 +143,7 @@ impl<'t> Row<'t> {
         self.list(name, |series| Ok(series.f64()?.iter().collect()))
     }
 
-    /// `of` returns `None` for a list that holds a null.
+    /// `of` returns `None` for a list that contains a null.
     fn list<T>(&self, name: &str, of: impl Fn(&Series) -> PolarsResult<Option<Vec<T>>>) -> Result<Vec<T>, EvalError> {
         let Some(column) = self.column(name, Series::list) else { return Ok(Vec::new()) };
         let list = column.get_as_series(self.at).map(|series| of(&series)).transpose();
@@ -151,7 +151,7 @@ impl<'t> Row<'t> {
         list.flatten().ok_or_else(|| self.invalid(name, "a list without nulls", "a null"))
     }
 
-    /// The error for a field that cannot be, if there is one.
+    /// The error for a field with an impossible value, if there is one.
     pub(super) fn possible(&self, found: Option<Impossible>) -> Result<(), EvalError> {
         found.map_or(Ok(()), |Impossible { field, expected, found }| Err(self.invalid(&field, &expected, found)))
     }

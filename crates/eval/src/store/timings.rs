@@ -1,4 +1,4 @@
-//! [`TimingRow`]s as a table of their own.
+//! [`TimingRow`]s as a separate table.
 //!
 //! The table is small and rewritten whenever a protocol has been timed. Stores of schema version 1 have none: their times
 //! were measured while other trials ran and are not read.
@@ -10,8 +10,8 @@ use super::columns::Columns;
 use super::schema::Schema;
 use super::table::{self, Table};
 use super::{SCHEMA_VERSION, Store};
-use crate::EvalError;
 use crate::timing::{Load, Machine, TimingRow, merged};
+use crate::{EvalError, TrialKey};
 
 pub(super) const TIMINGS: &str = "timings.parquet";
 
@@ -39,6 +39,16 @@ impl Store {
         all.retain(|row| !replaced.contains(&subject(row)));
         all.extend(rows);
         write(&self.folder, &merged(all)?)
+    }
+
+    /// Removes the times of one result, on every machine. Not to be called by two threads at once.
+    ///
+    /// # Errors
+    /// Those of [`Self::timings`], and [`EvalError::Io`].
+    pub(crate) fn remove_timings(&self, key: &TrialKey) -> Result<(), EvalError> {
+        let mut rows = self.timings()?;
+        rows.retain(|row| row.key != *key);
+        write(&self.folder, &rows)
     }
 }
 

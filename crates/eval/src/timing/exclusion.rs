@@ -28,7 +28,7 @@ pub(super) struct TimingGuard(());
 /// Begins an evaluation; waits for running timing passes.
 pub(crate) fn evaluating() -> EvaluationGuard {
     let mut running = running();
-    // A running pass has its own threads and waits for no evaluation, so it always ends.
+    // A running pass has its own threads and does not wait for evaluations, so it always ends.
     while running.passes > 0 {
         running = ENDED.wait(running).unwrap_or_else(PoisonError::into_inner);
     }

@@ -14,15 +14,15 @@ use super::quota::throttled_secs;
 pub struct Load {
     /// Load average of the minute before.
     pub average_before: Option<f64>,
-    /// Load average of the last minute at the end, including the pass's own threads.
+    /// Load average of the last minute at the end, including the threads of the pass.
     pub average_after: Option<f64>,
     /// Mean clock of the processors before, in MHz.
     pub mhz_before: Option<f64>,
     /// Mean clock of the processors at the end, in MHz.
     pub mhz_after: Option<f64>,
-    /// What the pass did not have of its processors, from 0 to 1. Either the share that anything else used: other processes,
-    /// other threads of this process, and other guests of the same host, of as many processors as the pass has threads. Or, if
-    /// it is larger, the share of the time for which a quota withheld a processor.
+    /// The share of its processors that the pass lacked, from 0 to 1. Either what anything else used: other processes, other
+    /// threads of this process, and other guests of the same host, of as many processors as the pass has threads. Or, if it is
+    /// larger, the share of the time for which a quota withheld a processor.
     pub others: Option<f64>,
 }
 
@@ -42,9 +42,9 @@ impl Load {
     }
 }
 
-/// Which processor time counts as the pass's own.
+/// Which processor time counts as that of the pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum OwnTime {
+pub(super) enum CountedTime {
     /// That of the pool's threads.
     Pool,
     /// That of the whole process: GPU drivers have their own threads.
@@ -55,12 +55,12 @@ pub(super) enum OwnTime {
 #[derive(Debug)]
 pub(super) struct LoadMonitor<'a> {
     pool: &'a ThreadPool,
-    own: OwnTime,
+    counted: CountedTime,
     start: Instant,
     average: Option<f64>,
     mhz: Option<f64>,
     cpu: Option<CpuTime>,
-    own_secs: Option<f64>,
+    counted_secs: Option<f64>,
     throttled_secs: Option<f64>,
 }
 
@@ -68,25 +68,26 @@ impl<'a> LoadMonitor<'a> {
     /// The machine's clock has ticks of 10 ms: in less time than this, they tell little.
     pub(super) const SHORTEST: Duration = Duration::from_millis(250);
 
-    pub(super) fn start(pool: &'a ThreadPool, own: OwnTime) -> Self {
+    pub(super) fn start(pool: &'a ThreadPool, counted: CountedTime) -> Self {
         let (average, mhz, throttled_secs) = (load_average(), mean_mhz(), throttled_secs());
         let start = Instant::now();
-        Self { pool, own, start, average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own), throttled_secs }
+        let (cpu, counted_secs) = (cpu_time(), counted_secs(pool, counted));
+        Self { pool, counted, start, average, mhz, cpu, counted_secs, throttled_secs }
     }
 
-    /// `outside` gives the processor time in seconds that the method's own processes have used meanwhile. Waits until
+    /// `outside` gives the processor time in seconds that the method's processes have used meanwhile. Waits until
     /// [`Self::SHORTEST`] has passed.
     pub(super) fn finish(self, outside: impl FnOnce() -> f64) -> Load {
         thread::sleep(Self::SHORTEST.saturating_sub(self.start.elapsed()));
         let wall = self.start.elapsed().as_secs_f64();
-        let (busy, own, throttled) = (cpu_time(), own_secs(self.pool, self.own), throttled_secs());
-        // Last: whoever looks for these processes takes processor time too.
+        let (busy, counted, throttled) = (cpu_time(), counted_secs(self.pool, self.counted), throttled_secs());
+        // Last: looking for these processes takes processor time too.
         let outside = outside();
         let others = || {
             let (before, after) = (self.cpu?, busy?);
             let use_of = Use {
                 busy: after.busy_secs - before.busy_secs,
-                own: own? - self.own_secs? + outside,
+                pass: counted? - self.counted_secs? + outside,
                 threads: self.pool.current_num_threads() as f64,
                 cpus: after.cpus,
             };
@@ -111,7 +112,7 @@ struct Use {
     /// All that the machine did.
     busy: f64,
     /// What the pass itself did.
-    own: f64,
+    pass: f64,
     threads: f64,
     cpus: f64,
 }
@@ -120,10 +121,10 @@ impl Use {
     /// Share of the pass's processors that others could have kept busy. Two ticks, and one for each of these processors, may be
     /// nothing but the coarseness of the machine's clock.
     fn share_of_others(self, wall: f64) -> Option<f64> {
-        let Self { busy, own, threads, cpus } = self;
-        // A method's own processes may have more threads than the pool.
-        let processors = threads.maximum_of(own / wall).minimum_of(cpus);
-        let others = busy - own;
+        let Self { busy, pass, threads, cpus } = self;
+        // A method's processes may have more threads than the pool.
+        let processors = threads.maximum_of(pass / wall).minimum_of(cpus);
+        let others = busy - pass;
         let noise = (2.0 + processors) / TICKS_PER_SEC;
         finite(if others <= noise { 0.0 } else { others / (wall * processors) })
     }
@@ -164,10 +165,10 @@ fn of_stat(stat: &str) -> Option<CpuTime> {
     Some(CpuTime { busy_secs: (user + nice + system + irq + softirq + steal) / TICKS_PER_SEC, cpus: cpus as f64 })
 }
 
-fn own_secs(pool: &ThreadPool, own: OwnTime) -> Option<f64> {
-    match own {
-        OwnTime::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
-        OwnTime::Process => processor_secs_of_stat(&fs::read_to_string("/proc/self/stat").ok()?),
+fn counted_secs(pool: &ThreadPool, counted: CountedTime) -> Option<f64> {
+    match counted {
+        CountedTime::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
+        CountedTime::Process => processor_secs_of_stat(&fs::read_to_string("/proc/self/stat").ok()?),
     }
 }
 
@@ -230,10 +231,10 @@ mod tests {
     /// Two processors for two seconds: 3.2 of 4 seconds were busy, 3 of them with the pass.
     #[test]
     fn others_are_busy_time_minus_the_pass() {
-        let share = |busy, own| Use { busy, own, threads: 2.0, cpus: 2.0 }.share_of_others(2.0);
+        let share = |busy, pass| Use { busy, pass, threads: 2.0, cpus: 2.0 }.share_of_others(2.0);
         Tolerance::F64.assert(share(3.2, 3.0), [0.05], "a twentieth");
         Tolerance::EXACT.assert(share(3.0, 3.1), [0.0], "ticks are coarser than the pass's clock");
-        assert_eq!(Use { busy: 0.0, own: 0.0, threads: 0.0, cpus: 0.0 }.share_of_others(0.0), None);
+        assert_eq!(Use { busy: 0.0, pass: 0.0, threads: 0.0, cpus: 0.0 }.share_of_others(0.0), None);
         let load = |others| Load { others, ..Load::default() };
         assert_eq!([None, Some(0.049), Some(0.051)].map(|others| load(others).is_busy()), [false, false, true]);
     }
@@ -241,16 +242,16 @@ mod tests {
     /// A neighbour on half of one of 32 processors for two seconds.
     #[test]
     fn a_neighbour_counts_against_the_processors_that_the_pass_uses() {
-        let share = |own, threads| Use { busy: own + 1.0, own, threads, cpus: 32.0 }.share_of_others(2.0);
+        let share = |pass, threads| Use { busy: pass + 1.0, pass, threads, cpus: 32.0 }.share_of_others(2.0);
         Tolerance::F64.assert(share(2.0, 1.0), [0.5], "one thread");
-        Tolerance::F64.assert(share(20.0, 1.0), [0.05], "processes of its own on ten processors");
+        Tolerance::F64.assert(share(20.0, 1.0), [0.05], "processes of the method on ten processors");
         Tolerance::F64.assert(share(20.0, 64.0), [1.0 / 64.0], "no more threads than processors");
     }
 
     #[test]
-    fn a_few_ticks_in_a_short_time_are_no_load() {
+    fn a_few_ticks_in_a_short_time_do_not_count_as_load() {
         let share =
-            |ticks: f64, wall| Use { busy: 0.01 * ticks, own: 0.0, threads: 2.0, cpus: 2.0 }.share_of_others(wall);
+            |ticks: f64, wall| Use { busy: 0.01 * ticks, pass: 0.0, threads: 2.0, cpus: 2.0 }.share_of_others(wall);
         assert_eq!([share(1.0, 0.05), share(3.9, 0.2)], [Some(0.0), Some(0.0)]);
         Tolerance::F64.assert([share(5.0, 0.05), share(5.0, 0.2)].map(Option::unwrap), [0.5, 0.125], "more than noise");
     }
@@ -273,7 +274,7 @@ mod tests {
                 });
             }
             // Nothing was done in between, which is too short to measure.
-            let load = LoadMonitor::start(&pool, OwnTime::Pool).finish(|| 0.0);
+            let load = LoadMonitor::start(&pool, CountedTime::Pool).finish(|| 0.0);
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             load
         });

@@ -9,7 +9,7 @@ use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use rayon::ThreadPool;
 
 use super::exclusion;
-use super::load::{LoadMonitor, OwnTime};
+use super::load::{CountedTime, LoadMonitor};
 use super::samples::{PreparedTrial, Samples};
 use super::{Load, Machine, TimingRow};
 use crate::method::Method;
@@ -71,7 +71,7 @@ pub(crate) fn pass(
     let threads = rayon::current_num_threads();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| EvalError::Settings {
         what: "timing pass",
-        expected: format!("{threads} threads of its own"),
+        expected: format!("a pool of {threads} threads"),
         found: error.to_string(),
     })?;
     let started = unix_seconds();
@@ -111,18 +111,20 @@ impl Pass<'_> {
         methods: &[Arc<dyn Method>],
     ) -> Result<(), EvalError> {
         let known = self.store.timings()?;
-        let mut trials = TimingTrials::new(dataset, index, methods, self.timing.trials as usize);
-        // Some entries have no trial.
-        trials.prepare(self.timing.trials as usize);
-        let prepared = trials.prepared.len();
-        let (new, done): (Vec<_>, Vec<_>) =
-            methods.iter().partition(|method| !self.is_timed(&known, dataset, method.as_ref(), prepared));
-        for _ in &done {
-            (self.step)();
+        let requested = self.timing.trials as usize;
+        // No more can be prepared: if all methods have as many times, no image is decoded.
+        let most = requested.min(index.entries().count());
+        let candidates = self.left(&known, dataset, methods.iter().collect(), most);
+        if candidates.is_empty() {
+            return Ok(());
         }
+        let mut trials = TimingTrials::new(dataset, index, methods, requested);
+        // Some entries have no trial.
+        trials.prepare(requested);
+        let untimed = self.left(&known, dataset, candidates, trials.prepared.len());
         let mut rows = Vec::new();
         // Images are decoded by now: decoding is part of neither the times nor the load.
-        let outcome = new.iter().try_for_each(|method| {
+        let outcome = untimed.iter().try_for_each(|method| {
             rows.extend(self.method(dataset, &mut trials, method.as_ref())?);
             (self.step)();
             Ok(())
@@ -137,12 +139,28 @@ impl Pass<'_> {
         if (self.stop)() { Err(EvalError::Stopped) } else { Ok(()) }
     }
 
-    /// Whether the known rows already hold what this pass would measure.
+    /// The methods that are left to be timed on this many trials; every other one is a step that is done.
+    fn left<'m>(
+        &self,
+        known: &[TimingRow],
+        dataset: &Dataset,
+        methods: Vec<&'m Arc<dyn Method>>,
+        trials: usize,
+    ) -> Vec<&'m Arc<dyn Method>> {
+        let (left, done): (Vec<_>, Vec<_>) =
+            methods.into_iter().partition(|method| !self.is_timed(known, dataset, method.as_ref(), trials));
+        for _ in done {
+            (self.step)();
+        }
+        left
+    }
+
+    /// Whether the known rows already have what this pass would measure.
     fn is_timed(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, prepared: usize) -> bool {
         let name = method.record().name;
-        let own = known.iter().filter(|row| row.key.preset == dataset.name && row.key.method == name);
-        let valid = own.filter(|row| {
-            row.machine == self.machine
+        let valid = known.iter().filter(|row| {
+            row.key.is_of(&dataset.name, &name)
+                && row.machine == self.machine
                 && !row.load.is_busy()
                 && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
                 && (!row.is_timed() || self.is_enough(row))
@@ -197,7 +215,7 @@ impl Pass<'_> {
         Ok(rows)
     }
 
-    /// Times one trial, and takes the machine's load meanwhile: a burst of other work is one trial's alone.
+    /// Times one trial, and measures the machine's load meanwhile: a burst of other work affects one trial alone.
     fn measured(
         &self,
         preset: &Preset,
@@ -206,10 +224,10 @@ impl Pass<'_> {
     ) -> (Result<Samples, String>, Load) {
         let record = method.record();
         let is_cpu = record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"));
-        let own = if is_cpu { OwnTime::Pool } else { OwnTime::Process };
-        let outside = || method.own_processor_secs().unwrap_or(0.0);
+        let counted = if is_cpu { CountedTime::Pool } else { CountedTime::Process };
+        let outside = || method.process_secs().unwrap_or(0.0);
         let outside_before = outside();
-        let monitor = LoadMonitor::start(self.pool, own);
+        let monitor = LoadMonitor::start(self.pool, counted);
         let measured = self.pool.install(|| Samples::of(self.timing, preset, prepared, method));
         (measured, monitor.finish(|| (outside() - outside_before).maximum_of(0.0)))
     }

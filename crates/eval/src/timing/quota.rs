@@ -1,9 +1,9 @@
-//! How long a processor quota held this process up.
+//! For how long a processor quota paused this process.
 
 use std::fs;
 use std::path::Path;
 
-/// Where the control groups of Linux's two versions are mounted, alone and beside each other. The first that exists counts:
+/// Where the control groups of Linux's two versions are mounted, alone and next to each other. The first that exists counts:
 /// `cpu` is often a link to `cpu,cpuacct`.
 const UNIFIED: [&str; 2] = ["unified", ""];
 const DIVIDED: [&str; 2] = ["cpu,cpuacct", "cpu"];
@@ -15,7 +15,7 @@ pub(super) fn throttled_secs() -> Option<f64> {
 }
 
 /// `groups` has a line `ID:CONTROLLERS:PATH` for each hierarchy (`cgroups(7)`). In a container, the path may be that of the
-/// host, while its own group is what is mounted.
+/// host, while only the container's group is mounted.
 fn throttled_below(mounts: &Path, groups: &str) -> Option<f64> {
     let of_hierarchy = |line: &str| {
         let (_, line) = line.split_once(':')?;
@@ -71,22 +71,22 @@ mod tests {
         let new = mounted(&[
             ("", "usage_usec 9\n"),
             ("pods", "nr_throttled 7\nthrottled_usec 500000\n"),
-            ("pods/own", "usage_usec 9\nthrottled_usec 1250000\n"),
+            ("pods/this", "usage_usec 9\nthrottled_usec 1250000\n"),
             ("pods/other", "throttled_usec 8000000\n"),
         ]);
         Tolerance::F64.assert(
-            throttled_below(new.path(), "0::/pods/own\n"),
+            throttled_below(new.path(), "0::/pods/this\n"),
             [1.75],
-            "version 2, own group and its parent",
+            "version 2, the group and its parent",
         );
-        let old = "nr_periods 20\nnr_throttled 5\nthrottled_time 2500000000\n";
-        let old = mounted(&[("cpu,cpuacct/own", old), ("cpu,cpuacct", "throttled_time 0\n"), ("cpu/own", old)]);
-        let groups = "5:memory:/own\n4:cpu,cpuacct:/own\n1:name=systemd:/own\n0::/own\n";
+        let stat = "nr_periods 20\nnr_throttled 5\nthrottled_time 2500000000\n";
+        let old = mounted(&[("cpu,cpuacct/this", stat), ("cpu,cpuacct", "throttled_time 0\n"), ("cpu/this", stat)]);
+        let groups = "5:memory:/this\n4:cpu,cpuacct:/this\n1:name=systemd:/this\n0::/this\n";
         Tolerance::F64.assert(throttled_below(old.path(), groups), [2.5], "version 1");
     }
 
     #[test]
-    fn a_container_sees_its_own_group_as_the_root() {
+    fn a_container_sees_its_group_as_the_root() {
         let mounts = mounted(&[("", "throttled_usec 3000000\n")]);
         Tolerance::F64.assert(throttled_below(mounts.path(), "0::/docker/of-the-host\n"), [3.0], "what is mounted");
     }

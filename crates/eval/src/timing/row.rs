@@ -34,9 +34,9 @@ pub struct TimingRow {
     pub render: Vec<f64>,
     /// Seconds of each encoding stage by name, one per repetition.
     pub stages: BTreeMap<String, Vec<f64>>,
-    /// Memory of the process before, in bytes; `None` for a method with processes of its own.
+    /// Memory of the process before, in bytes; `None` for a method that runs in other processes.
     pub held_bytes: Option<u64>,
-    /// Peak memory of the process during the repetitions, or of the method's own processes since they were started, in bytes.
+    /// Peak memory of the process during the repetitions, or of the method's processes since they were started, in bytes.
     pub peak_bytes: Option<u64>,
     /// Load of the machine while this trial was timed, warm-up included; in rows of older versions, while the protocol was.
     pub load: Load,
@@ -104,7 +104,7 @@ pub(crate) fn merged(rows: impl IntoIterator<Item = TimingRow>) -> Result<Vec<Ti
 mod tests {
     use crate::sample_rows::timing;
 
-    /// A store holds the samples of all stages in one list.
+    /// A store has the samples of all stages in one list.
     #[test]
     fn stages_have_equally_many_samples() {
         let mut row = timing("a", "x", &[1.0, 2.0], &[0.5]);

@@ -40,8 +40,8 @@ pub(super) struct Samples {
     pub(super) stages: BTreeMap<String, Vec<f64>>,
     pub(super) held_bytes: Option<u64>,
     pub(super) peak_bytes: Option<u64>,
-    /// Peak memory of the method's own processes.
-    pub(super) own_peak_bytes: Option<u64>,
+    /// Peak memory of the method's processes, if it has any.
+    pub(super) process_peak_bytes: Option<u64>,
 }
 
 impl Samples {
@@ -89,8 +89,8 @@ impl Samples {
             total += secs;
         }
         samples.peak_bytes = memory::peak_bytes().filter(|_| is_peak_reset);
-        if samples.own_peak_bytes.is_some() {
-            (samples.held_bytes, samples.peak_bytes) = (None, samples.own_peak_bytes);
+        if samples.process_peak_bytes.is_some() {
+            (samples.held_bytes, samples.peak_bytes) = (None, samples.process_peak_bytes);
         }
         let timed = method.timed();
         if !timed.encoding {
@@ -104,7 +104,7 @@ impl Samples {
         Ok(samples)
     }
 
-    /// A stage of some repetitions only has no time per repetition, and no place in a table of one sample for each.
+    /// A table has one sample of each stage for each repetition.
     fn check_stages(&self) -> Result<(), String> {
         let repetitions = self.encode.len();
         match self.stages.iter().find(|(_, secs)| secs.len() != repetitions) {
@@ -122,7 +122,7 @@ impl Samples {
         let prediction = method.predict(input).map_err(|error| error.to_string())?;
         self.encode.push(start.elapsed().as_secs_f64());
         let cost = prediction.cost();
-        self.own_peak_bytes = cost.own_peak_bytes.or(self.own_peak_bytes);
+        self.process_peak_bytes = cost.process_peak_bytes.or(self.process_peak_bytes);
         for (name, secs) in cost.stages {
             self.stages.entry(name).or_default().push(secs);
         }

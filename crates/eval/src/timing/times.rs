@@ -38,15 +38,15 @@ pub struct Times {
     pub stages: BTreeMap<String, Spread>,
     /// Peak memory of the process in bytes.
     pub peak_bytes: Option<u64>,
-    /// Largest share of its processors that a trial's timing did not have ([`super::Load::others`]).
+    /// Largest share of its processors that a trial's timing lacked ([`super::Load::others`]).
     pub others: Option<f64>,
     /// Whether that makes the times unreliable ([`super::Load::is_busy`]).
     pub busy: bool,
 }
 
 impl Times {
-    /// Seconds of the encoding alone as a method with a process of its own states them, in the stage `encode`; `None` unless it
-    /// does so on every repetition of every timed trial. [`Self::encode`] covers its whole answer, with reading and writing of files.
+    /// Seconds of the encoding alone as a method in another process states them, in the stage `encode`; `None` unless it does so
+    /// on every repetition of every timed trial. [`Self::encode`] covers its whole answer, with reading and writing of files.
     pub fn stated_encode(&self) -> Option<Spread> {
         let answers = self.encode?;
         self.stages.get("encode").copied().filter(|stated| stated.samples == answers.samples)
@@ -87,16 +87,21 @@ pub(crate) fn times_on(
     preset: &str,
     method: &str,
 ) -> Result<Times, String> {
-    let of_method = |row: &&TimingRow| row.key.preset == preset && row.key.method == method && is_current(results, row);
+    let of_method = |row: &&TimingRow| row.key.is_of(preset, method) && is_current(results, row);
     let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
     let Some(machine) = machine else { return Err(untimed(results, &all)) };
-    let rows: Vec<&TimingRow> = all.iter().copied().filter(|row| row.is_timed() && row.machine == *machine).collect();
+    let on_machine = |row: &&TimingRow| row.is_timed() && row.machine == *machine;
+    let rows = last_of_each_trial(all.iter().copied().filter(on_machine));
     if rows.is_empty() {
         let elsewhere = all.iter().find(|row| row.is_timed());
         let message = |row: &&TimingRow| format!("timed on another machine: {}", row.machine);
         return Err(elsewhere.map_or_else(|| untimed(results, &all), message));
     }
-    // Of several passes on one trial the last one counts. Shards of a run time different trials, each in a pass of its own.
+    Ok(Times::of(machine, &rows))
+}
+
+/// Of several passes on one trial the last one counts. Shards of a run time different trials, each in another pass.
+fn last_of_each_trial<'a>(rows: impl Iterator<Item = &'a TimingRow>) -> Vec<&'a TimingRow> {
     let mut last: BTreeMap<&TrialKey, &TimingRow> = BTreeMap::new();
     for row in rows {
         let known = last.entry(&row.key).or_insert(row);
@@ -104,34 +109,40 @@ pub(crate) fn times_on(
             *known = row;
         }
     }
-    let rows: Vec<&TimingRow> = last.into_values().collect();
-    let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
-    let stage = |name: &String| {
-        let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
-        Some((name.clone(), Spread::of(samples)?))
-    };
-    let encode = Spread::of(rows.iter().map(|row| row.encode.as_slice()));
-    let render = Spread::of(rows.iter().map(|row| row.render.as_slice()));
-    let share = |row: &&TimingRow| row.load.others;
-    Ok(Times {
-        machine: machine.clone(),
-        // A method of a store has one device.
-        device: rows.first().and_then(|row| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref())),
-        trials: rows.len() as u64,
-        trials_there: rows.iter().fold(rows.len() as u64, |most, row| most.max(row.trials_there)),
-        repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
-        warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
-        encode,
-        render,
-        first_image: match (encode, render) {
-            (Some(encode), Some(render)) => Some(encode.plus(render)),
-            (encode, render) => encode.or(render),
-        },
-        stages: names.into_iter().filter_map(stage).collect(),
-        peak_bytes: rows.iter().filter_map(|row| row.peak_bytes).max(),
-        others: rows.iter().filter_map(share).max_by(f64::total_cmp),
-        busy: rows.iter().any(|row| row.load.is_busy()),
-    })
+    last.into_values().collect()
+}
+
+impl Times {
+    /// Joins the times of one method's trials, of which there is at least one.
+    fn of(machine: &Machine, rows: &[&TimingRow]) -> Self {
+        let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
+        let stage = |name: &String| {
+            let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
+            Some((name.clone(), Spread::of(samples)?))
+        };
+        let encode = Spread::of(rows.iter().map(|row| row.encode.as_slice()));
+        let render = Spread::of(rows.iter().map(|row| row.render.as_slice()));
+        let device = |row: &&TimingRow| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref());
+        Self {
+            machine: machine.clone(),
+            // A method of a store has one device.
+            device: rows.first().and_then(device),
+            trials: rows.len() as u64,
+            trials_there: rows.iter().fold(rows.len() as u64, |most, row| most.max(row.trials_there)),
+            repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
+            warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
+            encode,
+            render,
+            first_image: match (encode, render) {
+                (Some(encode), Some(render)) => Some(encode.plus(render)),
+                (encode, render) => encode.or(render),
+            },
+            stages: names.into_iter().filter_map(stage).collect(),
+            peak_bytes: rows.iter().filter_map(|row| row.peak_bytes).max(),
+            others: rows.iter().filter_map(|row| row.load.others).max_by(f64::total_cmp),
+            busy: rows.iter().any(|row| row.load.is_busy()),
+        }
+    }
 }
 
 /// The machine on which a protocol's methods are compared: the one with the most timed trials, the first in order if tied;
@@ -170,14 +181,14 @@ impl Spread {
         let (median, mad) = median_and_mad(trials.clone().flatten().copied())?;
         let mut all: Vec<f64> = trials.clone().flatten().copied().collect();
         all.sort_by(f64::total_cmp);
-        let own: Vec<&[f64]> = trials.filter(|samples| !samples.is_empty()).collect();
-        let variances = own.iter().map(|samples| variance_of_median(samples));
+        let measured: Vec<&[f64]> = trials.filter(|samples| !samples.is_empty()).collect();
+        let variances = measured.iter().map(|samples| variance_of_median(samples));
         Some(Self {
             median,
             mad,
             quartiles: [quantile(&all, 0.25)?, quantile(&all, 0.75)?],
             samples: all.len() as u64,
-            error: NORMAL_95 * variances.sum::<f64>().sqrt() / own.len() as f64,
+            error: NORMAL_95 * variances.sum::<f64>().sqrt() / measured.len() as f64,
         })
     }
 
@@ -257,7 +268,7 @@ mod tests {
         Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
     }
 
-    /// Each shard times its own trials in a pass of its own.
+    /// Each shard times other trials, in another pass.
     #[test]
     fn the_passes_of_all_shards_count() {
         let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
@@ -296,7 +307,7 @@ mod tests {
         store.timings = vec![stating("x", &[0.1, 0.2, 0.3]), stating("y", &[0.4, 0.5, 0.6])];
         let both = times(&store, PRESET, "a").unwrap();
         let medians = [both.stated_encode(), both.encode].map(|spread| spread.unwrap().median);
-        Tolerance::F64.assert(medians, [0.35, 2.0], "the encoder, and beside it the whole answer");
+        Tolerance::F64.assert(medians, [0.35, 2.0], "the encoder, and the whole answer");
         store.timings[1].stages.clear();
         let one = times(&store, PRESET, "a").unwrap();
         assert_eq!((one.stated_encode(), one.stages["encode"].samples), (None, 3), "y does not state it");

@@ -192,8 +192,8 @@ pub fn frontier(
         a.cost.total_cmp(&b.cost).then(better(a.quality, b.quality)).then_with(|| a.label.cmp(&b.label))
     });
     let ranking = Ranking { contrasts, direction };
-    let on_frontier = ranking.rank(&mut points);
-    let on_frontier: Vec<&Point> = on_frontier.into_iter().filter_map(|at| points.get(at)).collect();
+    let positions = ranking.rank(&mut points);
+    let on_frontier: Vec<&Point> = positions.into_iter().filter_map(|at| points.get(at)).collect();
     let (prices, knee) = (prices(&on_frontier, step), ranking.knee(&on_frontier));
     Frontier { axis, points, prices, knee, left_out }
 }
@@ -269,11 +269,11 @@ impl Ranking<'_> {
     /// costs no more, or the same.
     fn compare_with_final(&self, points: &mut [Point], frontier: &[usize]) {
         let is_final = |label: &str| frontier.iter().any(|on| points[*on].label == label);
-        let outdated = |point: &Point| {
+        let is_outdated = |point: &Point| {
             let dropped = point.against.as_ref().is_some_and(|against| !is_final(&against.label));
             point.standing != Standing::Frontier && dropped
         };
-        let outdated: Vec<usize> = (0..points.len()).filter(|at| outdated(&points[*at])).collect();
+        let outdated: Vec<usize> = (0..points.len()).filter(|at| is_outdated(&points[*at])).collect();
         for at in outdated {
             let costs_no_more = |on: &&usize| **on < at || same_cost(&points[**on], &points[at]);
             let Some(last) = frontier.iter().rev().find(costs_no_more) else { continue };
@@ -302,12 +302,12 @@ impl Ranking<'_> {
         }
     }
 
-    fn difference(&self, own: &Point, other: &Point) -> Option<Contrast> {
-        (self.contrasts)(&[(own.sample, 1.0), (other.sample, -1.0)])
+    fn difference(&self, point: &Point, other: &Point) -> Option<Contrast> {
+        (self.contrasts)(&[(point.sample, 1.0), (other.sample, -1.0)])
     }
 
-    fn compared(&self, own: &Point, other: &Point) -> Option<PointDifference> {
-        Some(PointDifference { label: other.label.clone(), difference: self.difference(own, other)? })
+    fn compared(&self, point: &Point, other: &Point) -> Option<PointDifference> {
+        Some(PointDifference { label: other.label.clone(), difference: self.difference(point, other)? })
     }
 
     fn is_better(&self, difference: &Contrast) -> bool {

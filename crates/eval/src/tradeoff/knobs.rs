@@ -13,7 +13,7 @@ use crate::EvalError;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Knobs {
-    /// K, the number of Gaussians per token. Trained weights keep their first K Gaussians; a larger K needs its own weights.
+    /// K, the number of Gaussians per token. Trained weights keep their first K Gaussians; a larger K needs other weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians_per_token: Option<usize>,
     /// Ratios of expanded tokens, in [0, 1], one for each block that expands.

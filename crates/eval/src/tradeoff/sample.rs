@@ -91,10 +91,11 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let machine = common_machine(results);
     let mut all = Vec::new();
     for preset in presets {
-        let own = scored(results, machine, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
-        all.extend(own.map(|(sample, selected)| {
-            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, selected)
-        }));
+        let aggregation = preset.protocol()?.aggregation;
+        for (sample, selected) in scored(results, machine, &preset.name, metric, leaked, aggregation) {
+            let label = format!("{}, {}", sample.label, preset.name);
+            all.push((Sample { label, ..sample }, selected));
+        }
     }
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().cloned().collect();
@@ -118,10 +119,10 @@ fn common_machine(results: &Results) -> Option<&Machine> {
 
 /// Counts the targets of protocols.
 fn with_targets(tradeoff: Tradeoff, results: &Results, presets: &[PresetRecord], leaked: Leaked) -> Tradeoff {
-    let is_own = |target: &&TargetRow| presets.iter().any(|preset| preset.name == target.key.preset);
+    let is_of_presets = |target: &&TargetRow| presets.iter().any(|preset| preset.name == target.key.preset);
     let is_kept = |target: &&TargetRow| leaked == Leaked::Included || !target.leaked;
     let mut found = BTreeMap::new();
-    for target in results.targets.iter().filter(is_own).filter(is_kept) {
+    for target in results.targets.iter().filter(is_of_presets).filter(is_kept) {
         let TrialKey { preset, scene, entry, .. } = &target.key;
         found.insert((preset, scene, entry, target.target), target.leaked);
     }
@@ -170,7 +171,7 @@ fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
     let images: BTreeSet<_> = images.map(|(image, ..)| image).collect();
     let scenes: BTreeSet<&str> = images.iter().map(|(scene, ..)| *scene).collect();
     let (of_scenes, of_targets) = (scenes.len() as u64, images.len() as u64);
-    // A setting without a mean is left out of the frontiers with its own reason.
+    // A setting without a mean is left out of the frontiers, which say why.
     let lacks_some = |sample: &&Sample| sample.quality.is_some() && sample.counts.targets < of_targets;
     let of_sample = |Sample { label, counts, .. }: &Sample| Incomplete {
         label: label.clone(),

@@ -1,4 +1,4 @@
-//! What knobs change, and which sweeps are refused.
+//! What knobs change, and which sweeps are rejected.
 
 use atsplat_model::ModelConfig;
 use atsplat_model::budget::budget;

@@ -245,15 +245,15 @@ fn targets_that_methods_were_given_are_counted_or_left_out() {
     }
 }
 
-/// Two that lose different targets are both named, as is one whose rows are missing; one without a mean has its own reason.
+/// Two that lose different targets are both named, as is one whose rows are missing; one without a mean has another reason.
 #[test]
 fn settings_with_fewer_scored_targets_are_named() {
     let scenes = [("x", 0, vec![30.0, 32.0]), ("y", 0, vec![20.0])];
     let mut store = Results::default();
     for name in ["whole", "half", "unfinished", "broken"] {
-        let own = results(name, "psnr", if name == "unfinished" { &scenes[1..] } else { &scenes[..] });
-        store.trials.extend(own.trials);
-        store.targets.extend(own.targets.into_iter().map(|row| {
+        let rows = results(name, "psnr", if name == "unfinished" { &scenes[1..] } else { &scenes[..] });
+        store.trials.extend(rows.trials);
+        store.targets.extend(rows.targets.into_iter().map(|row| {
             let status = match (name, row.key.scene.as_str(), row.target) {
                 ("broken", ..) | ("half", "y", _) => TargetStatus::Failed,
                 ("half", "x", 1) => TargetStatus::NonFinite,
@@ -380,9 +380,9 @@ fn protocols_share_a_frontier_only_on_request() {
     }
 }
 
-/// Each protocol's own methods in their order, of which one is the other's too.
+/// Each protocol's methods in their order, of which one is the other's too.
 #[test]
-fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
+fn the_methods_of_all_protocols_are_named_with_their_adapter() {
     let of = |preset: &str, labels: [&str; 2]| Tradeoff {
         preset: preset.to_owned(),
         protocol: String::new(),

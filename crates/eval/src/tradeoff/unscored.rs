@@ -7,12 +7,11 @@ use crate::{Results, TargetRow, TargetStatus};
 pub(super) fn why_unscored(results: &Results, query: &MetricQuery<'_>, summary: &Summary) -> String {
     let MetricQuery { preset, method, metric, leaked, identical: _ } = *query;
     let unsupported = results.unsupported();
-    let is_own = |row: &&TargetRow| row.key.preset == preset && row.key.method == method;
     let is_kept = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
-    let own = || results.targets.iter().filter(is_own).filter(is_kept);
+    let targets: Vec<&TargetRow> = results.targets_of(preset, method).filter(is_kept).collect();
     let first = |status: TargetStatus, is_supported: bool| {
-        let mut rows = own().filter(|row| row.status == status && is_supported != unsupported.contains(&row.key));
-        let detail = rows.find_map(|row| row.detail.clone())?;
+        let has_status = |row: &&&TargetRow| row.status == status && is_supported != unsupported.contains(&row.key);
+        let detail = targets.iter().filter(has_status).find_map(|row| row.detail.clone())?;
         Some(detail.strip_prefix("not applicable: ").map_or_else(|| detail.clone(), str::to_owned))
     };
     let not_computed = summary.not_computed.clone();
@@ -32,7 +31,7 @@ pub(super) fn why_unscored(results: &Results, query: &MetricQuery<'_>, summary: 
     if !causes.is_empty() {
         return causes.join("; ");
     }
-    let all = if leaked == Leaked::Excluded { " that is no context view" } else { "" };
+    let all = if leaked == Leaked::Excluded { " that is not a context view" } else { "" };
     format!("no target{all} has a row of {metric}")
 }
 
@@ -49,24 +48,24 @@ mod tests {
     fn store(names: &[&str]) -> Results {
         let mut store = Results::default();
         for name in names {
-            let own = results(name, "psnr", &[("x", 0, vec![30.0, 32.0]), ("y", 0, vec![20.0])]);
+            let rows = results(name, "psnr", &[("x", 0, vec![30.0, 32.0]), ("y", 0, vec![20.0])]);
             let (status, of_trial) = match *name {
                 "small" => (TargetStatus::Failed, TrialStatus::NotApplicable),
                 "broken" => (TargetStatus::Failed, TrialStatus::Failed),
                 "nan" => (TargetStatus::NonFinite, TrialStatus::Done),
                 _ => (TargetStatus::Scored, TrialStatus::Done),
             };
-            store.trials.extend(own.trials.into_iter().map(|mut row| {
+            store.trials.extend(rows.trials.into_iter().map(|mut row| {
                 row.status = of_trial;
                 row
             }));
-            store.targets.extend(own.targets.into_iter().map(|row| {
+            store.targets.extend(rows.targets.into_iter().map(|row| {
                 let detail = (status != TargetStatus::Scored).then(|| format!("{name} in {}", row.key.scene));
                 let scores = if detail.is_some() { [].into() } else { row.scores };
                 TargetRow { status, detail, scores, ..row }
             }));
             store.provenance.methods.push(MethodRecord { name: (*name).to_owned(), ..MethodRecord::default() });
-            store.provenance.metrics = own.provenance.metrics;
+            store.provenance.metrics = rows.provenance.metrics;
         }
         let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
         store.provenance.presets.push(PresetRecord { name: PRESET.to_owned(), toml, ..PresetRecord::default() });
@@ -120,7 +119,7 @@ mod tests {
         let excluded = report(&given, &["psnr"], Leaked::Excluded).nothing_scored();
         assert_eq!(
             excluded.as_deref(),
-            Some("sampled, psnr, whole: no target that is no context view has a row of psnr")
+            Some("sampled, psnr, whole: no target that is not a context view has a row of psnr")
         );
     }
 }

@@ -71,16 +71,16 @@ impl TrainedNetworks {
         Ok(groups.into_iter().map(|(_, group)| group).collect())
     }
 
-    /// The variants with weights of their own under a dataset's protocol.
+    /// The variants with separate weights under a dataset's protocol.
     fn variants(&mut self, dataset: &Dataset) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let listed = self.list.variants(&dataset.preset);
+        let variants = self.list.variants(&dataset.preset).into_iter();
         let listed: Vec<(String, PathBuf)> =
-            listed.into_iter().map(|(name, file)| (name.replace('-', " "), file.to_owned())).collect();
+            variants.map(|(name, file)| (name.replace('-', " "), file.to_owned())).collect();
         listed.into_iter().map(|(name, file)| self.load(&file)?.as_variant(&name)).collect()
     }
 
-    /// Variants with weights of their own, and for the protocols of the paper's ablations also those that change the network at
-    /// inference, unless their name has weights of its own. Datasets with the same variants share a store.
+    /// Variants with separate weights, and for the protocols of the paper's ablations also those that change the network at
+    /// inference, unless their name has separate weights. Datasets with the same variants share a store.
     ///
     /// # Errors
     /// Those of loading weights and of [`TrainedNetwork::variants`].
@@ -110,7 +110,7 @@ impl TrainedNetworks {
                     None => by_names.push((names, (methods, vec![dataset]))),
                 }
             }
-            all.extend(by_names.into_iter().map(|(_, own)| own));
+            all.extend(by_names.into_iter().map(|(_, ablations)| ablations));
         }
         Ok(all)
     }
@@ -156,7 +156,7 @@ mod tests {
         let mut not_run = Vec::new();
         let groups = networks.groups(simulated_datasets(|_, _| 1).unwrap(), &mut not_run).unwrap();
         let names: Vec<Vec<&str>> =
-            groups.iter().map(|group| group.datasets.iter().map(|own| own.name.as_str()).collect()).collect();
+            groups.iter().map(|group| group.datasets.iter().map(|dataset| dataset.name.as_str()).collect()).collect();
         assert_eq!(names, [vec!["rooms-2v-128"], vec!["yards-2v-128x224", "yards-4v-128x224", "yards-6v-128x224"]]);
         assert_eq!(not_run.len(), 6, "the other stand-ins have no weights: {not_run:?}");
         let record = networks.variants(&groups[0].datasets[0]).unwrap().swap_remove(0).record();

@@ -92,7 +92,7 @@ impl TrainedNetwork {
     }
 
     /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
-    /// their own weights and are not included. Thresholds are the paper's for its own configurations, and otherwise at
+    /// other weights and are not included. Thresholds are the paper's for the paper's configurations, and otherwise at
     /// quantiles of the network's scores in the first scenes of `dataset`. A scene is encoded once for all of them, so that their
     /// encoding is not timed.
     ///
@@ -119,9 +119,9 @@ impl TrainedNetwork {
         }
         let scores = thresholds::scores(&self.network_for(&self.config)?, dataset)?;
         for (published, quantiles) in thresholds::PUBLISHED {
-            let Some(own) = thresholds::at_quantiles(&scores, &quantiles) else { continue };
+            let Some(found) = thresholds::at_quantiles(&scores, &quantiles) else { continue };
             let name = format!("quantiles {}", spaced(&quantiles));
-            let method = self.variant(&name, &self.config.with_thresholds(&own)?)?.sharing(&shared);
+            let method = self.variant(&name, &self.config.with_thresholds(&found)?)?.sharing(&shared);
             variants.push(Arc::new(method.with_thresholds_at(&quantiles, &published)));
         }
         Ok(variants)
@@ -173,7 +173,7 @@ mod tests {
     use atsplat_model::weights::{Precision, generated};
 
     #[test]
-    fn a_network_runs_beside_the_two_baselines() {
+    fn a_network_runs_with_the_two_baselines() {
         let config = ModelConfig::named("nano").unwrap();
         let weights = generated(&parameters(&config), 1);
         let provenance = [("data".to_owned(), "yards".to_owned())].into();
@@ -185,7 +185,8 @@ mod tests {
         let names: Vec<String> = trained.methods().unwrap().iter().map(|method| method.record().name).collect();
         assert_eq!(names, ["atsplat", "nearest-view", "warp"]);
         let optimised = trained.optimised(Budget::Steps(2)).unwrap();
-        let training: Vec<_> = optimised.iter().map(|method| method.record().training.map(|own| own.data)).collect();
-        assert_eq!(training, [Some("yards".to_owned()), None, None, None], "only the refinement has weights");
+        let data = |method: &Arc<dyn Method>| method.record().training.map(|training| training.data);
+        let found: Vec<_> = optimised.iter().map(data).collect();
+        assert_eq!(found, [Some("yards".to_owned()), None, None, None], "only the refinement has weights");
     }
 }

@@ -77,7 +77,7 @@ pub(crate) fn image(scene: usize, frame: usize) -> ImageU8 {
     let projector = camera(frame).projector().unwrap();
     let mut samples = Vec::new();
     for ray in projector.pixel_rays(SIZE, atsplat_camera::DirectionScale::UnitDepth).unwrap() {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours lie in [0, 1]")]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in [0, 1]")]
         samples.extend(colour(scene, ray.unwrap().at(WALL)).map(|value| (255.0 * value).round() as u8));
     }
     ImageU8::new(SIZE.width, SIZE.height, samples).unwrap()

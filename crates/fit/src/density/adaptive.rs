@@ -30,7 +30,7 @@ pub struct Adaptive {
     threshold: f64,
     sums: Vec<f32>,
     counts: Vec<f32>,
-    /// The step of the last reset. A checkpoint does not hold it: the schedule of a fixed number of steps keeps resets apart.
+    /// The step of the last reset. A checkpoint does not store it: the schedule of a fixed number of steps keeps resets apart.
     last_reset: Option<u64>,
 }
 
@@ -50,7 +50,7 @@ impl Adaptive {
     }
 
     /// Clones, splits and prunes.
-    fn densify(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
+    fn densify(&mut self, scene: &mut OptimisedGaussians, context: &StepContext) -> Result<Changes, DensityError> {
         let count = scene.len();
         self.sums.resize(count, 0.0);
         self.counts.resize(count, 0.0);
@@ -60,7 +60,7 @@ impl Adaptive {
         let means = self.sums.iter().zip(&self.counts).zip(&scene.parts.log_scales).enumerate();
         for (position, ((sum, seen), scales)) in means {
             let dense = *seen > 0.0 && f64::from(*sum) / f64::from(*seen) >= self.threshold;
-            let small = largest(scales) <= SPLIT_SCALE * at.extent;
+            let small = largest(scales) <= SPLIT_SCALE * context.extent;
             match (dense, small) {
                 (true, true) => clones.push(position),
                 (true, false) => parents.push(position),
@@ -70,21 +70,21 @@ impl Adaptive {
                 kept.push(position);
             }
         }
-        let prune_large = at.step > at.schedule.reset_every;
+        let prune_large = context.step > context.schedule.reset_every;
         let keeps = |parts: &GaussianParts, position: usize| {
             let opacity = parts.opacity_logits.get(position).is_some_and(|logit| sigmoid(*logit) >= LEAST_OPACITY);
             let scale =
-                parts.log_scales.get(position).is_some_and(|scales| largest(scales) <= LARGEST_SCALE * at.extent);
+                parts.log_scales.get(position).is_some_and(|scales| largest(scales) <= LARGEST_SCALE * context.extent);
             opacity && (scale || !prune_large)
         };
         let mut new = scene.copies(&clones)?;
-        append(&mut new, children(&scene.copies(&parents)?, at));
+        append(&mut new, children(&scene.copies(&parents)?, context));
         let added: Vec<usize> = (0..new.means.len()).filter(|position| keeps(&new, *position)).collect();
         let before = kept.len() + new.means.len();
         kept.retain(|position| keeps(&scene.parts, *position));
         let wanted = kept.len() + added.len();
-        if wanted > at.limit {
-            return Err(DensityError::Fault(Fault::Runaway { wanted, limit: at.limit }));
+        if wanted > context.limit {
+            return Err(DensityError::Fault(Fault::Runaway { wanted, limit: context.limit }));
         }
         if wanted == 0 {
             return Err(DensityError::Fault(Fault::Empty));
@@ -112,20 +112,21 @@ impl DensityControl for Adaptive {
         }
     }
 
-    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
-        let schedule = &at.schedule;
-        if at.step >= schedule.density_until {
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, context: &StepContext) -> Result<Changes, DensityError> {
+        let schedule = &context.schedule;
+        if context.step >= schedule.density_until {
             return Ok(Changes::default());
         }
         let mut changes = Changes::default();
-        if schedule.changes_density(at.step, schedule.density_until) {
-            changes = self.densify(scene, at)?;
+        if schedule.changes_density(context.step, schedule.density_until) {
+            changes = self.densify(scene, context)?;
         }
         // A new plan has other multiples, of which the next may follow at once.
-        let has_risen = self.last_reset.is_none_or(|last| at.step.saturating_sub(last) >= Schedule::SHORTEST_RESET);
-        if has_risen && schedule.resets_opacities(at.step, at.white) {
+        let has_risen =
+            self.last_reset.is_none_or(|last| context.step.saturating_sub(last) >= Schedule::SHORTEST_RESET);
+        if has_risen && schedule.resets_opacities(context.step, context.white) {
             reset(scene);
-            self.last_reset = Some(at.step);
+            self.last_reset = Some(context.step);
             changes.reset = true;
         }
         Ok(changes)
@@ -142,10 +143,10 @@ impl DensityControl for Adaptive {
     }
 }
 
-/// Two children for each parent: drawn from the parent's own distribution, smaller by [`SHRINKING`]; first the first child
+/// Two children for each parent: drawn from the parent's distribution, smaller by [`SHRINKING`]; first the first child
 /// of every parent, then the second.
-fn children(parents: &GaussianParts, at: &StepContext) -> GaussianParts {
-    let mut random = at.stream(Purpose::Split);
+fn children(parents: &GaussianParts, context: &StepContext) -> GaussianParts {
+    let mut random = context.stream(Purpose::Split);
     let mut both = GaussianParts { sh_degree: parents.sh_degree, ..GaussianParts::default() };
     for _ in 0..2 {
         let mut child = parents.clone();
@@ -162,7 +163,7 @@ fn children(parents: &GaussianParts, at: &StepContext) -> GaussianParts {
     both
 }
 
-/// Lowers every opacity, as drawn, to at most [`RESET_OPACITY`]. With a 3D filter the drawn opacity is the own one times a
+/// Lowers every opacity, as drawn, to at most [`RESET_OPACITY`]. With a 3D filter the drawn opacity is the stored one times a
 /// coefficient, which is divided out again (autonomousvision/mip-splatting `reset_opacity`).
 fn reset(scene: &mut OptimisedGaussians) {
     let filters = scene.parts.filter_3d.as_ref();
@@ -175,8 +176,8 @@ fn reset(scene: &mut OptimisedGaussians) {
         .map(|(position, scales)| {
             let filter = filter_of(position);
             let share = |log: &f32| {
-                let own = (2.0 * f64::from(*log)).exp();
-                if filter > 0.0 { own / (own + filter * filter) } else { 1.0 }
+                let variance = (2.0 * f64::from(*log)).exp();
+                if filter > 0.0 { variance / (variance + filter * filter) } else { 1.0 }
             };
             scales.iter().map(share).product::<f64>().sqrt()
         })

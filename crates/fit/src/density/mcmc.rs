@@ -58,14 +58,14 @@ impl DensityControl for Mcmc {
         sums.into_iter().sum()
     }
 
-    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
-        let schedule = &at.schedule;
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, context: &StepContext) -> Result<Changes, DensityError> {
+        let schedule = &context.schedule;
         let mut changes = Changes::default();
-        if schedule.changes_density(at.step, schedule.relocation_until) {
-            changes.relocated = relocate(scene, at)?;
-            changes.added = grow(scene, at)?;
+        if schedule.changes_density(context.step, schedule.relocation_until) {
+            changes.relocated = relocate(scene, context)?;
+            changes.added = grow(scene, context)?;
         }
-        add_noise(&mut scene.parts, at);
+        add_noise(&mut scene.parts, context);
         Ok(changes)
     }
 }
@@ -88,12 +88,12 @@ pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
 }
 
 /// Moves dead Gaussians to live ones; returns their number.
-fn relocate(scene: &mut OptimisedGaussians, at: &StepContext) -> Result<usize, DensityError> {
+fn relocate(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
     let dead: Vec<usize> =
         (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
     let weights = opacities.iter().map(|opacity| if is_dead(*opacity) { 0.0 } else { *opacity });
-    let sources = weighted(&mut at.stream(Purpose::Relocation), weights, dead.len());
+    let sources = weighted(&mut context.stream(Purpose::Relocation), weights, dead.len());
     if sources.len() < dead.len() {
         return Err(DensityError::Fault(Fault::Empty));
     }
@@ -130,11 +130,11 @@ pub(super) fn grown(count: usize, limit: usize) -> usize {
 }
 
 /// Adds Gaussians next to others, drawn by opacity; returns their number.
-fn grow(scene: &mut OptimisedGaussians, at: &StepContext) -> Result<usize, DensityError> {
+fn grow(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, DensityError> {
     let count = scene.len();
-    let added = grown(count, at.limit).saturating_sub(count);
+    let added = grown(count, context.limit).saturating_sub(count);
     let opacities: Vec<f64> = scene.opacities().collect();
-    let sources = weighted(&mut at.stream(Purpose::Growth), opacities, added);
+    let sources = weighted(&mut context.stream(Purpose::Growth), opacities, added);
     share(scene, &sources);
     let new = scene.copies(&sources)?;
     scene.forget(&sources);
@@ -167,9 +167,9 @@ fn copy<T: Copy>(from: &[T], at: usize, into: &mut [T], to: usize) {
 }
 
 /// Adds `Σ · noise` to the means, more the fainter the Gaussian.
-fn add_noise(parts: &mut GaussianParts, at: &StepContext) {
-    let seed = at.stream(Purpose::Noise).next_u64();
-    let scale = NOISE * at.means_rate;
+fn add_noise(parts: &mut GaussianParts, context: &StepContext) {
+    let seed = context.stream(Purpose::Noise).next_u64();
+    let scale = NOISE * context.means_rate;
     let shapes = parts.quaternions.par_chunks(BLOCK).zip(parts.log_scales.par_chunks(BLOCK));
     let blocks = parts.means.par_chunks_mut(BLOCK).zip(shapes.zip(parts.opacity_logits.par_chunks(BLOCK)));
     blocks.enumerate().for_each(|(block, (means, ((quaternions, scales), logits)))| {

@@ -1,8 +1,8 @@
 //! How the number of Gaussians changes during an optimisation; one file per strategy.
 
 mod adaptive;
+mod growth_warning;
 mod mcmc;
-mod outlook;
 
 use atsplat_splat::{Gradients, SplatError};
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ pub trait DensityControl: std::fmt::Debug + Send {
     ///
     /// # Errors
     /// [`DensityError`]; the number of Gaussians is then unchanged.
-    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError>;
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, context: &StepContext) -> Result<Changes, DensityError>;
 
     /// What it remembers from step to step, by name, one value per Gaussian: part of a checkpoint.
     fn state(&self) -> Vec<(&'static str, Vec<f32>)> {
@@ -43,12 +43,12 @@ pub trait DensityControl: std::fmt::Debug + Send {
 pub struct Fixed;
 
 impl DensityControl for Fixed {
-    fn after_step(&mut self, _scene: &mut OptimisedGaussians, _at: &StepContext) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, _scene: &mut OptimisedGaussians, _context: &StepContext) -> Result<Changes, DensityError> {
         Ok(Changes::default())
     }
 }
 
-/// What one view's backward pass tells about the Gaussians.
+/// The result of one view's backward pass for the Gaussians.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewGradients<'a> {
     /// Indices of the Gaussians that are drawn.

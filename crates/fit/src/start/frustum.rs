@@ -132,13 +132,13 @@ mod tests {
 
     #[test]
     fn without_a_common_point_depths_are_multiples_of_the_extent() {
-        let beside = |x: f64| looking_along(DVec3::Z, DVec3::new(x, 0.0, 0.0));
-        let depths = depths_of(&[beside(5.0), beside(7.0)]).unwrap();
+        let at_x = |x: f64| looking_along(DVec3::Z, DVec3::new(x, 0.0, 0.0));
+        let depths = depths_of(&[at_x(5.0), at_x(7.0)]).unwrap();
         Tolerance::F64.assert(depths, [1.1, 33.0], "parallel");
         let away = meeting([9.0, 3.0, -4.5]);
         let extent = camera_extent(away.iter().map(|view| &view.view));
         Tolerance::F64.assert(depths_of(&away).unwrap(), [extent, 30.0 * extent], "behind one of them");
-        assert_eq!(depths_of(&[beside(5.0)]), None, "one camera");
+        assert_eq!(depths_of(&[at_x(5.0)]), None, "one camera");
     }
 
     /// With this lens, corners of the image are outside the field of view.

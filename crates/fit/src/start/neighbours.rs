@@ -51,8 +51,8 @@ fn search(points: &[[f64; 3]], order: &[usize], axis: usize, of: (usize, [f64; 3
     }
 }
 
-fn consider(points: &[[f64; 3]], other: usize, (own, at): (usize, [f64; 3]), nearest: &mut [f64; NEIGHBOURS]) {
-    let Some(point) = points.get(other).filter(|_| other != own) else { return };
+fn consider(points: &[[f64; 3]], other: usize, (position, at): (usize, [f64; 3]), nearest: &mut [f64; NEIGHBOURS]) {
+    let Some(point) = points.get(other).filter(|_| other != position) else { return };
     let squared: f64 = point.iter().zip(at).map(|(a, b)| (a - b).powi(2)).sum();
     if squared < nearest[NEIGHBOURS - 1] {
         nearest[NEIGHBOURS - 1] = squared;
@@ -80,8 +80,8 @@ mod tests {
         let mut random = stream(3, Purpose::Start, 0);
         let mut points: Vec<[f64; 3]> = (0..300).map(|_| std::array::from_fn(|_| uniform(&mut random))).collect();
         points.extend_from_within(0..5);
-        let expected = points.iter().enumerate().map(|(own, at)| {
-            let others = points.iter().enumerate().filter(|(other, _)| *other != own);
+        let expected = points.iter().enumerate().map(|(position, at)| {
+            let others = points.iter().enumerate().filter(|(other, _)| *other != position);
             let mut all: Vec<f64> =
                 others.map(|(_, point)| point.iter().zip(at).map(|(a, b)| (a - b).powi(2)).sum()).collect();
             all.sort_by(f64::total_cmp);

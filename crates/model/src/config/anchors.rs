@@ -22,7 +22,7 @@ pub enum AnchorDesign {
     /// through the patch's centre; centres are offsets from there.
     PatchDepth {},
     /// "None, ray + depth": tokens are coarse patches without a position. A patch is divided into as many cells as a token
-    /// has Gaussians, and each Gaussian lies on the ray through its cell's centre, at a depth that the Gaussian head
+    /// has Gaussians, and each Gaussian is on the ray through its cell's centre, at a depth that the Gaussian head
     /// predicts instead of an offset. Children share their parent's rays.
     RayDepth {},
     /// "Learnable, direct xyz": a learned set of tokens, the same for every scene; centres are given in the

@@ -54,9 +54,8 @@ impl ImageSize {
     pub fn at_scale_of(self, other: Self, step: usize) -> Self {
         let step = step.max(1);
         let whole = |side: usize| ((side + step / 2) / step).max(1).saturating_mul(step);
-        let shorter = other.height.min(other.width);
-        let own = self.height.min(self.width).max(1);
-        let side = |side: usize| whole((side.saturating_mul(shorter) + own / 2) / own);
+        let [shorter, wanted] = [self.height.min(self.width).max(1), other.height.min(other.width)];
+        let side = |side: usize| whole((side.saturating_mul(wanted) + shorter / 2) / shorter);
         Self { height: side(self.height), width: side(self.width) }
     }
 
@@ -104,7 +103,7 @@ mod tests {
             ([256, 448], [128, 224]),
             ([448, 256], [224, 128]),
             ([512, 960], [128, 240]),
-            // 1920 · 128 / 1080 is 227.6; 228 lies between 224 and 232, and the upper is taken.
+            // 1920 · 128 / 1080 is 227.6; 228 is between 224 and 232, and the upper is taken.
             ([1080, 1920], [128, 232]),
             ([100, 130], [128, 168]),
             ([1, 3], [128, 384]),

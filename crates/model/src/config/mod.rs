@@ -17,7 +17,7 @@ mod validate;
 
 use std::path::Path;
 
-use atsplat_files::malformed_toml;
+use atsplat_files::{Embedded, is_toml_path, malformed_toml};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -35,12 +35,12 @@ use crate::ModelError;
 
 macro_rules! texts {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../../eval/models/", $name, ".toml")))),*]
+        Embedded(&[$(($name, include_str!(concat!("../../../../eval/models/", $name, ".toml")))),*])
     };
 }
 
-/// Name and text of the embedded configurations.
-const BUILT_IN: &[(&str, &str)] =
+/// The TOML texts of the configurations in `eval/models/`.
+const TEXTS: Embedded =
     texts!["paper-re10k", "paper-dl3dv", "paper-dl3dv-224", "paper-dl3dv-hr", "mini", "micro", "nano"];
 
 /// Configuration of a network, with its nominal inputs.
@@ -89,7 +89,7 @@ impl ModelConfig {
 
     /// Names of the built-in configurations.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        BUILT_IN.iter().map(|(name, _)| *name)
+        TEXTS.names()
     }
 
     /// The TOML text of a built-in configuration.
@@ -97,8 +97,8 @@ impl ModelConfig {
     /// # Errors
     /// [`ModelError::UnknownModel`].
     pub fn text_of(name: &str) -> Result<&'static str, ModelError> {
-        let found = BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text);
-        found.ok_or_else(|| ModelError::UnknownModel { name: name.to_owned(), known: Self::names().collect() })
+        let unknown = || ModelError::UnknownModel { name: name.to_owned(), known: Self::names().collect() };
+        TEXTS.text(name).ok_or_else(unknown)
     }
 
     /// A built-in configuration.
@@ -114,12 +114,7 @@ impl ModelConfig {
     /// # Errors
     /// [`ModelError::UnknownModel`], or the errors of [`Self::read`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ModelError> {
-        let path = Path::new(name_or_path);
-        if path.extension().is_some_and(|extension| extension == "toml") {
-            Self::read(path)
-        } else {
-            Self::named(name_or_path)
-        }
+        if is_toml_path(name_or_path) { Self::read(Path::new(name_or_path)) } else { Self::named(name_or_path) }
     }
 
     /// Reads a configuration from a TOML file.
@@ -146,10 +141,10 @@ impl ModelConfig {
     /// The configuration as TOML text that [`Self::from_toml`] reads back.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a value that TOML cannot hold, which cannot come from TOML.
+    /// [`ModelError::Malformed`] for a value that TOML cannot represent, which cannot come from TOML.
     pub fn to_toml(&self) -> Result<String, ModelError> {
         toml::to_string(self)
-            .map_err(|error| ModelError::malformed(validate::WHAT, "TOML", "a value that TOML can hold", error))
+            .map_err(|error| ModelError::malformed(validate::WHAT, "TOML", "a value that TOML can represent", error))
     }
 
     /// Checks that the parts fit together, for configurations that were changed in code.
@@ -164,14 +159,14 @@ impl ModelConfig {
     /// order, without name, title, notes, inferences, nominal views and resolution.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a value that JSON cannot hold, such as NaN, which validation rejects.
+    /// [`ModelError::Malformed`] for a value that JSON cannot represent, such as NaN, which validation rejects.
     pub fn hash(&self) -> Result<String, ModelError> {
         let parts = (
             (&self.transformer, &self.backbone, &self.coarse, &self.anchors),
             (&self.fine, &self.decoder, &self.expansion, &self.head),
         );
         let json = serde_json::to_vec(&parts)
-            .map_err(|error| ModelError::malformed(validate::WHAT, "JSON", "a value that JSON can hold", error))?;
+            .map_err(|error| ModelError::malformed(validate::WHAT, "JSON", "a value that JSON can represent", error))?;
         Ok(atsplat_files::hexadecimal(&Sha256::digest(&json)))
     }
 

@@ -208,8 +208,8 @@ fn names_and_paths_are_distinguished() {
 
 #[test]
 fn the_high_resolution_setting_equals_its_configuration() {
-    let [own, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
-    assert_eq!(own.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
+    let [normal, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
+    assert_eq!(normal.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
     assert_eq!(high.for_high_resolution().unwrap(), high);
     // Patches of the coarse branch divide images of twice the resolution, whatever it is.
     let mut nano = ModelConfig::named("nano").unwrap();

@@ -155,6 +155,6 @@ fn finite(field: &str, value: f64) -> Result<(), ModelError> {
     ensure(value.is_finite(), field, "a finite number", &value)
 }
 
-fn ensure(holds: bool, field: &str, expected: &str, found: &dyn Display) -> Result<(), ModelError> {
-    if holds { Ok(()) } else { Err(ModelError::malformed(WHAT, format!("field {field}"), expected, found)) }
+fn ensure(is_valid: bool, field: &str, expected: &str, found: &dyn Display) -> Result<(), ModelError> {
+    if is_valid { Ok(()) } else { Err(ModelError::malformed(WHAT, format!("field {field}"), expected, found)) }
 }

@@ -120,15 +120,16 @@ impl Context {
             indices.extend(nearest_neighbours(scene, count)?.indices.into_iter().map(i64::from));
         }
         let indices = Tensor::<3, Int>::from_data(TensorData::new(indices, [scenes, tokens, count]), device);
-        // `fc1` of (neighbour's feature, its anchor − own anchor) is a sum of three terms: the maximum is taken over the
-        // neighbour's terms before the token's own term is subtracted.
+        // `fc1` of (neighbour's feature, its anchor − the token's anchor) is a sum of three terms: the maximum is taken over the
+        // neighbour's terms before the token's term is subtracted.
         let weight = self.fc1.weight.val();
         // Positions are large and their differences small: these would be lost in the rounding of lower precisions.
         let of_position = weight.clone().slice_dim(0, dim..dim + 3);
-        let own = MatmulPrecision::F32.scope(|| linear(anchors.clone(), of_position, None));
+        let of_token = MatmulPrecision::F32.scope(|| linear(anchors.clone(), of_position, None));
         let bias = self.fc1.bias.as_ref().map(Param::val);
-        let neighbours = linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + own.clone();
-        let largest = gather_max(neighbours, indices) - own;
+        let neighbours =
+            linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + of_token.clone();
+        let largest = gather_max(neighbours, indices) - of_token;
         Ok(features + self.fc2.forward(gelu(largest)))
     }
 }
@@ -197,7 +198,7 @@ mod tests {
 
     use super::*;
 
-    /// The context of a token comes from offsets between anchors, which do not change where the whole scene lies elsewhere. In
+    /// The context of a token comes from offsets between anchors, which do not change if the whole scene is moved. In
     /// bfloat16, positions near 50 are a quarter apart.
     #[test]
     fn offsets_between_anchors_keep_their_precision_far_from_the_origin() {

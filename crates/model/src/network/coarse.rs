@@ -102,11 +102,11 @@ impl Coarse {
     ) -> Result<CoarseStages, ModelError> {
         let (mut features, mut tokens) = (Vec::new(), Vec::new());
         for views in scenes {
-            let own = backbone.forward(views, patch_size, grid, device)?;
+            let of_backbone = backbone.forward(views, patch_size, grid, device)?;
             let raw = self.patch.forward(views.colours(patch_size, device));
-            let mixed = self.fuse.forward(Tensor::cat(vec![own.clone(), raw], 2));
+            let mixed = self.fuse.forward(Tensor::cat(vec![of_backbone.clone(), raw], 2));
             let placed = mixed + self.plucker.forward(views.plucker(patch_size, device)?);
-            features.push(flattened(own));
+            features.push(flattened(of_backbone));
             tokens.push(flattened(placed));
         }
         let (backbone, tokens) = (Tensor::cat(features, 0), Tensor::cat(tokens, 0));

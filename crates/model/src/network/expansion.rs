@@ -121,8 +121,8 @@ impl Expansion {
         let residuals = self.children.forward(chosen_features).reshape([scenes, chosen * children, dim]);
         let mut children = all.clone().slice_dim(1, unselected..after) + residuals;
         if let Some(scores) = straight_through {
-            let own = inherited(scores.unsqueeze_dim(2)).slice_dim(1, unselected..after);
-            children = children * (own.clone() - own.detach() + 1.0);
+            let inherited_scores = inherited(scores.unsqueeze_dim(2)).slice_dim(1, unselected..after);
+            children = children * (inherited_scores.clone() - inherited_scores.detach() + 1.0);
         }
         let features =
             if unselected == 0 { children } else { Tensor::cat(vec![all.slice_dim(1, 0..unselected), children], 1) };

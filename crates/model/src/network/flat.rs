@@ -116,12 +116,12 @@ impl ModuleMapper for Fill {
         }
         let shape = param.lazy_shape().dims::<D>();
         let end = self.next + shape.iter().product::<usize>();
-        let own = self.values.clone().slice_dim(0, self.next..end).reshape(shape);
+        let values = self.values.clone().slice_dim(0, self.next..end).reshape(shape);
         self.next = end;
         let tracked = param.lazy_device().is_autodiff();
         let (id, _, mapper) = param.consume();
-        let own = if tracked { own.autodiff().require_grad() } else { own };
-        Param::from_mapped_value(id, own, mapper)
+        let values = if tracked { values.autodiff().require_grad() } else { values };
+        Param::from_mapped_value(id, values, mapper)
     }
 }
 
@@ -164,8 +164,11 @@ mod tests {
         let matrices = f32_values(network.flat_matrices());
         assert!(found.iter().zip(&matrices).all(|(found, matrix)| *found == 0.0 || *matrix == 0.0));
         let list = parameters(network.config());
-        let elements: usize =
-            list.iter().filter(|own| own.shape.len() >= 2).map(crate::parameters::Parameter::elements).sum();
+        let elements: usize = list
+            .iter()
+            .filter(|parameter| parameter.shape.len() >= 2)
+            .map(crate::parameters::Parameter::elements)
+            .sum();
         assert_eq!(matrices.iter().filter(|matrix| **matrix > 0.5).count(), elements);
         assert!(elements < values.len());
     }

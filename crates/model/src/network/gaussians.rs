@@ -10,6 +10,10 @@ use crate::config::{ModelConfig, OffsetActivation, OpacityActivation, Quaternion
 
 /// Smallest divisor when a quaternion is normalised: PyTorch's `normalize`.
 const EPSILON: f64 = 1e-12;
+/// Below, `ln(1 + e^x)` is `e^x` in f32.
+const EXPONENTIAL_BELOW: f64 = -20.0;
+/// Below, `e^x − 1` is a series, because the difference has lost digits.
+const SERIES_BELOW: f64 = 0.25;
 
 /// Gaussians of a batch of scenes as tensors with gradients, ordered by token.
 #[derive(Clone, Debug)]
@@ -67,7 +71,7 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
     let log_scales = match (&tokens.frames, settings.scale) {
         (Some(frames), _) => frames.log_scales(settings.cells(), scale),
         (None, ScaleActivation::ExpClamped { shift, max }) => (scale + shift).clamp_max(max),
-        (None, ScaleActivation::Softplus { shift, gain }) => (activation::softplus(scale + shift, 1.0) * gain).log(),
+        (None, ScaleActivation::Softplus { shift, gain }) => log_softplus(scale + shift, gain),
     };
     let OpacityActivation::Sigmoid { shift } = settings.opacity;
     GaussianTensors {
@@ -83,8 +87,27 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
 fn offset(rule: OffsetActivation, x: Tensor<3>) -> Tensor<3> {
     match rule {
         OffsetActivation::Linear { gain } => x * gain,
-        OffsetActivation::InverseLog { gain } => (x.clone().abs().exp() - 1.0) * x.sign() * gain,
+        OffsetActivation::InverseLog { gain } => inverse_log(x) * gain,
     }
+}
+
+/// `ln(gain · ln(1 + e^x))`, finite wherever `x` is: the inner logarithm is 0 in f32 from −104 on.
+fn log_softplus(x: Tensor<3>, gain: f64) -> Tensor<3> {
+    let small = x.clone().lower_elem(EXPONENTIAL_BELOW);
+    // What the mask discards must be finite all the same, or its gradient would be 0 · ∞.
+    let large = x.clone().mask_fill(small.clone(), EXPONENTIAL_BELOW);
+    (activation::softplus(large, 1.0) * gain).log().mask_where(small, x + gain.ln())
+}
+
+/// `sign(x) · (e^|x| − 1)`. Without the series, the derivative at 0 would be that of the sign, which burn takes to be 0.
+fn inverse_log(x: Tensor<3>) -> Tensor<3> {
+    let far = x.clone().abs().greater_equal_elem(SERIES_BELOW);
+    let near = x.clone().mask_fill(far.clone(), 0.0);
+    let size = near.clone().abs();
+    // 1 + s/2 (1 + s/3 (1 + s/4 (1 + s/5 (1 + s/6)))), which leaves out less than 1e-7 of it.
+    let start = size.clone() / 6.0 + 1.0;
+    let series = [5.0f64, 4.0, 3.0, 2.0].into_iter().fold(start, |sum, n| sum * size.clone() / n + 1.0);
+    (near * series).mask_where(far, (x.clone().abs().exp() - 1.0) * x.sign())
 }
 
 impl GaussianTensors {
@@ -132,4 +155,60 @@ fn non_finite(gaussians: &Gaussians) -> usize {
         (means.as_flattened(), quaternions.as_flattened(), log_scales.as_flattened());
     let numbers = [means, quaternions, log_scales, opacity_logits, sh.as_flattened()];
     numbers.into_iter().flatten().filter(|number| !number.is_finite()).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+    use burn::tensor::Device;
+
+    use super::*;
+
+    const F32: Tolerance = Tolerance { absolute: 0.0, relative: 2e-6 };
+
+    fn tensor(raw: [f32; 6], device: &Device) -> Tensor<3> {
+        Tensor::<1>::from_floats(raw, device).reshape([1, 2, 3])
+    }
+
+    /// Compares values and derivatives with those of a function in f64.
+    fn check(raw: [f32; 6], of: impl Fn(Tensor<3>) -> Tensor<3>, exact: impl Fn(f64) -> [f64; 2]) {
+        let x = tensor(raw, &Device::flex().autodiff()).require_grad();
+        let values = of(x.clone());
+        let slopes = x.grad(&values.clone().sum().backward()).unwrap();
+        for (at, found) in [values, slopes].into_iter().enumerate() {
+            let expected = raw.iter().map(|x| exact(f64::from(*x))[at]);
+            F32.assert(f32_values(found).into_iter().map(f64::from), expected, ["values", "derivatives"][at]);
+        }
+    }
+
+    #[test]
+    fn scales_of_far_negative_outputs_are_finite_and_keep_their_derivative() {
+        let gain = 0.01;
+        let exact = |x: f64| {
+            let softplus = x.exp().ln_1p();
+            [(gain * softplus).ln(), 1.0 / (1.0 + (-x).exp()) / softplus]
+        };
+        check([-110.0, -600.0, -20.5, -3.0, 0.75, 25.0], |x| log_softplus(x, gain), exact);
+        let x = tensor([-20.0, -19.5, -1.0, 0.0, 3.0, 25.0], &Device::flex());
+        let plain = (activation::softplus(x.clone(), 1.0) * gain).log();
+        assert_eq!(f32_values(log_softplus(x, gain)), f32_values(plain), "the same bits");
+    }
+
+    #[test]
+    fn offsets_keep_their_derivative_and_digits_at_0() {
+        let rule = OffsetActivation::InverseLog { gain: 0.5 };
+        let exact = |x: f64| [0.5 * x.signum() * x.abs().exp_m1(), 0.5 * x.abs().exp()];
+        check([0.0, 1e-4, -1e-4, 0.2, -0.3, 1.5], |x| offset(rule, x), exact);
+        let x = tensor([0.25, -0.25, 0.3, -1.0, 3.0, -7.0], &Device::flex());
+        let plain = (x.clone().abs().exp() - 1.0) * x.clone().sign() * 0.5;
+        assert_eq!(f32_values(offset(rule, x)), f32_values(plain), "the same bits");
+    }
+
+    #[test]
+    fn activations_do_not_hide_nan() {
+        let x = tensor([f32::NAN; 6], &Device::flex());
+        for found in [log_softplus(x.clone(), 0.01), inverse_log(x)] {
+            assert!(f32_values(found).iter().all(|value| value.is_nan()));
+        }
+    }
 }

@@ -213,7 +213,7 @@ impl Network {
     /// # Errors
     /// [`ModelError::Malformed`] if there is no scene, scenes differ in size or views, thresholds select different numbers of
     /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the images;
-    /// [`ModelError::NonFinite`] for rays that f32 cannot hold.
+    /// [`ModelError::NonFinite`] for rays beyond the range of f32.
     pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
         self.decode(self.encode(scenes)?, call_seed)
     }
@@ -244,11 +244,11 @@ impl Network {
             self.anchors.forward(config, &coarse_scenes, coarse.features.clone(), grid, device)
         })?;
         let fine = timed(&mut seconds.fine, device, || {
-            let own = self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
+            let features = self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
             let dim = config.transformer.dim;
             let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
             let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
-            Ok::<_, ModelError>((own + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
+            Ok::<_, ModelError>((features + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
         })?;
         Ok(Encoding { coarse, fine, initial, seconds })
     }
@@ -338,6 +338,6 @@ mod expansion_tests;
 #[cfg(test)]
 mod gradient_tests;
 #[cfg(test)]
-mod hard_inputs;
+mod hard_inputs_tests;
 #[cfg(test)]
 mod tests;

@@ -56,11 +56,11 @@ impl Processor {
 
     /// Why images are not rendered there after [`Self::open`]: the error of the adapter or of the self-test. `None` if they
     /// are.
-    pub fn refusal(self) -> Option<String> {
+    pub fn render_error(self) -> Option<String> {
         match self {
             Self::Cpu => None,
             #[cfg(feature = "gpu-network")]
-            Self::Wgpu(_) => super::splatting::refusal(),
+            Self::Wgpu(_) => super::splatting::render_error(),
             #[cfg(not(feature = "gpu-network"))]
             Self::Wgpu(_) => None,
         }

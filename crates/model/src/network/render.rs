@@ -20,9 +20,9 @@ pub struct RenderedTensors {
     pub alpha: Tensor<3>,
     /// Depth along the optical axis, composited like a colour on 0, `[views, height, width]`; if requested.
     pub depth: Option<Tensor<3>>,
-    /// The Gaussians' own scalar, composited like a colour on 0, `[views, height, width]`; if requested.
+    /// The Gaussians' scalar, composited like a colour on 0, `[views, height, width]`; if requested.
     pub scalar: Option<Tensor<3>>,
-    /// Counts of drawn and skipped Gaussians: by view, or of all views together where they were rendered at once.
+    /// Counts of drawn and skipped Gaussians: by view, or of all views together if they were rendered at once.
     pub counts: Vec<GaussianCounts>,
 }
 
@@ -64,8 +64,8 @@ impl GaussianTensors {
     ) -> Result<RenderedTensors, ModelError> {
         let [scenes, count, _] = self.means.dims();
         let of_scene = views.first().map_or(0, Vec::len);
-        if views.len() != scenes || views.iter().any(|own| own.len() != of_scene) {
-            let found = views.iter().map(|own| own.len().to_string()).collect::<Vec<_>>().join(", ");
+        if views.len() != scenes || views.iter().any(|scene| scene.len() != of_scene) {
+            let found = views.iter().map(|scene| scene.len().to_string()).collect::<Vec<_>>().join(", ");
             let expected = format!("the same number for each of {scenes} scenes");
             return Err(ModelError::malformed("rendering", "views", expected, found));
         }

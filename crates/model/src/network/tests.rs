@@ -77,7 +77,7 @@ impl Fixture {
         self.network(device).reconstruct(&self.views(), self.call_seed()).unwrap()
     }
 
-    /// Compares a tensor if the fixture holds it; returns whether it does.
+    /// Compares a tensor if the fixture has it; returns whether it does.
     fn compare<const D: usize>(&self, name: &str, ours: &Tensor<D>) -> bool {
         let Some(theirs) = self.stored.tensors.get(name) else { return false };
         let ours = numbers(ours.clone());
@@ -136,7 +136,7 @@ fn every_variant_agrees_with_the_pytorch_twin() {
         assert_eq!(fixture.network(&device).scores(&fixture.views(), fixture.call_seed()).unwrap(), scores, "{path:?}");
         assert!(gaussians.scene(1).is_err());
     }
-    assert!(stages >= 27, "three fixtures hold every stage: {stages}");
+    assert!(stages >= 27, "three fixtures have every stage: {stages}");
 }
 
 pub(super) fn base() -> Fixture {

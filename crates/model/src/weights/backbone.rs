@@ -45,7 +45,7 @@ pub fn read_backbone(
         return Err(ModelError::Unfit(Box::new(report)).in_file(path));
     }
     // All other tensors of a backbone with registers fit one without them.
-    if let Some(extra) = report.left_over.iter().find(|own| own.tensor.ends_with("register_tokens")) {
+    if let Some(extra) = report.left_over.iter().find(|extra| extra.tensor.ends_with("register_tokens")) {
         let found = format!("{} {}", extra.tensor, extra.found);
         return Err(
             ModelError::malformed("weights", "file", "DINOv2 without registers, as in the model", found).in_file(path)
@@ -56,7 +56,7 @@ pub fn read_backbone(
 }
 
 impl BackboneConfig {
-    /// The DINOv2 that a file holds completely, by names and shapes, with the import report; the largest if several fit.
+    /// The DINOv2 that a file contains completely, by names and shapes, with the import report; the largest if several fit.
     ///
     /// # Errors
     /// [`ModelError::Malformed`] for a broken embedded configuration or key map, never for the file.

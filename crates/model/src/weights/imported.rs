@@ -16,7 +16,7 @@ pub struct ImportedFile {
     pub sha256: String,
     /// Name of the configuration.
     pub model: String,
-    /// Whether it holds every parameter.
+    /// Whether it has every parameter.
     pub complete: bool,
     /// What was found in it.
     #[serde(flatten)]

@@ -127,7 +127,7 @@ impl fmt::Display for Inspection {
     }
 }
 
-/// A published network that a file holds completely.
+/// A published network that a file contains completely.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Backbone {

@@ -112,7 +112,7 @@ impl KnownFile {
         KNOWN.iter().find(|known| known.sha256.is_some_and(|known| known.eq_ignore_ascii_case(sha256)))
     }
 
-    /// The published files that hold a backbone.
+    /// The published files that contain a backbone.
     pub fn of_backbone(backbone: &BackboneConfig) -> impl Iterator<Item = &'static Self> {
         let wanted = match *backbone {
             BackboneConfig::DinoV2 { size, registers } => Some((size, registers)),

@@ -1,4 +1,4 @@
-//! Reading and writing of weights: the toolkit's own safetensors files, and other checkpoints by key maps, with a report on
+//! Reading and writing of weights: the toolkit's safetensors files, and other checkpoints by key maps, with a report on
 //! every tensor.
 //!
 //! Files are memory-mapped and never executed. Any bytes give weights that are complete, finite and of the right shapes, or

@@ -21,7 +21,7 @@ const PROVENANCE_PREFIX: &str = "atsplat.provenance.";
 
 /// A network's weights with configuration and provenance.
 ///
-/// Stored as safetensors whose metadata hold `atsplat.format`, `atsplat.configuration` (the TOML text),
+/// Stored as safetensors whose metadata contain `atsplat.format`, `atsplat.configuration` (the TOML text),
 /// `atsplat.tensors-sha256` ([`StoredTensors::digest`]), `atsplat.provenance.<key>` for each entry of the provenance, and
 /// `atsplat.metadata-sha256` over all of these. `NAMES.md` explains the tensors' names.
 #[derive(Clone, Debug)]
@@ -94,7 +94,7 @@ impl ModelWeights {
     /// The configuration in a file's metadata; tensors are not read.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if the metadata are not this toolkit's, or hold no configuration.
+    /// [`ModelError::Malformed`] if the metadata are not this toolkit's, or contain no configuration.
     pub fn config_of(stored: &StoredTensors) -> Result<ModelConfig, ModelError> {
         format_of(stored)?;
         ModelConfig::from_toml(entry(stored, CONFIGURATION_KEY, "a model configuration")?)

@@ -59,7 +59,7 @@ fn a_number_beyond_a_precision_names_its_tensor() {
     let values = vec![7e4; shape.iter().product()];
     weights.tensors.tensors.insert(name.to_owned(), StoredTensor::from_f32(shape, &values).unwrap());
     let error = weights.to_stored(Precision::Half).unwrap_err().to_string();
-    let expected = format!("tensor {name}: expected numbers that f16 can hold, up to 65504, found 70000");
+    let expected = format!("tensor {name}: expected numbers that f16 can represent, up to 65504, found 70000");
     assert!(error.contains(&expected), "{error}");
     weights.to_stored(Precision::Brain).unwrap();
 }

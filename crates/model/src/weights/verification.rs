@@ -37,7 +37,7 @@ impl Verification {
     ) -> Result<Self, ModelError> {
         file.check_sha256(expected_sha256)?;
         let (what, parameters, metadata_covered) = if ModelWeights::is_one(&file.stored) {
-            own(&file, config)?
+            of_this_toolkit(&file, config)?
         } else {
             let found = backbone(&file, config)?;
             (found.to_string(), found.parameters, None)
@@ -56,7 +56,10 @@ impl Verification {
 }
 
 /// The description of a file of this toolkit, the number of parameters, and whether the metadata are hashed.
-fn own(file: &TensorFile, config: Option<&ModelConfig>) -> Result<(String, usize, Option<bool>), ModelError> {
+fn of_this_toolkit(
+    file: &TensorFile,
+    config: Option<&ModelConfig>,
+) -> Result<(String, usize, Option<bool>), ModelError> {
     let weights = ModelWeights::of_file(file)?;
     let (what, parameters) = (format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len());
     let covered = weights.metadata_covered;

@@ -70,7 +70,7 @@ impl<'a> Tokens<'a> {
         &self.data[start..]
     }
 
-    /// One head's part of some tokens of a sample, tokens in rows, without gaps: in the packed tensor, each row would lie on a memory
+    /// One head's part of some tokens of a sample, tokens in rows, without gaps: in the packed tensor, each row would be on a memory
     /// page of its own, and products read them again and again.
     pub(super) fn rows(&self, sample: usize, head: usize, first: usize, count: usize, sizes: &Sizes) -> Vec<f32> {
         let source = self.from(sample, head, first, sizes);

@@ -6,7 +6,7 @@ use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask};
 
 /// Self-attention on packed queries, keys and values: `[batch, tokens, 3·width]` to `[batch, tokens, width]`.
 ///
-/// A token holds its queries, then its keys, then its values, each with `heads` adjacent heads of `width / heads` elements.
+/// A token consists of its queries, then its keys, then its values, each with `heads` adjacent heads of `width / heads` elements.
 /// Per head, the result is `softmax(q kᵀ / √head_width) v`, computed tile by tile: nothing of size tokens × tokens is stored,
 /// neither forward nor backward.
 ///

@@ -1,4 +1,4 @@
-//! The crate `object_store` behind blocking calls. Its requests run on threads of their own, so that a call may come from any
+//! The crate `object_store` behind blocking calls. Its requests run on separate threads, so that a call may come from any
 //! thread; requests that fail for a moment are repeated there.
 
 use std::fmt;
@@ -185,7 +185,7 @@ impl Connected {
                 Error::Precondition { .. } | Error::AlreadyExists { .. } => {
                     ObjectError::TakenOver { url, by: "another process".to_owned() }
                 }
-                // Lists have no errors of their own for these.
+                // Lists report these only in their text.
                 _ if has_status(&detail, &[404]) => ObjectError::NotFound { url },
                 _ if has_status(&detail, &[401, 403]) => ObjectError::Denied { url, detail },
                 _ => ObjectError::Request { url, action: action.to_owned(), detail },
@@ -260,7 +260,7 @@ impl Storage for Connected {
 
 impl fmt::Debug for Connected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Without the store, which holds credentials.
+        // Without the store, which contains credentials.
         f.debug_struct("Connected").field("url", &self.url).finish_non_exhaustive()
     }
 }
@@ -312,7 +312,7 @@ fn has_status(detail: &str, statuses: &[u16]) -> bool {
     statuses.iter().any(|status| detail.contains(&format!("status code: {status} ")))
 }
 
-/// The error and its causes, in one line and without the queries of URLs, which may hold signatures.
+/// The error and its causes, in one line and without the queries of URLs, which may contain signatures.
 fn text_of(error: &dyn std::error::Error) -> String {
     const LONGEST: usize = 400;
     let mut text = error.to_string();
@@ -344,7 +344,7 @@ mod unit_tests {
     }
 
     #[test]
-    fn texts_of_errors_hold_no_signature() {
+    fn texts_of_errors_contain_no_signature() {
         let error = io::Error::other("GET https://a.blob.core.windows.net/b/c?sv=1&sig=SECRET failed:\n  why?");
         assert_eq!(text_of(&error), "GET https://a.blob.core.windows.net/b/c failed: why?");
     }

@@ -35,7 +35,7 @@ fn rows_in(store: &Path) -> Option<BTreeSet<String>> {
     let parts = fs::read_dir(store.join("parts")).into_iter().flatten();
     let parts: BTreeSet<String> = parts.flat_map(|part| words(&part.unwrap().path())).collect();
     let [targets, trials] = ["targets.parquet", "trials.parquet"].map(|table| &words(&store.join(table)) - &parts);
-    assert_eq!(targets, trials, "rows of one table only, beside the parts {parts:?}");
+    assert_eq!(targets, trials, "rows of one table only, next to the parts {parts:?}");
     Some(&trials | &parts)
 }
 
@@ -82,7 +82,7 @@ fn a_store_can_be_read_wherever_sending_its_tables_stopped() {
     assert_eq!(seen, BTreeSet::from(["old", "old first", "old first second"].map(set)));
 }
 
-/// As when a method without any score is replaced by another of its name, beside rows of a third or alone.
+/// As when a method without any score is replaced by another of its name, next to rows of a third or alone.
 #[test]
 fn a_store_can_be_read_or_resumed_wherever_removing_rows_stopped() {
     for (kept, opens_again) in [("kept", true), ("kept", false), ("", true), ("", false)] {
@@ -156,7 +156,7 @@ fn tables_that_wait_for_their_places_count_until_they_have_them() {
     }
 }
 
-/// As by `atsplat merge`, which refuses a store that exists.
+/// As by `atsplat merge`, for which a store that exists is an error.
 #[test]
 fn a_new_store_is_whole_or_none_wherever_sending_it_stopped() {
     let merge = |copy: &StoreCopy| {

@@ -79,7 +79,7 @@ impl FeatureCoverage {
         let (first, second) = (ViewFeatures::new(a, self)?, ViewFeatures::new(b, self)?);
         let matches = match_mutual(&first.features, &second.features, self.matching.ratio).map_err(failed)?;
         let agreement = Agreement::new(&first.view, &second.view, self.limit);
-        let verified: Vec<&PointMatch> = matches.iter().filter(|points| agreement.holds(points)).collect();
+        let verified: Vec<&PointMatch> = matches.iter().filter(|points| agreement.fits(points)).collect();
         let fraction = |seen: &ViewFeatures, at: fn(&PointMatch) -> DVec2| {
             let matched: BTreeSet<_> =
                 verified.iter().filter_map(|points| self.cell(seen.view.size, at(points))).collect();
@@ -97,7 +97,7 @@ impl FeatureCoverage {
     fn cell(&self, size: ImageSize, pixel: DVec2) -> Option<(u32, u32)> {
         let along = |place: f64, length: u32| {
             let cell = (place / f64::from(length) * f64::from(self.cells)).floor();
-            // A feature at the very edge may lie a fraction of a pixel outside.
+            // A feature at the edge may be a fraction of a pixel outside.
             let last = f64::from(self.cells - 1);
             cell.is_finite().then(|| whole(cell.clamp(0.0, last)))
         };
@@ -143,7 +143,7 @@ impl<'a> Agreement<'a> {
         Self { first, second, geometry, limit_px: limit * second.diagonal() }
     }
 
-    fn holds(&self, points: &PointMatch) -> bool {
+    fn fits(&self, points: &PointMatch) -> bool {
         let straight = (self.first.undistorted(points.first), self.second.undistorted(points.second));
         let (Some(first), Some(second)) = straight else { return false };
         let points = PointMatch { first, second };

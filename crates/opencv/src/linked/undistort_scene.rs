@@ -36,31 +36,26 @@ pub fn undistort_scene(
     std::fs::create_dir_all(&images).map_err(OpenCvError::io("creating a folder for images", &images))?;
     let list = folder.join("transforms.json");
     let list_file = AtomicFile::create(&list).map_err(OpenCvError::io("writing cameras", &list))?;
-    let mut undistorter: Option<(Camera, ImageSize, Undistorter)> = None;
+    let mut previous: Option<LensMap> = None;
     let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
         progress();
         let image = readable_image(scene, position, frame, warnings);
         let size = image.as_ref().map(|image| ImageSize { width: image.width(), height: image.height() });
         let Some(size) = size.or_else(|| stated_or_common_size(scene, frame)) else {
-            // No image of the scene has a size: the list has no frames at all, which readers refuse.
+            // No image of the scene has a size: the list has no frames at all, which readers reject.
             count.skipped += 1;
             continue;
         };
-        let fits = |(camera, of_size, _): &(Camera, ImageSize, Undistorter)| {
-            camera.intrinsics == frame.camera.intrinsics
-                && camera.distortion == frame.camera.distortion
-                && *of_size == size
-        };
         // Frames with the same lens share a map.
-        let current = match undistorter.take().filter(fits) {
-            Some(current) => current,
-            None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
+        let map = match previous.take().filter(|map| map.fits(&frame.camera, size)) {
+            Some(map) => map,
+            None => LensMap::new(frame.camera, size, mode)?,
         };
         let mut name = format!("{}.png", unique_name(frame, position, &mut names));
         if let Some(image) = image {
             name = format!("images/{name}");
-            let (path, straight) = (folder.join(&name), current.2.undistort(&image)?);
+            let (path, straight) = (folder.join(&name), map.undistorter.undistort(&image)?);
             atsplat_files::write(&path, &encode_png(&straight)?).map_err(OpenCvError::io("writing an image", &path))?;
             count.written += 1;
         } else {
@@ -68,13 +63,30 @@ pub fn undistort_scene(
             name = format!("missing/{name}");
             count.skipped += 1;
         }
-        frames.push(frame_json(frame, &name, size, &current.2));
-        undistorter = Some(current);
+        frames.push(frame_json(frame, &name, size, &map.undistorter));
+        previous = Some(map);
     }
     let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
     let outcome = serde_json::to_writer_pretty(list_file.writer(), &transforms).map_err(std::io::Error::from);
     outcome.and_then(|()| list_file.commit()).map_err(OpenCvError::io("writing cameras", &list))?;
     Ok(count)
+}
+
+/// An undistorter, and the camera and image size that it was made for.
+struct LensMap {
+    camera: Camera,
+    size: ImageSize,
+    undistorter: Undistorter,
+}
+
+impl LensMap {
+    fn new(camera: Camera, size: ImageSize, mode: UndistortMode) -> Result<Self, OpenCvError> {
+        Ok(Self { camera, size, undistorter: Undistorter::new(&camera, size, mode)? })
+    }
+
+    fn fits(&self, camera: &Camera, size: ImageSize) -> bool {
+        self.camera.intrinsics == camera.intrinsics && self.camera.distortion == camera.distortion && self.size == size
+    }
 }
 
 /// The frame's image; one that is there and cannot be read is counted.
@@ -159,11 +171,11 @@ mod tests {
         let has_image: Vec<bool> = read.frames.iter().map(|frame| frame.image.is_available()).collect();
         assert_eq!(has_image, [false, true, false, true]);
         assert_eq!((found.total(), found.count(WarningKind::MissingImage)), (2, 2), "{:?}", found.kept());
-        for (read, own) in read.frames.iter().zip(&scene.frames) {
-            assert_eq!((&read.name, read.camera.distortion), (&own.name, Distortion::None));
-            let centres = [read, own].map(|frame| frame.camera.camera_from_world.inverse().centre());
+        for (read, original) in read.frames.iter().zip(&scene.frames) {
+            assert_eq!((&read.name, read.camera.distortion), (&original.name, Distortion::None));
+            let centres = [read, original].map(|frame| frame.camera.camera_from_world.inverse().centre());
             assert!(centres[0].distance(centres[1]) < 1e-9, "{centres:?}");
-            assert!((read.camera.intrinsics.fx - own.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
+            assert!((read.camera.intrinsics.fx - original.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
         }
     }
 }

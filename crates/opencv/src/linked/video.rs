@@ -95,7 +95,7 @@ pub struct ExtractionOptions {
 ///
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
-/// AVI files with B-frames, and missing for the frames that a decoder still holds at the end of the file. Missing times
+/// AVI files with B-frames, and missing for the frames that a decoder still has at the end of the file. Missing times
 /// are extrapolated by the median interval and marked ([`ExtractedFrame::estimated`]).
 ///
 /// # Errors
@@ -114,30 +114,11 @@ pub fn extract_frames(
     let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
     let folder = options.folder.join(key);
     std::fs::create_dir_all(&folder).map_err(OpenCvError::io("creating a folder for frames", &folder))?;
-    let limit = 0.5 * schedule.interval_micros;
-
-    let mut frames: Vec<ExtractedFrame> = Vec::new();
-    let mut writers: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (index, timestamp) in timestamps_micros.iter().enumerate() {
-        let nearest = schedule.nearest(*timestamp);
-        let near = nearest.filter(|(_, time)| (time.micros - *timestamp as f64).abs() <= limit);
-        if let Some((number, _)) = near {
-            writers.entry(number).or_default().push(index);
-        }
-        let outcome = if nearest.is_none() { ExtractionOutcome::NoFrame } else { ExtractionOutcome::TooFar };
-        let presented = nearest.map(|(_, time)| time);
-        frames.push(ExtractedFrame {
-            timestamp_micros: *timestamp,
-            presented_micros: presented.map(|time| time.micros),
-            estimated: presented.is_some_and(|time| time.estimated),
-            outcome,
-        });
-    }
-
+    let (mut frames, selected) = select(&schedule, timestamps_micros);
     let mut stream = Stream::open(video)?;
-    let mut decided = timestamps_micros.len() - writers.values().map(Vec::len).sum::<usize>();
+    let mut decided = timestamps_micros.len() - selected.values().map(Vec::len).sum::<usize>();
     let mut reached = 0;
-    for (number, indices) in writers {
+    for (number, indices) in selected {
         while reached <= number {
             if !stream.grab()? {
                 let location = format!("frame {number}");
@@ -156,6 +137,30 @@ pub fn extract_frames(
     }
     progress(timestamps_micros.len());
     Ok(ExtractedFrames { interval_micros: schedule.interval_micros, frames })
+}
+
+/// What is known of each timestamp before images are decoded, and for each frame to write, its number and the positions of its
+/// timestamps.
+fn select(schedule: &Schedule, timestamps_micros: &[i64]) -> (Vec<ExtractedFrame>, BTreeMap<usize, Vec<usize>>) {
+    let limit = 0.5 * schedule.interval_micros;
+    let mut frames: Vec<ExtractedFrame> = Vec::new();
+    let mut selected: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (index, timestamp) in timestamps_micros.iter().enumerate() {
+        let nearest = schedule.nearest(*timestamp);
+        let near = nearest.filter(|(_, time)| (time.micros - *timestamp as f64).abs() <= limit);
+        if let Some((number, _)) = near {
+            selected.entry(number).or_default().push(index);
+        }
+        let outcome = if nearest.is_none() { ExtractionOutcome::NoFrame } else { ExtractionOutcome::TooFar };
+        let presented = nearest.map(|(_, time)| time);
+        frames.push(ExtractedFrame {
+            timestamp_micros: *timestamp,
+            presented_micros: presented.map(|time| time.micros),
+            estimated: presented.is_some_and(|time| time.estimated),
+            outcome,
+        });
+    }
+    (frames, selected)
 }
 
 fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
@@ -402,6 +407,6 @@ mod tests {
         }
         let names = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
         let names = names.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>();
-        assert_eq!(names, ["cut.mp4", "empty.mp4", "text.mp4"], "refused videos and keys leave no folder");
+        assert_eq!(names, ["cut.mp4", "empty.mp4", "text.mp4"], "rejected videos and keys leave no folder");
     }
 }

@@ -1,14 +1,16 @@
+use atsplat_files::Embedded;
+
 use super::IndexFile;
 use crate::ProtocolError;
 
-macro_rules! embedded {
+macro_rules! texts {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../../eval/indices/", $name, ".json")))),*]
+        Embedded(&[$(($name, include_str!(concat!("../../../../eval/indices/", $name, ".json")))),*])
     };
 }
 
-/// Indices of the simulated datasets, in `eval/indices/`.
-const EMBEDDED: &[(&str, &str)] = embedded![
+/// The JSON texts of the indices of simulated datasets, in `eval/indices/`.
+const TEXTS: Embedded = texts![
     "rooms-2v",
     "rooms-2v-200",
     "rooms-overlap",
@@ -26,8 +28,7 @@ impl IndexFile {
     /// # Errors
     /// Those of [`Self::parse`]; the embedded files cause none.
     pub fn embedded(name: &str) -> Option<Result<Self, ProtocolError>> {
-        let (_, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
-        Some(Self::parse(text.as_bytes()))
+        TEXTS.text(name).map(|text| Self::parse(text.as_bytes()))
     }
 }
 
@@ -57,6 +58,6 @@ mod tests {
             }
             used.insert(accepted.name.clone());
         }
-        assert_eq!(used, EMBEDDED.iter().map(|(name, _)| (*name).to_owned()).collect(), "every embedded index is used");
+        assert_eq!(used, TEXTS.names().map(str::to_owned).collect(), "every embedded index is used");
     }
 }

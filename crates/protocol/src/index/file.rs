@@ -51,7 +51,7 @@ impl IndexFile {
         KnownIndex::by_sha256(&self.sha256).or_else(|| KnownIndex::by_content(&self.index.content_hash()))
     }
 
-    /// Warns of fields that a command which writes an index of its own does not carry over.
+    /// Warns of fields that are lost when a command writes a new index from this one.
     pub fn warn_of_unknown_fields(&self, path: &Path, warnings: &mut Warnings) {
         for (name, count) in &self.notices.unknown_fields {
             let detail = format!("{count} × field {name:?}, which the format does not define: not written");

@@ -51,8 +51,7 @@ impl Preset {
             let example = format!("scene {scene}, entry {at}, {what}");
             Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
         };
-        let own = rules.iter().filter_map(of_rule);
-        self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
+        self.of_another_protocol(index, sha256).into_iter().chain(rules.iter().filter_map(of_rule)).collect()
     }
 
     /// Published files are recognised by hash, whatever their path.

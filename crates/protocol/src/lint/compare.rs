@@ -3,6 +3,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::display::phrase;
 use crate::{EvaluationIndex, IndexEntry};
 
 /// A comparison of two indices.
@@ -71,7 +72,8 @@ pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
         result.same_context += u64::from(same_sets(ours, theirs, |entry| &entry.context));
         result.same_targets += u64::from(same_sets(ours, theirs, |entry| &entry.target));
     }
-    judge(&mut result);
+    result.verdict = verdict(&result);
+    result.reasons = reasons(&result);
     result
 }
 
@@ -90,7 +92,21 @@ fn same_sets(a: &[IndexEntry], b: &[IndexEntry], frames: impl Fn(&IndexEntry) ->
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| set(a) == set(b))
 }
 
-fn judge(found: &mut Comparability) {
+fn are_all_identical(found: &Comparability) -> bool {
+    found.common_scenes > 0 && found.identical_scenes == found.common_scenes
+}
+
+fn verdict(found: &Comparability) -> Verdict {
+    let common = found.common_scenes;
+    match (are_all_identical(found), found.scenes == (common, common), found.other_overlap) {
+        (false, _, _) => Verdict::Different,
+        (true, false, _) => Verdict::OnCommonScenes,
+        (true, true, 0) => Verdict::Same,
+        (true, true, _) => Verdict::SameButBins,
+    }
+}
+
+fn reasons(found: &Comparability) -> Vec<String> {
     let common = found.common_scenes;
     let mut reasons = Vec::new();
     if common == 0 {
@@ -103,26 +119,19 @@ fn judge(found: &mut Comparability) {
     for (count, what) in others.into_iter().filter(|(count, _)| *count > 0) {
         reasons.push(format!("{count} of {common} common scenes {what}"));
     }
-    let all_identical = common > 0 && found.identical_scenes == common;
-    if !all_identical && reasons.is_empty() {
-        reasons
-            .push(format!("{} of {common} common scenes differ in order or repeats", common - found.identical_scenes));
+    if !are_all_identical(found) && reasons.is_empty() {
+        let differ = common - found.identical_scenes;
+        reasons.push(format!("{differ} of {common} common scenes differ in order or repeats"));
     }
     let only = [(found.scenes.0 - common, "first"), (found.scenes.1 - common, "second")];
     for (count, which) in only.into_iter().filter(|(count, _)| *count > 0 && common > 0) {
-        let scenes = if count == 1 { "scene is" } else { "scenes are" };
-        reasons.push(format!("{count} {scenes} only in the {which}"));
+        reasons.push(format!("{} only in the {which}", phrase(count, ["scene is", "scenes are"])));
     }
     if found.other_overlap > 0 {
-        reasons.push(format!("{} scenes have another overlap", found.other_overlap));
+        let what = ["scene has another overlap", "scenes have another overlap"];
+        reasons.push(phrase(found.other_overlap, what));
     }
-    found.verdict = match (all_identical, found.scenes == (common, common), found.other_overlap) {
-        (false, _, _) => Verdict::Different,
-        (true, false, _) => Verdict::OnCommonScenes,
-        (true, true, 0) => Verdict::Same,
-        (true, true, _) => Verdict::SameButBins,
-    };
-    found.reasons = reasons;
+    reasons
 }
 
 impl fmt::Display for Verdict {
@@ -165,7 +174,7 @@ mod tests {
         for (from, to, verdict, reason) in [
             ("[3, 4]", "[4, 3]", Verdict::Same, ""),
             (", \"c\": null", "", Verdict::Same, ""),
-            ("0.5", "0.4", Verdict::SameButBins, "1 scenes have another overlap"),
+            ("0.5", "0.4", Verdict::SameButBins, "1 scene has another overlap"),
             (
                 "\"c\": null",
                 "\"c\": {\"context\": [1], \"target\": [1]}",

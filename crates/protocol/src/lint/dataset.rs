@@ -106,7 +106,7 @@ fn check_scene(
     }
 }
 
-/// Number of targets that are no context frames but show the image file of one.
+/// Number of targets that are not context frames but show the image file of one.
 fn leaked_images(scene: &Scene, entry: &IndexEntry) -> u64 {
     let file = |frame: &usize| scene.frames.get(*frame)?.image.file();
     let seen: HashSet<_> = entry.context.iter().filter_map(file).collect();

@@ -1,5 +1,7 @@
 use std::fmt;
 
+use atsplat_numeric::counted;
+
 use super::{DatasetFacts, LintReport, OverlapFacts, Spread, TargetCount};
 
 impl fmt::Display for LintReport {
@@ -47,11 +49,11 @@ impl LintReport {
             return "none".to_owned();
         }
         let percent = 100.0 * places.targets as f64 / self.targets as f64;
-        let scenes = counted(places.scenes, ["scene", "scenes"]);
-        format!("{} ({percent:.1} %), in {scenes}", counted(places.targets, what))
+        let scenes = counted(places.scenes, "scene");
+        format!("{} ({percent:.1} %), in {scenes}", phrase(places.targets, what))
     }
 
-    /// Counts of what entries should not have, zeros included, with names for one and for several.
+    /// Counts of what entries should not have, zeros included, with phrases for one and for several.
     pub(super) const fn odd_entries(&self) -> [(u64, [&'static str; 2]); 5] {
         [
             (self.repeats.targets, ["target repeated in its entry", "targets repeated in their entry"]),
@@ -69,15 +71,14 @@ impl LintReport {
             let keys = file.notices.duplicate_keys.len() as u64;
             let repeated = ["repeated scene key; its last value counts", "repeated scene keys; the last value counts"];
             odd.push((keys, repeated));
-            let of_words =
+            let words =
                 ["overlap given as a word, read as NoPoSplat does", "overlaps given as words, read as NoPoSplat does"];
-            odd.push((file.notices.overlap_words, of_words));
+            odd.push((file.notices.overlap_words, words));
         }
-        let odd = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
-        let unknown = self.file.iter().flat_map(|file| &file.notices.unknown_fields);
-        let unknown =
-            unknown.map(|(name, count)| format!("{count} × field {name:?}, which the format does not define"));
-        for (at, text) in odd.chain(unknown).enumerate() {
+        let counts = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| phrase(count, what));
+        let fields = self.file.iter().flat_map(|file| &file.notices.unknown_fields);
+        let unknown = fields.map(|(name, count)| format!("{count} × field {name:?}, which the format does not define"));
+        for (at, text) in counts.chain(unknown).enumerate() {
             row(f, if at == 0 { "odd" } else { "" }, &text)?;
         }
         Ok(())
@@ -101,8 +102,8 @@ impl DatasetFacts {
 impl fmt::Display for DatasetFacts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let dropped: u64 = self.dropped.values().sum();
-        let usable = counted(self.usable, ["entry gives a trial", "entries give a trial"]);
-        row(f, "dataset", &format!("{usable}, {}", counted(dropped, ["does not", "do not"])))?;
+        let usable = phrase(self.usable, ["entry gives a trial", "entries give a trial"]);
+        row(f, "dataset", &format!("{usable}, {}", phrase(dropped, ["does not", "do not"])))?;
         for (reason, count) in &self.dropped {
             row(f, "", &format!("{count} dropped: {}", reason.name()))?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
@@ -110,18 +111,19 @@ impl fmt::Display for DatasetFacts {
             }
         }
         if self.leaked_images > 0 {
-            row(f, "", &counted(self.leaked_images, Self::LEAKED_IMAGES))?;
+            row(f, "", &phrase(self.leaked_images, Self::LEAKED_IMAGES))?;
         }
         if self.unused_scenes > 0 {
-            let what = ["scene of the dataset is not used", "scenes of the dataset are not used"];
-            row(f, "", &format!("{} by the index", counted(self.unused_scenes, what)))?;
+            let what =
+                ["scene of the dataset is not used by the index", "scenes of the dataset are not used by the index"];
+            row(f, "", &phrase(self.unused_scenes, what))?;
         }
         Ok(())
     }
 }
 
-/// A count with the name of one, or of several.
-pub(super) fn counted(count: u64, [one, several]: [&str; 2]) -> String {
+/// A count, with what follows it for one and for several.
+pub(super) fn phrase(count: u64, [one, several]: [&str; 2]) -> String {
     format!("{count} {}", if count == 1 { one } else { several })
 }
 

@@ -2,7 +2,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::display::counted;
+use super::display::phrase;
 use super::{Comparability, DatasetFacts, LintReport, Verdict};
 use crate::{IndexFile, IndexMatch, IndexMismatch, Preset};
 
@@ -50,28 +50,37 @@ impl FullLint<'_> {
     /// An index without entries has nothing to evaluate. Leaks and repetitions count as faults unless the index is official or
     /// named by the preset. Targets outside the window, `null` scenes and, without a preset, unknown fields never do.
     pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        if self.lint.entries == 0 {
+            faults.push("no scene has an entry".to_owned());
+        }
+        let counts = self.counts().into_iter().filter(|(count, _)| *count > 0);
+        faults.extend(counts.map(|(count, what)| phrase(count, what)));
+        let mismatches = self.preset.iter().flat_map(|preset| &preset.mismatches);
+        faults.extend(mismatches.map(|IndexMismatch { kind, count, .. }| format!("{count} {kind}")));
+        let different = self.against.iter().filter(|against| against.verdict == Verdict::Different);
+        faults.extend(different.map(|against| against.verdict.to_string()));
+        faults
+    }
+
+    /// Counts of faults, zeros included, with phrases for one and for several.
+    fn counts(&self) -> Vec<(u64, [&'static str; 2])> {
         let lint = &self.lint;
-        let leaked = [(lint.leaked.targets, LintReport::LEAKED)];
-        let own = leaked.into_iter().chain(lint.odd_entries()).filter(|_| !self.is_published());
-        let repeated_keys = lint.file.as_ref().map_or(0, |file| file.notices.duplicate_keys.len() as u64);
-        let dropped: u64 = lint.dataset.as_ref().map_or(0, |dataset| dataset.dropped.values().sum());
-        let leaked_images = lint.dataset.as_ref().map_or(0, |dataset| dataset.leaked_images);
-        let others = [
+        let mut counts = Vec::new();
+        if !self.is_published() {
+            counts.push((lint.leaked.targets, LintReport::LEAKED));
+            counts.extend(lint.odd_entries());
+        }
+        let (file, dataset) = (lint.file.as_ref(), lint.dataset.as_ref());
+        let leaked_images = dataset.map_or(0, |dataset| dataset.leaked_images);
+        let repeated_keys = file.map_or(0, |file| file.notices.duplicate_keys.len() as u64);
+        let dropped: u64 = dataset.map_or(0, |dataset| dataset.dropped.values().sum());
+        counts.extend([
             (leaked_images, DatasetFacts::LEAKED_IMAGES),
             (repeated_keys, ["repeated scene key", "repeated scene keys"]),
             (dropped, ["entry gives no trial on the dataset", "entries give no trial on the dataset"]),
-        ];
-        let nothing = (lint.entries == 0).then(|| "no scene has an entry".to_owned());
-        let found = own.chain(others).filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
-        let mismatches = self.preset.iter().flat_map(|preset| &preset.mismatches);
-        let mismatches = mismatches.map(|IndexMismatch { kind, count, .. }| format!("{count} {kind}"));
-        let other = self.against.iter().filter(|against| against.verdict == Verdict::Different);
-        nothing
-            .into_iter()
-            .chain(found)
-            .chain(mismatches)
-            .chain(other.map(|against| against.verdict.to_string()))
-            .collect()
+        ]);
+        counts
     }
 
     fn is_published(&self) -> bool {

@@ -15,7 +15,7 @@ use atsplat_scene::Warnings;
 
 use crate::{BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 
-/// What a lint examines besides the index itself.
+/// What a lint examines in addition to the index.
 #[derive(Clone, Debug)]
 pub struct LintOptions<'a> {
     /// Names and edges of the overlap bins; both rules are counted.

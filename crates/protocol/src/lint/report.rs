@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use atsplat_files::Sha256Digest;
-use atsplat_numeric::median;
+use atsplat_numeric::{mean, median};
 use serde::Serialize;
 
 use super::DatasetFacts;
@@ -140,8 +140,8 @@ impl Spread {
     pub fn of(counts: impl IntoIterator<Item = u64>) -> Option<Self> {
         let counts: Vec<u64> = counts.into_iter().collect();
         let values = || counts.iter().map(|count| *count as f64);
-        let mean = values().sum::<f64>() / counts.len() as f64;
-        Some(Self { min: *counts.iter().min()?, median: median(values())?, mean, max: *counts.iter().max()? })
+        let (min, max) = (*counts.iter().min()?, *counts.iter().max()?);
+        Some(Self { min, median: median(values())?, mean: mean(values())?, max })
     }
 }
 
@@ -149,7 +149,7 @@ impl Spread {
 pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
     let content_sha256 = index.content_hash();
     let entries = || index.entries().map(|(_, _, entry)| entry);
-    let count = |holds: &dyn Fn(&IndexEntry) -> bool| entries().filter(|entry| holds(entry)).count() as u64;
+    let count = |matches: &dyn Fn(&IndexEntry) -> bool| entries().filter(|entry| matches(entry)).count() as u64;
     let with_entries = || index.scenes.values().filter(|entries| !entries.is_empty());
     let scenes = index.scene_count() as u64;
     LintReport {
@@ -220,8 +220,8 @@ fn overlap(index: &EvaluationIndex, bins: &OverlapBins, content: &Sha256Digest) 
         format!("by {}, as the index records", estimators.join(" and "))
     };
     // Bins are meaningless for values of an estimator that they were not made for.
-    let own = bins.mismatched_estimator(&estimators).map(|_| OverlapBins::thirds(&values, &estimators.join("+")));
-    let bins = own.as_ref().unwrap_or(bins);
+    let thirds = bins.mismatched_estimator(&estimators).map(|_| OverlapBins::thirds(&values, &estimators.join("+")));
+    let bins = thirds.as_ref().unwrap_or(bins);
     Some(OverlapFacts {
         definition,
         estimators,

@@ -9,7 +9,7 @@ use crate::loading::{in_parallel, load};
 use crate::{EvaluationIndex, IndexEntry, NoEntry, Overlap, ProtocolError};
 
 /// An index with measured overlaps, and the entries whose overlap could not be measured.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct OverlapReport {
     /// The index with [`IndexEntry::overlap`] replaced; scenes and entries are unchanged.
     pub index: EvaluationIndex,
@@ -64,16 +64,9 @@ pub fn annotate_overlaps(
             Err(dropped) => vec![Err(NoEntry::from(dropped)); entries.len()],
         }
     });
-    let mut report = OverlapReport {
-        index: index.clone(),
-        measured: 0,
-        replaced: 0,
-        removed: 0,
-        unmeasured: BTreeMap::new(),
-        failed_scenes: BTreeMap::new(),
-        examples: Vec::new(),
-    };
-    for ((key, entries), overlaps) in report.index.scenes.iter_mut().zip(measured) {
+    let mut annotated = index.clone();
+    let mut report = OverlapReport::default();
+    for ((key, entries), overlaps) in annotated.scenes.iter_mut().zip(measured) {
         let mut reasons_of_scene = BTreeSet::new();
         for ((at, entry), overlap) in entries.iter_mut().enumerate().zip(overlaps) {
             let before = usize::from(entry.overlap.is_some());
@@ -84,22 +77,29 @@ pub fn annotate_overlaps(
                 }
                 Err(error) => {
                     report.removed += before;
-                    let reason = error.name();
-                    *report.unmeasured.entry(reason).or_default() += 1;
-                    if reasons_of_scene.insert(reason) {
-                        let scenes = report.failed_scenes.entry(reason).or_default();
-                        *scenes += 1;
-                        if *scenes <= EXAMPLES_PER_REASON {
-                            let (scene, detail) = (key.clone(), error.to_string());
-                            report.examples.push(UnmeasuredExample { scene, entry: at, reason, detail });
-                        }
+                    *report.unmeasured.entry(error.name()).or_default() += 1;
+                    if reasons_of_scene.insert(error.name()) {
+                        report.add_failed_scene(key, at, error);
                     }
                 }
             }
             entry.overlap = overlap.ok().map(|value| Overlap { value, estimator: Some(estimator.name().to_owned()) });
         }
     }
+    report.index = annotated;
     report
+}
+
+impl OverlapReport {
+    /// Counts a scene with this error, which occurred first at the entry `at`.
+    fn add_failed_scene(&mut self, scene: &str, at: usize, error: &NoEntry) {
+        let scenes = self.failed_scenes.entry(error.name()).or_default();
+        *scenes += 1;
+        if *scenes <= EXAMPLES_PER_REASON {
+            let (scene, reason, detail) = (scene.to_owned(), error.name(), error.to_string());
+            self.examples.push(UnmeasuredExample { scene, entry: at, reason, detail });
+        }
+    }
 }
 
 /// The overlap of an entry's context frames in a loaded scene.
@@ -118,6 +118,8 @@ pub(crate) fn context_overlap(
         .iter()
         .map(|frame| scene.frames.get(*frame).ok_or_else(|| out_of_range(*frame)))
         .collect::<Result<Vec<_>, _>>()?;
+    let posed = context.iter().zip(&frames).try_for_each(|(at, frame)| frame.require_pose(&scene.key, *at));
+    posed.map_err(|error| unreadable(&error))?;
     let images = if estimator.needs_images() {
         let decode = |frame: &usize| scene.decode(*frame, &DecodeLimits::default()).map(Some);
         context.iter().map(decode).collect::<Result<_, _>>().map_err(|error| unreadable(&error))?

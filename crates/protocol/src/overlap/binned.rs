@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use atsplat_numeric::counted;
 use serde::Serialize;
 
 use super::annotate::EXAMPLES_PER_REASON;
@@ -38,7 +39,7 @@ pub struct BinnedOverlaps {
 }
 
 impl BinnedOverlaps {
-    /// Counts the overlaps of an index, measured as the report and its estimator say, or else its own.
+    /// Counts the overlaps of an index: those of a report, with the estimator that measured them, or else those that it states.
     pub fn new(
         index: &EvaluationIndex,
         bins: &OverlapBins,
@@ -79,12 +80,13 @@ impl fmt::Display for BinnedOverlaps {
         }
         // Both have the same reasons.
         for ((reason, count), scenes) in self.unmeasured.iter().zip(self.failed_scenes.values().copied()) {
-            writeln!(f, "{count:>7}  not measured: {reason}, in {scenes} scenes")?;
+            writeln!(f, "{count:>7}  not measured: {reason}, in {}", counted(scenes as u64, "scene"))?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
                 writeln!(f, "         {:?} entry {}: {}", example.scene, example.entry, example.detail)?;
             }
             if scenes > EXAMPLES_PER_REASON {
-                writeln!(f, "         and {} more scenes", scenes - EXAMPLES_PER_REASON)?;
+                let others = (scenes - EXAMPLES_PER_REASON) as u64;
+                writeln!(f, "         and {}", counted(others, "more scene"))?;
             }
         }
         for (bin, edges) in self.bins.bins.iter().zip(self.edges.windows(2)) {

@@ -39,17 +39,17 @@ impl DepthFolder {
     pub fn load(&self, scene: &str, frame: &str) -> Result<LoadedDepth, ProtocolError> {
         let relative = Path::new(scene).join(format!("{frame}.exr"));
         let path = self.root.join(&relative);
-        let refused =
+        let unusable =
             |reason: String| ProtocolError::Overlap { estimator: "depth-covisibility", reason }.in_file(&path);
         if scene.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
-            return Err(refused("expected a path inside the folder of depth maps".to_owned()));
+            return Err(unusable("expected a path inside the folder of depth maps".to_owned()));
         }
         let limits = DecodeLimits::default();
         let bytes = std::fs::read(&path).map_err(FileError::during::<ProtocolError>("reading a depth map", &path))?;
-        let channels = exr::read(&bytes, &limits).map_err(|error| refused(error.to_string()))?;
+        let channels = exr::read(&bytes, &limits).map_err(|error| unusable(error.to_string()))?;
         let depth = match channels.channels() {
             [only] => only,
-            _ => channels.get("Z").map_err(|error| refused(error.to_string()))?,
+            _ => channels.get("Z").map_err(|error| unusable(error.to_string()))?,
         };
         let size = ImageSize { width: channels.width(), height: channels.height() };
         Ok(LoadedDepth { size, depths: depth.samples.clone() })

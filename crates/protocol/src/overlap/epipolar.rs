@@ -23,10 +23,15 @@ const GRAZING: f64 = 1e-8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpipolarRays {
-    /// Columns and rows of rays, spread over the whole image. The default is the published generator's: one ray per
-    /// pixel of its 320×180 images (`config/dataset/re10k.yaml`).
+    /// Columns and rows of rays, spread over the whole image or its crop. The default is the published generator's: one ray
+    /// per pixel of its 320×180 images (`config/dataset/re10k.yaml`).
     #[serde(default = "published_grid")]
     pub grid: ImageSize,
+    /// Overlap is that of images that were scaled to cover this size and cropped to it, as latentSplat's generator sees them:
+    /// `rescale_and_crop` of pixelSplat's `src/dataset/shims/crop_shim.py`, which leaves the principal point as it is. By
+    /// default that of whole images. Pixels are taken to be square, so that focal lengths give an image's aspect ratio.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<ImageSize>,
 }
 
 const fn published_grid() -> ImageSize {
@@ -35,7 +40,7 @@ const fn published_grid() -> ImageSize {
 
 impl Default for EpipolarRays {
     fn default() -> Self {
-        Self { grid: published_grid() }
+        Self { grid: published_grid(), crop: None }
     }
 }
 
@@ -43,7 +48,7 @@ impl EpipolarRays {
     /// Two-way overlap in [0, 1], symmetric in its arguments.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] for an empty grid, or for cameras whose values overflow f64.
+    /// [`ProtocolError::Overlap`] for an empty grid or crop, or for cameras whose values overflow f64.
     pub fn overlap(&self, a: &Camera, b: &Camera) -> Result<f64, ProtocolError> {
         let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
         Ok(if of_b < of_a { of_b } else { of_a })
@@ -64,6 +69,10 @@ impl EpipolarRays {
         if rays == 0 {
             return Err(unusable(format!("the grid of rays is {}", self.grid)));
         }
+        if let Some(crop) = self.crop.filter(|crop| crop.width == 0 || crop.height == 0) {
+            return Err(unusable(format!("the crop is {crop}")));
+        }
+        let [of_from, of_into] = [from, into].map(|camera| self.seen(&camera.intrinsics));
         let into_from_world = into.camera_from_world;
         let world_from_from = from.camera_from_world.inverse();
         let origin = into_from_world.transform_point(world_from_from.centre());
@@ -71,11 +80,11 @@ impl EpipolarRays {
         if !(origin.is_finite() && rotation.is_finite()) {
             return Err(unusable("the relative pose overflows".to_owned()));
         }
-        let hits = match cone_of_hits(&into.intrinsics, origin) {
+        let hits = match cone_of_hits(&of_into, origin) {
             Cone::Everything => rays,
             Cone::Sides(sides) => {
                 let sides: Vec<HalfPlane> =
-                    sides.iter().map(|side| HalfPlane::on_grid(*side, rotation, &from.intrinsics, self.grid)).collect();
+                    sides.iter().map(|side| HalfPlane::on_grid(*side, rotation, &of_from, self.grid)).collect();
                 if !sides.iter().all(HalfPlane::is_finite) {
                     return Err(unusable("the intrinsics overflow".to_owned()));
                 }
@@ -83,6 +92,18 @@ impl EpipolarRays {
             }
         };
         Ok(hits as f64 / rays as f64)
+    }
+
+    /// The intrinsics of the crop of an image with these, or of the whole image without one.
+    fn seen(&self, whole: &NormalizedIntrinsics) -> NormalizedIntrinsics {
+        let Some(crop) = self.crop else { return *whole };
+        let [width, height] = [crop.width, crop.height].map(f64::from);
+        let aspect = whole.fy / whole.fx;
+        // The scaled image, of which one side is the crop's; as Python rounds.
+        let (columns, rows) =
+            if aspect * height >= width { (aspect * height, height) } else { (width, width / aspect) };
+        let [columns, rows] = [columns, rows].map(f64::round_ties_even);
+        NormalizedIntrinsics { fx: whole.fx * (columns / width), fy: whole.fy * (rows / height), ..*whole }
     }
 }
 
@@ -175,12 +196,13 @@ fn hits_in_row(sides: &[HalfPlane], row: u32, width: u32) -> u64 {
 mod tests {
     use atsplat_camera::WorldFromCamera;
     use atsplat_numeric::Tolerance;
+    use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop, Step};
     use proptest::prelude::*;
 
     use super::*;
     use crate::samplers::test_scene::looking;
 
-    const GRID: EpipolarRays = EpipolarRays { grid: ImageSize { width: 64, height: 48 } };
+    const GRID: EpipolarRays = EpipolarRays { grid: ImageSize { width: 64, height: 48 }, crop: None };
 
     /// The literal definition, ray by ray: the interval of `t ≥ 0` in which `o + t·d` lies on the inner side of all
     /// four sides, including infinity.
@@ -275,7 +297,7 @@ mod tests {
                 Camera::pinhole(pose, NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap())
             };
             let [width, height]: [u32; 2] = serde_json::from_value(pair["grid"].clone()).unwrap();
-            let rays = EpipolarRays { grid: ImageSize { width, height } };
+            let rays = EpipolarRays { grid: ImageSize { width, height }, crop: None };
             let (a, b) = (read("a"), read("b"));
             let found = [rays.fraction(&a, &b).unwrap(), rays.fraction(&b, &a).unwrap()];
             let expected: [f64; 2] = serde_json::from_value(pair["fractions"].clone()).unwrap();
@@ -300,13 +322,35 @@ mod tests {
         Tolerance::EXACT.assert(overlaps, [1.0 / 8.0; 2], "the smaller of them, either way round");
     }
 
+    /// The same focal lengths as the papers' preprocessing gives, for wide, high and square images and crops.
+    #[test]
+    fn a_crop_sees_what_the_preprocessing_leaves() {
+        for (width, height) in [(640_u32, 360_u32), (480, 270), (300, 400), (128, 128), (641, 479)] {
+            let [fx, fy] = [width, height].map(|side| 250.0 / f64::from(side));
+            let whole = NormalizedIntrinsics::new(fx, fy, 0.5, 0.4).unwrap();
+            for crop in [ImageSize { width: 128, height: 128 }, ImageSize { width: 96, height: 64 }] {
+                let steps = [Step::from(RescaleAndCrop::new(crop.height, crop.width))];
+                let plan = Preprocessing::of(steps).plan(ImageSize { width, height }).unwrap();
+                let expected = plan.intrinsics(&whole).unwrap();
+                let found = EpipolarRays { crop: Some(crop), ..GRID }.seen(&whole);
+                Tolerance::F64.assert(
+                    [found.fx, found.fy, found.cx, found.cy],
+                    [expected.fx, expected.fy, expected.cx, expected.cy],
+                    &format!("{width}×{height} to {crop}"),
+                );
+            }
+        }
+    }
+
     #[test]
     fn extreme_cameras_give_an_error_or_a_valid_overlap() {
         let far = looking(DMat3::IDENTITY, DVec3::new(1e308, 1e308, 1e308));
         let other = looking(DMat3::from_rotation_y(0.3), DVec3::new(-1e308, -1e308, -1e308));
         assert!(matches!(GRID.overlap(&far, &other), Err(ProtocolError::Overlap { .. })));
-        let empty = EpipolarRays { grid: ImageSize { width: 0, height: 5 } };
-        assert!(empty.overlap(&far, &far).is_err());
+        let nothing = ImageSize { width: 0, height: 5 };
+        assert!(EpipolarRays { grid: nothing, ..GRID }.overlap(&far, &far).is_err());
+        let error = EpipolarRays { crop: Some(nothing), ..GRID }.overlap(&other, &other).unwrap_err().to_string();
+        assert!(error.contains("the crop is 0×5"), "{error}");
         let mut pinhole = looking(DMat3::IDENTITY, DVec3::ZERO);
         pinhole.intrinsics = NormalizedIntrinsics::new(1e-320, 1e-320, 0.5, 0.5).unwrap();
         let outcome = GRID.overlap(&pinhole, &looking(DMat3::IDENTITY, DVec3::X));

@@ -57,8 +57,8 @@ pub struct OverlapView<'a> {
 }
 
 impl OverlapEstimator {
-    /// The same estimator; feature coverage is measured by `measure` (`atsplat_opencv::feature_overlap`), which files do
-    /// not hold.
+    /// The same estimator; feature coverage is measured by `measure` (`atsplat_opencv::feature_overlap`), which is not
+    /// stored in files.
     #[must_use]
     pub fn with_features(self, measure: Option<FeatureOverlap>) -> Self {
         if let Self::FeatureCoverage { .. } = self { Self::FeatureCoverage { measure } } else { self }
@@ -67,6 +67,7 @@ impl OverlapEstimator {
     /// The name used in files and reports.
     pub const fn name(&self) -> &'static str {
         match self {
+            Self::EpipolarRay(EpipolarRays { crop: Some(_), .. }) => "epipolar-ray-crop",
             Self::EpipolarRay(_) => "epipolar-ray",
             Self::FeatureCoverage { .. } => "feature-coverage",
             Self::DepthCovisibility(_) => "depth-covisibility",
@@ -76,11 +77,14 @@ impl OverlapEstimator {
     /// The definition in one sentence, for reports.
     pub const fn definition(&self) -> &'static str {
         match self {
+            Self::EpipolarRay(EpipolarRays { crop: Some(_), .. }) => {
+                "as epipolar-ray, of the centre of the images that a crop leaves (latentSplat's index generator)"
+            }
             Self::EpipolarRay(_) => {
                 "smaller of the two fractions of one view's pixel-centre rays, from its centre to infinity, that project into the other view's image (pixelSplat's index generator)"
             }
             Self::FeatureCoverage { .. } => {
-                "smaller of the two fractions of one view's grid cells that hold a feature matched into the other view and verified by epipolar geometry"
+                "smaller of the two fractions of one view's grid cells that contain a feature matched into the other view and verified by epipolar geometry"
             }
             Self::DepthCovisibility(_) => {
                 "smaller of the two fractions of one view's pixels with depth whose surface point lands in the other view and agrees with its depth"
@@ -136,6 +140,13 @@ mod tests {
             let error = read(r#", "cells": 9"#).unwrap_err();
             assert!(error.contains("unknown field `cells`"), "{name}: {error}");
         }
+    }
+
+    /// Overlaps of whole images and of crops must not share bins.
+    #[test]
+    fn rays_of_a_crop_are_another_estimator() {
+        let json = r#"{"estimator": "epipolar-ray", "crop": {"width": 256, "height": 256}}"#;
+        assert_eq!(serde_json::from_str::<OverlapEstimator>(json).unwrap().name(), "epipolar-ray-crop");
     }
 
     #[test]

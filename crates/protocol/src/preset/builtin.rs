@@ -1,11 +1,13 @@
+use atsplat_files::Embedded;
+
 macro_rules! texts {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../../eval/presets/", $name, ".toml")))),*]
+        Embedded(&[$(($name, include_str!(concat!("../../../../eval/presets/", $name, ".toml")))),*])
     };
 }
 
-/// The presets embedded in the binary: name and TOML text.
-pub(super) const TEXTS: &[(&str, &str)] = texts![
+/// The TOML texts of the presets in `eval/presets/`.
+pub(super) const TEXTS: Embedded = texts![
     "re10k-2v-256",
     "re10k-overlap",
     "acid-2v-256",

@@ -95,54 +95,81 @@ impl Filters {
         expected_size: Option<ImageSize>,
         image_size: &dyn Fn(&Frame) -> Option<ImageSize>,
     ) -> Option<Dropped> {
-        let drop = |reason, detail| Some(Dropped { reason, detail });
-        let mut used = Vec::with_capacity(entry.context.len() + entry.target.len());
-        for at in entry.context.iter().chain(&entry.target) {
-            match scene.frames.get(*at) {
-                Some(frame) => used.push((*at, frame, frame.camera.camera_from_world.inverse())),
-                None => {
-                    return drop(DropReason::FrameOutOfRange, format!("frame {at} of {}", scene.frames.len()));
-                }
-            }
-        }
-        if let Some(limit) = self.max_fov_degrees
-            && let Some((at, degrees)) = first_wider_than(scene, limit)
-        {
-            return drop(
-                DropReason::FieldOfView,
-                format!("frame {at} has a field of view of {degrees:.1}°, limit {limit}°"),
-            );
-        }
-        for (at, frame, _) in &used {
-            if let FrameImage::Missing(path) = &frame.image {
-                return drop(DropReason::ImageMissing, format!("frame {at} ({})", path.display()));
-            }
-            if let (Some(expected), Some(found)) = (expected_size, image_size(frame))
-                && expected != found
-            {
-                return drop(DropReason::ImageSize, format!("frame {at} is {found}, expected {expected}"));
-            }
-        }
-        for (at, _, pose) in &used {
+        let used = match used_frames(scene, entry) {
+            Ok(used) => used,
+            Err(dropped) => return Some(dropped),
+        };
+        self.fov_problem(scene)
+            .or_else(|| image_problem(&used, expected_size, image_size))
+            .or_else(|| self.pose_problem(&used))
+            .or_else(|| self.baseline_problem(&used[..entry.context.len()]))
+    }
+
+    fn fov_problem(&self, scene: &Scene) -> Option<Dropped> {
+        let limit = self.max_fov_degrees?;
+        let (number, degrees) = first_wider_than(scene, limit)?;
+        let detail = format!("frame {number} has a field of view of {degrees:.1}°, limit {limit}°");
+        Some(Dropped { reason: DropReason::FieldOfView, detail })
+    }
+
+    fn pose_problem(&self, used: &[UsedFrame<'_>]) -> Option<Dropped> {
+        used.iter().find_map(|UsedFrame { number, pose, .. }| {
+            let (centre, determinant) = (pose.centre(), pose.determinant());
             if let Some(limit) = self.max_translation
-                && pose.centre().to_array().iter().any(|coordinate| *coordinate > limit)
+                && centre.to_array().iter().any(|coordinate| *coordinate > limit)
             {
-                return drop(DropReason::Translation, format!("frame {at} at {}, limit {limit}", pose.centre()));
+                let detail = format!("frame {number} at {centre}, limit {limit}");
+                return Some(Dropped { reason: DropReason::Translation, detail });
             }
-            if self.determinant && !Tolerance::NUMPY_ALLCLOSE.accepts(pose.determinant(), 1.0) {
-                return drop(DropReason::Determinant, format!("frame {at} has determinant {}", pose.determinant()));
-            }
-        }
-        let context: Vec<WorldFromCamera> = used.iter().take(entry.context.len()).map(|(_, _, pose)| *pose).collect();
-        let (first, last) = (context.first()?, context.last()?);
-        let baseline = first.centre().distance(last.centre());
+            let is_rotation = !self.determinant || Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0);
+            let detail = || format!("frame {number} has determinant {determinant}");
+            (!is_rotation).then(|| Dropped { reason: DropReason::Determinant, detail: detail() })
+        })
+    }
+
+    fn baseline_problem(&self, context: &[UsedFrame<'_>]) -> Option<Dropped> {
+        let baseline = context.first()?.pose.centre().distance(context.last()?.pose.centre());
         let too_short = self.min_baseline.is_some_and(|least| baseline < least);
         let too_long = self.max_baseline.is_some_and(|most| baseline > most);
-        if too_short || too_long {
-            return drop(DropReason::Baseline, format!("the context baseline is {baseline:e}"));
-        }
-        None
+        let detail = || format!("the context baseline is {baseline:e}");
+        (too_short || too_long).then(|| Dropped { reason: DropReason::Baseline, detail: detail() })
     }
+}
+
+/// A context or target frame of an entry.
+struct UsedFrame<'a> {
+    number: usize,
+    frame: &'a Frame,
+    pose: WorldFromCamera,
+}
+
+/// The frames of an entry, context before targets.
+fn used_frames<'a>(scene: &'a Scene, entry: &IndexEntry) -> Result<Vec<UsedFrame<'a>>, Dropped> {
+    let find = |number: &usize| {
+        let pose = |frame: &Frame| frame.camera.camera_from_world.inverse();
+        let found = scene.frames.get(*number);
+        found.map(|frame| UsedFrame { number: *number, frame, pose: pose(frame) }).ok_or_else(|| {
+            let detail = format!("frame {number} of {}", scene.frames.len());
+            Dropped { reason: DropReason::FrameOutOfRange, detail }
+        })
+    };
+    entry.context.iter().chain(&entry.target).map(find).collect()
+}
+
+fn image_problem(
+    used: &[UsedFrame<'_>],
+    expected_size: Option<ImageSize>,
+    image_size: &dyn Fn(&Frame) -> Option<ImageSize>,
+) -> Option<Dropped> {
+    used.iter().find_map(|UsedFrame { number, frame, .. }| {
+        if let FrameImage::Missing(path) = &frame.image {
+            let detail = format!("frame {number} ({})", path.display());
+            return Some(Dropped { reason: DropReason::ImageMissing, detail });
+        }
+        let (expected, found) = expected_size.zip(image_size(frame))?;
+        let detail = || format!("frame {number} is {found}, expected {expected}");
+        (expected != found).then(|| Dropped { reason: DropReason::ImageSize, detail: detail() })
+    })
 }
 
 /// The first frame with a field of view above `limit` degrees, and that field of view.

@@ -222,7 +222,7 @@ mod tests {
         assert_eq!(recognised("{}"), None);
     }
 
-    /// Windows that were all shifted alike have the same gaps and the same targets around them.
+    /// Windows that were all shifted equally have the same gaps and the same targets around them.
     #[test]
     fn only_the_toolkits_own_split_is_the_derived_index() {
         let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();

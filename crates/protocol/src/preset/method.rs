@@ -64,7 +64,7 @@ pub struct MethodSetting {
     pub disparity_planes: Option<DisparityPlanes>,
     /// Repository file that states these settings.
     pub source: String,
-    /// How its renderer differs from the preset's; `None` if the preset's is its own.
+    /// How its renderer differs from the preset's; `None` if it does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub renderer: Option<RendererOverrides>,
 }
@@ -173,9 +173,9 @@ mod tests {
             ..preset.renderer.clone()
         };
         assert_eq!(ilrm, expected, "what it does not state is the preset's");
-        for own in ["ATSplat", "DepthSplat", "pixelSplat", "unheard of"] {
-            assert_eq!(preset.renderer_for(own), preset.renderer, "{own}");
-            assert!(matches!(preset.rendered_for(own), Cow::Borrowed(_)), "{own}");
+        for method in ["ATSplat", "DepthSplat", "pixelSplat", "unheard of"] {
+            assert_eq!(preset.renderer_for(method), preset.renderer, "{method}");
+            assert!(matches!(preset.rendered_for(method), Cow::Borrowed(_)), "{method}");
         }
         let rendered = preset.rendered_for("iLRM").into_owned();
         assert_eq!(rendered.renderer, expected);
@@ -203,19 +203,18 @@ mod tests {
         assert_eq!(RendererOverrides::default().applied_to(&renderer), renderer);
     }
 
-    /// iLRM and Long-LRM render with gsplat on white, `YoNoSplat` with gsplat on black; the others as most presets say.
+    /// iLRM and Long-LRM render with gsplat on white; the others as most presets say.
     #[test]
     fn renderers_of_methods_are_the_published_ones() {
         for name in Preset::names() {
             let preset = Preset::named(name).unwrap();
             for setting in &preset.methods {
-                let own = preset.renderer_for(&setting.method);
-                let found = (own.rasteriser.as_str(), own.background.map(f64::to_bits), own.principal_point);
+                let used = preset.renderer_for(&setting.method);
+                let found = (used.rasteriser.as_str(), used.background.map(f64::to_bits), used.principal_point);
                 let [black, white] = [0.0_f64, 1.0].map(|level| [level.to_bits(); 3]);
                 let of_preset = (preset.renderer.rasteriser.as_str(), black, RendererPrincipalPoint::Ignored);
                 let expected = match setting.method.as_str() {
                     "iLRM" | "Long-LRM" => ("gsplat", white, RendererPrincipalPoint::Used),
-                    "YoNoSplat" => ("gsplat", black, RendererPrincipalPoint::Used),
                     _ => of_preset,
                 };
                 assert_eq!(found, expected, "{name}, {}", setting.method);
@@ -260,7 +259,7 @@ mod tests {
             Preset::from_toml(&text.replacen(from, to, 1)).unwrap_err().to_string()
         };
         let error = changed("alpha-max = 0.999", "alpha-max = 1.5");
-        assert!(error.contains("methods, iLRM, renderer.alpha-max: expected at most 1, found 1.5"), "{error}");
+        assert!(error.contains("methods, iLRM, renderer.alpha-max: expected below 1, found 1.5"), "{error}");
         let error = changed("alpha-max = 0.999", "alpha-most = 0.999");
         assert!(error.contains("unknown field `alpha-most`"), "{error}");
     }

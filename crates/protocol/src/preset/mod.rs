@@ -12,10 +12,10 @@ mod metrics;
 mod renderer;
 mod validate;
 
-use atsplat_files::{FileError, Sha256Digest, malformed_toml};
 use std::fs;
 use std::path::Path;
 
+use atsplat_files::{FileError, Sha256Digest, is_toml_path, malformed_toml};
 use atsplat_scene::preprocess::Preprocessing;
 use serde::{Deserialize, Serialize};
 
@@ -82,7 +82,7 @@ pub struct Preset {
 impl Preset {
     /// Names of the built-in presets, in the order of `eval/README.md`.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        builtin::TEXTS.iter().map(|(name, _)| *name)
+        builtin::TEXTS.names()
     }
 
     /// The published preset in whose tables its results belong: itself, or the one that it stands for.
@@ -95,8 +95,8 @@ impl Preset {
     /// # Errors
     /// [`ProtocolError::UnknownPreset`].
     pub fn text_of(name: &str) -> Result<&'static str, ProtocolError> {
-        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text);
-        found.ok_or_else(|| ProtocolError::UnknownPreset { name: name.to_owned(), known: Self::names().collect() })
+        let unknown = || ProtocolError::UnknownPreset { name: name.to_owned(), known: Self::names().collect() };
+        builtin::TEXTS.text(name).ok_or_else(unknown)
     }
 
     /// A built-in preset.
@@ -112,12 +112,7 @@ impl Preset {
     /// # Errors
     /// [`ProtocolError::UnknownPreset`], or the errors of [`Self::read`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
-        let path = Path::new(name_or_path);
-        if path.extension().is_some_and(|extension| extension == "toml") {
-            Self::read(path)
-        } else {
-            Self::named(name_or_path)
-        }
+        if is_toml_path(name_or_path) { Self::read(Path::new(name_or_path)) } else { Self::named(name_or_path) }
     }
 
     /// Reads a preset from a TOML file.
@@ -145,7 +140,7 @@ impl Preset {
     /// # Errors
     /// [`ProtocolError::Malformed`] for a value that TOML cannot represent; impossible if it was read from TOML.
     pub fn to_toml(&self) -> Result<String, ProtocolError> {
-        toml::to_string(self).map_err(|error| validate::malformed("TOML", "a value that TOML can hold", &error))
+        toml::to_string(self).map_err(|error| validate::malformed("TOML", "a value that TOML can represent", &error))
     }
 
     /// Hash of everything that can change a number: the preset's fields as compact JSON in declaration order, without
@@ -170,7 +165,7 @@ impl Preset {
         bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);
         bare.methods.iter_mut().for_each(|method| method.source.clear());
         let json = serde_json::to_vec(&bare)
-            .map_err(|error| validate::malformed("JSON", "a value that JSON can hold", &error))?;
+            .map_err(|error| validate::malformed("JSON", "a value that JSON can represent", &error))?;
         Ok(Sha256Digest::of(&json))
     }
 }

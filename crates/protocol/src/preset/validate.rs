@@ -1,8 +1,8 @@
 use std::fmt::Display;
 
-use atsplat_files::Malformed;
+use atsplat_files::{Malformed, is_toml_path};
 
-use super::{DisparityPlanes, NearFar, PoseNormalisation, Preset, RendererConvention};
+use super::{DisparityPlanes, Filters, MethodSetting, NearFar, PoseNormalisation, Preset, RendererConvention};
 use crate::{IndexEntry, KnownIndex, ProtocolError, SamplingRule};
 
 /// Checks each field of a preset, and that the fields are consistent.
@@ -16,22 +16,28 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     planes("near-far", preset.near_far)?;
     // Methods inherit it.
     renderer("renderer", &preset.renderer)?;
-    for setting in &preset.methods {
-        let field = format!("methods, {}", setting.method);
-        let repeated = preset.methods.iter().filter(|other| other.method.eq_ignore_ascii_case(&setting.method)).count();
-        ensure(repeated == 1, &field, "every method once", &repeated)?;
-        poses(&field, &setting.pose_normalisation, 0)?;
-        planes(&field, setting.near_far)?;
-        if let Some(DisparityPlanes { near_sides, far_pixels }) = setting.disparity_planes {
-            let in_order = 0.0 < far_pixels && far_pixels < near_sides && near_sides.is_finite();
-            let found = format!("{near_sides} and {far_pixels}");
-            ensure(in_order, &format!("{field}, disparity-planes"), "near-sides > far-pixels > 0", &found)?;
-        }
-        if setting.renderer.is_some() {
-            renderer(&format!("{field}, renderer"), &preset.renderer_for(&setting.method))?;
-        }
+    preset.methods.iter().try_for_each(|setting| method(preset, setting))?;
+    filters(&preset.filters)
+}
+
+fn method(preset: &Preset, setting: &MethodSetting) -> Result<(), ProtocolError> {
+    let field = format!("methods, {}", setting.method);
+    let repeated = preset.methods.iter().filter(|other| other.method.eq_ignore_ascii_case(&setting.method)).count();
+    ensure(repeated == 1, &field, "every method once", &repeated)?;
+    poses(&field, &setting.pose_normalisation, 0)?;
+    planes(&field, setting.near_far)?;
+    if let Some(DisparityPlanes { near_sides, far_pixels }) = setting.disparity_planes {
+        let in_order = 0.0 < far_pixels && far_pixels < near_sides && near_sides.is_finite();
+        let found = format!("{near_sides} and {far_pixels}");
+        ensure(in_order, &format!("{field}, disparity-planes"), "near-sides > far-pixels > 0", &found)?;
     }
-    let filters = &preset.filters;
+    if setting.renderer.is_none() {
+        return Ok(());
+    }
+    renderer(&format!("{field}, renderer"), &preset.renderer_for(&setting.method))
+}
+
+fn filters(filters: &Filters) -> Result<(), ProtocolError> {
     let limits = [
         ("filters.max-fov-degrees", filters.max_fov_degrees),
         ("filters.max-translation", filters.max_translation),
@@ -53,9 +59,7 @@ fn index(preset: &Preset) -> Result<(), ProtocolError> {
     let has_source = !rule.accepted.is_empty() || rule.sampler.is_some();
     ensure(has_source, "index.accepted", "at least one index, or a sampling rule", &"none")?;
     if let Some(sampler) = &rule.sampler {
-        let path = std::path::Path::new(sampler);
-        let known =
-            SamplingRule::names().any(|name| name == sampler) || path.extension().is_some_and(|kind| kind == "toml");
+        let known = SamplingRule::names().any(|name| name == sampler) || is_toml_path(sampler);
         ensure(known, "index.sampler", "a sampling rule of eval/samplers, or a path that ends in .toml", sampler)?;
     }
     ensure(rule.context_views > 0, "index.context-views", "at least one view", &rule.context_views)?;
@@ -90,8 +94,8 @@ fn stand_in(preset: &Preset) -> Result<(), ProtocolError> {
     ensure(known, "stands-for", expected, name)?;
     let published = Preset::named(name)?;
     ensure(published.stands_for.is_none(), "stands-for", expected, &format!("{name}, which is a stand-in itself"))?;
-    let (own, views) = (preset.index.context_views, published.index.context_views);
-    ensure(own == views, "index.context-views", &format!("{views}, as {name} has"), &own)
+    let (views, expected_views) = (preset.index.context_views, published.index.context_views);
+    ensure(views == expected_views, "index.context-views", &format!("{expected_views}, as {name} has"), &views)
 }
 
 fn poses(field: &str, rule: &PoseNormalisation, depth: usize) -> Result<(), ProtocolError> {
@@ -129,9 +133,12 @@ fn renderer(place: &str, renderer: &RendererConvention) -> Result<(), ProtocolEr
     ] {
         positive(&field(name), value)?;
     }
-    ensure(renderer.alpha_max <= 1.0, &field("alpha-max"), "at most 1", &renderer.alpha_max)?;
+    ensure(renderer.alpha_max < 1.0, &field("alpha-max"), "below 1", &renderer.alpha_max)?;
     let (stop, inverse) = (renderer.transmittance_stop, renderer.alpha_min_inverse);
-    ensure(stop < 1.0, &field("transmittance-stop"), "a transmittance below 1", &stop)?;
+    #[expect(clippy::cast_possible_truncation, reason = "as renderers compare")]
+    // Otherwise opaque Gaussians would never be rendered.
+    let draws_opaque = 1.0 - renderer.alpha_max as f32 > stop as f32;
+    ensure(draws_opaque, &field("transmittance-stop"), "a transmittance below 1 - alpha-max", &stop)?;
     let least = 1.0 / renderer.alpha_max;
     ensure(inverse > least, &field("alpha-min-inverse"), "the inverse of an alpha below alpha-max", &inverse)?;
     let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
@@ -150,8 +157,8 @@ fn positive(field: &str, value: f64) -> Result<(), ProtocolError> {
     ensure(value > 0.0 && value.is_finite(), field, "a positive number", &value)
 }
 
-fn ensure(holds: bool, field: &str, expected: &str, found: &dyn Display) -> Result<(), ProtocolError> {
-    if holds { Ok(()) } else { Err(malformed(field, expected, found)) }
+fn ensure(condition: bool, field: &str, expected: &str, found: &dyn Display) -> Result<(), ProtocolError> {
+    if condition { Ok(()) } else { Err(malformed(field, expected, found)) }
 }
 
 pub(super) fn malformed(field: &str, expected: &str, found: &dyn Display) -> ProtocolError {
@@ -180,8 +187,8 @@ mod tests {
             ("near = 0.01", "near = nan", "field near-far"),
             ("max-fov-degrees = 100.0", "max-fov-degrees = -1.0", "field filters.max-fov-degrees"),
             ("max-baseline = 1e10", "max-baseline = 1e-4", "field filters.min-baseline and filters.max-baseline"),
-            ("alpha-max = 0.99", "alpha-max = 1.5", "field renderer.alpha-max: expected at most 1"),
-            ("transmittance-stop = 1e-4", "transmittance-stop = 2.0", "field renderer.transmittance-stop: expected a"),
+            ("alpha-max = 0.99", "alpha-max = 1.0", "field renderer.alpha-max: expected below 1"),
+            ("transmittance-stop = 1e-4", "transmittance-stop = 0.01", "field renderer.transmittance-stop: expected a"),
             ("alpha-min-inverse = 255.0", "alpha-min-inverse = 0.5", "field renderer.alpha-min-inverse: expected the"),
             ("background = [0.0, 0.0, 0.0]", "background = [0.0, 0.0, 2.0]", "field renderer.background"),
             ("dataset = \"re10k\"", "dataset = \"acid\"", "expected an index of the preset's dataset"),

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::{NoEntry, SceneViews, entry, farthest_points};
 use crate::IndexEntry;
 
-/// A random window whose width lies between two bounds that grow during training: pixelSplat's
+/// A random window whose width is between two bounds that grow during training: pixelSplat's
 /// `src/dataset/view_sampler/view_sampler_bounded.py`, and DepthSplat's `view_sampler_bounded_v2.py` if
-/// targets may lie outside the window, extra context is spread out or targets are drawn without repetition.
+/// targets may be outside the window, extra context is spread out or targets are drawn without repetition.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Bounded {
@@ -19,10 +19,10 @@ pub struct Bounded {
     pub target_views: NonZeroUsize,
     /// Bounds of the distance from the first to the last context frame over training.
     pub gaps: GapSchedule,
-    /// Targets lie at least this many frames inside the ends of the window (pixelSplat).
+    /// Targets are at least this many frames inside the ends of the window (pixelSplat).
     #[serde(default)]
     pub min_distance_to_context: usize,
-    /// Targets lie at most this many frames outside the window (DepthSplat).
+    /// Targets are at most this many frames outside the window (DepthSplat).
     #[serde(default)]
     pub max_distance_outside: usize,
     /// How the context frames between the ends are chosen.
@@ -102,7 +102,7 @@ fn interpolate(initial: usize, last: usize, fraction: f64) -> usize {
 }
 
 impl Bounded {
-    /// One entry at the end of the schedule, drawn from the scene's own stream of `seed`.
+    /// One entry at the end of the schedule, drawn from the scene's stream of `seed`.
     ///
     /// # Errors
     /// Those of [`Bounded::draw`].

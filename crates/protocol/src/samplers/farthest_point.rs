@@ -45,8 +45,8 @@ pub enum TargetRule {
         /// Whether a context frame may be drawn (YoNoSplat's 12 views: yes).
         allow_context: bool,
     },
-    /// Every `⌊r / count⌋`-th of the window's `r` frames that are no context frames, from the first of them on, as
-    /// [`EvenlySpaced`](super::EvenlySpaced) chooses over whole scenes. Some lie outside the context frames, and the last of the
+    /// Every `⌊r / count⌋`-th of the window's `r` frames that are not context frames, from the first of them on, as
+    /// [`EvenlySpaced`](super::EvenlySpaced) chooses over whole scenes. Some are outside the context frames, and the last of the
     /// window are never reached. This gives all targets of YoNoSplat's file of 6 views and eight targets in 50 frames, and of
     /// DepthSplat's of 2 views and four targets in 10 frames.
     Spread {
@@ -198,7 +198,7 @@ mod tests {
     }
 
     /// Frames 5 to 24 without three context frames are seventeen: every fourth of them. Where the camera turns round at frame 15, that
-    /// is the last context frame of two, and frames 16 to 24 lie outside.
+    /// is the last context frame of two, and frames 16 to 24 are outside.
     #[test]
     fn spreads_targets_over_the_window_inside_and_outside_the_context() {
         let there_and_back = |n: u32| f64::from(if n <= 15 { n } else { 30 - n });

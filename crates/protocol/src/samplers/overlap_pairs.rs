@@ -9,7 +9,7 @@ use crate::overlap::EpipolarRays;
 
 /// Two context frames at a bounded distance whose views overlap: the generator behind pixelSplat's RE10K
 /// and ACID indices (`src/evaluation/evaluation_index_generator.py`) and latentSplat's extrapolation index
-/// (its file of the same name). Pure camera geometry.
+/// (its file of the same name), whose overlap is that of the images' crops. Pure camera geometry.
 ///
 /// First frames are tried in random order. Candidate partners are visited in both directions, first forwards, starting
 /// at `min_distance`, until the overlap falls below `min_overlap`; as published, the partner one frame *beyond*
@@ -164,10 +164,13 @@ impl PairTargets {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
     use glam::{DMat3, DVec3};
     use proptest::prelude::*;
 
     use super::*;
+    use crate::SamplingRule;
+    use crate::samplers::Sampler;
     use crate::samplers::test_scene::looking;
 
     fn pairs(targets: PairTargets, seed: u64) -> OverlapPairs {
@@ -215,6 +218,27 @@ mod tests {
             (0..200).map(|n| looking(DMat3::from_rotation_y(f64::from(n) * 0.02), DVec3::ZERO)).collect();
         let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
         assert_eq!(sampler.sample(&SceneViews { key: "pan", cameras: &cameras }), Err(NoEntry::NoPair));
+    }
+
+    /// Images of 640×360 that are turned by 25° overlap by 0.65, and what latentSplat's generator sees of them, their squares of
+    /// 256×256, by 0.55.
+    #[test]
+    fn the_overlap_of_latentsplats_pairs_is_that_of_their_crops() {
+        let wide = |n: u32| {
+            let turn = f64::from(n) / 45.0 * 25.0_f64.to_radians();
+            let mut camera = looking(DMat3::from_rotation_y(turn), DVec3::ZERO);
+            (camera.intrinsics.fx, camera.intrinsics.fy) = (0.5, 0.5 * 16.0 / 9.0);
+            camera
+        };
+        let cameras: Vec<_> = (0..46).map(wide).collect();
+        let scene = SceneViews { key: "turn", cameras: &cameras };
+        let rule = SamplingRule::resolve("re10k-extrapolation").unwrap();
+        let Sampler::OverlapPairs(published) = rule.sampler else { panic!("another sampler") };
+        let whole_images = OverlapPairs { overlap: EpipolarRays::default(), ..published.clone() };
+        assert_eq!(whole_images.partners(&scene, 0), Ok(vec![45]));
+        assert_eq!(published.partners(&scene, 0), Ok(Vec::new()));
+        let overlaps = [&whole_images, &published].map(|sampler| sampler.overlap_of(&scene, 0, 45).unwrap());
+        Tolerance::absolute(0.005).assert(overlaps, [0.645, 0.552], "by testing every ray");
     }
 
     #[test]

@@ -1,19 +1,21 @@
 use std::path::Path;
 
-use atsplat_files::{FileError, Malformed, malformed_toml};
+use atsplat_files::{Embedded, FileError, Malformed, is_toml_path, malformed_toml};
 
-use crate::overlap::OverlapEstimator;
-use crate::samplers::{Bounded, EvenlySpaced, FarthestPoint, Sampler, TargetRule};
+use super::checks::{Check, first_violation};
 use crate::{ProtocolError, SamplingRule};
 
-macro_rules! built_in {
+/// Name of the format in errors.
+const WHAT: &str = "sampling rule";
+
+macro_rules! texts {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../../eval/samplers/", $name, ".toml")))),*]
+        Embedded(&[$(($name, include_str!(concat!("../../../../eval/samplers/", $name, ".toml")))),*])
     };
 }
 
-/// The sampling rules in `eval/samplers/`, which reproduce how published indices were made.
-const BUILT_IN: &[(&str, &str)] = built_in![
+/// The TOML texts of the sampling rules in `eval/samplers/`, which reproduce how published indices were made.
+const TEXTS: Embedded = texts![
     "re10k-2v",
     "re10k-extrapolation",
     "dl3dv-2v",
@@ -33,7 +35,7 @@ const BUILT_IN: &[(&str, &str)] = built_in![
 impl SamplingRule {
     /// Names of the built-in sampling rules, as in `eval/samplers/`.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        BUILT_IN.iter().map(|(name, _)| *name)
+        TEXTS.names()
     }
 
     /// A built-in sampling rule by name, or the one in a TOML file if the argument ends in `.toml`.
@@ -42,99 +44,34 @@ impl SamplingRule {
     /// [`ProtocolError::Malformed`] for an unknown name, or with line and field for text that is not a valid rule;
     /// [`ProtocolError::Io`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
-        let path = Path::new(name_or_path);
-        if path.extension().is_some_and(|extension| extension == "toml") {
+        if is_toml_path(name_or_path) {
+            let path = Path::new(name_or_path);
             let text = std::fs::read_to_string(path)
                 .map_err(FileError::during::<ProtocolError>("reading a sampling rule", path))?;
             return Self::from_toml(&text, name_or_path);
         }
-        let (name, text) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path).ok_or_else(|| {
+        let text = TEXTS.text(name_or_path).ok_or_else(|| {
             let known = Self::names().collect::<Vec<_>>().join(", ");
             let expected = format!("one of {known}, or a path that ends in .toml");
-            Malformed::new("sampling rule", "name", expected, format!("{name_or_path:?}"))
+            Malformed::new(WHAT, "name", expected, format!("{name_or_path:?}"))
         })?;
-        Self::from_toml(text, name)
+        Self::from_toml(text, name_or_path)
     }
 
     fn from_toml(text: &str, place: &str) -> Result<Self, ProtocolError> {
-        let malformed = |expected: &str, found: String| Malformed::new("sampling rule", place, expected, found);
         let rule: Self = toml::from_str(text).map_err(|error| {
             let whole = "a [sampler] table and, optionally, an [overlap] table";
-            malformed_toml("sampling rule", whole, text, &error).in_file(place)
+            malformed_toml(WHAT, whole, text, &error).in_file(place)
         })?;
-        match rule.overlap.map(|overlap| overlap.estimator).filter(OverlapEstimator::needs_depth) {
-            Some(estimator) => Err(malformed(
-                "an overlap estimator that needs no depth maps, because an index is built without them",
-                estimator.name().to_owned(),
-            )
-            .into()),
-            None => match rule.fault() {
-                Some((field, expected, found)) => Err(malformed(&format!("{field}: {expected}"), found).into()),
-                None => Ok(rule),
-            },
+        let malformed = |expected: &str, found: &str| Err(Malformed::new(WHAT, place, expected, found).into());
+        if let Some(overlap) = rule.overlap.filter(|overlap| overlap.estimator.needs_depth()) {
+            let expected = "an overlap estimator that needs no depth maps, because an index is built without them";
+            return malformed(expected, overlap.estimator.name());
         }
-    }
-
-    /// A number that its field cannot have, with the field and what it can have.
-    fn fault(&self) -> Option<(String, &'static str, String)> {
-        let bounds = |field: &str, minimum: f64, maximum: f64| {
-            let in_order = 0.0 <= minimum && minimum <= maximum && maximum <= 1.0;
-            (in_order, field.to_owned(), "bounds in order, from 0 to 1", format!("{minimum} and {maximum}"))
-        };
-        let gaps = |field: &str, least: usize, most: usize| {
-            (least <= most, field.to_owned(), "the smallest gap, then the largest", format!("{least} and {most}"))
-        };
-        let mut checks = Vec::new();
-        match &self.sampler {
-            Sampler::EvenlySpaced(EvenlySpaced { ratio, .. }) => {
-                checks.push((
-                    *ratio > 0.0 && *ratio <= 1.0,
-                    "ratio".to_owned(),
-                    "a fraction of the scene, above 0 and at most 1",
-                    ratio.to_string(),
-                ));
-            }
-            Sampler::OverlapPairs(pairs) => {
-                checks.push(bounds("min-overlap and max-overlap", pairs.min_overlap, pairs.max_overlap));
-                let (least, most) = (pairs.min_distance.get(), pairs.max_distance);
-                checks.push(gaps("min-distance and max-distance", least, most));
-            }
-            Sampler::Bounded(Bounded { context_views, gaps: schedule, min_distance_to_context, .. }) => {
-                let views = context_views.get();
-                let expected = "at least the two ends of the window";
-                checks.push((views >= 2, "context-views".to_owned(), expected, views.to_string()));
-                checks.push(gaps("gaps, min and max", schedule.min, schedule.max));
-                let (least, most) = (schedule.initial_min, schedule.initial_max);
-                checks.push(gaps("gaps, initial-min and initial-max", least, most));
-                let least = min_distance_to_context.saturating_mul(2).max(views.saturating_sub(1));
-                let expected = "a gap with room for the context views and for twice min-distance-to-context";
-                let found = format!("{}, where {least} are needed", schedule.max);
-                checks.push((schedule.max >= least, "gaps, max".to_owned(), expected, found));
-                if let Some((names, initial, last)) = schedule.falling() {
-                    let (field, found) = (format!("gaps, {names}"), format!("{initial} and {last}"));
-                    checks.push((false, field, "a bound that does not fall during the warm-up", found));
-                }
-            }
-            Sampler::FarthestPoint(FarthestPoint { window, context_views, targets, .. }) => {
-                let (window, views) = (window.get(), context_views.get());
-                let least = match targets {
-                    TargetRule::Sampled { count, allow_context: false, .. } | TargetRule::Spread { count } => {
-                        views.saturating_add(count.get())
-                    }
-                    TargetRule::Sampled { count, .. } => views.max(count.get()),
-                    TargetRule::Window | TargetRule::BetweenContext => views,
-                };
-                let expected = "a window with room for the context views and the sampled targets";
-                let found = format!("{window}, where {least} are needed");
-                checks.push((window >= least, "window".to_owned(), expected, found));
-            }
-            Sampler::AllFrames => {}
+        match first_violation(&rule) {
+            Some(Check { field, expected, found, .. }) => malformed(&format!("{field}: {expected}"), &found),
+            None => Ok(rule),
         }
-        if let Some(rule) = &self.overlap {
-            checks.push(bounds("overlap, minimum and maximum", rule.minimum, rule.maximum));
-        }
-        let broken = checks.into_iter().find(|(holds, ..)| !holds);
-        broken.map(|(_, field, expected, found)| (field, expected, found))
     }
 }
 
@@ -194,6 +131,7 @@ mod tests {
             (farthest.replace("false", "true").replace("window = 9", "window = 5"), "found 5, where 6 are needed"),
             (format!("{pairs}min-overlap = 0.9\nmax-overlap = 0.1\n"), "0.9 and 0.1"),
             (format!("{pairs}max-distance = 10\n"), "45 and 10"),
+            (format!("{pairs}overlap.crop = {{ width = 256, height = 0 }}\n"), "overlap, crop: at least one pixel"),
             (with_overlap("minimum = 0.6\nmaximum = 0.5"), "0.6 and 0.5"),
             (with_overlap("maximum = nan"), "0 and NaN"),
             (with_overlap("maximum = 60"), "0 and 60"),

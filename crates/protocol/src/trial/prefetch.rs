@@ -66,7 +66,7 @@ impl Budget {
     }
 
     /// Reserves `bytes` of the budget, or returns `None` if they are not free. Never waits, because a later trial in the
-    /// queue may hold what an earlier one needs.
+    /// queue may have reserved what an earlier one needs.
     pub(super) fn reserve(self: &Arc<Self>, bytes: u64) -> Option<Arc<Reservation>> {
         let mut held = locked(&self.state);
         let now = held.now.checked_add(bytes).filter(|now| *now <= self.limit)?;

@@ -36,16 +36,9 @@ pub(super) fn prepare(
     warnings: &mut Warnings,
 ) -> Result<(Trial, TargetImages), Refusal> {
     let views = Views::of(scene, entry, recipe, warnings)?;
-    let mut images: BTreeMap<usize, Arc<LazyImage>> = BTreeMap::new();
-    for view in views.context.iter().chain(&views.targets) {
-        let lazy = || LazyImage::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
-        images.entry(view.position).or_insert_with(|| Arc::new(lazy()));
-    }
+    let images = lazy_images(scene, &views, recipe);
     #[expect(clippy::expect_used, reason = "the map was filled from the same views")]
     let image = |view: &View<'_>| Arc::clone(images.get(&view.position).expect("an image for every view"));
-    let poses = |views: &[View<'_>]| -> Vec<WorldFromCamera> {
-        views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
-    };
     let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
         .map_err(|error| Refusal { reason: normalisation_reason(&error), detail: error.to_string() })?;
     let context = views.context.iter().zip(&normalised.context).map(|(view, pose)| ContextView {
@@ -66,25 +59,19 @@ pub(super) fn prepare(
     let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.source).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
         .map_err(|error| Refusal { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
-    let multiplier = normalised.near_far_multiplier;
     let context: Vec<ContextView> = context.collect();
-    let stated = NearFar { near: recipe.near_far.near * multiplier, far: recipe.near_far.far * multiplier };
-    let near_far = recipe.disparity_planes.zip(context.first()).map_or(stated, |(planes, first)| {
-        let cameras: Vec<Camera> = context.iter().map(|view| view.camera).collect();
-        planes.of(&cameras, first.size)
-    });
     let trial = Trial {
         scene: scene.key.clone(),
         entry_number,
         entry: entry.clone(),
+        near_far: near_far(recipe, normalised.near_far_multiplier, &context),
         context,
         targets: targets.collect(),
         preprocessing: recipe.preprocessing.clone(),
-        near_far,
         normalisation: AppliedNormalisation {
             rule: recipe.pose_normalisation.clone(),
             new_from_old: normalised.new_from_old,
-            near_far_multiplier: multiplier,
+            near_far_multiplier: normalised.near_far_multiplier,
             fallbacks: normalised.fallbacks,
         },
         hash,
@@ -93,6 +80,29 @@ pub(super) fn prepare(
     };
     let images = views.targets.iter().map(image).collect();
     Ok((trial, TargetImages { trial: hash, images, reservation: None }))
+}
+
+/// An image for each frame of the views.
+fn lazy_images(scene: &Arc<Scene>, views: &Views<'_>, recipe: &TrialRecipe) -> BTreeMap<usize, Arc<LazyImage>> {
+    let mut images = BTreeMap::new();
+    for view in views.context.iter().chain(&views.targets) {
+        let lazy = || LazyImage::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
+        images.entry(view.position).or_insert_with(|| Arc::new(lazy()));
+    }
+    images
+}
+
+fn poses(views: &[View<'_>]) -> Vec<WorldFromCamera> {
+    views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
+}
+
+/// The planes in the normalised world: by disparity where the recipe says so, or else its fixed ones times `multiplier`.
+fn near_far(recipe: &TrialRecipe, multiplier: f64, context: &[ContextView]) -> NearFar {
+    let fixed = NearFar { near: recipe.near_far.near * multiplier, far: recipe.near_far.far * multiplier };
+    recipe.disparity_planes.zip(context.first()).map_or(fixed, |(planes, first)| {
+        let cameras: Vec<Camera> = context.iter().map(|view| view.camera).collect();
+        planes.of(&cameras, first.size)
+    })
 }
 
 fn normalisation_reason(error: &CameraError) -> SkipReason {
@@ -110,6 +120,35 @@ struct View<'a> {
     /// The data's, as the protocol sees it.
     source: Camera,
     camera: Camera,
+}
+
+impl<'a> View<'a> {
+    /// `size` is that of the image, or why it is unknown.
+    fn of(
+        position: usize,
+        frame: &'a Frame,
+        size: Result<ImageSize, String>,
+        recipe: &TrialRecipe,
+        plans: &mut Plans,
+    ) -> Result<Self, Refusal> {
+        if matches!(frame.image, FrameImage::Absent) && !recipe.allow_absent_images {
+            let detail = format!("frame {position}: the trajectory has no images");
+            return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
+        }
+        let size = size.map_err(|detail| Refusal { reason: SkipReason::ImageUnreadable, detail })?;
+        let fatal = frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.image.is_available());
+        if let Some(mismatch) = fatal {
+            return Err(Refusal { reason: SkipReason::ImageMisfit, detail: format!("frame {position}: {mismatch}") });
+        }
+        let unfit = |error: PreprocessError| Refusal {
+            reason: SkipReason::Preprocessing,
+            detail: format!("frame {position}: {error}"),
+        };
+        let plan = plan_for(plans, &recipe.preprocessing, size).map_err(unfit)?;
+        let source = recipe.lens_distortion.seen(&frame.camera);
+        let camera = plan.camera(&source).map_err(unfit)?;
+        Ok(Self { position, frame, plan, source, camera })
+    }
 }
 
 struct Views<'a> {
@@ -133,31 +172,13 @@ impl<'a> Views<'a> {
         if let Some(dropped) = recipe.filters.drop_reason(scene, entry, expected_size, &known_size) {
             return Err(dropped.into());
         }
-        let mut plans = BTreeMap::new();
+        let mut plans = Plans::new();
         let mut view = |position: &usize| -> Result<View<'a>, Refusal> {
             let (frame, size) = sizes.get(position).ok_or_else(|| {
                 let detail = format!("frame {position} of {}", scene.frames.len());
                 Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
-            if matches!(frame.image, FrameImage::Absent) && !recipe.allow_absent_images {
-                let detail = format!("frame {position}: the trajectory has no images");
-                return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
-            }
-            let size = size.clone().map_err(|detail| Refusal { reason: SkipReason::ImageUnreadable, detail })?;
-            let unfit = |error: PreprocessError| Refusal {
-                reason: SkipReason::Preprocessing,
-                detail: format!("frame {position}: {error}"),
-            };
-            if let Some(mismatch) =
-                frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.image.is_available())
-            {
-                let detail = format!("frame {position}: {mismatch}");
-                return Err(Refusal { reason: SkipReason::ImageMisfit, detail });
-            }
-            let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
-            let source = recipe.lens_distortion.seen(&frame.camera);
-            let camera = plan.camera(&source).map_err(unfit)?;
-            Ok(View { position: *position, frame, plan, source, camera })
+            View::of(*position, frame, size.clone(), recipe, &mut plans)
         };
         let context = entry.context.iter().map(&mut view).collect::<Result<_, _>>()?;
         let targets = entry.target.iter().map(&mut view).collect::<Result<_, _>>()?;
@@ -199,12 +220,10 @@ fn image_sizes<'a>(
     sizes
 }
 
-/// The plan for images of this size; images of equal size share one.
-fn plan_for(
-    plans: &mut BTreeMap<ImageSize, Arc<Plan>>,
-    preprocessing: &Preprocessing,
-    size: ImageSize,
-) -> Result<Arc<Plan>, PreprocessError> {
+/// Plans by the size of images; those of equal size share one.
+type Plans = BTreeMap<ImageSize, Arc<Plan>>;
+
+fn plan_for(plans: &mut Plans, preprocessing: &Preprocessing, size: ImageSize) -> Result<Arc<Plan>, PreprocessError> {
     if let Some(plan) = plans.get(&size) {
         return Ok(Arc::clone(plan));
     }

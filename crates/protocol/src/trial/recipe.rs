@@ -28,7 +28,7 @@ pub struct TrialRecipe {
 
 impl TrialRecipe {
     /// The recipe of a preset for a method: with the method's published pose normalisation, near and far if the preset
-    /// lists them, or else the preset's own.
+    /// lists them, or else the preset's.
     pub fn of(preset: &Preset, method: &str) -> Self {
         let setting = preset.setting_for(method);
         Self {

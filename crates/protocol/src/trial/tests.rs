@@ -252,7 +252,7 @@ fn warns_about_images_with_an_exif_rotation() {
     assert_eq!(trials.warnings().count(WarningKind::TurnedImage), 1);
     let warning = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedImage).unwrap();
     assert!(
-        warning.to_string().contains("s: frame 6: EXIF says that it is to be turned by 90° clockwise"),
+        warning.to_string().contains("s: frame 6: rotated 90° clockwise by EXIF; the stored pixels are used"),
         "{warning}"
     );
 }

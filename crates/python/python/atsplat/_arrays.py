@@ -12,7 +12,7 @@ Stored = tuple[list[int], str, bytes]
 
 
 def as_array(value: Any, field: str = "array") -> np.ndarray:
-    """A NumPy array without a copy where the memory allows it. PyTorch tensors may have gradients and lie on any device."""
+    """A NumPy array without a copy where the memory allows it. PyTorch tensors may have gradients and be on any device."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise invalid(field, "expected an array without masked values, found a masked array: .filled() gives them values")
     if isinstance(value, np.ndarray):

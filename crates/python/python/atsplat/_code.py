@@ -13,12 +13,12 @@ from typing import Any
 
 from ._contents import digest
 
-#: Top-level modules that count by name wherever they lie.
+#: Top-level modules that count by name, wherever they are.
 FOREIGN = sys.stdlib_module_names - {"__main__"} | {"builtins", "atsplat"}
 
 
 def source(code: CodeType) -> bytes:
-    """Its text. Of a lambda, whose lines hold more than itself, and of what an interpreter was given, the instructions."""
+    """Its text. Of a lambda, whose lines contain more than it, and of what an interpreter was given, the instructions."""
     try:
         if code.co_name != "<lambda>":
             return textwrap.dedent(inspect.getsource(code)).encode()

@@ -63,7 +63,7 @@ def plain(value: Any) -> bytes | None:
 
 
 def _is_what_it_prints(value: Any) -> bool:
-    """Of subclasses, those without attributes and a text of their own."""
+    """Whether a constant's text says all about it; of subclasses, that of those without attributes and another text."""
     of = type(value)
     if of in _CONSTANTS:
         return True
@@ -113,7 +113,7 @@ def standard(value: Any) -> Any:
     if isinstance(value, np.vectorize):
         return value.pyfunc, value.otypes, value.excluded, value.signature
     if isinstance(value, _REDUCED):
-        # The first part may be a method that makes it, or hold keywords.
+        # The first part may be a method that makes it, or contain keywords.
         first, *others = tuple(value.__reduce_ex__(4))[:3]
         return (first, *others) if isinstance(first, functools.partial) else tuple(others)
     return None

@@ -51,7 +51,7 @@ def examined(method: Callable[..., Any]) -> tuple[dict[str, str], list[str]]:
 
 
 def modules(method: Callable[..., Any]) -> list[Any]:
-    """The ``torch.nn.Module`` that a method is, holds or uses; without those inside of others."""
+    """The ``torch.nn.Module`` that a method is, contains or uses; without those inside of others."""
     return _Walk(method).modules
 
 
@@ -64,7 +64,7 @@ class _Walk:
         self._state = state
         self.parts: dict[str, str] = {}
         self.modules: list[Any] = []
-        #: Types of objects that are known by them alone; not those of a library's function, which are its own business.
+        #: Types of objects that are known by them alone; not those of a library's function, which are its internals.
         self.unseen: set[str] = set()
         self._is_in_library = False
         #: Digests by address, with the objects, which keep their addresses that way.
@@ -72,16 +72,16 @@ class _Walk:
         self._imported: set[str] = set()
         of = method if isinstance(method, (FunctionType, type)) else type(getattr(method, "func", getattr(method, "__self__", method)))
         self._package = root(of.__module__ or "")
-        own = self._value(method)
+        hashed = self._value(method)
         if not isinstance(method, FunctionType):
-            self._add("method", own)
+            self._add("method", hashed)
 
-    def _add(self, name: str, own: bytes) -> None:
+    def _add(self, name: str, hashed: bytes) -> None:
         key, number = name, 1
         while key in self.parts:
             number += 1
             key = f"{name} #{number}"
-        self.parts[key] = own.hex()[:16]
+        self.parts[key] = hashed.hex()[:16]
 
     def _value(self, value: Any) -> bytes:
         constant = plain(value)
@@ -92,9 +92,9 @@ class _Walk:
             return known[1]
         # What refers to itself.
         self._known[id(value)] = value, b"itself"
-        own = self._compound(value)
-        self._known[id(value)] = value, own
-        return own
+        hashed = self._compound(value)
+        self._known[id(value)] = value, hashed
+        return hashed
 
     def _compound(self, value: Any) -> bytes:
         torch = sys.modules.get("torch")
@@ -108,16 +108,16 @@ class _Walk:
         if isinstance(value, MethodType):
             return digest(b"method", self._value(value.__self__), self._value(value.__func__))
         if isinstance(value, FunctionType):
-            return self._inside(not self._is_own(value), lambda: self._function(value))
+            return self._inside(not self._is_user_code(value), lambda: self._function(value))
         if isinstance(value, type):
             return self._class(value)
         if isinstance(value, ModuleType):
-            # One that is no variable of a function, which would say what it uses of it.
+            # One that is not a variable of a function, which would say what it uses of it.
             self._follow([value.__name__])
             return _named_module(value)
         if isinstance(value, (BuiltinFunctionType, MethodWrapperType)):
-            holds = isinstance(value.__self__, (Mapping, list, tuple, Set, str, bytes))
-            return digest(b"function", _name(value).encode(), *([self._value(value.__self__)] if holds else []))
+            is_bound = isinstance(value.__self__, (Mapping, list, tuple, Set, str, bytes))
+            return digest(b"function", _name(value).encode(), *([self._value(value.__self__)] if is_bound else []))
         return self._object(value)
 
     def _inside(self, is_library: bool, of: Callable[[], bytes]) -> bytes:
@@ -144,13 +144,13 @@ class _Walk:
             return items if factory is None or isinstance(factory, type) else digest(b"defaultdict", items, self._value(factory))
         if isinstance(value, (set, frozenset)):
             return digest(b"set", *sorted(map(self._value, _iterated(value))))
-        if isinstance(value, _contents.NAMESPACES) and not self._is_own(type(value)):
+        if isinstance(value, _contents.NAMESPACES) and not self._is_user_code(type(value)):
             return self._named(b"namespace", vars(value).items())
         standard = _contents.standard(value)
         if standard is not None:
             return digest(b"standard", _base(type(value)).encode(), self._value(standard))
         of = type(value)
-        if not isinstance(value, Mapping) or self._is_own(of) or root(of.__module__) in _contents.VOLATILE_MAPPINGS:
+        if not isinstance(value, Mapping) or self._is_user_code(of) or root(of.__module__) in _contents.VOLATILE_MAPPINGS:
             return None
         try:
             read = list(value.items())
@@ -162,7 +162,7 @@ class _Walk:
     def _with_class(self, value: Any, content: bytes) -> bytes:
         """With what a subclass adds."""
         of = type(value)
-        if self._is_own(of):
+        if self._is_user_code(of):
             return digest(b"subclass", content, self._value(of), self._attributes(value, is_module=False))
         adds = isinstance(value, dict) and root(of.__module__) not in FOREIGN and getattr(value, "__dict__", None)
         return digest(b"subclass", content, self._attributes(value, is_module=False)) if adds else content
@@ -182,10 +182,10 @@ class _Walk:
         cells = {key: cell for key, cell in cells.items() if key != "__class__" and (id(cell), key) not in self._state}
         used = {key: cell.cell_contents for key, cell in cells.items() if _is_filled(cell)}
         defaults = self._value(function.__defaults__), self._value(function.__kwdefaults__)
-        if not self._is_own(function):
+        if not self._is_user_code(function):
             # A decorator of another library, for example: what it wraps is in its closure.
-            own = (self._value(value) for _, value in sorted(used.items(), key=_first))
-            return digest(b"function", _name(function).encode(), *defaults, *own)
+            closure = (self._value(value) for _, value in sorted(used.items(), key=_first))
+            return digest(b"function", _name(function).encode(), *defaults, *closure)
         for key in _code.loaded(code):
             if key in function.__globals__ and not key.startswith("__") and (scope, key) not in self._state:
                 used[key] = function.__globals__[key]
@@ -197,16 +197,16 @@ class _Walk:
         return digest(b"function", name.encode())
 
     def _used_of_modules(self, used: dict[str, Any], names: set[str]) -> dict[str, Any]:
-        """What a function that uses these variables and names may use of own modules, and of modules in them."""
+        """What a function that uses these variables and names may use of the user's modules, and of modules in them."""
         found: dict[str, Any] = {}
         waiting = [(key, value) for key, value in sorted(used.items(), key=_first) if isinstance(value, ModuleType)]
         direct, seen = len(waiting), set()
         for at, (key, module) in enumerate(waiting):
-            if self._is_own(module) and (at < direct or id(module) not in seen and not _code.is_installed(_place(module))):
+            if self._is_user_code(module) and (at < direct or id(module) not in seen and not _code.is_installed(_place(module))):
                 seen.add(id(module))
-                own = {f"{key}.{name}": vars(module)[name] for name in sorted(names & vars(module).keys())}
-                found |= own
-                waiting += [(name, value) for name, value in own.items() if isinstance(value, ModuleType)]
+                members = {f"{key}.{name}": vars(module)[name] for name in sorted(names & vars(module).keys())}
+                found |= members
+                waiting += [(name, value) for name, value in members.items() if isinstance(value, ModuleType)]
         return found
 
     def _follow(self, names: Iterable[str]) -> None:
@@ -221,11 +221,11 @@ class _Walk:
             if file is None or _code.is_installed(os.path.realpath(file)):
                 continue
             try:
-                own, code = _code.content_of(file)
+                content, code = _code.content_of(file)
             except OSError:
                 self.unseen.add(f"the module {name}")
                 continue
-            self._add(f"module {name}", own)
+            self._add(f"module {name}", content)
             if code is not None:
                 package = name if folders is not None else name.rpartition(".")[0]
                 waiting += sorted(_code.imported(code, package), reverse=True)
@@ -234,35 +234,35 @@ class _Walk:
         """Adds the part of a variable; what is known by its name has none, and belongs to the source."""
         if isinstance(value, ModuleType):
             return [_named_module(value)]
-        own = self._value(value)
+        hashed = self._value(value)
         if isinstance(value, (FunctionType, type, BuiltinFunctionType)):
-            return [own]
-        self._add(name, own)
+            return [hashed]
+        self._add(name, hashed)
         return []
 
     def _class(self, of: type) -> bytes:
-        if not self._is_own(of):
+        if not self._is_user_code(of):
             return digest(b"class", _name(of).encode())
         bases = [self._value(base) for base in of.__bases__ if base is not object]
-        if self._is_own(type(of)):
+        if self._is_user_code(type(of)):
             bases.append(self._value(type(of)))
         is_installed = _code.is_installed(_place(of))
         members = [(key, _function_of(member, is_installed)) for key, member in sorted(vars(of).items())]
-        own = [(key, member) for key, member in members if isinstance(member, FunctionType)]
+        methods = [member for _, member in members if isinstance(member, FunctionType)]
         values = [(key, member) for key, member in members if not key.startswith("__") and plain(member) is not None]
         # A library's classes, also of the method's package, lead to all of it.
         values += [] if is_installed else self._other_members(of, members)
         self._add(_short(of), digest(b"class", *bases, self._named(b"members", values)))
-        for _, member in own:
-            self._value(member)
+        for method in methods:
+            self._value(method)
         return digest(b"class", _short(of).encode())
 
     def _other_members(self, of: type, members: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
-        """Members of a class that are neither constants nor methods under their own names."""
+        """Members of a class that are neither constants nor methods under the names of their functions."""
         if issubclass(of, Enum):
             return [(f"{of.__name__}.{key}", member.value) for key, member in of.__members__.items() if plain(member) is None]
         # What another metaclass leaves in a class is made from the rest.
-        is_usual = type(of) in (type, ABCMeta) or self._is_own(type(of))
+        is_usual = type(of) in (type, ABCMeta) or self._is_user_code(type(of))
         found = []
         for key, member in members:
             if isinstance(member, FunctionType):
@@ -279,7 +279,7 @@ class _Walk:
         """Parameters and buffers, and of each module inside its class and its plain attributes."""
         from .torch import state_hash
 
-        if all(module is not part for own in self.modules for part in own.modules()):
+        if all(module is not part for known in self.modules for part in known.modules()):
             self.modules.append(module)
         parts = [state_hash(module).encode()]
         for key, part in module.named_modules():
@@ -296,14 +296,14 @@ class _Walk:
             return digest(b"enum", _name(of).encode(), str(value.name).encode(), self._value(value.value), self._value(of))
         if of.__module__ == "atsplat.gaussians":
             return digest(b"gaussians", *(self._value(part) for part in value.__reduce__()[1]))
-        if self._is_own(of) or hasattr(of, "__dataclass_fields__"):
+        if self._is_user_code(of) or hasattr(of, "__dataclass_fields__"):
             return self._inside(False, lambda: digest(b"object", self._value(of), self._attributes(value, is_module=False)))
         wrapped = _attribute(value, "__wrapped__")
-        if isinstance(wrapped, (FunctionType, MethodType, functools.partial)) or wrapped is not None and self._is_own(type(wrapped)):
+        if isinstance(wrapped, (FunctionType, MethodType, functools.partial)) or wrapped is not None and self._is_user_code(type(wrapped)):
             return self._value(wrapped)
         if not self._is_in_library and not _contents.is_harmless(value):
             self.unseen.add(_name(of))
-        # A ufunc has a name of its own.
+        # A ufunc has a name that its type does not say.
         return digest(b"object", _name(of).encode(), str(_attribute(value, "__name__") or "").encode())
 
     def _attributes(self, value: Any, *, is_module: bool) -> bytes:
@@ -316,17 +316,17 @@ class _Walk:
         if is_module:
             # Those of PyTorch and Lightning, which change while a module trains.
             is_lightning = "LightningModule" in {of.__name__ for of in type(value).__mro__}
-            is_own = self._is_own(type(value)) and not is_lightning
+            is_user_code = self._is_user_code(type(value)) and not is_lightning
             base = vars(sys.modules["torch"].nn.Module())
             # A convolution's stride is a tuple.
             kinds = (tuple,) if is_lightning else (tuple, list)
             attributes = {
-                key: own for key, own in attributes.items()
-                if key not in base and (is_own or not key.startswith("_")) and (is_own or _contents.is_flat(own, kinds))
+                key: item for key, item in attributes.items()
+                if key not in base and (is_user_code or not key.startswith("_") and _contents.is_flat(item, kinds))
             }
         return self._named(b"attributes", attributes.items())
 
-    def _is_own(self, value: Any) -> bool:
+    def _is_user_code(self, value: Any) -> bool:
         """Whether this is the user's code: of the method's package, or not installed."""
         module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
         # A function that was compiled from a text may have none.

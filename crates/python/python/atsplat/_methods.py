@@ -63,14 +63,15 @@ def record(
         raise invalid("method", f"expected a callable, found {type(method).__name__}")
     if name in ("truth", "context") or not all(c.isalnum() or c in "-_.+ " for c in name) or not name.strip():
         raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
-    own = {name: _stated(name, value) for name, value in parameters.items()}
+    recorded = {name: _stated(name, value) for name, value in parameters.items()}
     if not isinstance(method, str):
-        own |= {"setting": setting, **({"identity": _identity(method, own)} if version is None else {"version": version})}
+        known_by: dict[str, Any] = {"identity": _identity(method, recorded)} if version is None else {"version": version}
+        recorded |= {"setting": setting, **known_by}
     return json.dumps({
         "name": name,
         "kind": kind,
         "title": title or name,
-        "parameters": own,
+        "parameters": recorded,
         "weights-sha256": None,
         "untrained": False,
         "constants": None,
@@ -144,13 +145,13 @@ def _takes_trial(method: Callable[..., Any]) -> bool:
 
 
 def describe(error: BaseException) -> tuple[str, str]:
-    """The reason in a failed row: the exception, and the last line of the method's own code that raised it."""
+    """The reason in a failed row: the exception, and the last line of the method's code that raised it."""
     if isinstance(error, NotApplicable):
         return "not-applicable", str(error)
     if isinstance(error, AtsplatError):
         return "failed", str(error)
     text = traceback.format_exception_only(error)[-1].strip()
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if os.path.dirname(frame.filename) != os.path.dirname(__file__)]
-    place = f" ({os.path.basename(own[-1].filename)}:{own[-1].lineno})" if own else ""
+    of_method = [frame for frame in frames if os.path.dirname(frame.filename) != os.path.dirname(__file__)]
+    place = f" ({os.path.basename(of_method[-1].filename)}:{of_method[-1].lineno})" if of_method else ""
     return "failed", f"{text}{place}"

@@ -143,7 +143,7 @@ class _Workers:
             self._discard(actor)
 
     def _fitting(self) -> int:
-        """Actors that the cluster holds at once."""
+        """Actors for which the cluster has resources at once."""
         there, wanted = self._ray.cluster_resources(), {"CPU": self._options["num_cpus"], "GPU": self._options["num_gpus"]}
         return max(1, min((int(there.get(kind, 0) // number) for kind, number in wanted.items() if number), default=1))
 

@@ -29,10 +29,10 @@ def of_run(store: Store) -> list[str]:
 
 def notes(store: Store, method: str) -> list[str]:
     """What was noted about trials that have results."""
-    own = (row for row in store.trials() if row["method"] == method)
+    rows = (row for row in store.trials() if row["method"] == method)
     return _counted(
         ((row["preset"], f"{note.split(': ')[0]}, in trials of {method}"), f"{row['scene']}: {note}")
-        for row in own
+        for row in rows
         for note in row["notes"]
     )
 

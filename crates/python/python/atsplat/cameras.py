@@ -90,7 +90,7 @@ class Cameras:
             convention: the camera's axes: ``opencv``, ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
 
         Raises:
-            InvalidError: naming the argument and the camera, if a matrix has another shape, is no rotation with a translation, has
+            InvalidError: naming the argument and the camera, if a matrix has another shape, is not a rotation with a translation, has
                 focal lengths that are not positive, or intrinsics of the other unit.
         """
         if (world_from_camera is None) == (camera_from_world is None):
@@ -167,13 +167,13 @@ class Cameras:
     def world_from_camera_in(self, convention: str) -> np.ndarray:
         """N × 4 × 4, float64: camera to world for cameras with the axes of ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
         Only the camera's axes differ between conventions, never the world's."""
-        turned: np.ndarray = self.world_from_camera @ _flip(convention)
-        return turned
+        converted: np.ndarray = self.world_from_camera @ _flip(convention)
+        return converted
 
     def camera_from_world_in(self, convention: str) -> np.ndarray:
         """N × 4 × 4, float64: world to camera for cameras with the axes of ``convention``."""
-        turned: np.ndarray = _flip(convention) @ self.camera_from_world
-        return turned
+        converted: np.ndarray = _flip(convention) @ self.camera_from_world
+        return converted
 
 
 def _flip(convention: str) -> np.ndarray:

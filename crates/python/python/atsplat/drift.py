@@ -68,10 +68,11 @@ def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
     Raises:
         InvalidError: if no result has scores, or if the run is unfinished.
 
-    Warnings say which targets of the baseline have no score, and what the run skipped or did not find.
+    Warnings say what the old baseline guards and the new one does not, which targets of the baseline have no score, and what the run
+    skipped or did not find.
     """
     folder = folder_of(store)
-    _native.accept_baseline(folder, fspath(baseline), why)
+    lost = _native.accept_baseline(folder, fspath(baseline), why)
     of = open_store(folder)
-    for text in [*unscored(of), *skipped(of), *of_run(of)]:
+    for text in [*lost, *unscored(of), *skipped(of), *of_run(of)]:
         warnings.warn(f"{fspath(baseline)}: {text}", stacklevel=2)

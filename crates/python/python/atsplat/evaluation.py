@@ -24,7 +24,7 @@ Path = str | PathLike[str]
 class RayOptions(TypedDict, total=False):
     """How an evaluation is spread over a Ray cluster."""
 
-    #: Actors at once; by default as many as the cluster's processors (and GPUs, if asked for) hold.
+    #: Actors at once; by default as many as the cluster has processors (and GPUs, if asked for) for.
     workers: int
     #: Parts of the scenes; by default 64, or as many as give each 16 scenes.
     shards: int
@@ -90,7 +90,7 @@ def evaluate(
         title: its title in tables.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
         resume: keep results that the store already has, if method, trial and data are unchanged, and try failed trials again; else
-            the folder must hold no store.
+            the folder must not contain a store.
         limit: at most this many scenes, spread evenly over the index.
         shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
         metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
@@ -102,12 +102,12 @@ def evaluate(
             not installed, or are of the method's package; imported modules that are not installed; constants, configurations, arrays,
             tensors and modules in closures, defaults, attributes, ``functools.partial`` and globals. Not hashed are files, and objects
             of other libraries, which are a warning: state them in ``parameters``.
-        antialiased: draw Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
+        antialiased: render Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
             warning if they seem to be made for it.
-        constants: a rasterizer whose constants Gaussians are drawn with, as for :func:`atsplat.render`, instead of the protocol's.
+        constants: a rasterizer whose constants Gaussians are rendered with, as for :func:`atsplat.render`, instead of the protocol's.
         background: RGB behind Gaussians, instead of the protocol's.
         strict: raise if trials or targets failed, if entries of the index were skipped, if scenes or frames are missing, or if none of
-            a trial's Gaussians is drawn; the store is complete apart from that.
+            a trial's Gaussians is rendered; the store is complete apart from that.
         progress: called after each result; with ``ray``, for all of a shard when it has ended.
         ray: evaluate on a Ray cluster, with the options of :class:`~atsplat.RayOptions` if it is a dict. The method is pickled, and
             stays loaded in each worker; ``data`` is a path that every node can read.
@@ -120,7 +120,7 @@ def evaluate(
     Raises:
         AtsplatError: if nothing could be evaluated, or the data or the store cannot be used; with ``strict``, also if something is
             missing.
-        InvalidError: also if the folder holds results of another method with this name.
+        InvalidError: also if the folder contains results of another method with this name.
     """
     listed = [protocols] if isinstance(protocols, (str, PathLike, Protocol)) else list(protocols)
     if not listed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -111,6 +112,9 @@ class Protocol:
     ) -> Trials:
         """Goes through the trials, in the index's order; scenes are read and decoded ahead.
 
+        Problems with the data and the index, such as scenes that the data lack, are a warning at once, and entries without a trial
+        are one at the end.
+
         Args:
             limit: at most this many scenes, spread evenly over the index.
             setting: whose published pose normalisation, near and far planes, and renderer of Gaussians (see :attr:`settings`).
@@ -176,6 +180,10 @@ class Trials:
         self.data = data
         self._trials = data._native.trials(setting, at_most(limit), None, True)
         self._suite = suite(metrics, weights, data)
+        self._warned = False
+        if data.warnings:
+            found = "; ".join(f"{count} × {kind}: {data.examples[kind]}" for kind, count in data.warnings.items())
+            warnings.warn(f"{data.protocol.name}: {found}", stacklevel=3)
         #: Entries of the index that gave no trial so far, with the reason; those of scenes that the data lack are in ``data.missing``.
         self.skipped: list[Skipped] = []
 
@@ -192,6 +200,11 @@ class Trials:
             if trial is not None:
                 return Trial(trial, self._suite)
             self.skipped.append(Skipped(*skipped))
+        if self.skipped and not self._warned:
+            self._warned = True
+            count, first = len(self.skipped), self.skipped[0]
+            text = f"{count} entries of the index gave no trial, first {first.scene}, entry {first.entry}: {first.detail} ({first.reason})"
+            warnings.warn(f"{self.data.protocol.name}: {text}", stacklevel=2)
         raise StopIteration
 
 
@@ -210,7 +223,7 @@ def suite(metrics: Sequence[str], weights: Path | None, data: Data | None = None
 
 
 def ids_of(metrics: Sequence[str]) -> list[str]:
-    """Ids of metrics; one that is given alone is no sequence of letters."""
+    """Ids of metrics; one that is given alone is not a sequence of letters."""
     return [metrics] if isinstance(metrics, str) else list(metrics)
 
 
@@ -316,7 +329,7 @@ def scores(trial: dict[str, Any], targets: list[dict[str, Any]], metrics: Sequen
     compared = [row for row in rows if row["status"] == "scored"]
     # A PSNR of 8-bit images may be infinite although the render differs.
     values = {key: [row[key] for row in compared if row.get(key) is not None and np.isfinite(row[key])] for key in ids}
-    mean = {key: float(np.mean(own)) for key, own in values.items() if own}
+    mean = {key: float(np.mean(numbers)) for key, numbers in values.items() if numbers}
     identical = sum(row["status"] == "identical" for row in rows)
     details = (row["detail"] for row in rows if row.get("detail"))
     why = trial["detail"] or next(details, "every target is identical to the truth" if identical else "no target has this metric")
@@ -325,7 +338,7 @@ def scores(trial: dict[str, Any], targets: list[dict[str, Any]], metrics: Sequen
 
 
 def with_metrics(row: dict[str, Any], metrics: Sequence[str] = ()) -> dict[str, Any]:
-    """A target's row with a key for each metric; rows that failed have none of their own."""
+    """A target's row with a key for each metric; rows that failed have no numbers."""
     scored, missing = row["scores"], row["not_computed"]
     other = {key: value for key, value in row.items() if key not in ("scores", "not_computed")}
     other |= {key: None for key in metrics if key not in other}

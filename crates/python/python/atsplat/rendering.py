@@ -38,7 +38,7 @@ def render(
     antialiased: bool = False,
     depth: bool = False,
 ) -> Rendering:
-    """Renders Gaussians from cameras; Ctrl-C stops it. Those with NaN, and others that cannot be drawn, are left out with a warning.
+    """Renders Gaussians from cameras; Ctrl-C stops it. Those with NaN, and others that cannot be rendered, are left out with a warning.
 
     Args:
         gaussians: in the world of the cameras.
@@ -62,7 +62,7 @@ def render(
     rgb = colour(background)
     rendered, left_out, ignored = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
     if left_out:
-        text = f"{left_out} of {len(gaussians)} Gaussians are invalid (NaN, infinite, or without a rotation), and not drawn"
+        text = f"{left_out} of {len(gaussians)} Gaussians are invalid (NaN, infinite, or without a rotation), and not rendered"
         warnings.warn(text, stacklevel=2)
     if ignored is not None:
         warnings.warn(ignored, stacklevel=2)

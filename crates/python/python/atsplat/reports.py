@@ -29,7 +29,7 @@ def report(*stores: Path | Store, force: bool = False) -> Report:
 
 
 class Report:
-    """The tables of stores: those that papers published, with the measured rows beside them, then one for each protocol."""
+    """The tables of stores: those that papers published, with the measured rows next to them, then one for each protocol."""
 
     def __init__(self, stores: Sequence[str], force: bool) -> None:
         self._stores, self._force = list(stores), force
@@ -103,7 +103,7 @@ class Table:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """One dict for each row: its labels by their headings, ``from`` (published or measured), ``measured on``, ``remarks`` (such as
-        ``without context frames``), ``method``, ``store``, and a number, text or None for each column. Columns of groups with a
+        ``leaked targets excluded``), ``method``, ``store``, and a number, text or None for each column. Columns of groups with a
         heading are named ``GROUP COLUMN``."""
         table = self.to_dict()["table"]
         columns = [

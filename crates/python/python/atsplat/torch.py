@@ -56,9 +56,9 @@ class TrialDataset(Dataset[dict[str, Any]]):
         **options: Any,
     ) -> None:
         self._setting, self._supervise = setting, supervise
-        own = of if isinstance(of, Protocol) else protocol(of)
-        self._data: Data | None = own.open(data, **options)
-        self._source = own._source, *self._data._source
+        resolved = of if isinstance(of, Protocol) else protocol(of)
+        self._data: Data | None = resolved.open(data, **options)
+        self._source = resolved._source, *self._data._source
         self._warned_of_lenses = False
         check_setting(self._opened().protocol, setting)
         # No image is decoded for that.
@@ -132,17 +132,18 @@ class Evaluation:
     ...     train(model, batch)
     ...     check(step, model)
 
-    The modules that a method is, holds or uses (in its closure, attributes, arguments of ``functools.partial`` or globals) run in
+    The modules that a method is, contains or uses (in its closure, attributes, arguments of ``functools.partial`` or globals) run in
     ``eval`` mode. Their state is a parameter of the method (``state-sha256``, see :func:`state_hash`): an interrupted evaluation is
     resumed with the same state, and the store of another training is an error, not the result. A callable without a module is a
-    warning, and a folder that already holds results is an error for it, unless ``resume=True``.
+    warning, and a folder that already contains results is an error for it, unless ``resume=True``.
 
     Args:
         protocols: as for :func:`atsplat.evaluate`.
         data: the dataset.
         out: folder for one store of each evaluated step, ``step-00005000``.
         every: number of steps between evaluations; step 0 is not evaluated.
-        baseline: the file of :func:`atsplat.accept_baseline`; without it, nothing fails.
+        baseline: the file of :func:`atsplat.accept_baseline`; without it, nothing fails. Methods are compared by name (``name``): a
+            baseline of other names fails, because no number is compared.
         fail: ``worse`` fails if a mean is worse than the baseline's beyond its limit, or if a target that was scored there has failed,
             ``any`` on every drift.
         module: the module, or modules, that the method runs, if they are not found in it.
@@ -176,14 +177,15 @@ class Evaluation:
         """Evaluates ``method`` if it is time to, its modules in ``eval`` mode and without gradients.
 
         Raises:
-            DriftedError: if it is worse than the baseline, or targets fail that were scored there.
+            DriftedError: if it is worse than the baseline, if targets fail that were scored there, or if no number was compared.
         """
         if step == 0 or step % self._every:
             return None
         store = self.stores[step] = self._evaluate(step, method)
         if self._baseline is not None:
             self.drift = drift(store, self._baseline)
-            if self.drift.verdict == "nothing" or (self._fail == "any" and self.drift.drifted) or worse(self.drift):
+            is_guarded = self.drift.verdict != "nothing" and any(one["verdict"] != "nothing" for one in self.drift.comparisons)
+            if not is_guarded or (self._fail == "any" and self.drift.drifted) or worse(self.drift):
                 raise DriftedError(self.drift)
         return store
 

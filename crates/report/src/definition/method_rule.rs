@@ -53,7 +53,7 @@ impl MethodRule {
         let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
         // Thresholds by quantile represent the published ones that they were chosen for.
         let published = numbers(record, "published-thresholds").or_else(|| config.as_ref().map(thresholds));
-        let same_thresholds = self.thresholds.as_ref().is_none_or(|own| published.as_ref() == Some(own));
+        let same_thresholds = self.thresholds.as_ref().is_none_or(|thresholds| published.as_ref() == Some(thresholds));
         variant(record).as_deref() == Some(expected) && same_k && same_thresholds
     }
 }
@@ -105,7 +105,7 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
 }
 
 /// Whether the paper trains a separate network for this variant; thresholds and ratios it also chooses at inference.
-pub(crate) fn has_own_training(record: &MethodRecord) -> bool {
+pub(crate) fn is_trained_separately(record: &MethodRecord) -> bool {
     is_ablation(record)
         && variant(record).is_some_and(|variant| !matches!(variant.as_str(), "thresholds" | "partial-expansion"))
 }
@@ -124,8 +124,8 @@ pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
 pub(crate) fn by_quantile(record: &MethodRecord) -> Option<String> {
     let text = |values: Vec<f64>| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" / ");
     let quantiles = numbers(record, "threshold-quantiles")?;
-    let own = configuration(record).map(|config| format!(": {}", text(thresholds(&config)))).unwrap_or_default();
-    Some(format!("by quantile {} of its own scores{own}", text(quantiles)))
+    let values = configuration(record).map(|config| format!(": {}", text(thresholds(&config)))).unwrap_or_default();
+    Some(format!("by quantile {} of its own scores{values}", text(quantiles)))
 }
 
 /// Whether thresholds decide which tokens expand, not ratios.
@@ -205,8 +205,8 @@ mod tests {
 
     #[test]
     fn thresholds_by_quantile_stand_for_the_published_ones() {
-        let own = ModelConfig::named("nano").unwrap().with_thresholds(&[0.3, 0.2, 0.7]).unwrap();
-        let mut record = record(&own);
+        let config = ModelConfig::named("nano").unwrap().with_thresholds(&[0.3, 0.2, 0.7]).unwrap();
+        let mut record = record(&config);
         let rule = |thresholds: [f64; 3]| MethodRule {
             kind: Some("atsplat".to_owned()),
             thresholds: Some(thresholds.to_vec()),
@@ -216,7 +216,7 @@ mod tests {
         record.parameters.insert("published-thresholds".to_owned(), serde_json::json!([0.1, 0.1, 0.4]));
         record.parameters.insert("threshold-quantiles".to_owned(), serde_json::json!([0.8, 0.8, 0.9]));
         assert!(rule([0.1, 0.1, 0.4]).accepts(&record) && !rule([0.05, 0.05, 0.2]).accepts(&record));
-        assert!(!rule([0.3, 0.2, 0.7]).accepts(&record), "it is in one row alone");
+        assert!(!rule([0.3, 0.2, 0.7]).accepts(&record), "it is in one row only");
         let text = by_quantile(&record).unwrap();
         assert_eq!(text, "by quantile 0.8 / 0.8 / 0.9 of its own scores: 0.3 / 0.2 / 0.7");
     }

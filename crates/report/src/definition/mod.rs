@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::{by_quantile, has_own_training, has_thresholds, is_ablation, is_full};
+pub(crate) use method_rule::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Quantity, SlopeOver};
 pub(crate) use training::{name as dataset_name, zero_shot_note};
@@ -49,10 +49,10 @@ pub struct TableDefinition {
     /// Labels of the row that the others are compared with.
     #[serde(default)]
     pub reference: Option<Vec<String>>,
-    /// Whether methods that match no row get rows of their own, except for ablations.
+    /// Whether methods that match no row get additional rows, except for ablations.
     #[serde(default)]
     pub others: bool,
-    /// Whether ablations get rows of their own too.
+    /// Whether ablations get additional rows too.
     #[serde(default)]
     pub ablations: bool,
     /// Whether intervals are printed next to the numbers.

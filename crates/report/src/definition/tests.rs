@@ -74,7 +74,7 @@ fn the_extrapolation_table_counts_the_windows_that_move() {
     let path = data.join("index/depthsplat/dl3dv_start_0_distance_50_ctx_6v_video_0_50.json");
     let index = IndexFile::read(&path).unwrap().index;
     let moved: Vec<usize> = index.entries().map(|(_, _, entry)| 10 - entry.window().unwrap().0.min(10)).collect();
-    let [none, all] = [0, 10].map(|by| moved.iter().filter(|own| **own == by).count());
+    let [none, all] = [0, 10].map(|by| moved.iter().filter(|frames| **frames == by).count());
     let (total, fewer) = (moved.len(), moved.len() - none - all);
     let expected = format!("of the {total}, {all} are moved by 10 frames here, {fewer} by 1 to 9, {none} not at all");
     let notes = TableDefinition::named("extrapolation").unwrap().notes;

@@ -20,7 +20,7 @@ const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 /// Precedes the data of the weights from which a training began.
 const BEFORE: &str = "; before: ";
 
-/// The ids of the datasets that a network has seen; empty if its description names none that is known.
+/// The ids of the datasets that a network was trained on; empty if its description names none that is known.
 fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
     record.training.as_ref().map_or_else(BTreeSet::new, |training| datasets_in(&training.data))
 }
@@ -31,16 +31,17 @@ fn datasets_in(description: &str) -> BTreeSet<&'static str> {
     DATASETS.iter().filter(|(_, names)| names.iter().any(|name| words.contains(name))).map(|(id, _)| *id).collect()
 }
 
-/// `never saw yards`, for a network that was trained on other data than `dataset`; `None` for a network that was trained on
-/// it, or whose training data are not known.
+/// `zero-shot: not trained on yards`, for a network that was trained on other data than `dataset`; `None` for a network that was
+/// trained on it, or whose training data are not known.
 pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<String> {
     let datasets = training_datasets(record);
     let known = DATASETS.iter().any(|(id, _)| *id == dataset);
-    match (datasets.is_empty(), known) {
+    let unseen = match (datasets.is_empty(), known) {
         (true, _) => None,
-        (false, true) => (!datasets.contains(dataset)).then(|| format!("never saw {}", name(dataset))),
-        (false, false) => datasets.iter().all(|id| SIMULATED.contains(id)).then(|| "never saw photographs".to_owned()),
-    }
+        (false, true) => (!datasets.contains(dataset)).then(|| name(dataset)),
+        (false, false) => datasets.iter().all(|id| SIMULATED.contains(id)).then_some("photographs"),
+    };
+    unseen.map(|data| format!("zero-shot: not trained on {data}"))
 }
 
 /// Whether one network was trained on both datasets of a unified model, or says that it is one.
@@ -73,12 +74,12 @@ mod tests {
     }
 
     #[test]
-    fn a_network_never_saw_what_its_record_does_not_name() {
+    fn a_network_is_zero_shot_on_what_its_record_does_not_name() {
         let rooms = trained_on("simulated rooms, train split, seeds 0 to 5999, 128x128");
         assert_eq!(zero_shot_note(&rooms, "rooms"), None);
-        assert_eq!(zero_shot_note(&rooms, "yards").as_deref(), Some("never saw yards"));
-        assert_eq!(zero_shot_note(&rooms, "dl3dv").as_deref(), Some("never saw DL3DV"));
-        assert_eq!(zero_shot_note(&rooms, "photos").as_deref(), Some("never saw photographs"));
+        assert_eq!(zero_shot_note(&rooms, "yards").as_deref(), Some("zero-shot: not trained on yards"));
+        assert_eq!(zero_shot_note(&rooms, "dl3dv").as_deref(), Some("zero-shot: not trained on DL3DV"));
+        assert_eq!(zero_shot_note(&rooms, "photos").as_deref(), Some("zero-shot: not trained on photographs"));
         let re10k = trained_on("data/re10k/train under re10k-2v-256");
         assert_eq!((zero_shot_note(&re10k, "re10k"), zero_shot_note(&re10k, "photos")), (None, None));
         assert_eq!(
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn unified_networks_saw_both_datasets() {
+    fn unified_networks_were_trained_on_both_datasets() {
         assert!(is_unified(&trained_on(
             "1 × data/re10k/train under re10k-2v-256, 1 × data/dl3dv/train under dl3dv-6v"
         )));

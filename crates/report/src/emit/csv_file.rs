@@ -1,11 +1,11 @@
 use crate::csv_text::line;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{BESIDE_NUMBERS, Row, Table, Value};
+use crate::table::{CSV_SUFFIXES, CSV_TIME_SUFFIXES, CellTiming, Row, Table, Value};
 
 /// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
-/// scenes. Times also have their median absolute deviation, the machine and whether it was busy. Columns have the names
-/// that they have in `eval/published`.
+/// scenes. Times also have their median absolute deviation, the machine, whether it was busy, what the time of a process covers,
+/// and what ran on a graphics adapter. Columns have the names that they have in `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     let about = ["from", "measured_on", "published_setting", "method_id", "store"];
@@ -13,9 +13,9 @@ pub(super) fn write(table: &Table) -> String {
     for (_, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());
-        head.extend(BESIDE_NUMBERS.map(|what| format!("{name}_{what}")));
+        head.extend(CSV_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         if column.quantity == Quantity::Seconds {
-            head.extend(["mad", "machine", "busy"].map(|what| format!("{name}_{what}")));
+            head.extend(CSV_TIME_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         }
     }
     let rows = table.rows.iter().map(|row| line(&record(table, row)));
@@ -33,8 +33,8 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
     record.push(row.method.clone().unwrap_or_default());
     record.push(row.store.clone().unwrap_or_default());
     record.extend([row.untrained, row.inference_only, row.without_leaked].map(|set| set.to_string()));
-    for (place, column) in table.columns() {
-        let cell = row.cell(place);
+    for (index, column) in table.columns() {
+        let cell = row.cell(index);
         record.push(match &cell.value {
             Value::Number(number) => number.to_string(),
             Value::Text(text) => text.clone(),
@@ -43,10 +43,15 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
         record.extend(cell.interval.map_or_else(Default::default, |ends| ends.map(|end| end.to_string())));
         record.push(cell.counts.map_or_else(String::new, |counts| counts.scenes.to_string()));
         if column.quantity == Quantity::Seconds {
-            record.extend(cell.timing.as_ref().map_or_else(Default::default, |timing| {
-                [timing.spread.mad.to_string(), timing.machine.to_string(), timing.busy.to_string()]
-            }));
+            record.extend(cell.timing.as_ref().map_or_else(Default::default, about_time));
         }
     }
     record
+}
+
+/// What follows a time, in the order of [`CSV_TIME_SUFFIXES`].
+fn about_time(timing: &CellTiming) -> [String; CSV_TIME_SUFFIXES.len()] {
+    let scope = timing.scope.map_or_else(String::new, |scope| scope.remark().to_owned());
+    let device = timing.device.clone().unwrap_or_default();
+    [timing.spread.mad.to_string(), timing.machine.to_string(), timing.busy.to_string(), scope, device]
 }

@@ -77,6 +77,7 @@ const fn is_printed(kind: NoteKind) -> bool {
         | NoteKind::Untrained
         | NoteKind::NotComputed
         | NoteKind::Busy
+        | NoteKind::TimeScope
         | NoteKind::Unranked
         | NoteKind::Forced
         | NoteKind::Trend
@@ -115,8 +116,8 @@ fn cells(table: &Table, row: &Row, labels: &[String], measured: bool) -> Vec<Str
         Origin::Measured => format!("\\scriptsize\\raggedright {}", escaped(row.origin_text())),
     };
     cells.extend(measured.then_some(origin));
-    cells.extend(table.columns().map(|(place, column)| {
-        let cell = row.cell(place);
+    cells.extend(table.columns().map(|(index, column)| {
+        let cell = row.cell(index);
         let text = escaped(&cell.print(column));
         match cell.mark {
             Mark::Best => format!("\\textbf{{{text}}}"),

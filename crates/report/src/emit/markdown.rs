@@ -6,8 +6,8 @@ pub(super) fn write(table: &Table) -> String {
     let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
     heads.extend(measured.then(|| "measured on".to_owned()));
     let names = heads.len();
-    for ((group, _), column) in table.columns() {
-        let title = &table.groups[group].title;
+    for (index, column) in table.columns() {
+        let title = &table.groups[index.group].title;
         let head = if title.is_empty() { column.head() } else { format!("{}, {title}", column.head()) };
         heads.push(escaped(&head));
     }
@@ -19,7 +19,7 @@ pub(super) fn write(table: &Table) -> String {
     for row in &table.rows {
         let mut cells: Vec<String> = row.printed_labels().iter().map(|label| escaped(label)).collect();
         cells.extend(measured.then(|| escaped(row.origin_text())));
-        cells.extend(table.columns().map(|(place, column)| number(row.cell(place), column)));
+        cells.extend(table.columns().map(|(index, column)| number(row.cell(index), column)));
         text.push_str(&line(&cells));
     }
     text.push('\n');

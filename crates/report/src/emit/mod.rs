@@ -19,7 +19,7 @@ use crate::ReportError;
 use crate::table::{Table, verdict};
 
 /// Version of the JSON format of tables.
-const JSON_VERSION: u32 = 2;
+const JSON_VERSION: u32 = 3;
 
 /// A file format of tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

@@ -3,7 +3,7 @@ use crate::table::{Outcome, Table};
 use super::markdown::escaped;
 
 /// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured,
-/// what was measured here with its paired interval, and whether the order holds. `None` if there is no such pair.
+/// what was measured here with its paired interval, and whether the order is the same. `None` if there is no such pair.
 pub fn orders_as_markdown(tables: &[Table]) -> Option<String> {
     let sections: Vec<String> = tables.iter().filter(|table| !table.orders.is_empty()).map(section).collect();
     (!sections.is_empty()).then(|| {

@@ -1,7 +1,7 @@
 use unicode_width::UnicodeWidthStr as _;
 
 use crate::plot::Origin;
-use crate::table::{Mark, Place, Row, Table};
+use crate::table::{CellIndex, Mark, Row, Table};
 
 /// Draws tables with box characters for a terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,48 +70,48 @@ impl Terminal {
 
     /// Splits the columns into parts that fit the width.
     fn parts(&self, table: &Table) -> Vec<Part> {
-        let columns: Vec<Place> = table.columns().map(|(place, _)| place).collect();
-        let width = |place: &Place| self.part_of(table, &[*place]).widths()[0] + 3;
+        let columns: Vec<CellIndex> = table.columns().map(|(index, _)| index).collect();
+        let width = |index: &CellIndex| self.part_of(table, &[*index]).widths()[0] + 3;
         let lead = widths(&row_headers(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
-        let mut parts: Vec<Vec<Place>> = Vec::new();
-        let mut part: Vec<Place> = Vec::new();
+        let mut parts: Vec<Vec<CellIndex>> = Vec::new();
+        let mut part: Vec<CellIndex> = Vec::new();
         let mut used = lead;
-        for group in columns.chunk_by(|a, b| a.0 == b.0) {
-            let columns_of: usize = group.iter().map(width).sum();
+        for group in columns.chunk_by(|a, b| a.group == b.group) {
+            let together: usize = group.iter().map(width).sum();
             // A heading wider than its columns widens the last of them.
-            let heading = group.first().map_or(0, |place| table.groups[place.0].title.width() + 3);
-            let together = columns_of.max(heading);
-            for (at, place) in group.iter().enumerate() {
-                let own = width(place);
-                let needed = if at == 0 { together } else { own };
+            let heading = group.first().map_or(0, |index| table.groups[index.group].title.width() + 3);
+            let excess = heading.saturating_sub(together);
+            for (at, index) in group.iter().enumerate() {
+                let column = width(index);
+                let needed = if at == 0 { together + excess } else { column };
                 if used + needed > self.width && !part.is_empty() {
                     parts.push(std::mem::take(&mut part));
                     used = lead;
                 }
-                used += if at == 0 { own + together - columns_of } else { own };
-                part.push(*place);
+                used += if at == 0 { column + excess } else { column };
+                part.push(*index);
             }
         }
         parts.push(part);
-        parts.iter().map(|places| self.part_of(table, places)).collect()
+        parts.iter().map(|columns| self.part_of(table, columns)).collect()
     }
 
-    fn part_of(&self, table: &Table, places: &[Place]) -> Part {
-        let text = |row: &Row, place: &Place| {
-            let cell = row.cell(*place);
+    fn part_of(&self, table: &Table, columns: &[CellIndex]) -> Part {
+        let text = |row: &Row, index: &CellIndex| {
+            let cell = row.cell(*index);
             let sign = match cell.mark {
                 _ if self.styled => "",
                 Mark::Best => "*",
                 Mark::Second => "_",
                 Mark::Plain => "",
             };
-            Text { text: format!("{}{sign}", clean(&cell.print(table.column(*place)))), mark: cell.mark }
+            Text { text: format!("{}{sign}", clean(&cell.print(table.column(*index)))), mark: cell.mark }
         };
-        let groups = places.chunk_by(|a, b| a.0 == b.0);
+        let groups = columns.chunk_by(|a, b| a.group == b.group);
         Part {
-            groups: groups.map(|own| (clean(&table.groups[own[0].0].title), own.len())).collect(),
-            heads: places.iter().map(|place| clean(&table.column(*place).head())).collect(),
-            rows: table.rows.iter().map(|row| places.iter().map(|place| text(row, place)).collect()).collect(),
+            groups: groups.map(|group| (clean(&table.groups[group[0].group].title), group.len())).collect(),
+            heads: columns.iter().map(|index| clean(&table.column(*index).head())).collect(),
+            rows: table.rows.iter().map(|row| columns.iter().map(|index| text(row, index)).collect()).collect(),
         }
     }
 
@@ -123,10 +123,10 @@ impl Terminal {
         let mut at = 0;
         let mut headings = Vec::new();
         for (title, count) in &part.groups {
-            let own = &mut column_widths[at..at + count];
-            let room = own.iter().sum::<usize>() + 3 * (count - 1);
-            own[count - 1] += title.width().saturating_sub(room);
-            headings.push(centred(title, own.iter().sum::<usize>() + 3 * count - 1));
+            let group_widths = &mut column_widths[at..at + count];
+            let room = group_widths.iter().sum::<usize>() + 3 * (count - 1);
+            group_widths[count - 1] += title.width().saturating_sub(room);
+            headings.push(centred(title, group_widths.iter().sum::<usize>() + 3 * count - 1));
             at += count;
         }
         let all: Vec<usize> = lead_widths.iter().chain(&column_widths).copied().collect();
@@ -159,15 +159,15 @@ impl Terminal {
                     if row.origin == Origin::Published { self.with_style(&name, FAINT) } else { name }
                 })
             };
-            let numbers = part.rows.get(at).into_iter().flatten().zip(&column_widths).map(|(own, width)| {
-                let space = " ".repeat(width.saturating_sub(own.text.width()));
-                let style = match (own.mark, row.origin) {
+            let numbers = part.rows.get(at).into_iter().flatten().zip(&column_widths).map(|(number, width)| {
+                let space = " ".repeat(width.saturating_sub(number.text.width()));
+                let style = match (number.mark, row.origin) {
                     (Mark::Best, _) => BOLD,
                     (Mark::Second, _) => UNDERLINE,
                     (Mark::Plain, Origin::Published) => FAINT,
-                    (Mark::Plain, Origin::Measured) => return format!("{space}{}", own.text),
+                    (Mark::Plain, Origin::Measured) => return format!("{space}{}", number.text),
                 };
-                format!("{space}{}", self.with_style(&own.text, style))
+                format!("{space}{}", self.with_style(&number.text, style))
             });
             text.push_str(&format!("│ {} │\n", name_at(0).chain(numbers).collect::<Vec<_>>().join(" │ ")));
             for line in 1..lines {

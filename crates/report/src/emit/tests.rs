@@ -34,10 +34,10 @@ fn writes_ablations_and_grouped_tables() {
 
 /// The ends of an interval are called `low` and `high` too.
 #[test]
-fn columns_of_csv_have_names_of_their_own_whatever_the_bins_are_called() {
-    let mut own = preset("re10k-overlap");
-    own.toml = own.toml.replace("\"small\"", "\"low\"").replace("\"large\"", "\"high\"");
-    let results = results(vec![own], vec![floor()]);
+fn columns_of_csv_have_different_names_whatever_the_bins_are_called() {
+    let mut renamed = preset("re10k-overlap");
+    renamed.toml = renamed.toml.replace("\"small\"", "\"low\"").replace("\"large\"", "\"high\"");
+    let results = results(vec![renamed], vec![floor()]);
     let table = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap().swap_remove(0);
     let text = TableFormat::Csv.write(&table).unwrap();
     let head: Vec<&str> = text.lines().next().unwrap().split(',').collect();
@@ -135,7 +135,7 @@ fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
 /// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.
 #[test]
 fn labels_are_no_arguments_of_the_latex_above_them() {
-    let methods = ["[9mm] own", "*own", "own [9mm]*"].map(|title| {
+    let methods = ["[9mm] method", "*method", "method [9mm]*"].map(|title| {
         let mut method = floor();
         (method.name, method.title) = (title.to_owned(), title.to_owned());
         method
@@ -144,7 +144,9 @@ fn labels_are_no_arguments_of_the_latex_above_them() {
     let source = Source { label: "run", results: &results };
     let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
     let latex = TableFormat::Latex.write(&table).unwrap();
-    for expected in ["\\midrule\n{}[9mm] own & ", "\\tabularnewline\n{}*own & ", "\\tabularnewline\nown [9mm]* & "] {
+    for expected in
+        ["\\midrule\n{}[9mm] method & ", "\\tabularnewline\n{}*method & ", "\\tabularnewline\nmethod [9mm]* & "]
+    {
         assert!(latex.contains(expected), "{expected}\n{latex}");
     }
 }
@@ -157,7 +159,7 @@ fn latex_compiles_and_no_table_is_wider_than_its_page() {
     method.title = format!("{HOSTILE} %{{}}$^~# & \\input{{/etc/passwd}} with a name of many words").replace('>', "> ");
     let presets = ["re10k-2v-256", "rooms-2v-128", "dl3dv-6v-256x448"].map(preset).into();
     let mut bracketed = floor();
-    (bracketed.name, bracketed.title) = ("bracketed".to_owned(), "[own]".to_owned());
+    (bracketed.name, bracketed.title) = ("bracketed".to_owned(), "[method]".to_owned());
     let results = results(presets, vec![method, atsplat("atsplat", |_| ()), bracketed]);
     let mut pages = String::new();
     for name in TableDefinition::names() {
@@ -232,10 +234,10 @@ fn csv_has_full_precision_and_json_every_row() {
     let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
     let text = TableFormat::Csv.write(&table).unwrap();
     let records = crate::csv_text::parse(&text).unwrap();
-    let at = |name: &str| records[0].iter().position(|own| own == name).unwrap();
-    let own = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
-    let record = &records[own + 1];
-    let cell = &table.rows[own].cells[0][0];
+    let at = |name: &str| records[0].iter().position(|head| head == name).unwrap();
+    let position = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
+    let record = &records[position + 1];
+    let cell = &table.rows[position].cells[0][0];
     assert_eq!(record[at("psnr")].parse::<f64>().unwrap().to_bits(), cell.value.number().unwrap().to_bits());
     assert_eq!(record[at("psnr_low")].parse::<f64>().unwrap().to_bits(), cell.interval.unwrap()[0].to_bits());
     assert_eq!((record[at("psnr_scenes")].as_str(), record[at("lpips")].as_str()), ("7", ""));

@@ -103,7 +103,7 @@ fn optimisation() -> OptimisationCurves {
         quality: metric("psnr"),
         palette: ["ATSplat + refinement", "3DGS", "Mip-Splatting"].map(str::to_owned).to_vec(),
         panels: [2, 3, 6, 12].map(panel).to_vec(),
-        note: "Bars: 95 % intervals over scenes.".to_owned(),
+        note: "Points of one curve differ in the budget of their optimisation.".to_owned(),
     }
 }
 
@@ -154,6 +154,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         cost,
         quality: metric("psnr"),
         points: published.into_iter().chain(measured).collect(),
+        note: String::new(),
     }
 }
 
@@ -265,6 +266,7 @@ fn ablation() -> Ablation {
             row("Learnable, direct xyz", Ok(21.05), 18.4, -3.5),
             row("None, direct xyz", Err("Diverged"), 16.2, -5.7),
         ],
+        note: String::new(),
     }
 }
 
@@ -293,14 +295,14 @@ fn budget_histogram() -> BudgetHistogram {
 fn k_scaling() -> KScaling {
     let published =
         [(4.0, 27.63, 5e3), (8.0, 28.25, 11e3), (16.0, 28.46, 23e3), (32.0, 28.66, 46e3), (64.0, 28.73, 92e3)];
-    let own = [(4.0, 27.1), (8.0, 27.7), (16.0, 28.0), (32.0, 28.1)];
+    let measured = [(4.0, 27.1), (8.0, 27.7), (16.0, 28.0), (32.0, 28.1)];
     let published = published.map(|(k, quality, gaussians)| KPoint {
         k,
         quality: Estimate::exact(quality),
         gaussians: Some(gaussians),
         origin: Origin::Published,
     });
-    let own = own.map(|(k, quality)| KPoint {
+    let measured = measured.map(|(k, quality)| KPoint {
         k,
         quality: around(quality, 0.15),
         gaussians: Some(1440.0 * k),
@@ -310,7 +312,8 @@ fn k_scaling() -> KScaling {
         title: "PSNR against K".to_owned(),
         subtitle: format!("RealEstate10K, 2 views; {SYNTHETIC}"),
         quality: metric("psnr"),
-        points: published.into_iter().chain(own).collect(),
+        points: published.into_iter().chain(measured).collect(),
+        note: String::new(),
     }
 }
 
@@ -464,12 +467,14 @@ fn stage_time() -> StageTime {
             .zip(secs)
             .map(|(name, secs)| (name.to_owned(), secs))
             .collect(),
+        total: Some(secs.iter().sum()),
         spread: Some([0.97, 1.08].map(|share| share * secs.iter().sum::<f64>())),
         untimed: None,
     };
     let untimed = StageTimeRow {
         label: "imported: DepthSplat".to_owned(),
         stages: Vec::new(),
+        total: None,
         spread: None,
         untimed: Some("no timing pass was made: `atsplat run --timing` makes one".to_owned()),
     };

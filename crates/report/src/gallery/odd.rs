@@ -61,6 +61,8 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     gaps.series[1].points[5].1.interval = None;
     let mut stages = stage_time();
     stages.rows[0].stages = (0..12).map(|at| (format!("stage {at}"), 1e-5 * f64::from(at + 1))).collect();
+    let mut untimed = stage_time();
+    untimed.rows[3].untimed = Some(format!("{}\n", long.trim()).repeat(4));
     empty[0].series.clear();
     empty[1].series.iter_mut().for_each(|series| series.points.clear());
     vec![
@@ -99,6 +101,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("an outlier", outlier.draw()),
         ("gaps", gaps.draw()),
         ("many stages", stages.draw()),
+        ("a long reason", untimed.draw()),
         ("no samples", ContactSheet { rows: Vec::new(), ..contact_sheet() }.draw()),
         ("no cases", StressErrors { errors: &[] }.draw()),
         ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),

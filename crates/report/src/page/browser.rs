@@ -21,7 +21,7 @@ pub(super) fn chromium(test: &'static str) -> Option<PathBuf> {
     found
 }
 
-/// What a page's own test sends to the window around it, in a frame of this width: windows cannot be as narrow as a
+/// What the test in a page sends to the window around it, in a frame of this width: windows cannot be as narrow as a
 /// phone. Time is real, because images are decoded by threads that a virtual clock does not wait for. WebGL is drawn in
 /// software.
 pub(super) fn report_in_frame(chromium: &Path, page: &str, width: u32) -> Map<String, Value> {

@@ -4,23 +4,25 @@ use super::PageStore;
 use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{
-    Cell, Column, Place, Row, StoreProtocol, Table, WITHOUT_LEAKED, distinct, is_changed, short, short_commit,
+    Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, distinct, is_changed, short, short_commit,
 };
 
+/// A protocol behind a number, and the provenance of its store.
+#[derive(Clone, Copy)]
+struct Measured<'a> {
+    protocol: &'a StoreProtocol,
+    provenance: &'a Provenance,
+}
+
 /// One line with everything that a number depends on; `None` for published and absent numbers.
-pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
-    let cell = row.cell(place);
+pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[PageStore<'_>]) -> Option<String> {
+    let cell = row.cell(index);
     let number = cell.value.number().filter(|_| row.origin == Origin::Measured)?;
-    let (group, column) = (&table.groups[place.0], table.column(place));
-    let measured: Vec<(&StoreProtocol, &Provenance)> = row
-        .measured(place.0)
-        .into_iter()
-        .map(|own| {
-            let store = stores.iter().find(|store| store.source.label == own.store)?;
-            Some((own, &store.source.results.provenance))
-        })
-        .collect::<Option<_>>()?;
-    let (first, provenance) = *measured.first()?;
+    let (group, column) = (&table.groups[index.group], table.column(index));
+    let protocols = row.measured(index.group).into_iter();
+    let measured: Vec<Measured<'_>> =
+        protocols.map(|protocol| Measured::of(protocol, stores)).collect::<Option<_>>()?;
+    let first = *measured.first()?;
     // Without the interval and the marks of its cell: they follow in words.
     let mut text = format!("{} {}", column.title, column.format(number));
     if let Some([low, high]) = cell.interval {
@@ -28,36 +30,37 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     }
     text.push_str(&behind(cell, column));
     if row.without_leaked {
-        text.push_str(&format!(", {WITHOUT_LEAKED}"));
+        text.push_str(&format!(", {LEAKED_EXCLUDED}"));
     }
     if !group.title.is_empty() {
         text.push_str(&format!(" ({})", group.title));
     }
-    let method = method_of(first, provenance).filter(|_| !row.is_over_trainings());
+    let method = first.method().filter(|_| !row.is_over_trainings());
     let name = method.map_or_else(|| row.labels.join(" "), |method| method.title.clone());
     text.push_str(&format!("; method {name}"));
     // A size over several trainings has no counts that would number them.
     if row.is_over_trainings() && cell.trainings.is_none() {
         text.push_str(&format!(", mean of {} trainings", measured.len()));
     }
-    for remark in distinct(measured.iter().flat_map(|(own, _)| &own.remarks)) {
+    for remark in distinct(measured.iter().flat_map(|one| &one.protocol.remarks)) {
         text.push_str(&format!(", {remark}"));
     }
     if row.is_over_trainings() {
-        for (own, provenance) in &measured {
-            let facts = method_of(own, provenance).map(facts).unwrap_or_default();
-            text.push_str(&format!("; training {} of store {}{facts}", own.method, own.store));
+        for training in &measured {
+            let StoreProtocol { method, store, .. } = training.protocol;
+            let facts = training.method().map(facts).unwrap_or_default();
+            text.push_str(&format!("; training {method} of store {store}{facts}"));
         }
     } else {
         text.push_str(&method.map(facts).unwrap_or_default());
     }
-    for protocol in distinct(measured.iter().filter_map(|(own, provenance)| protocol(own, provenance))) {
+    for protocol in distinct(measured.iter().filter_map(|one| one.protocol_in_words())) {
         text.push_str(&format!("; {protocol}"));
     }
     if let Quantity::Metric(metric) = column.quantity {
         text.push_str(&format!("; {}: {}", metric.id, metric.convention));
     }
-    for origin in distinct(measured.iter().map(|(_, provenance)| origin(provenance, cell))) {
+    for origin in distinct(measured.iter().map(|one| origin(one.provenance, cell))) {
         text.push_str(&format!("; {origin}"));
     }
     Some(text)
@@ -92,10 +95,6 @@ fn behind(cell: &Cell, column: &Column) -> String {
     text
 }
 
-fn method_of<'a>(own: &StoreProtocol, provenance: &'a Provenance) -> Option<&'a MethodRecord> {
-    provenance.methods.iter().find(|method| method.name == own.method)
-}
-
 /// Weights, renderer and devices of a method.
 fn facts(method: &MethodRecord) -> String {
     let mut text = String::new();
@@ -113,23 +112,35 @@ fn facts(method: &MethodRecord) -> String {
     text
 }
 
-fn protocol(own: &StoreProtocol, provenance: &Provenance) -> Option<String> {
-    let preset = provenance.presets.iter().find(|preset| preset.name == own.preset)?;
-    let index = preset.index_name.as_deref().unwrap_or("unpublished");
-    let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
-    let changed = if is_changed(preset) { " (changed)" } else { "" };
-    let part = provenance.part().map_or_else(String::new, |part| format!(" ({part} of the run)"));
-    let mut text = format!(
-        "protocol {}@{hash}{changed}, index {index}@{digest}, {} of {} entries{part}, data {}",
-        preset.name, preset.entries, preset.entries_of_index, preset.dataset
-    );
-    if let Some(published) = &preset.stands_for {
-        text.push_str(&format!(" (in place of {published}: not the published setting)"));
+impl<'a> Measured<'a> {
+    fn of(protocol: &'a StoreProtocol, stores: &[PageStore<'a>]) -> Option<Self> {
+        let store = stores.iter().find(|store| store.source.label == protocol.store)?;
+        Some(Self { protocol, provenance: &store.source.results.provenance })
     }
-    Some(text)
+
+    fn method(self) -> Option<&'a MethodRecord> {
+        self.provenance.method(&self.protocol.method)
+    }
+
+    /// Preset, index and data, with their hashes.
+    fn protocol_in_words(self) -> Option<String> {
+        let preset = self.provenance.preset(&self.protocol.preset)?;
+        let index = preset.index_name.as_deref().unwrap_or("unpublished");
+        let (hash, index_hash) = (short(&preset.hash), short(&preset.index_sha256));
+        let changed = if is_changed(preset) { " (changed)" } else { "" };
+        let part = self.provenance.part().map_or_else(String::new, |part| format!(" ({part} of the run)"));
+        let mut text = format!(
+            "protocol {}@{hash}{changed}, index {index}@{index_hash}, {} of {} entries{part}, data {}",
+            preset.name, preset.entries, preset.entries_of_index, preset.dataset
+        );
+        if let Some(published) = &preset.stands_for {
+            text.push_str(&format!(" (in place of {published}: not the published setting)"));
+        }
+        Some(text)
+    }
 }
 
-/// What ran, and where; a time is that of its machine, which may be another one than that of the scores.
+/// What ran, and where; a time is that of its machine, which may differ from that of the scores.
 fn origin(provenance: &Provenance, cell: &Cell) -> String {
     let commit =
         provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short_commit(commit)));

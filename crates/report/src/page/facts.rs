@@ -1,8 +1,10 @@
 use std::collections::BTreeSet;
 
+use atsplat_numeric::noun;
+
 use super::{PageStore, escaped};
+use crate::counted;
 use crate::table::{Table, distinct, short, short_commit, verdict};
-use crate::{counted, noun};
 
 /// A summary in a few numbers, then a line per table.
 pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
@@ -96,8 +98,8 @@ fn store(store: &PageStore<'_>) -> String {
     }
     let names = distinct(facts.iter().map(|(name, _)| *name));
     let values = |name: &str| -> String {
-        let own = facts.iter().filter(|(other, _)| *other == name);
-        own.map(|(_, value)| format!("<dd>{}</dd>", escaped(value))).collect()
+        let of_name = facts.iter().filter(|(other, _)| *other == name);
+        of_name.map(|(_, value)| format!("<dd>{}</dd>", escaped(value))).collect()
     };
     let facts: String = names.into_iter().map(|name| format!("<dt>{name}</dt>{}", values(name))).collect();
     format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(store.source.label))

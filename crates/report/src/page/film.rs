@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn images_stand_beside_each_other_row_by_row() {
+    fn images_are_side_by_side_row_by_row() {
         let joined = side_by_side(&[striped(2, 7), striped(1, 9)]).unwrap();
         assert_eq!((joined.width(), joined.height()), (3, 2));
         assert_eq!(
@@ -105,7 +105,7 @@ mod tests {
             frames,
         };
         let file = film.animated_png().unwrap();
-        assert_eq!(file.windows(4).filter(|own| own == b"fcTL").count(), 5);
+        assert_eq!(file.windows(4).filter(|bytes| bytes == b"fcTL").count(), 5);
         let player = film.player().unwrap();
         assert!(
             player.contains("max=\"4\"") && player.contains("a&lt;b") && player.contains("width=\"16\" height=\"2\"")

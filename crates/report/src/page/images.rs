@@ -10,7 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
 use crate::counted;
-use crate::figures::first_metric;
+use crate::plot_data::first_metric;
 
 /// The images of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
 /// trial first; a trial adds its context, its truths and the renders of all methods.

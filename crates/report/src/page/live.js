@@ -65,25 +65,25 @@
     ask();
   };
 
-  const frustum = own => {
-    const [back, shift] = [transposed(rotationOf(own)), translationOf(own).map(value => -value)];
-    const seen = plus(apply(rotationOf(own), scene.focus), translationOf(own));
+  const frustum = framed => {
+    const [back, shift] = [transposed(rotationOf(framed)), translationOf(framed).map(value => -value)];
+    const seen = plus(apply(rotationOf(framed), scene.focus), translationOf(framed));
     const depth = .12 * Math.hypot(...seen);
     const world = point => apply(back, plus(point, shift));
-    const corner = (x, y) => world([(x - own.principal[0]) / own.focal[0] * depth, (y - own.principal[1]) / own.focal[1] * depth, depth]);
-    const [w, h] = own.size;
+    const corner = (x, y) => world([(x - framed.principal[0]) / framed.focal[0] * depth, (y - framed.principal[1]) / framed.focal[1] * depth, depth]);
+    const [w, h] = framed.size;
     const corners = [corner(0, 0), corner(w, 0), corner(w, h), corner(0, h)];
     const centre = world([0, 0, 0]);
     const top = corner(w / 2, -h / 4);
     const ends = corners.flatMap((one, i) => [centre, one, one, corners[(i + 1) % 4]]).concat([corners[0], top, top, corners[1]]);
-    const tone = own.context ? [.95, .45, 0] : [.25, .65, 1];
+    const tone = framed.context ? [.95, .45, 0] : [.25, .65, 1];
     return ends.flatMap(end => [...end, ...tone]);
   };
   const view = () => ({ rotation, translation, focal: camera.focal.map(one => one * zoom), principal: camera.principal.map(one => one * zoom), zoom });
   const draw = () => {
     waiting = false;
     splatter.upload(stage());
-    const segments = frusta.checked ? scene.cameras.filter(own => own !== camera || moved()).flatMap(frustum) : [];
+    const segments = frusta.checked ? scene.cameras.filter(other => other !== camera || moved()).flatMap(frustum) : [];
     splatter.draw(stage(), scene.convention, view(), Number(tint.value), segments);
   };
   const moved = () => rotation.some((value, place) => value !== rotationOf(camera)[place]) || translation.some((value, place) => value !== translationOf(camera)[place]);
@@ -97,7 +97,7 @@
     scene = scenes[sceneSelect.value];
     block.max = scene.stages.length - 1;
     block.value = block.max;
-    const options = scene.cameras.map((own, value) => Object.assign(document.createElement('option'), { value, textContent: (own.context ? 'context' : 'target') + ', frame ' + own.frame }));
+    const options = scene.cameras.map((each, value) => Object.assign(document.createElement('option'), { value, textContent: (each.context ? 'context' : 'target') + ', frame ' + each.frame }));
     cameraSelect.replaceChildren(...options);
     tint.options[2].disabled = !scene.uncertainty;
     if (tint.options[2].disabled && tint.value === '2') tint.value = '0';
@@ -105,8 +105,8 @@
     jump();
   };
   const describe = () => {
-    const own = stage();
-    note.textContent = own.label + ': ' + own.shown + ' Gaussians' + (own.shown < own.all ? ' (' + (own.all - own.shown) + ' too faint for any pixel are left out)' : '');
+    const { label, shown, all } = stage();
+    note.textContent = label + ': ' + shown + ' Gaussians' + (shown < all ? ' (' + (all - shown) + ' too faint for any pixel are left out)' : '');
     root.dataset.tint = tint.value;
     if (scene.uncertainty) at('live-range').textContent = scene.uncertainty.map(value => value.toFixed(2)).join(' to ');
     ask();

@@ -78,7 +78,7 @@ fn row(trial: &LiveTrial) -> Result<String, ReportError> {
 pub(super) fn data(trials: &[LiveTrial]) -> Vec<Value> {
     let stages = |scene: &LiveScene| {
         let last = scene.stages.len().saturating_sub(1);
-        scene.stages.iter().enumerate().map(|(at, own)| stage(own, at == last)).collect::<Vec<_>>()
+        scene.stages.iter().enumerate().map(|(at, live)| stage(live, at == last)).collect::<Vec<_>>()
     };
     let to_json = |LiveTrial { scene, .. }: &LiveTrial| {
         let constants = &scene.options.constants;

@@ -1,4 +1,4 @@
-//! The live view in a real browser, pixel by pixel beside our renderer.
+//! The live view in a real browser, compared pixel by pixel with our renderer.
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::live::{LiveCamera, LiveScene, LiveStage};
@@ -28,7 +28,7 @@ fn gaussians(count: u32) -> Gaussians {
         parts.quaternions.push([0; 4].map(|_| draw(-1.0, 1.0)));
         parts.log_scales.push([0; 3].map(|_| draw(-5.0, -1.6)));
         parts.opacity_logits.push(draw(-3.0, 4.0));
-        parts.sh.push([mean[0], mean[1], 3.0 - mean[2]].map(|own| own + draw(-0.6, 0.6)));
+        parts.sh.push([mean[0], mean[1], 3.0 - mean[2]].map(|colour| colour + draw(-0.6, 0.6)));
     }
     Gaussians::new(parts).unwrap()
 }
@@ -50,7 +50,7 @@ fn coloured(gaussians: &Gaussians, block: impl Fn(usize) -> usize) -> Gaussians 
     let mut parts = gaussians.parts().clone();
     for (at, colour) in parts.sh.iter_mut().enumerate() {
         #[expect(clippy::cast_possible_truncation, reason = "a coefficient")]
-        let coefficient = |own| ((f64::from(own) - 0.5) / sh::C0) as f32;
+        let coefficient = |level| ((f64::from(level) - 0.5) / sh::C0) as f32;
         *colour = BLOCKS[block(at)].map(coefficient);
     }
     Gaussians::new(parts).unwrap()
@@ -67,7 +67,7 @@ fn film() -> Film {
 /// Compares the page's pixels with the reference renderer's from the pose that the page reports; returns the pose.
 fn compared(name: &str, report: &Value, gaussians: &Gaussians, base: &View) -> CameraFromWorld {
     let numbers =
-        |value: &Value| value.as_array().unwrap().iter().map(|own| own.as_f64().unwrap()).collect::<Vec<f64>>();
+        |value: &Value| value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect::<Vec<f64>>();
     assert_eq!(numbers(&report["size"]), [120.0, 80.0]);
     let rows: [f64; 12] = numbers(&report["camera_from_world"]).try_into().unwrap();
     let rotation = DMat3::from_cols_array(&[0, 1, 2, 4, 5, 6, 8, 9, 10].map(|at| rows[at])).transpose();
@@ -107,7 +107,7 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
         focus: focus.to_array(),
         options: options(),
         stages: [(0, &few), (1, &all)]
-            .map(|(blocks, own)| LiveStage::of(blocks, own, 10, &labels(own.len()), 1.0 / 255.0))
+            .map(|(blocks, shown)| LiveStage::of(blocks, shown, 10, &labels(shown.len()), 1.0 / 255.0))
             .into(),
         uncertainty: Some([0.1, 0.9]),
     };

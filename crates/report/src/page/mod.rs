@@ -157,7 +157,10 @@ impl Page<'_> {
 
     /// The sections with plots before the tables, or those after them.
     fn shown(&self, before: bool) -> impl Iterator<Item = (usize, &PlotSection)> {
-        self.sections.iter().enumerate().filter(move |(_, own)| own.before_tables == before && !own.plots.is_empty())
+        self.sections
+            .iter()
+            .enumerate()
+            .filter(move |(_, section)| section.before_tables == before && !section.plots.is_empty())
     }
 
     fn sections(&self, before: bool) -> Result<String, ReportError> {
@@ -223,7 +226,7 @@ fn figures(plots: &[(String, Drawing)]) -> Result<String, ReportError> {
 
 /// Fills the slots of the page in one pass; inserted text is not searched for slots.
 fn filled(page: &str, slots: &[(&str, String)]) -> String {
-    let mut text = String::with_capacity(page.len() + slots.iter().map(|(_, own)| own.len()).sum::<usize>());
+    let mut text = String::with_capacity(page.len() + slots.iter().map(|(_, content)| content.len()).sum::<usize>());
     let mut rest = page;
     while let Some((before, after)) = rest.split_once("{{") {
         text.push_str(before);
@@ -232,8 +235,8 @@ fn filled(page: &str, slots: &[(&str, String)]) -> String {
             rest = after;
             break;
         };
-        if let Some((_, own)) = slots.iter().find(|(known, _)| *known == name) {
-            text.push_str(own);
+        if let Some((_, content)) = slots.iter().find(|(known, _)| *known == name) {
+            text.push_str(content);
         }
         rest = behind;
     }

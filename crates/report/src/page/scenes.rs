@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::PageStore;
 use super::images::Album;
-use crate::figures::title_of;
+use crate::plot_data::title_of;
 
 /// Metrics for which any target has a score, in the order of their definitions.
 pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
@@ -37,10 +37,10 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
         }
         let mut by_run: BTreeMap<(&str, &str), Vec<Value>> = BTreeMap::new();
         for trial in &results.trials {
-            let own = targets.get(&trial.key).map_or(&[][..], Vec::as_slice);
+            let targets = targets.get(&trial.key).map_or(&[][..], Vec::as_slice);
             let trial_json = trial_to_json(
                 trial,
-                own,
+                targets,
                 &psnrs,
                 encoding(results, trial),
                 &|row| album.places(at, row),
@@ -49,14 +49,14 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
             by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(trial_json);
         }
         for ((preset, method), trials) in by_run {
-            let record = results.provenance.methods.iter().find(|record| record.name == method);
+            let record = results.provenance.method(method);
             let title = record.map_or_else(|| method.to_owned(), |record| title_of(results, record));
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
-            let own = results.provenance.presets.iter().find(|own| own.name == preset);
+            let preset_record = results.provenance.preset(preset);
             runs.push(json!({
                 "label": format!("{preset} · {title}{store}"),
                 "protocol": preset,
-                "protocol_hash": own.map(|own| format!("{} {}", own.hash, own.index_sha256)),
+                "protocol_hash": preset_record.map(|preset| format!("{} {}", preset.hash, preset.index_sha256)),
                 "title": format!("{title}{store}"),
                 "trials": trials,
             }));
@@ -69,10 +69,10 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
 /// while the machine was busy.
 fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
     let machine = machine_of(results, &trial.key.preset)?;
-    let own = |row: &&TimingRow| {
+    let is_of_trial = |row: &&TimingRow| {
         row.is_timed() && row.key == trial.key && row.trial_hash == trial.trial_hash && row.machine == *machine
     };
-    let last = results.timings.iter().filter(own).max_by_key(|row| row.started)?;
+    let last = results.timings.iter().filter(is_of_trial).max_by_key(|row| row.started)?;
     median(last.encode.iter().copied()).filter(|_| !last.load.is_busy())
 }
 
@@ -117,8 +117,8 @@ fn trial_to_json(
 
 /// The variants of PSNR among the metrics of a store.
 fn psnrs(results: &Results) -> Vec<&'static str> {
-    let own = results.provenance.metrics.iter().filter_map(|record| definition(&record.id));
-    own.filter(|metric| matches!(metric.measure, Measure::Psnr { .. })).map(|metric| metric.id).collect()
+    let metrics = results.provenance.metrics.iter().filter_map(|record| definition(&record.id));
+    metrics.filter(|metric| matches!(metric.measure, Measure::Psnr { .. })).map(|metric| metric.id).collect()
 }
 
 /// Scores of one image: a PSNR that is infinite, because the compared images are identical, is the declared cap.
@@ -144,13 +144,13 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
         .collect();
     format!(
         "<p class=\"hint\">{}</p>\n<div class=\"choose\"><label>Run <select id=\"run\"></select></label> \
-         <label>Beside <select id=\"beside\"></select></label> <label>Order <select id=\"order\">\
+         <label>Compare with <select id=\"compared\"></select></label> <label>Order <select id=\"order\">\
          <option value=\"worst\">worst first</option><option value=\"typical\">typical first</option><option value=\"best\">best \
          first</option><option value=\"difference\">by difference</option></select></label> \
          <label>by <select id=\"metric\"></select></label></div>\n<div class=\"strip\" id=\"extremes\"></div>\n\
          <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"List of scenes\"><table><thead><tr>\
          <th class=\"label\">Scene</th>{heads}\
-         <th id=\"lead\" title=\"positive: better than the run beside, over the targets that both have on the same data\" hidden>Lead</th><td></td></tr></thead><tbody id=\"list\"></tbody></table></div>\
+         <th id=\"difference\" title=\"positive: better than the compared run, over targets that both have\" hidden>Difference</th><td></td></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )
@@ -191,7 +191,7 @@ mod tests {
         assert_eq!(encoding(&results, &results.trials[0]), None);
     }
 
-    /// A target of 20 dB beside one whose render equals the truth, as tables average them: 20, not 60.
+    /// A target of 20 dB with one whose render equals the truth, as tables average them: 20, not 60.
     #[test]
     fn identical_renders_are_in_no_mean() {
         for psnr in ["psnr", "psnr-8bit-truncated"] {

@@ -65,7 +65,7 @@
   }
   at('cite-copy').addEventListener('click', event => flash(event.target, copy(at('cite-text').textContent) ? 'Copied' : 'Not copied'));
 
-  // Protocols lead to their scenes.
+  // Links of protocols go to their scenes.
   for (const link of document.querySelectorAll('[data-protocol]')) {
     link.addEventListener('click', () => {
       const first = data.runs.findIndex(run => run.protocol === link.dataset.protocol);
@@ -79,7 +79,7 @@
   if (!at('list')) return;
   const metrics = data.metrics;
   const fill = (select, options) => select.replaceChildren(...options.map(([value, textContent]) => make('option', { value, textContent })));
-  const [runs, beside, metric, order] = ['run', 'beside', 'metric', 'order'].map(at);
+  const [runs, compared, metric, order] = ['run', 'compared', 'metric', 'order'].map(at);
   fill(runs, data.runs.map((run, place) => [place, run.label]));
   fill(metric, metrics.map((each, place) => [place, each.name]));
   const print = (each, value) => value === null || value === undefined ? '–' : value.toFixed(each.decimals);
@@ -87,23 +87,23 @@
 
   // Methods of the same protocol.
   const others = () => {
-    const before = beside.selectedOptions[0] && beside.selectedOptions[0].textContent;
-    const own = data.runs[runs.value];
-    const same = data.runs.map((run, place) => [place, run]).filter(([, run]) => run !== own && run.protocol === own.protocol && run.protocol_hash === own.protocol_hash);
-    fill(beside, [[-1, 'the truth alone'], ...same.map(([place, run]) => [place, run.title])]);
-    const again = [...beside.options].find(option => option.textContent === before);
-    if (again) beside.value = again.value;
+    const before = compared.selectedOptions[0] && compared.selectedOptions[0].textContent;
+    const shown = data.runs[runs.value];
+    const same = data.runs.map((run, place) => [place, run]).filter(([, run]) => run !== shown && run.protocol === shown.protocol && run.protocol_hash === shown.protocol_hash);
+    fill(compared, [[-1, 'the truth alone'], ...same.map(([place, run]) => [place, run.title])]);
+    const again = [...compared.options].find(option => option.textContent === before);
+    if (again) compared.value = again.value;
   };
   const partner = trial => {
-    const run = data.runs[beside.value];
+    const run = data.runs[compared.value];
     return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry && other.data === trial.data);
   };
   const numbers = value => value !== undefined && value !== null;
   // How much better a trial is than under the other method, over the targets that both have; negative if it is worse, by whichever metric.
-  const lead = (trial, by) => {
-    const [own, others] = [trial, partner(trial)].map(each => (each && each.by_frame[by.id]) || []);
+  const differenceOf = (trial, by) => {
+    const [scores, others] = [trial, partner(trial)].map(each => (each && each.by_frame[by.id]) || []);
     const other = new Map(others);
-    const differences = own.filter(([frame]) => other.has(frame)).map(([frame, score]) => score - other.get(frame));
+    const differences = scores.filter(([frame]) => other.has(frame)).map(([frame, score]) => score - other.get(frame));
     if (!differences.length) return undefined;
     return (by.higher ? 1 : -1) * differences.reduce((sum, difference) => sum + difference, 0) / differences.length;
   };
@@ -120,20 +120,20 @@
       worst: goodness,
       best: trial => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
       typical: trial => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
-      difference: trial => lead(trial, by) ?? Infinity,
+      difference: trial => differenceOf(trial, by) ?? Infinity,
     };
     const key = keys[order.value];
     const trials = [...ascending].sort((a, b) => key(a.trial) - key(b.trial));
-    const compared = Number(beside.value) >= 0;
-    at('lead').hidden = !compared;
+    const isCompared = Number(compared.value) >= 0;
+    at('difference').hidden = !isCompared;
     const rows = trials.map(({ trial, place }) => {
       const button = make('button', { type: 'button', textContent: trial.scene + (trial.entry ? ' · ' + trial.entry : ''), title: trial.scene });
       const mark = trial.status === 'done' ? '' : trial.status;
-      const difference = lead(trial, by);
+      const difference = differenceOf(trial, by);
       const row = make('tr', { tabIndex: -1 },
         make('td', { className: 'label' }, button),
         ...metrics.map(each => make('td', { textContent: print(each, trial.scores[each.id]) })),
-        make('td', { textContent: (difference > 0 ? '+' : '') + print(by, difference), hidden: !compared }),
+        make('td', { textContent: (difference > 0 ? '+' : '') + print(by, difference), hidden: !isCompared }),
         make('td', { textContent: mark || (trial.images.length ? '▣' : ''), title: mark ? trial.detail || '' : trial.images.length ? 'with images' : '' }));
       row.addEventListener('click', () => show(run, place, row));
       return row;
@@ -175,8 +175,8 @@
     const other = partner(trial);
     const facts = make('dl', {});
     const fact = (name, value) => { if (value !== null && value !== undefined && value !== '') facts.append(make('dt', { textContent: name }), make('dd', { textContent: value })); };
-    const besides = each => other ? ' (' + print(each, other.scores[each.id]) + ' by ' + data.runs[beside.value].title + ')' : '';
-    for (const each of metrics) fact(each.name, print(each, trial.scores[each.id]) + besides(each));
+    const ofOther = each => other ? ' (' + print(each, other.scores[each.id]) + ' by ' + data.runs[compared.value].title + ')' : '';
+    for (const each of metrics) fact(each.name, print(each, trial.scores[each.id]) + ofOther(each));
     fact('Context frames', trial.context.join(', '));
     fact('Gaussians', trial.gaussians);
     fact('Encoding', trial.encode === null ? null : (trial.encode * 1e3).toFixed(1) + ' ms');
@@ -206,7 +206,7 @@
   // Two images divided by a slider; below, everything in a row: context, truth, renders and their errors.
   const compare = (run, trial, image, second, scores) => {
     const img = (place, alt) => make('img', { src: data.images[place], alt });
-    const title = data.runs[beside.value] ? data.runs[beside.value].title : '';
+    const title = data.runs[compared.value] ? data.runs[compared.value].title : '';
     const [left, right] = [img(image.render, run.title), second ? img(second.render, title) : img(image.truth, 'truth')];
     left.className = 'over';
     const range = make('input', { type: 'range', min: 0, max: 100, step: 0.5, value: 50 });
@@ -259,7 +259,7 @@
   };
 
   runs.addEventListener('change', () => { others(); list(); });
-  beside.addEventListener('change', () => { if (beside.value < 0 && order.value === 'difference') order.value = 'worst'; list(); });
+  compared.addEventListener('change', () => { if (compared.value < 0 && order.value === 'difference') order.value = 'worst'; list(); });
   for (const select of [metric, order]) select.addEventListener('change', list);
   others();
   list();

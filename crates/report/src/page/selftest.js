@@ -68,16 +68,16 @@
     all('#extremes button')[2].click();
     check('best', document.querySelector('#list tr[aria-selected="true"]') === all('#list tr').filter(tr => tr.lastElementChild.textContent === '▣').pop());
     const choose = (id, value) => { at(id).value = value; at(id).dispatchEvent(new Event('change')); };
-    choose('beside', at('beside').options[at('beside').options.length - 1].value);
+    choose('compared', at('compared').options[at('compared').options.length - 1].value);
     choose('order', 'difference');
-    const leads = () => all('#list tr').map(tr => tr.children[tr.children.length - 2].textContent).filter(text => text !== '–').map(Number);
-    check('by-difference', !at('lead').hidden && leads().length > 1 && leads().every((value, place, list) => place === 0 || list[place - 1] <= value));
-    // Every scene has the same lead, also the one of whose targets the other run has only two.
-    check('paired-lead', new Set(leads().map(value => value.toFixed(2))).size === 1);
+    const differences = () => all('#list tr').map(tr => tr.children[tr.children.length - 2].textContent).filter(text => text !== '–').map(Number);
+    check('by-difference', !at('difference').hidden && differences().length > 1 && differences().every((value, place, list) => place === 0 || list[place - 1] <= value));
+    // Every scene has the same difference, also the one of whose targets the other run has only two.
+    check('paired-difference', new Set(differences().map(value => value.toFixed(2))).size === 1);
     // The first run is better everywhere, which a lower error shows.
     const lower = JSON.parse(at('data').textContent).metrics.findIndex(metric => !metric.higher);
     choose('metric', lower);
-    check('lead-of-errors', lower > 0 && leads().length > 1 && leads().every(value => value > 0));
+    check('difference-of-errors', lower > 0 && differences().length > 1 && differences().every(value => value > 0));
     choose('metric', 0);
     const paired = all('#list tr').find(tr => tr.lastElementChild.textContent === '▣');
     paired.click();
@@ -85,8 +85,8 @@
     check('two-methods', row().endsWith('target render error render error') && all('.maps canvas').length === 2);
     const levels = map => map.getContext('2d').getImageData(0, 0, map.width, map.height).data.join();
     check('their-errors', levels(all('.maps canvas')[0]) !== levels(all('.maps canvas')[1]));
-    check('slider-of-two', all('.slider img').length === 2 && all('.slider .tag')[1].textContent === at('beside').selectedOptions[0].textContent);
-    choose('beside', -1);
+    check('slider-of-two', all('.slider img').length === 2 && all('.slider .tag')[1].textContent === at('compared').selectedOptions[0].textContent);
+    choose('compared', -1);
     check('worst-again', at('order').value === 'worst');
     const link = document.querySelector('[data-protocol="re10k-overlap"]');
     link.click();

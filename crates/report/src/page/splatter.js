@@ -28,9 +28,9 @@ window.splatter = (() => {
       vec3 scale = exp(mix(logScales.xxx, logScales.yyy, vec3(byte(word.y, 2), byte(word.y, 3), byte(word.z, 0)) / 255.));
       vec3 q = (vec3(byte(word.z, 1), byte(word.z, 2), byte(word.z, 3)) / 127. - 1.) * .70710678;
       float w = sqrt(max(0., 1. - dot(q, q)));
-      vec3 own = vec3(byte(word.w, 0), byte(word.w, 1), byte(word.w, 2)) / 255. * brightest;
+      vec3 stored = vec3(byte(word.w, 0), byte(word.w, 1), byte(word.w, 2)) / 255. * brightest;
       float opacity = byte(word.w, 3) / 255.;
-      colour = vec4(tint == 0 ? own : tint == 1 ? BLOCKS[int(label.x) % 8] : viridis(float(label.y) / 255.), opacity);
+      colour = vec4(tint == 0 ? stored : tint == 1 ? BLOCKS[int(label.x) % 8] : viridis(float(label.y) / 255.), opacity);
       gl_Position = vec4(2., 2., 2., 1.); offset = vec2(0.); conic = vec3(0.);
       vec3 seen = rotation * mean + translation;
       if (!(seen.z > near) || !(opacity >= minAlpha)) return;
@@ -69,7 +69,7 @@ window.splatter = (() => {
     void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4. - 1., 0., 1.); }`;
   const BEHIND = `#version 300 es
     precision highp float; uniform highp sampler2D image; uniform vec3 background; out vec4 shown;
-    void main() { vec4 own = texelFetch(image, ivec2(gl_FragCoord.xy), 0); shown = vec4(own.rgb + (1. - own.a) * background, 1.); }`;
+    void main() { vec4 blended = texelFetch(image, ivec2(gl_FragCoord.xy), 0); shown = vec4(blended.rgb + (1. - blended.a) * background, 1.); }`;
   const LINE = `${HEAD}
     in vec3 place; in vec3 tone; out vec3 drawn;
     void main() {
@@ -163,9 +163,9 @@ window.splatter = (() => {
     const [splats, cover, lines] = [program(gl, PROJECT, FALL_OFF), program(gl, COVER, BEHIND), program(gl, LINE, PLAIN)];
     const [which, edges] = [gl.createBuffer(), gl.createBuffer()];
     const [image, frame] = [gl.createTexture(), gl.createFramebuffer()];
-    const camera = (own, view) => {
-      const at = own.uniforms;
-      gl.useProgram(own.linked);
+    const camera = (drawn, view) => {
+      const at = drawn.uniforms;
+      gl.useProgram(drawn.linked);
       gl.uniformMatrix3fv(at.rotation, true, view.rotation);
       gl.uniform3fv(at.translation, view.translation);
       gl.uniform2fv(at.focal, view.focal);
@@ -198,7 +198,7 @@ window.splatter = (() => {
       gl.uniform2fv(at.logScales, stage.logScales);
       for (const name of ['near', 'minAlpha', 'maxAlpha', 'margin']) gl.uniform1f(at[name], convention[name]);
       gl.uniform1f(at.brightest, stage.brightest);
-      // In pixels of the camera's own image.
+      // In pixels of the camera's image.
       gl.uniform1f(at.blur, convention.blur * view.zoom * view.zoom);
       gl.uniform1i(at.tint, tint);
       [stage.gpu.packed, stage.gpu.labels].forEach((texture, unit) => {
@@ -231,9 +231,9 @@ window.splatter = (() => {
       gl.bindBuffer(gl.ARRAY_BUFFER, edges);
       gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(segments), gl.DYNAMIC_DRAW);
       ['place', 'tone'].forEach((name, part) => {
-        const own = lines.attribute(name);
-        gl.enableVertexAttribArray(own);
-        gl.vertexAttribPointer(own, 3, gl.FLOAT, false, 24, 12 * part);
+        const attribute = lines.attribute(name);
+        gl.enableVertexAttribArray(attribute);
+        gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 24, 12 * part);
       });
       gl.drawArrays(gl.LINES, 0, segments.length / 6);
       ['place', 'tone'].forEach(name => gl.disableVertexAttribArray(lines.attribute(name)));

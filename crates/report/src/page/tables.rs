@@ -81,10 +81,13 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
     }
     text.push_str("</tr></thead><tbody>");
     for (at, row) in table.rows.iter().enumerate() {
-        let origin = if row.origin == Origin::Published && measured { "paper" } else { "" };
-        let own = if row.origin == Origin::Measured { "own" } else { "" };
+        let origin = match row.origin {
+            Origin::Measured => "measured",
+            Origin::Published if measured => "paper",
+            Origin::Published => "",
+        };
         let rule = if row.rule_above && at > 0 { "rule" } else { "" };
-        text.push_str(&format!("<tr class=\"{origin} {own} {rule}\">"));
+        text.push_str(&format!("<tr class=\"{origin} {rule}\">"));
         for label in &row.printed_labels() {
             text.push_str(&format!("<td class=\"label\">{}</td>", escaped(label)));
         }
@@ -105,15 +108,15 @@ fn blank(columns: usize) -> String {
 
 fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
     let mut text = String::new();
-    for (place, column) in table.columns() {
-        let cell = row.cell(place);
+    for (index, column) in table.columns() {
+        let cell = row.cell(index);
         let mark = match cell.mark {
             Mark::Best => " best",
             Mark::Second => " second",
             Mark::Plain => "",
         };
         let printed = escaped(&cell.print(column));
-        let inside = match citation(table, row, place, stores) {
+        let inside = match citation(table, row, index, stores) {
             Some(citation) => {
                 format!("<button type=\"button\" data-cite=\"{}\">{printed}</button>", escaped(&citation))
             }

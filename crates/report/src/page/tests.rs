@@ -9,9 +9,9 @@ use atsplat_pixels::{ImageU8, encode_png};
 use super::browser::{chromium, report_in_frame};
 use super::*;
 use crate::definition::{Quantity, TableDefinition};
-use crate::figures::{of_store, of_table};
+use crate::plot_data::{store_plots, table_plots};
 use crate::sample::{HOSTILE, SCENES, atsplat, floor, preset, random, results, results_over, store};
-use crate::table::{Mixing, Row, protocol_tables, tables};
+use crate::table::{CellIndex, Mixing, Row, protocol_tables, tables};
 
 /// Owns the contents of a page.
 struct Sample {
@@ -28,8 +28,8 @@ impl Sample {
         results.provenance.methods[1].untrained = true;
         let folder = tempfile::tempdir().unwrap();
         for row in results.targets.iter().filter(|row| !row.scores.is_empty()) {
-            let place = results.provenance.methods.iter().position(|method| method.name == row.key.method).unwrap();
-            for (method, offset) in [(TRUTH, 0), (row.key.method.as_str(), u32::try_from(place).unwrap() + 1)] {
+            let position = results.provenance.methods.iter().position(|method| method.name == row.key.method).unwrap();
+            for (method, offset) in [(TRUTH, 0), (row.key.method.as_str(), u32::try_from(position).unwrap() + 1)] {
                 let key = row.key.of_method(method);
                 let scene = row.key.preset.bytes().chain(row.key.scene.bytes()).map(u32::from).sum();
                 write_image(&image_path(folder.path(), &key, row.frame), row.target + offset, scene);
@@ -40,11 +40,11 @@ impl Sample {
         for name in TableDefinition::names() {
             let definition = TableDefinition::named(name).unwrap();
             for table in tables(&definition, &[source], Mixing::Apart).unwrap() {
-                plots.extend(of_table(&definition, &table, &[source]));
+                plots.extend(table_plots(&definition, &table, &[source]));
                 all.extend(table.is_measured().then_some(table));
             }
         }
-        plots.extend(of_store(&source).unwrap());
+        plots.extend(store_plots(&source).unwrap());
         Self { tables: all, plots, results, folder }
     }
 
@@ -68,6 +68,8 @@ impl Sample {
     }
 }
 
+/// The first cell of a row.
+const FIRST: CellIndex = CellIndex { group: 0, column: 0 };
 const TRUTH: &str = "truth";
 const LABEL: &str = "run <b>1</b>";
 
@@ -94,7 +96,7 @@ fn data_is_escaped() {
 }
 
 #[test]
-fn a_leading_section_stands_before_the_tables_and_others_after_the_plots() {
+fn a_leading_section_comes_before_the_tables_and_others_after_the_plots() {
     let sample = Sample::new();
     let section = |title: &str, before_tables| PlotSection {
         title: title.to_owned(),
@@ -172,7 +174,7 @@ fn the_worst_and_the_best_come_first(sample: &Sample) {
     assert!(counts[3] > counts[1] && counts[1] < 12, "the best before the second worst: {counts:?}");
 }
 
-/// Two protocols of one store stand in for the same one: a number cites its own, which links to the table of the number.
+/// Two protocols of one store stand in for the same one: a number cites the one that it was measured under, which links to its table.
 #[test]
 fn numbers_and_links_are_of_their_own_protocol() {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
@@ -181,10 +183,10 @@ fn numbers_and_links_are_of_their_own_protocol() {
     let tables = tables(&TableDefinition::named("re10k").unwrap(), &[stores[0].source], Mixing::Apart).unwrap();
     assert_eq!(tables.len(), 2);
     let protocols = [["rooms-2v-128", "rooms-2v-64"], ["rooms-2v-64", "rooms-2v-128"]];
-    for (table, [own, other]) in tables.iter().zip(protocols) {
+    for (table, [cited, other]) in tables.iter().zip(protocols) {
         let row = table.rows.iter().find(|row| row.method.as_deref() == Some("atsplat")).unwrap();
-        let citation = cite::citation(table, row, (0, 0), &stores).unwrap();
-        assert!(citation.contains(&format!("protocol {own}@")) && !citation.contains(other), "{citation}");
+        let citation = cite::citation(table, row, FIRST, &stores).unwrap();
+        assert!(citation.contains(&format!("protocol {cited}@")) && !citation.contains(other), "{citation}");
     }
     let links = protocols::write(&tables, &stores);
     let of_second = links.split("<li").find(|item| item.contains("<b>rooms-2v-64</b>")).unwrap();
@@ -200,13 +202,13 @@ fn a_citation_has_its_interval_once_and_whole_names() {
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
     let tables = protocol_tables(&[store.source], Mixing::Apart).unwrap();
     let row = tables[0].rows.iter().find(|row| !row.without_leaked).unwrap();
-    let citation = cite::citation(&tables[0], row, (0, 0), &[store]).unwrap();
+    let citation = cite::citation(&tables[0], row, FIRST, &[store]).unwrap();
     assert!(citation.starts_with("PSNR 21.25 [95 % "), "{citation}");
     assert!(citation.contains("] over 7 scenes, 21 targets;"), "{citation}");
     assert!(citation.contains(", constants of the preset, backend on a card of a long name;"), "{citation}");
 }
 
-/// A row whose groups of columns have methods of their own.
+/// A row whose groups of columns have different methods.
 #[test]
 fn a_citation_names_the_method_of_its_column() {
     let trained = |name: &str, weights: &str, data: &str| MethodRecord {
@@ -220,18 +222,18 @@ fn a_citation_names_the_method_of_its_column() {
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
     let tables = tables(&TableDefinition::named("unified").unwrap(), &[store.source], Mixing::Apart).unwrap();
     let row = tables[0].rows.iter().find(|row| row.measured_on.is_some()).unwrap();
-    // Only one of them never saw the data of both.
+    // Only one of them was not trained on the data of both.
     let expected = [
-        ("method apart, never saw rooms, weights abcdabcdabcd,", "joint"),
+        ("method apart, zero-shot: not trained on rooms, weights abcdabcdabcd,", "joint"),
         ("method joint, weights 123412341234,", "apart"),
     ];
-    for (group, (own, other)) in expected.into_iter().enumerate() {
-        let citation = cite::citation(&tables[0], row, (group, 0), &[store]).unwrap();
-        assert!(citation.contains(own) && !citation.contains(other), "{citation}");
+    for (group, (named, other)) in expected.into_iter().enumerate() {
+        let citation = cite::citation(&tables[0], row, CellIndex { group, column: 0 }, &[store]).unwrap();
+        assert!(citation.contains(named) && !citation.contains(other), "{citation}");
     }
 }
 
-/// The second method fails in a scene, never saw rooms, and has the weights of the first.
+/// The second method fails in a scene, was not trained on rooms, and has the weights of the first.
 #[test]
 fn a_citation_has_the_caveats_of_its_row() {
     let training = Some(TrainingRecord { data: "simulated yards".to_owned(), seed: None });
@@ -244,15 +246,19 @@ fn a_citation_has_the_caveats_of_its_row() {
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
     let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
     let rows: Vec<&Row> = table.rows.iter().filter(|row| row.method.as_deref() == Some("atsplat-random")).collect();
-    assert_eq!(rows.len(), 2, "with and without context frames");
+    assert_eq!(rows.len(), 2, "with and without leaked targets");
     for row in rows {
-        let psnr = cite::citation(&table, row, (0, 0), &[store]).unwrap();
+        let psnr = cite::citation(&table, row, FIRST, &[store]).unwrap();
         let targets = if row.without_leaked { 17 } else { 18 };
-        let own = [format!(" over 6 scenes, {targets} targets, 3 failed and not in the mean")];
-        let common =
-            [", never saw rooms", ", thresholds by quantile", ", changed at inference only", "@another (changed), "];
+        let over = [format!(" over 6 scenes, {targets} targets, 3 failed and not in the mean")];
+        let common = [
+            ", zero-shot: not trained on rooms",
+            ", thresholds by quantile",
+            ", changed at inference only",
+            "@another (changed), ",
+        ];
         let part = " entries (shard 2 of 3 of the run), data ";
-        for expected in own.iter().chain(&row.remarks).map(String::as_str).chain(common).chain([part]) {
+        for expected in over.iter().chain(&row.remarks).map(String::as_str).chain(common).chain([part]) {
             assert_eq!(psnr.matches(expected).count(), 1, "{expected}: {psnr}");
         }
         let size = table.columns().find(|(_, column)| column.quantity == Quantity::Gaussians).unwrap().0;
@@ -273,9 +279,9 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
     let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
     let row = table.rows.iter().find(|row| !row.without_leaked).unwrap();
-    let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
-    assert_eq!(row.cell(place).print(column), "0.260 ‡ §");
-    let time = cite::citation(&table, row, place, &[store]).unwrap();
+    let (index, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+    assert_eq!(row.cell(index).print(column), "0.260 ‡ §");
+    let time = cite::citation(&table, row, index, &[store]).unwrap();
     for expected in [
         "Time (s) 0.260, median over 3 trials with 5 repetitions each, quartiles 0.25",
         ", the whole answer, with reading and writing of files, unreliable: other work or a quota took 40 % of the \
@@ -285,11 +291,11 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
         assert!(time.contains(expected), "{expected}: {time}");
     }
     assert!(!time.contains(['‡', '§']) && !time.contains("a processor"), "{time}");
-    let score = cite::citation(&table, row, (0, 0), &[store]).unwrap();
+    let score = cite::citation(&table, row, FIRST, &[store]).unwrap();
     assert!(score.ends_with(", a processor, 2 threads"), "{score}");
 }
 
-/// Two trainings, each in a store of its own, one from another machine.
+/// Two trainings in two stores, one from another machine.
 #[test]
 fn a_citation_of_a_mean_over_trainings_names_every_store() {
     let trained = |seed: &str| MethodRecord {
@@ -304,7 +310,7 @@ fn a_citation_of_a_mean_over_trainings_names_every_store() {
     let sources = stores.map(|store| store.source);
     let table = tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0);
     let mean = table.rows.iter().find(|row| row.is_over_trainings()).unwrap();
-    let citation = cite::citation(&table, mean, (0, 0), &stores).unwrap();
+    let citation = cite::citation(&table, mean, FIRST, &stores).unwrap();
     for expected in [
         " of 2 trainings; method ATSplat; ",
         "; training seed 1234 of store one, weights 123412341234, constants gsplat, backend cpu; ",
@@ -319,7 +325,7 @@ fn a_citation_of_a_mean_over_trainings_names_every_store() {
 
 /// Screen readers name a landmark by its label, and read headings of columns aloud.
 #[test]
-fn landmarks_have_names_of_their_own_and_no_heading_is_empty() {
+fn landmarks_have_different_names_and_no_heading_is_empty() {
     let page = Sample::new().write(usize::MAX, None);
     let titles = page.split("<h2 id=").skip(1).filter_map(|rest| Some(rest.split_once('>')?.1.split_once('<')?.0));
     let regions = |text: &'_ str| -> Vec<String> {

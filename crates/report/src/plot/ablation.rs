@@ -3,7 +3,7 @@ use plotters::style::RGBColor;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{Estimate, QualityMetric, level_whisker, number_axis};
+use super::series::{Estimate, QualityMetric, bars, level_whisker, note, number_axis, sentences};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK};
 
@@ -21,6 +21,8 @@ pub struct Ablation {
     pub reference: AblationRow,
     /// The variants.
     pub rows: Vec<AblationRow>,
+    /// Below the plot, after the meaning of its lines.
+    pub note: String,
 }
 
 /// A variant.
@@ -105,7 +107,9 @@ impl Ablation {
         let zero = axes.x_of(0.0);
         let line = [[zero, axes.inside.top], [zero, axes.inside.bottom]];
         drawing.with(Role::Frame, |drawing| drawing.line(line, Stroke::new(INK, 1.5)));
-        drawing.end_at(below + 14.0);
+        let intervals = bars("Lines at the bars", self.rows.iter().filter_map(|row| row.gap.as_ref()), false);
+        let bottom = note(&mut drawing, below, &sentences([&*intervals, &*self.note]));
+        drawing.end_at(bottom + 14.0);
         drawing
     }
 }

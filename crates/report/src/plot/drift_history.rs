@@ -3,7 +3,7 @@ use atsplat_numeric::Extremes as _;
 use super::axes::Axes;
 use super::labels::Labels;
 use super::scale::Scale;
-use super::series::{Estimate, QualityMetric, number_axis, whisker};
+use super::series::{Estimate, QualityMetric, bars, note, number_axis, whisker};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
@@ -72,11 +72,11 @@ impl DriftHistory {
         let mut below = bottom;
         for (at, (run, place)) in self.runs.iter().zip(&places).enumerate() {
             drawing.data(if run.drift.is_some() { MOVED } else { SAME }, |drawing| {
-                let (radius, own) = if run.drift.is_some() { (7.0, COLOURS[1]) } else { (4.5, COLOURS[0]) };
+                let (radius, colour) = if run.drift.is_some() { (7.0, COLOURS[1]) } else { (4.5, COLOURS[0]) };
                 if let Some(interval) = run.quality.interval {
-                    whisker(drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(own, 1.5));
+                    whisker(drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(colour, 1.5));
                 }
-                drawing.disc(*place, radius, Fill::solid(own));
+                drawing.disc(*place, radius, Fill::solid(colour));
             });
             labels.avoid(*place, 8.0);
             if (at as f64 / every).fract() == 0.0 {
@@ -92,7 +92,9 @@ impl DriftHistory {
                 labels.place(&mut drawing, &text, *place);
             }
         }
-        drawing.end_at(below + 16.0);
+        let intervals = bars("Bars", self.runs.iter().map(|run| &run.quality), false);
+        let bottom = note(&mut drawing, below, &intervals);
+        drawing.end_at(bottom + 16.0);
         drawing
     }
 

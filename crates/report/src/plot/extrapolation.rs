@@ -2,7 +2,8 @@ use super::axes::{Axes, AxisText};
 use super::labels::names_above;
 use super::scale::Scale;
 use super::series::{
-    Curve, Estimate, QualityMetric, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+    sentences,
 };
 use super::shape::{Drawing, Extent, Fill, MARGIN};
 use super::theme::{GRID, colour};
@@ -62,7 +63,8 @@ impl ExtrapolationDecay {
         let step = self.step;
         let joined = |a: f64, b: f64| b - a < 1.5 * step && (a * b > 0.0 || step <= 1.0);
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
-        let bottom = note(&mut drawing, bottom, &beyond_note(&beyond));
+        let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -2,8 +2,8 @@ use atsplat_eval::tradeoff::Standing;
 
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
-use super::scale::{Scale, count_label, own_label, seconds_label, time_unit};
-use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
+use super::scale::{Scale, count_label, seconds_label, single_label, time_unit};
+use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
 
@@ -20,6 +20,8 @@ pub struct Frontier {
     pub quality: QualityMetric,
     /// The methods; points without a positive cost are omitted.
     pub points: Vec<FrontierPoint>,
+    /// Below the plot, after the meaning of its bars.
+    pub note: String,
 }
 
 /// Quality against several kinds of cost, side by side.
@@ -33,7 +35,7 @@ pub struct Frontiers {
     pub quality: QualityMetric,
     /// A panel per kind of cost; points without a positive cost are omitted.
     pub panels: Vec<(CostAxis, Vec<FrontierPoint>)>,
-    /// Below the panels: which methods are on the frontiers, and which have no point.
+    /// Below the panels, after the meaning of the bars: which methods are on the frontiers, and which have no point.
     pub note: String,
 }
 
@@ -53,7 +55,7 @@ pub struct FrontierPoint {
     pub label: String,
     /// Seconds or Gaussians.
     pub cost: f64,
-    /// Quartiles of the cost, if it was measured repeatedly.
+    /// Quartiles of the cost, if it is a time that was measured repeatedly.
     pub spread: Option<[f64; 2]>,
     /// The metric.
     pub quality: Estimate,
@@ -67,12 +69,19 @@ pub struct FrontierPoint {
     pub highlighted: bool,
 }
 
+impl FrontierPoint {
+    /// The spread, if a logarithmic axis has a place for it.
+    fn drawn_spread(&self) -> Option<[f64; 2]> {
+        self.spread.filter(|ends| ends.iter().all(|end| *end > 0.0))
+    }
+}
+
 impl Frontier {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
         let panels = vec![(self.cost, self.points.clone())];
-        let (title, subtitle) = (self.title.clone(), self.subtitle.clone());
-        Frontiers { title, subtitle, quality: self.quality, panels, note: String::new() }.draw()
+        let (title, subtitle, note) = (self.title.clone(), self.subtitle.clone(), self.note.clone());
+        Frontiers { title, subtitle, quality: self.quality, panels, note }.draw()
     }
 }
 
@@ -116,7 +125,9 @@ impl Frontiers {
         if !crowded.is_empty() {
             below = note(&mut drawing, below, &format!("No room at its point: {}", crowded.join("; ")));
         }
-        let bottom = note(&mut drawing, below, &self.note);
+        let has_times = all().any(|point| point.drawn_spread().is_some());
+        let explained = bars("Bars", all().map(|point| &point.quality), has_times);
+        let bottom = note(&mut drawing, below, &sentences([&*explained, &*self.note]));
         drawing.end_at(bottom + 14.0);
         drawing
     }
@@ -140,7 +151,7 @@ impl Frontiers {
             CostAxis::Gaussians => "Gaussians per scene, logarithmic".to_owned(),
         };
         let label = |value, _: &[f64]| match cost {
-            CostAxis::Seconds => own_label(value),
+            CostAxis::Seconds => single_label(value),
             CostAxis::Gaussians => count_label(value),
         };
         axes.draw_y(drawing, &number_axis(&self.quality.title()));
@@ -172,7 +183,7 @@ impl Frontiers {
                         whisker(drawing, at[0], ends, stroke);
                         labels.avoid_line(&[[at[0], ends[1]], [at[0], ends[0]]]);
                     }
-                    if let Some([low, high]) = point.spread.filter(|ends| ends.iter().all(|end| *end > 0.0)) {
+                    if let Some([low, high]) = point.drawn_spread() {
                         let ends = [[x_of(low), at[1]], [x_of(high), at[1]]];
                         drawing.line(ends, stroke);
                         labels.avoid_line(&ends);
@@ -281,7 +292,7 @@ mod tests {
         assert_eq!(steps("lpips"), ["twin"], "less is better");
         let mut unranked = points.clone();
         unranked[1].ranked = false;
-        let without: Vec<_> = frontier("psnr").steps(unranked.iter()).iter().map(|own| own.label.clone()).collect();
+        let without: Vec<_> = frontier("psnr").steps(unranked.iter()).iter().map(|point| point.label.clone()).collect();
         assert_eq!(without, ["twin", "beaten", "dear"], "as if it were not there");
         let mut tested = points.clone();
         for point in &mut tested {

@@ -2,7 +2,7 @@ use atsplat_metrics::ColourMap;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 
-use super::scale::own_label;
+use super::scale::single_label;
 use super::shape::{Drawing, Extent, MARGIN, Side, TextLine};
 
 /// Images in rows and columns, with a name above each column and a caption below each image.
@@ -63,11 +63,11 @@ impl ImageGrid<'_> {
             let height = |cell: &GridCell<'_>| f64::from(cell.image.height()) / f64::from(cell.image.width().max(1));
             let under = y + cell * row.cells.iter().flatten().map(height).fold(0.0, f64::maximum_of);
             let mut below = under;
-            for (column, own) in row.cells.iter().enumerate() {
-                let Some(own) = own else { continue };
+            for (column, content) in row.cells.iter().enumerate() {
+                let Some(content) = content else { continue };
                 let left = left_of(column);
-                drawing.image(Extent::new(left, y, left + cell, y + cell * height(own)), own.image.clone());
-                below = below.maximum_of(draw_below(&mut drawing, own, [left, left + cell], under));
+                drawing.image(Extent::new(left, y, left + cell, y + cell * height(content)), content.image.clone());
+                below = below.maximum_of(draw_below(&mut drawing, content, [left, left + cell], under));
             }
             y = below;
         }
@@ -81,7 +81,7 @@ fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2
     let mut y = top + 6.0;
     if let Some((map, most)) = cell.colours {
         let zero = TextLine::new("0", [left, y + BAR / 2.0]).small().muted();
-        let most = TextLine::new(own_label((most * 100.0).round() / 100.0), [right, y + BAR / 2.0]).small().muted();
+        let most = TextLine::new(single_label((most * 100.0).round() / 100.0), [right, y + BAR / 2.0]).small().muted();
         let most = most.side(Side::Right);
         let bar = Extent::new(zero.extent().right + 5.0, y, most.extent().left - 5.0, y + BAR);
         if let Some(colours) = colours(map) {

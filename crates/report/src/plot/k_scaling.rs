@@ -1,7 +1,7 @@
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label};
-use super::series::{Estimate, Origin, QualityMetric, mark, number_axis, whisker};
+use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
@@ -16,6 +16,8 @@ pub struct KScaling {
     pub quality: QualityMetric,
     /// Published and measured points, in any order.
     pub points: Vec<KPoint>,
+    /// Below the plot, after the meaning of its bars.
+    pub note: String,
 }
 
 /// One setting of K.
@@ -88,6 +90,8 @@ impl KScaling {
             let text = if point.origin == Origin::Published { text.muted() } else { text };
             labels.place(&mut drawing, &text, axes.place(point.k, point.quality.value));
         }
+        let intervals = bars("Bars", self.points.iter().map(|point| &point.quality), false);
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*self.note]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -87,12 +87,12 @@ impl Labels {
         drawing.text(text);
     }
 
-    /// How much of a line lies on what is taken, apart from its own mark.
+    /// How much of a line is over what is taken, apart from the mark where it begins.
     fn crossed(&self, [from, to]: [[f64; 2]; 2]) -> f64 {
         // The mark itself is within 18 pixels of its middle.
-        let own = (18.0 / (to[0] - from[0]).hypot(to[1] - from[1])).clamp(0.0, 1.0);
+        let mark = (18.0 / (to[0] - from[0]).hypot(to[1] - from[1])).clamp(0.0, 1.0);
         let step = |at: u32| {
-            let share = own + (0.98 - own) * f64::from(at) / 48.0;
+            let share = mark + (0.98 - mark) * f64::from(at) / 48.0;
             let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
             let place = Extent::new(x - 1.5, y - 1.5, x + 1.5, y + 1.5);
             self.taken.iter().map(|other| place.shared(*other)).sum::<f64>()

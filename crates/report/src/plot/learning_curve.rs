@@ -1,5 +1,7 @@
+use atsplat_numeric::mean;
+
 use super::axes::{Axes, AxisText};
-use super::scale::{Scale, bounds, count_label, own_label};
+use super::scale::{Scale, bounds, count_label, single_label};
 use super::series::number_axis;
 use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
 use super::theme::{GREY, colour};
@@ -46,8 +48,10 @@ impl LearningCurve<'_> {
             x,
             y: Scale::logarithmic(curves.iter().flat_map(|(_, points)| points.iter().map(|(_, loss)| *loss)), 0.05),
         };
-        losses
-            .draw_y(&mut drawing, &AxisText { title: "loss by term, logarithmic", label: &|loss, _| own_label(loss) });
+        losses.draw_y(
+            &mut drawing,
+            &AxisText { title: "loss by term, logarithmic", label: &|loss, _| single_label(loss) },
+        );
         let below = losses.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
         for (at, (name, points)) in curves.iter().enumerate() {
             draw_line(&mut drawing, &losses, name, points, colour(at));
@@ -98,12 +102,11 @@ fn draw_line(drawing: &mut Drawing, axes: &Axes, name: &str, points: &[(f64, f64
 /// Means over stretches of steps, at their middles, without skipped steps.
 fn curve(steps: &[u64], values: &[Option<f64>]) -> Vec<(f64, f64)> {
     let stretch = steps.len().div_ceil(POINTS).max(1);
-    let mean = |(steps, values): (&[u64], &[Option<f64>])| {
-        let values: Vec<f64> = values.iter().copied().flatten().collect();
+    let point = |(steps, values): (&[u64], &[Option<f64>])| {
         let middle = *steps.get(steps.len() / 2)? as f64;
-        (!values.is_empty()).then(|| (middle, values.iter().sum::<f64>() / values.len() as f64))
+        Some((middle, mean(values.iter().copied().flatten())?))
     };
-    steps.chunks(stretch).zip(values.chunks(stretch)).filter_map(mean).filter(|(_, value)| *value > 0.0).collect()
+    steps.chunks(stretch).zip(values.chunks(stretch)).filter_map(point).filter(|(_, value)| *value > 0.0).collect()
 }
 
 #[cfg(test)]

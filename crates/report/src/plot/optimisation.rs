@@ -3,8 +3,8 @@ use plotters::style::RGBColor;
 
 use super::axes::{Axes, AxisText};
 use super::labels::names_above;
-use super::scale::{Scale, own_label, time_unit};
-use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
+use super::scale::{Scale, single_label, time_unit};
+use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke};
 use super::theme::colour;
 
@@ -22,7 +22,7 @@ pub struct OptimisationCurves {
     pub palette: Vec<String>,
     /// Side by side, at most four in a row.
     pub panels: Vec<OptimisationPanel>,
-    /// Below the panels.
+    /// Below the panels, after the meaning of the bars.
     pub note: String,
 }
 
@@ -62,7 +62,8 @@ impl OptimisationCurves {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels")]
         let (mut drawing, head) =
             Drawing::titled(((width + GAP) * columns as f64) as u32 + 40, &self.title, &self.subtitle);
-        let is_drawn = |label: &str| self.panels.iter().flat_map(|panel| &panel.curves).any(|(own, _)| own == label);
+        let is_drawn =
+            |label: &str| self.panels.iter().flat_map(|panel| &panel.curves).any(|(drawn, _)| drawn == label);
         let labels: Vec<&str> = self.palette.iter().map(String::as_str).filter(|label| is_drawn(label)).collect();
         let mut below = drawing.legend(MARGIN, head + 12.0, &labels, |drawing, at, place| {
             mark(drawing, place, Origin::Measured, self.colour_of(labels[at]));
@@ -71,7 +72,7 @@ impl OptimisationCurves {
         let (unit, length) = time_unit(points().map(|point| point.secs));
         let x = Scale::logarithmic(points().map(|point| point.secs / length), 0.06);
         let x_title = format!("time to the first image in {unit}, logarithmic");
-        let x_text = AxisText { title: &x_title, label: &|value, _| own_label(value) };
+        let x_text = AxisText { title: &x_title, label: &|value, _| single_label(value) };
         let held_out = Scale::around(points().flat_map(|point| point.held_out.extent()), 0.08);
         let context = Scale::around(points().filter_map(|point| point.context), 0.08);
         let mut rows: Vec<(String, Scale, Reading)> =
@@ -95,15 +96,16 @@ impl OptimisationCurves {
                     axes.draw_y(&mut drawing, &number_axis(title));
                     below = axes.draw_x(&mut drawing, &x_text).maximum_of(below);
                     for (label, points) in &panel.curves {
-                        let own = |point: &OptimisationPoint| Some((point.secs / length, estimate(point)?));
-                        let own: Vec<(f64, Estimate)> = points.iter().filter_map(own).collect();
-                        curve(&mut drawing, &axes, (label, self.colour_of(label)), &own);
+                        let estimates = points.iter().filter_map(|point| Some((point.secs / length, estimate(point)?)));
+                        let estimates: Vec<(f64, Estimate)> = estimates.collect();
+                        curve(&mut drawing, &axes, (label, self.colour_of(label)), &estimates);
                     }
                 }
                 top = below + 34.0;
             }
         }
-        let bottom = note(&mut drawing, below, &self.note);
+        let intervals = bars("Bars", points().map(|point| &point.held_out), false);
+        let bottom = note(&mut drawing, below, &sentences([&*intervals, &*self.note]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

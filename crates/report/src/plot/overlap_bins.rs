@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
+use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED, colour};
 
@@ -78,7 +78,8 @@ impl OverlapBinMeans {
             }
         }
         let hollow = self.series.iter().any(|series| series.origin == Origin::Published);
-        let bottom = note(&mut drawing, below, if hollow { "hollow: published; filled: measured" } else { "" });
+        let hollow = if hollow { "Hollow: published; filled: measured." } else { "" };
+        let bottom = note(&mut drawing, below, &sentences([hollow, &*bars("Bars", means(), false)]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -2,7 +2,8 @@ use super::axes::Axes;
 use super::labels::names_above;
 use super::scale::Scale;
 use super::series::{
-    Curve, Estimate, QualityMetric, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+    sentences,
 };
 use super::shape::{Drawing, Extent, Fill, MARGIN};
 use super::theme::{GRID, colour};
@@ -78,7 +79,8 @@ impl OverlapCurves {
         });
         let step = self.step;
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < 1.5 * step);
-        let bottom = note(&mut drawing, bottom, &beyond_note(&beyond));
+        let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

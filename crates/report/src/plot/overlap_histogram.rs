@@ -43,7 +43,7 @@ impl OverlapHistogram<'_> {
             x: Scale::linear(0.0, 1.0),
             y: Scale::from_zero(stacks.iter().map(|column| column.iter().sum::<u64>() as f64)),
         };
-        let whole = |count: f64, _: &[f64]| super::scale::own_label(count);
+        let whole = |count: f64, _: &[f64]| super::scale::single_label(count);
         axes.draw_y(&mut drawing, &AxisText { title: "context sets in each 0.025 of overlap", label: &whole });
         for (bin, name) in used.iter().zip(&names) {
             drawing.data(name, |drawing| {
@@ -121,9 +121,9 @@ mod tests {
             "{texts:?}"
         );
         let image = drawing.to_image().unwrap();
-        for own in [colour(0), colour(1), GREY] {
-            let plotters::style::RGBColor(r, g, b) = own;
-            assert!(image.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{own:?}");
+        for expected in [colour(0), colour(1), GREY] {
+            let plotters::style::RGBColor(r, g, b) = expected;
+            assert!(image.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{expected:?}");
         }
     }
 }

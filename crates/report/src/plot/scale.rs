@@ -162,7 +162,7 @@ pub(super) fn time_unit(secs: impl IntoIterator<Item = f64>) -> (&'static str, f
 }
 
 /// A tick's label, with only the digits that it needs itself, for logarithmic axes.
-pub(super) fn own_label(value: f64) -> String {
+pub(super) fn single_label(value: f64) -> String {
     label(value, &[value])
 }
 
@@ -222,7 +222,7 @@ mod tests {
         let level = Scale::without_outliers([3.0; 4], [3.0; 4], 0.1);
         assert!(level.low() < 3.0 && level.high() > 3.0, "equal values are not outliers: {level:?}");
         assert_eq!(time_unit([0.189, 8.9e-6]), ("milliseconds", 1e-3));
-        assert_eq!([0.01, 0.5, 20.0].map(own_label), ["0.01", "0.5", "20"]);
+        assert_eq!([0.01, 0.5, 20.0].map(single_label), ["0.01", "0.5", "20"]);
     }
 
     #[test]

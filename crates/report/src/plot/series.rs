@@ -124,7 +124,7 @@ fn name_of(name: &str) -> TextLine {
 }
 
 /// Draws curves with marks, the bands of their intervals, and names on the right. Lines and bands only join points that
-/// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. Returns what lies beyond the scale,
+/// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. Returns what is beyond the scale,
 /// as text.
 pub(super) fn draw_curves(
     drawing: &mut Drawing,
@@ -208,7 +208,21 @@ pub(super) fn scale_of<'a>(curves: impl Iterator<Item = &'a Estimate> + Clone, m
 
 /// Where the means are that [`draw_curves`] could only point to.
 pub(super) fn beyond_note(beyond: &[String]) -> String {
-    if beyond.is_empty() { String::new() } else { format!("▲▼ beyond the scale: {}", beyond.join(", ")) }
+    if beyond.is_empty() { String::new() } else { format!("▲▼ beyond the scale: {}.", beyond.join(", ")) }
+}
+
+/// What error bars mean: those of `means`, which the plot calls `what`, and horizontal ones of times. Empty for those that are
+/// not drawn.
+pub(super) fn bars<'a>(what: &str, means: impl IntoIterator<Item = &'a Estimate>, has_times: bool) -> String {
+    let has_interval = means.into_iter().any(|mean| mean.interval.is_some());
+    let intervals = if has_interval { format!("{what}: 95 % intervals over scenes.") } else { String::new() };
+    let times = if has_times { "Horizontal bars: quartiles of the time." } else { "" };
+    sentences([&*intervals, times])
+}
+
+/// The sentences that are not empty, one after the other.
+pub(super) fn sentences<'a>(all: impl IntoIterator<Item = &'a str>) -> String {
+    all.into_iter().filter(|sentence| !sentence.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
 /// A note below a plot; returns its lower edge.

@@ -216,7 +216,7 @@ impl TextLine {
         let width = lines
             .iter()
             .map(|line| font::width_of(line, self.size, self.bold))
-            .fold(0.0, |widest, own| if own > widest { own } else { widest });
+            .fold(0.0, |widest, width| if width > widest { width } else { widest });
         let height = self.size * (1.0 + Self::PITCH * (lines.len() as f64 - 1.0));
         let [x, y] = self.at;
         let left = match self.side {

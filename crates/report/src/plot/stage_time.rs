@@ -24,17 +24,21 @@ pub struct StageTimeRow {
     pub label: String,
     /// Stage and seconds, in the order in which they run.
     pub stages: Vec<(String, f64)>,
+    /// Seconds until the first image: their median, to which the stages' medians need not add up.
+    pub total: Option<f64>,
     /// Quartiles of the total.
     pub spread: Option<[f64; 2]>,
     /// Why there are no times; shown in place of the bar.
     pub untimed: Option<String>,
 }
 
+const WIDTH: u32 = 900;
+
 impl StageTime {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 54.0;
-        let (mut drawing, head) = Drawing::titled(900, &self.title, &self.subtitle);
+        let (mut drawing, head) = Drawing::titled(WIDTH, &self.title, &self.subtitle);
         let mut names: Vec<&str> = Vec::new();
         for (name, _) in self.rows.iter().flat_map(|row| &row.stages) {
             if !names.contains(&name.as_str()) {
@@ -44,15 +48,18 @@ impl StageTime {
         let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, [x, y]| {
             drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::solid(colour(at)));
         });
-        let total = |row: &StageTimeRow| row.stages.iter().map(|(_, secs)| secs).sum::<f64>();
-        let totals = || self.rows.iter().flat_map(|row| [Some(total(row)), row.spread.map(|ends| ends[1])]).flatten();
         let label = |row: &StageTimeRow| TextLine::new(&*row.label, [0.0; 2]).side(Side::Right).within(300.0);
-        let room = self.rows.iter().map(|row| label(row).extent().width()).fold(80.0, f64::maximum_of);
-        let heights: Vec<f64> = self.rows.iter().map(|row| (label(row).height() + 14.0).maximum_of(ROW)).collect();
+        let left = 34.0 + self.rows.iter().map(|row| label(row).extent().width()).fold(80.0, f64::maximum_of);
+        let height = |row: &StageTimeRow| {
+            let reason = reason(row, left).map_or(0.0, |reason| reason.height());
+            (label(row).height().maximum_of(reason) + 14.0).maximum_of(ROW)
+        };
+        let heights: Vec<f64> = self.rows.iter().map(height).collect();
         let top = bottom + 12.0;
-        let inside = Extent::new(room + 34.0, top, 800.0, top + heights.iter().sum::<f64>());
-        let (unit, length) = time_unit(totals());
-        let axes = Axes { inside, x: Scale::from_zero(totals().map(|secs| secs / length)), y: Scale::linear(0.0, 1.0) };
+        let inside = Extent::new(left, top, 800.0, top + heights.iter().sum::<f64>());
+        let (unit, length) = time_unit(self.rows.iter().flat_map(ends));
+        let x = Scale::from_zero(self.rows.iter().flat_map(ends).map(|secs| secs / length));
+        let axes = Axes { inside, x, y: Scale::linear(0.0, 1.0) };
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let title = format!("{unit} until the first image, stages one after the other");
         let bottom = axes.draw_x(&mut drawing, &number_axis(&title));
@@ -61,18 +68,27 @@ impl StageTime {
             let middle = upper + height / 2.0;
             upper += height;
             drawing.text(TextLine { at: [inside.left - 12.0, middle], ..label(row) });
-            match &row.untimed {
+            match reason(row, left) {
                 None => bar(&mut drawing, axes, row, &names, middle, length),
-                Some(reason) => {
-                    let at = [inside.left + 8.0, middle];
-                    let reason = TextLine::new(format!("not timed: {reason}"), at).small().muted();
-                    drawing.text(reason.within(f64::from(drawing.size().0) - at[0] - MARGIN));
-                }
+                Some(reason) => drawing.text(TextLine { at: [reason.at[0], middle], ..reason }),
             }
         }
         drawing.end_at(bottom + 14.0);
         drawing
     }
+}
+
+/// Where a row's bar, total and quartiles end, in seconds.
+fn ends(row: &StageTimeRow) -> impl Iterator<Item = f64> {
+    let bar = row.stages.iter().map(|(_, secs)| secs).sum::<f64>();
+    [Some(bar), row.total, row.spread.map(|quartiles| quartiles[1])].into_iter().flatten()
+}
+
+/// Why a row has no bar, from the left end of the axis on; the message of a process may have many lines.
+fn reason(row: &StageTimeRow, left: f64) -> Option<TextLine> {
+    let words: Vec<&str> = row.untimed.as_ref()?.split_whitespace().collect();
+    let text = TextLine::new(format!("not timed: {}", words.join(" ")), [left + 8.0, 0.0]).small().muted();
+    Some(text.within(f64::from(WIDTH) - left - 8.0 - MARGIN))
 }
 
 /// The parts of a bar with their times where there is room, the quartiles, and the total.
@@ -81,12 +97,12 @@ fn bar(drawing: &mut Drawing, axes: Axes, row: &StageTimeRow, names: &[&str], mi
     let mut from = 0.0;
     for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
         #[expect(clippy::expect_used, reason = "the names were collected from the same rows")]
-        let own = colour(names.iter().position(|known| known == name).expect("the name of a stage"));
+        let stage_colour = colour(names.iter().position(|known| known == name).expect("the name of a stage"));
         let part = Extent::new(x_of(from), middle - 16.0, x_of(from + secs), middle + 16.0);
-        drawing.data(name, |drawing| drawing.rectangle(part, Fill::solid(own)));
+        drawing.data(name, |drawing| drawing.rectangle(part, Fill::solid(stage_colour)));
         drawing.line([[part.right, part.top], [part.right, part.bottom]], Stroke::new(SURFACE, 1.0));
         let time = TextLine::new(seconds_label(*secs), [f64::midpoint(part.left, part.right), middle + 7.0]);
-        let time = TextLine { colour: text_on(own), ..time.small().side(Side::Middle) };
+        let time = TextLine { colour: text_on(stage_colour), ..time.small().side(Side::Middle) };
         if time.extent().width() + 10.0 < part.width() {
             drawing.with(Role::Inside, |drawing| drawing.text(time));
         }
@@ -104,5 +120,7 @@ fn bar(drawing: &mut Drawing, axes: Axes, row: &StageTimeRow, names: &[&str], mi
         });
         right = right.maximum_of(high);
     }
-    drawing.text(TextLine::new(seconds_label(from), [right + 8.0, middle]).bold());
+    if let Some(total) = row.total {
+        drawing.text(TextLine::new(seconds_label(total), [right + 8.0, middle]).bold());
+    }
 }

@@ -80,7 +80,7 @@ impl StressErrors<'_> {
             let edge = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &powers);
             below = if edge > below { edge } else { below };
             for error in self.errors.iter().filter(|error| error.kind == kind) {
-                let place = |all: &[&str], name: &str| all.iter().position(|own| *own == name);
+                let place = |all: &[&str], name: &str| all.iter().position(|known| *known == name);
                 let (Some(case), Some(renderer)) = (place(&cases, error.case), place(&renderers, error.renderer))
                 else {
                     continue;
@@ -156,11 +156,11 @@ mod tests {
             assert!(texts.contains(&name), "{name}");
         }
         let of_renderer = |renderer: &str| {
-            let own =
+            let items =
                 drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == renderer));
             let is_dot =
                 |item: &&super::super::shape::Item| matches!(item.shape, super::super::shape::Shape::Disc { .. });
-            (own.clone().filter(is_dot).count(), own.filter(|item| !is_dot(item)).count())
+            (items.clone().filter(is_dot).count(), items.filter(|item| !is_dot(item)).count())
         };
         assert_eq!((of_renderer("reference"), of_renderer("cpu")), ((4, 4), (2, 2)), "dots and bounds");
         assert_eq!(drawing.faults(), []);

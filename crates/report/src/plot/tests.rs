@@ -21,6 +21,31 @@ fn neither_long_names_nor_gaps_nor_missing_data_make_a_fault() {
     }
 }
 
+/// Error bars have their meaning below the plot, and a plot without any has no such line.
+#[test]
+fn bars_are_explained_where_they_are_drawn() {
+    let says = |drawing: &Drawing, what: &str| drawing.texts().any(|text| text.contains(what));
+    let with_bars = [
+        "frontiers",
+        "optimisation",
+        "frontier-gaussians",
+        "frontier-seconds",
+        "overlap-curves",
+        "overlap-bins",
+        "extrapolation",
+        "ablation",
+        "k-scaling",
+        "drift-history",
+    ];
+    let with_times = ["frontiers", "frontier-seconds"];
+    for (name, drawing) in gallery() {
+        assert_eq!(says(&drawing, ": 95 % intervals over scenes."), with_bars.contains(&name), "{name}");
+        assert_eq!(says(&drawing, "Horizontal bars: quartiles of the time."), with_times.contains(&name), "{name}");
+    }
+    let (_, unmeasured) = odd_gallery().into_iter().find(|(name, _)| *name == "nothing measured").unwrap();
+    assert!(!says(&unmeasured, "95 % intervals"));
+}
+
 #[test]
 fn a_written_plot_is_checked_as_the_drawing_is() {
     for (name, drawing) in gallery() {

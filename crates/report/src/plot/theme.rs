@@ -38,7 +38,7 @@ pub(crate) const SMALL: f64 = 12.0;
 pub fn colour(series: usize) -> RGBColor {
     let RGBColor(r, g, b) = COLOURS[series % COLOURS.len()];
     let towards = |end: u16| {
-        let mixed = |own: u8| u8::try_from((u16::from(own) * 6 + end * 4) / 10).unwrap_or(u8::MAX);
+        let mixed = |level: u8| u8::try_from((u16::from(level) * 6 + end * 4) / 10).unwrap_or(u8::MAX);
         RGBColor(mixed(r), mixed(g), mixed(b))
     };
     match series / COLOURS.len() % 3 {
@@ -89,21 +89,22 @@ mod tests {
         [116.0 * root(1) - 16.0, 500.0 * (root(0) - root(1)), 200.0 * (root(1) - root(2))]
     }
 
-    fn apart(a: RGBColor, b: RGBColor) -> f64 {
-        let distance = |sight| {
+    /// The least distance of two colours in the eyes of all readers.
+    fn distance(a: RGBColor, b: RGBColor) -> f64 {
+        let seen_with = |sight| {
             let pairs = lab(a, sight).into_iter().zip(lab(b, sight));
             pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
         };
-        SIGHT.into_iter().map(distance).fold(f64::INFINITY, |least, own| if own < least { own } else { least })
+        SIGHT.into_iter().map(seen_with).fold(f64::INFINITY, |least, found| if found < least { found } else { least })
     }
 
     #[test]
     fn colour_blind_readers_can_tell_the_colours_apart() {
-        assert!(apart(RGBColor(200, 80, 60), RGBColor(110, 120, 60)) < 16.0, "red and green look alike to some");
-        for (at, own) in COLOURS.iter().enumerate() {
-            assert!(apart(*own, GREY) > 10.0, "{own:?} and grey: {}", apart(*own, GREY));
+        assert!(distance(RGBColor(200, 80, 60), RGBColor(110, 120, 60)) < 16.0, "red and green look the same to some");
+        for (at, one) in COLOURS.iter().enumerate() {
+            assert!(distance(*one, GREY) > 10.0, "{one:?} and grey: {}", distance(*one, GREY));
             for other in &COLOURS[at + 1..] {
-                assert!(apart(*own, *other) > 16.0, "{own:?} and {other:?}: {}", apart(*own, *other));
+                assert!(distance(*one, *other) > 16.0, "{one:?} and {other:?}: {}", distance(*one, *other));
             }
         }
     }

@@ -37,8 +37,8 @@ impl TokenExpansion {
         let longest = if width > height { width } else { height };
         let scale = LARGEST / longest;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the largest side")]
-        let own_width = (width * scale + 2.0 * MARGIN).clamp(480.0, 2000.0) as u32;
-        let (mut drawing, head) = Drawing::titled(own_width, &self.title, &self.subtitle);
+        let page_width = (width * scale + 2.0 * MARGIN).clamp(480.0, 2000.0) as u32;
+        let (mut drawing, head) = Drawing::titled(page_width, &self.title, &self.subtitle);
         let is_inside = |[x, y]: [f64; 2]| (0.0..=width).contains(&x) && (0.0..=height).contains(&y);
         let shown: Vec<&Expansion> = self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
         let top = Self::key(&mut drawing, head + 12.0, &shown) + 14.0;
@@ -49,18 +49,18 @@ impl TokenExpansion {
         }
         let place = |[x, y]: [f64; 2]| [inside.left + x * scale, inside.top + y * scale];
         for expansion in &shown {
-            let own = colour(expansion.block.saturating_sub(1));
+            let block_colour = colour(expansion.block.saturating_sub(1));
             drawing.data(&name(expansion.block, &shown), |drawing| {
                 for child in expansion.children.iter().filter(|child| is_inside(**child)) {
-                    drawing.line([place(expansion.parent), place(*child)], Stroke::new(own, 1.25));
-                    drawing.disc(place(*child), 2.5, Fill::solid(own));
+                    drawing.line([place(expansion.parent), place(*child)], Stroke::new(block_colour, 1.25));
+                    drawing.disc(place(*child), 2.5, Fill::solid(block_colour));
                 }
             });
         }
         for expansion in &shown {
-            let own = Stroke::new(colour(expansion.block.saturating_sub(1)), 1.5);
+            let stroke = Stroke::new(colour(expansion.block.saturating_sub(1)), 1.5);
             let at = place(expansion.parent);
-            drawing.data(&name(expansion.block, &shown), |drawing| drawing.ring(at, 3.5, own));
+            drawing.data(&name(expansion.block, &shown), |drawing| drawing.ring(at, 3.5, stroke));
         }
         drawing.end_at(inside.bottom + 20.0);
         drawing
@@ -77,8 +77,8 @@ impl TokenExpansion {
             0 => drawing.ring([x, y], 3.5, Stroke::new(INK, 1.5)),
             1 => drawing.disc([x, y], 2.5, Fill::solid(INK)),
             _ => {
-                let own = blocks.get(at - 2).map_or(INK, |block| colour(block.saturating_sub(1)));
-                drawing.rectangle(Extent::new(x - 6.0, y - 6.0, x + 6.0, y + 6.0), Fill::solid(own));
+                let block_colour = blocks.get(at - 2).map_or(INK, |block| colour(block.saturating_sub(1)));
+                drawing.rectangle(Extent::new(x - 6.0, y - 6.0, x + 6.0, y + 6.0), Fill::solid(block_colour));
             }
         })
     }

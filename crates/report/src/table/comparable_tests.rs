@@ -17,13 +17,13 @@ fn notes(table: &Table, kind: NoteKind) -> Vec<&str> {
     table.footer.iter().filter(|note| note.kind == kind).map(|note| note.text.as_str()).collect()
 }
 
-fn own<'a>(table: &'a Table, method: &str) -> &'a Row {
+fn row_of<'a>(table: &'a Table, method: &str) -> &'a Row {
     table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap()
 }
 
 /// The marks of the methods `a` and `b`.
-fn marks(table: &Table, place: Place) -> [Mark; 2] {
-    ["a", "b"].map(|method| own(table, method).cell(place).mark)
+fn marks(table: &Table, index: CellIndex) -> [Mark; 2] {
+    ["a", "b"].map(|method| row_of(table, method).cell(index).mark)
 }
 
 /// Stores of the methods `a` and `b` under one preset; `b` is 1 dB better, twice as fast, and has half the Gaussians.
@@ -46,11 +46,11 @@ fn without_second_scene(results: &mut Results) {
 
 const SECOND_IS_BEST: [Mark; 2] = [Mark::Plain, Mark::Best];
 const NONE: [Mark; 2] = [Mark::Plain; 2];
-const PSNR: Place = (0, 0);
-const SSIM: Place = (0, 1);
-const LPIPS: Place = (0, 2);
-const GAUSSIANS: Place = (0, 3);
-const SECONDS: Place = (0, 4);
+const PSNR: CellIndex = CellIndex { group: 0, column: 0 };
+const SSIM: CellIndex = CellIndex { column: 1, ..PSNR };
+const LPIPS: CellIndex = CellIndex { column: 2, ..PSNR };
+const GAUSSIANS: CellIndex = CellIndex { column: 3, ..PSNR };
+const SECONDS: CellIndex = CellIndex { column: 4, ..PSNR };
 
 #[test]
 fn times_are_ranked_on_one_machine_and_device_only() {
@@ -69,6 +69,34 @@ fn times_are_ranked_on_one_machine_and_device_only() {
         let fastest = table.rows.iter().find(|row| row.cell(SECONDS).mark == Mark::Best).unwrap();
         assert_eq!((fastest.origin, fastest.labels[0].as_str()), (Origin::Published, "ATSplat"));
     }
+}
+
+/// One column that compares under `--force` does not make the protocols one.
+#[test]
+fn rows_of_different_protocols_are_not_ranked() {
+    let [first, mut second] = two_stores("re10k-2v-256");
+    second.provenance.presets[0].hash = "another".to_owned();
+    let sources = [Source { label: "one", results: &first }, Source { label: "two", results: &second }];
+    let table = tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Forced).unwrap().swap_remove(0);
+    assert_eq!([PSNR, GAUSSIANS, SECONDS].map(|index| marks(&table, index)), [NONE; 3]);
+    let said = "no measured number is marked as best, because rows are of different protocols: \
+                PSNR, SSIM, #Gauss., Time (s)";
+    assert_eq!(notes(&table, NoteKind::Unranked), [said]);
+    assert_eq!(table.why_unranked(&[PSNR, SECONDS]), ["rows are of different protocols"]);
+}
+
+/// Budgets are not marked, but their plots draw an order.
+#[test]
+fn a_table_without_marks_knows_what_does_not_compare() {
+    let [first, mut second] = two_stores("re10k-2v-256");
+    let reasons = |stores: &[&Results]| {
+        let table = built("k_scaling", stores);
+        assert_eq!(notes(&table, NoteKind::Unranked), [""; 0]);
+        (table.why_unranked(&[PSNR]), table.rows.iter().all(|row| row.cell(PSNR).mark == Mark::Plain))
+    };
+    assert_eq!(reasons(&[&first, &second]), (Vec::new(), true));
+    without_second_scene(&mut second);
+    assert_eq!(reasons(&[&first, &second]), (vec!["rows are over different scenes or targets"], true));
 }
 
 /// The whole published protocol, faster than every published time.
@@ -93,10 +121,10 @@ fn measured_times_do_not_beat_published_ones() {
 fn rows_over_different_scenes_are_not_ranked() {
     let [first, mut second] = two_stores("re10k-2v-256");
     let table = built("re10k", &[&first, &second]);
-    assert_eq!([PSNR, SSIM, GAUSSIANS].map(|place| marks(&table, place)), [SECOND_IS_BEST; 3]);
+    assert_eq!([PSNR, SSIM, GAUSSIANS].map(|index| marks(&table, index)), [SECOND_IS_BEST; 3]);
     without_second_scene(&mut second);
     let table = built("re10k", &[&first, &second]);
-    assert_eq!([PSNR, SSIM, GAUSSIANS].map(|place| marks(&table, place)), [NONE; 3]);
+    assert_eq!([PSNR, SSIM, GAUSSIANS].map(|index| marks(&table, index)), [NONE; 3]);
     assert_eq!(marks(&table, SECONDS), SECOND_IS_BEST);
     let said =
         "no measured number is marked as best, because rows are over different scenes or targets: PSNR, SSIM, #Gauss.";
@@ -117,17 +145,17 @@ fn an_order_that_identical_renders_would_change_is_not_marked() {
         }
     }
     let table = built("re10k", &[&first, &second]);
-    assert_eq!([PSNR, GAUSSIANS].map(|place| marks(&table, place)), [NONE, SECOND_IS_BEST]);
+    assert_eq!([PSNR, GAUSSIANS].map(|index| marks(&table, index)), [NONE, SECOND_IS_BEST]);
     let said = notes(&table, NoteKind::Unranked).join(" ");
     assert!(said.contains("identical to the truth, which means leave out, would change the order: PSNR"), "{said}");
-    let said = own(&table, "b").measured_on.as_ref().unwrap().text.as_str();
+    let said = row_of(&table, "b").measured_on.as_ref().unwrap().text.as_str();
     assert!(said.contains(", 3 of ") && said.ends_with(" scenes, 3 of 12 targets identical to the truth"), "{said}");
     // A single target that changes no order.
     let [first, mut second] = two_stores("re10k-2v-256");
     (second.targets[0].status, second.targets[0].scores) = (TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
     let table = built("re10k", &[&first, &second]);
     assert_eq!(marks(&table, PSNR), SECOND_IS_BEST);
-    assert!(!own(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
+    assert!(!row_of(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
 }
 
 /// A method that copies context frames almost to the bit wins by targets that it was given, and by them alone.
@@ -141,15 +169,15 @@ fn an_order_that_leaked_targets_decide_is_not_marked() {
         let copied = first.targets.iter_mut().filter(|row| row.leaked);
         copied.filter_map(|row| row.scores.get_mut("psnr")).for_each(|score| *score = copy);
         let table = built("re10k", &[&first, &second]);
-        let marks_of_others = [SSIM, GAUSSIANS].map(|place| marks(&table, place));
+        let marks_of_others = [SSIM, GAUSSIANS].map(|index| marks(&table, index));
         assert_eq!((marks(&table, PSNR), marks_of_others), (expected, [SECOND_IS_BEST; 2]), "{copy} dB");
         let said = notes(&table, NoteKind::Unranked).join(" ");
-        let why = "because the order without targets that are context frames is another one: PSNR";
+        let why = "because the order differs without targets that are context frames: PSNR";
         assert_eq!(said.contains(why), expected == NONE, "{said}");
     }
 }
 
-/// The mean of two trainings of one network, which stands between them, has no row without leaked targets.
+/// The mean of two trainings of one network, which is between them, has no row without leaked targets.
 #[test]
 fn a_mean_over_trainings_changes_no_order() {
     let trained = |seed: &str| MethodRecord {
@@ -171,7 +199,7 @@ fn a_mean_over_trainings_changes_no_order() {
     assert!(table.rows.iter().any(Row::is_over_trainings));
     let said = notes(&table, NoteKind::Unranked).join(" ");
     assert!(!said.contains("context frames"), "{said}");
-    assert_eq!(own(&table, "1").cell(PSNR).mark, Mark::Best);
+    assert_eq!(row_of(&table, "1").cell(PSNR).mark, Mark::Best);
 }
 
 #[test]
@@ -190,7 +218,11 @@ fn metrics_of_other_weights_are_not_ranked() {
     second.targets.iter_mut().for_each(|row| *row.scores.get_mut("lpips").unwrap() = 0.1);
     let best_of_all = |table: &Table| table.rows.iter().filter(|row| row.cell(LPIPS).mark == Mark::Best).count();
     let table = built("re10k", &[&first, &second]);
-    assert_eq!((marks(&table, LPIPS), best_of_all(&table)), (SECOND_IS_BEST, 2), "measured and published apart");
+    assert_eq!(
+        (marks(&table, LPIPS), best_of_all(&table)),
+        (SECOND_IS_BEST, 2),
+        "measured and published are ranked separately"
+    );
     set(&mut first, "0123");
     let table = built("re10k", &[&first, &second]);
     assert_eq!((marks(&table, LPIPS), marks(&table, PSNR)), (NONE, SECOND_IS_BEST));
@@ -206,22 +238,22 @@ fn a_table_says_why_results_are_not_in_the_one_before() {
         change(&mut second);
         let sources = [Source { label: "one", results: &first }, Source { label: "two", results: &second }];
         let made = tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap();
-        let apart = |table: &Table| {
+        let separated_because = |table: &Table| {
             let mut notes = notes(table, NoteKind::Setting).into_iter();
             notes.find_map(|note| {
                 note.split_once("not in one table with the results of ").map(|(_, why)| why.to_owned())
             })
         };
-        made.iter().map(apart).collect::<Vec<_>>()
+        made.iter().map(separated_because).collect::<Vec<_>>()
     };
     assert_eq!(said(|_| ()), [None]);
     assert_eq!(
         said(|results| results.provenance.presets[0].hash = "b".to_owned()),
-        [None, Some("one: its protocol is another one".to_owned())]
+        [None, Some("one: the protocols differ".to_owned())]
     );
     assert_eq!(
         said(|results| results.provenance.presets[0].index_sha256 = "c".to_owned()),
-        [None, Some("one: its index is another one".to_owned())]
+        [None, Some("one: the indices differ".to_owned())]
     );
     let data = |results: &mut Results| {
         for row in results.trials.iter_mut().filter(|row| row.key.scene == SCENES[1]) {
@@ -229,7 +261,7 @@ fn a_table_says_why_results_are_not_in_the_one_before() {
         }
     };
     let expected =
-        format!("one: 1 trial that both have read other images or cameras, first scene {}, entry 0", SCENES[1]);
+        format!("one: 1 trial that both have read different images or cameras, first scene {}, entry 0", SCENES[1]);
     assert_eq!(said(data), [None, Some(expected)]);
 }
 
@@ -238,8 +270,8 @@ fn rows_of_a_shard_say_so() {
     let [first, mut second] = two_stores("re10k-2v-256");
     second.provenance.shard = Some(atsplat_eval::Shard { number: 2, count: 3 });
     let table = built("re10k", &[&first, &second]);
-    assert!(own(&table, "b").measured_on.as_ref().unwrap().text.ends_with(", shard 2 of 3 of the run"));
-    assert!(!own(&table, "a").measured_on.as_ref().unwrap().text.contains("shard"));
+    assert!(row_of(&table, "b").measured_on.as_ref().unwrap().text.ends_with(", shard 2 of 3 of the run"));
+    assert!(!row_of(&table, "a").measured_on.as_ref().unwrap().text.contains("shard"));
 }
 
 /// The second scene has a small overlap, and counts in no other bin.
@@ -248,7 +280,7 @@ fn only_columns_with_the_missing_scene_are_not_ranked() {
     let [first, mut second] = two_stores("re10k-overlap");
     without_second_scene(&mut second);
     let table = built("re10k_overlap", &[&first, &second]);
-    let [small, medium, large, average] = [1, 2, 3, 4].map(|group| marks(&table, (group, 0)));
+    let [small, medium, large, average] = [1, 2, 3, 4].map(|group| marks(&table, CellIndex { group, column: 0 }));
     assert_eq!([small, medium, large, average], [NONE, SECOND_IS_BEST, SECOND_IS_BEST, NONE]);
     let said = notes(&table, NoteKind::Unranked).concat();
     assert!(said.ends_with(": #Gauss., Small PSNR, Small SSIM, Average PSNR, Average SSIM"), "{said}");
@@ -264,11 +296,11 @@ fn targets_outside_all_bins_are_counted() {
     let table = built("re10k_overlap", &[&results]);
     let said = notes(&table, NoteKind::Counts);
     let outside: Vec<&&str> = said.iter().filter(|text| text.contains("outside all bins")).collect();
-    assert_eq!(outside.len(), 2, "with and without context frames: {said:?}");
+    assert_eq!(outside.len(), 2, "with and without leaked targets: {said:?}");
     let expected = "ATSplat: Small: 2 scenes, 6 targets; Medium: 0 scenes, 0 targets; Large: 1 scene, 2 targets; \
                     Average: 3 scenes, 8 targets; 4 targets outside all bins of overlap";
     assert_eq!(*outside[0], expected);
-    assert_eq!(own(&table, "a").cell((3, 0)).counts.unwrap().outside_bins, 4);
+    assert_eq!(row_of(&table, "a").cell(CellIndex { group: 3, column: 0 }).counts.unwrap().outside_bins, 4);
 }
 
 /// SSIM lacks the worst scene of the better method.
@@ -281,7 +313,7 @@ fn a_mean_over_targets_with_a_score_alone_says_so_and_is_not_ranked() {
     }
     let table = built("re10k", &[&first, &second]);
     assert_eq!((marks(&table, PSNR), marks(&table, SSIM)), (SECOND_IS_BEST, NONE));
-    let counts = own(&table, "b").cell(SSIM).counts.unwrap();
+    let counts = row_of(&table, "b").cell(SSIM).counts.unwrap();
     assert_eq!((counts.targets, counts.uncomputed), (9, 3));
     let said = notes(&table, NoteKind::NotComputed);
     let expected = "SSIM of ATSplat (b): not computed for 3 of 12 targets, and not ranked: too small";
@@ -306,7 +338,7 @@ fn a_run_that_has_not_ended_is_not_the_published_setting() {
         results.trials.retain(|row| !is_missing(&row.key));
         results.targets.retain(|row| !is_missing(&row.key));
     };
-    let is_published = |table: &Table| own(table, "a").measured_on.as_ref().unwrap().published_setting;
+    let is_published = |table: &Table| row_of(table, "a").measured_on.as_ref().unwrap().published_setting;
     let mut results = whole("re10k-2v-256");
     let table = built("re10k", &[&results]);
     assert!(is_published(&table) && notes(&table, NoteKind::Setting).is_empty(), "{:?}", table.footer);

@@ -36,6 +36,11 @@ const fn is_zero(count: &u64) -> bool {
 }
 
 impl Counts {
+    /// Whether targets of its row are not in the mean for want of a score.
+    pub(crate) const fn lacks_targets(self) -> bool {
+        self.failed + self.not_applicable + self.non_finite + self.uncomputed > 0
+    }
+
     /// Its targets without a score, each kind with its number: `, 3 failed and not in the mean`.
     pub(crate) fn without_score(self, and: &str) -> String {
         let Self { failed, not_applicable, non_finite, .. } = self;
@@ -46,7 +51,7 @@ impl Counts {
 }
 
 impl Cell {
-    /// The scenes and targets of its mean, and the targets that are not in it; `None` if it is no mean.
+    /// The scenes and targets of its mean, and the targets that are not in it; `None` if it is not a mean.
     pub(crate) fn counts_in_words(&self) -> Option<String> {
         let counts = self.counts?;
         let mut text = format!("{}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target"));

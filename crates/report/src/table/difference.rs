@@ -6,7 +6,7 @@ use atsplat_eval::{PresetRecord, SkippedEntry};
 use atsplat_protocol::trial::SkipReason;
 use atsplat_protocol::{AcceptedIndex, DropReason, PoseNormalisation, Preset};
 
-use super::edition::Part;
+use super::comparable::Part;
 use super::{Row, distinct};
 
 impl Part<'_> {
@@ -43,7 +43,7 @@ impl Part<'_> {
         self.without_trial(methods).or_else(changed)
     }
 
-    /// The published index that it was run on, if that is another one than the protocol's default.
+    /// The published index that it was run on, if that is not the protocol's default.
     pub(super) fn alternative_index(&self) -> Option<&AcceptedIndex> {
         self.protocol.index.alternative(self.preset.index_name.as_ref()?)
     }
@@ -60,8 +60,9 @@ impl Part<'_> {
         let first = lost.first()?;
         let count = lost.iter().map(|entry| (entry.scene.as_str(), entry.entry)).collect::<BTreeSet<_>>().len();
         let is_of = |method: &&&str| lost.iter().any(|entry| entry.concerns(method));
-        let own: Vec<&str> = methods.iter().filter(is_of).copied().collect();
-        let under = if own.len() < methods.len() { format!(" under {}", own.join(", ")) } else { String::new() };
+        let lacking: Vec<&str> = methods.iter().filter(is_of).copied().collect();
+        let under =
+            if lacking.len() < methods.len() { format!(" under {}", lacking.join(", ")) } else { String::new() };
         Some(format!(
             "{}: {count} of {} index entries {} no trial{under}: {}",
             record.name,
@@ -73,8 +74,8 @@ impl Part<'_> {
 
     /// The methods that rows of a table measured under it.
     pub(super) fn methods_in<'a>(&self, rows: &'a [Row]) -> Vec<&'a str> {
-        let own = rows.iter().flat_map(|row| row.protocols.iter().flatten()).filter(|own| self.is(own));
-        distinct(own.map(|own| own.method.as_str()))
+        let protocols = rows.iter().flat_map(|row| row.protocols.iter().flatten());
+        distinct(protocols.filter(|protocol| self.is(protocol)).map(|protocol| protocol.method.as_str()))
     }
 }
 

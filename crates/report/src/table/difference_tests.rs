@@ -24,19 +24,24 @@ fn built(results: &Results) -> Table {
 }
 
 fn settings(table: &Table) -> Vec<&str> {
-    let own = table.footer.iter().filter(|note| note.kind == NoteKind::Setting);
-    own.map(|note| note.text.as_str()).collect()
+    let notes = table.footer.iter().filter(|note| note.kind == NoteKind::Setting);
+    notes.map(|note| note.text.as_str()).collect()
 }
 
 fn measured_on<'a>(table: &'a Table, method: &str) -> &'a MeasuredOn {
-    let own = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked);
-    own.unwrap().measured_on.as_ref().unwrap()
+    let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked);
+    row.unwrap().measured_on.as_ref().unwrap()
 }
 
 /// Whether a measured or a published row has the best PSNR under a protocol.
 fn best(table: &Table, preset: &str) -> Vec<Origin> {
     let group = table.groups.iter().position(|group| group.preset.as_deref() == Some(preset)).unwrap();
-    table.rows.iter().filter(|row| row.cell((group, 0)).mark == Mark::Best).map(|row| row.origin).collect()
+    table
+        .rows
+        .iter()
+        .filter(|row| row.cell(CellIndex { group, column: 0 }).mark == Mark::Best)
+        .map(|row| row.origin)
+        .collect()
 }
 
 /// The whole default index of a protocol, with a PSNR above all published ones.
@@ -172,24 +177,24 @@ fn an_entry_that_one_method_lacks_is_a_difference_of_its_rows_alone() {
     assert_eq!(table.groups[0].measured_on, None);
 }
 
-/// The protocol's number of scenes is that of its own index: 24 scenes of 30 are not all.
+/// The protocol's number of scenes is that of its published index: 24 scenes of 30 are not all.
 #[test]
-fn the_scenes_of_an_own_index_are_counted_in_that_index() {
+fn the_scenes_of_an_unpublished_index_are_counted_in_that_index() {
     let said = |name: &str, run: usize, index: Option<u64>, entries: [u64; 2]| {
         let [entries, entries_of_index] = entries;
-        let own = preset(name);
-        let record = PresetRecord { index_name: None, scenes_of_index: index, entries, entries_of_index, ..own };
+        let record =
+            PresetRecord { index_name: None, scenes_of_index: index, entries, entries_of_index, ..preset(name) };
         let results = results_over(vec![record], vec![atsplat("atsplat", |_| ())], run);
         let found = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap();
         measured_on(&found[0], "atsplat").text.clone()
     };
     for (run, index, entries, expected) in [
-        (24, Some(30), [24, 30], "24 of 30 scenes, own index"),
-        (12, Some(12), [12, 12], "all 12 scenes, own index"),
-        (4, Some(6), [8, 12], "4 of 6 scenes, own index"),
+        (24, Some(30), [24, 30], "24 of 30 scenes, unpublished index"),
+        (12, Some(12), [12, 12], "all 12 scenes, unpublished index"),
+        (4, Some(6), [8, 12], "4 of 6 scenes, unpublished index"),
         // Older stores have numbers of entries alone.
-        (24, None, [24, 30], "24 scenes, 24 of 30 index entries, own index"),
-        (12, None, [12, 12], "all 12 scenes, own index"),
+        (24, None, [24, 30], "24 scenes, 24 of 30 index entries, unpublished index"),
+        (12, None, [12, 12], "all 12 scenes, unpublished index"),
     ] {
         let text = said("rooms-2v-128", run, index, entries);
         assert_eq!(text, format!("simulated rooms, 16×16, {expected}"), "{run} of {index:?}");
@@ -203,6 +208,6 @@ fn the_scenes_of_an_own_index_are_counted_in_that_index() {
     assert_eq!(
         measured_on(&found[0], "atsplat").text,
         "simulated rooms, 16×16, 4 of 24 scenes",
-        "the protocol's own index"
+        "the protocol's index"
     );
 }

@@ -1,83 +1,79 @@
 use atsplat_eval::statistics::{
-    Cost, Identical, Leaked, MetricQuery, Summary, Trend, along_distance, along_overlap, by_overlap, cost, summary,
-    within_distances,
+    Binned, Cost, Identical, Leaked, MetricQuery, Summary, Trend, along_distance, along_overlap, by_overlap, cost,
+    summary, within_distances,
 };
 use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
-use atsplat_eval::{Results, TargetRow, TargetStatus};
+use atsplat_eval::{Results, TargetStatus};
 
-use super::edition::Part;
+use super::comparable::MethodRun;
 use super::{Cell, CellTiming, Counts, TimeScope, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver};
 
 /// The cells of a method under a preset for a group of columns.
-pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
+pub(super) fn cells(run: MethodRun<'_>, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
+    let part = run.part;
     let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
     if let Some(why) = bins.and_then(|bins| part.mismatched_overlaps(bins)).filter(|_| !forced) {
         let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
     }
-    let (results, preset) = (part.source.results, part.preset.name.as_str());
-    let cost = cost(results, preset, method);
-    let identical = Identical::Excluded;
+    let cost = cost(run.results(), run.preset_name(), run.method());
     let cell = |column: &ColumnDefinition| match column.quantity {
-        Quantity::Metric(metric) => {
-            metric_cell(part, &MetricQuery { preset, method, metric: metric.id, leaked, identical }, group)
-        }
-        Quantity::Slope(metric, along) => {
-            let query = MetricQuery { preset, method, metric: metric.id, leaked, identical };
-            match along {
-                SlopeOver::Overlap => {
-                    let targets = summary(results, &query, part.protocol.aggregation);
-                    slope_cell(along_overlap(results, &query), &targets, 0.1)
-                }
-                SlopeOver::Distance => {
-                    let outside = within_distances(results, &query, 1..=u64::MAX);
-                    slope_cell(along_distance(results, &query), &outside, 1.0)
-                }
-            }
-        }
-        Quantity::Seconds => time_cell(times(results, preset, method), is_process(part, method)),
+        Quantity::Metric(metric) => metric_cell(run, &run.query(metric, leaked), group),
+        Quantity::Slope(metric, along) => slope(run, &run.query(metric, leaked), along),
+        Quantity::Seconds => time_cell(times(run.results(), run.preset_name(), run.method()), run.record.is_process()),
         quantity => cost_cell(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
 }
 
-fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
-    let results = part.source.results;
-    let mut outside_bins = 0;
-    let mut of_query = |query: &MetricQuery<'_>| match (&group.bin, &part.protocol.overlap_bins) {
-        (None, _) => match group.distances {
-            Some([low, high]) => within_distances(results, query, low..=high),
-            None => summary(results, query, part.protocol.aggregation),
-        },
-        (Some(bin), Some(bins)) => {
-            let binned = by_overlap(results, query, bins);
-            outside_bins = binned.ignored;
-            let own = binned.bins.into_iter().find(|(name, _)| *name == *bin).map(|(_, summary)| summary);
-            own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default()
-        }
-        (Some(_), None) => Summary::default(),
-    };
-    let found = of_query(query);
+fn metric_cell(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
+    let GroupSummary { summary, outside_bins } = summary_of_group(run, query, group);
     let capped = MetricQuery { identical: Identical::Capped, ..*query };
-    let with_identical =
-        if found.identical > 0 && has_identical(results, query) { of_query(&capped).mean } else { None };
+    let changes_with_identical = summary.identical > 0 && has_identical(run);
+    let with_identical = changes_with_identical.then(|| summary_of_group(run, &capped, group).summary.mean).flatten();
     Cell {
-        value: found.mean.map_or(Value::Absent, Value::Number),
-        interval: found.interval,
-        counts: Some(Counts { outside_bins, ..counts_of(&found) }),
-        set_hash: found.target_set_hash,
+        value: summary.mean.map_or(Value::Absent, Value::Number),
+        interval: summary.interval,
+        counts: Some(Counts { outside_bins, ..counts_of(&summary) }),
+        set_hash: summary.target_set_hash,
         with_identical,
-        metric_weights: weights_of(results, query.metric),
-        not_computed: found.not_computed,
+        metric_weights: weights_of(run.results(), query.metric),
+        not_computed: summary.not_computed,
         ..Cell::default()
     }
 }
 
+/// A metric over the targets of a group of columns.
+struct GroupSummary {
+    summary: Summary,
+    /// Targets outside all bins of overlap, if the group is a bin.
+    outside_bins: u64,
+}
+
+/// Over all targets, those at some distances from the window, or those in a bin of overlap.
+fn summary_of_group(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> GroupSummary {
+    let (results, protocol) = (run.results(), &run.part.protocol);
+    let over = |summary| GroupSummary { summary, outside_bins: 0 };
+    match (&group.bin, &protocol.overlap_bins) {
+        (None, _) => match group.distances {
+            Some([low, high]) => over(within_distances(results, query, low..=high)),
+            None => over(summary(results, query, protocol.aggregation)),
+        },
+        (Some(bin), Some(bins)) => {
+            let Binned { bins, average, ignored } = by_overlap(results, query, bins);
+            let in_bin = bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
+            let summary = in_bin.or_else(|| (*bin == "average").then_some(average)).unwrap_or_default();
+            GroupSummary { summary, outside_bins: ignored }
+        }
+        (Some(_), None) => over(Summary::default()),
+    }
+}
+
 /// Whether a render is identical to the truth although the method was not given that frame.
-fn has_identical(results: &Results, query: &MetricQuery<'_>) -> bool {
-    let is_own = |row: &&TargetRow| row.key.preset == query.preset && row.key.method == query.method;
-    results.targets.iter().filter(is_own).any(|row| row.status == TargetStatus::Identical && !row.leaked)
+fn has_identical(run: MethodRun<'_>) -> bool {
+    let mut targets = run.results().targets_of(run.preset_name(), run.method());
+    targets.any(|row| row.status == TargetStatus::Identical && !row.leaked)
 }
 
 fn weights_of(results: &Results, metric: &str) -> Option<String> {
@@ -94,6 +90,20 @@ const fn counts_of(found: &Summary) -> Counts {
         non_finite: found.non_finite,
         uncomputed: found.uncomputed,
         outside_bins: 0,
+    }
+}
+
+fn slope(run: MethodRun<'_>, query: &MetricQuery<'_>, along: SlopeOver) -> Cell {
+    let results = run.results();
+    match along {
+        SlopeOver::Overlap => {
+            let targets = summary(results, query, run.part.protocol.aggregation);
+            slope_cell(along_overlap(results, query), &targets, 0.1)
+        }
+        SlopeOver::Distance => {
+            let outside = within_distances(results, query, 1..=u64::MAX);
+            slope_cell(along_distance(results, query), &outside, 1.0)
+        }
     }
 }
 
@@ -124,7 +134,7 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
 }
 
 /// Seconds from context images to Gaussians, measured by the timing pass, or why there are none. Those of a method with a
-/// process of its own are the encoder's, as the process states them, or else those of the whole answer.
+/// separate process are the encoder's, as the process states them, or else those of the whole answer.
 fn time_cell(times: Result<Times, String>, is_process: bool) -> Cell {
     let found = times.and_then(|times| {
         let whole = times.encode.ok_or(NOTHING_ENCODED)?;
@@ -146,13 +156,9 @@ fn time_cell(times: Result<Times, String>, is_process: bool) -> Cell {
     }
 }
 
-/// Whether a method runs as a process of its own, which reads and writes files.
-fn is_process(part: &Part<'_>, method: &str) -> bool {
-    part.source.results.provenance.methods.iter().any(|record| record.name == method && record.is_process())
-}
-
-/// Whether any target of a method is also a context frame.
-pub(super) fn has_leaked(part: &Part<'_>, method: &str) -> bool {
-    let targets = part.source.results.targets.iter();
-    targets.filter(|row| row.leaked).any(|row| row.key.preset == part.preset.name && row.key.method == method)
+impl MethodRun<'_> {
+    /// Whether any target is also a context frame.
+    pub(super) fn has_leaked(self) -> bool {
+        self.results().targets_of(self.preset_name(), self.method()).any(|row| row.leaked)
+    }
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 use atsplat_eval::{PresetRecord, TargetRow, TargetStatus};
 use serde::Serialize;
 
+use super::comparable::{MethodRun, Part};
 use super::difference::is_changed;
-use super::edition::Part;
 use crate::counted;
 use crate::definition::dataset_name;
 
@@ -25,43 +25,54 @@ pub struct MeasuredOn {
     pub published_setting: bool,
 }
 
-/// A protocol that was run, for the columns with a heading.
+/// What was run for the columns with a heading.
 pub(super) struct ProtocolRun<'a> {
     pub(super) heading: &'a str,
-    pub(super) part: &'a Part<'a>,
-    pub(super) method: &'a str,
+    pub(super) run: MethodRun<'a>,
+}
+
+/// Data and size of images, with each number of scenes and the headings that have it.
+struct Place<'a> {
+    text: String,
+    scenes: Vec<(String, Vec<&'a str>)>,
+}
+
+impl Place<'_> {
+    /// `simulated rooms, 128×128, 8 of 24 scenes`; headings appear only where numbers of scenes differ.
+    fn in_words(&self) -> String {
+        match self.scenes.as_slice() {
+            [(scenes, _)] => format!("{}, {scenes}", self.text),
+            several => {
+                let several = several.iter().map(|(scenes, headings)| format!("{scenes} ({})", headings.join(", ")));
+                format!("{}: {}", self.text, several.collect::<Vec<_>>().join(", "))
+            }
+        }
+    }
 }
 
 impl MeasuredOn {
-    /// Of all protocols behind a row; headings appear only where numbers of scenes differ. `method` is named first.
-    #[expect(clippy::type_complexity, reason = "a list of lists, for a moment")]
-    pub(super) fn of(ran: &[ProtocolRun<'_>], method: Option<String>) -> Self {
-        // Data and size, with each number of scenes and the headings that have it.
-        let mut places: Vec<(String, Vec<(String, Vec<&str>)>)> = Vec::new();
-        for ProtocolRun { heading, part, method } in ran {
-            let place = [Some(part.data()), part.size(method)].into_iter().flatten().collect::<Vec<_>>().join(", ");
-            let at = places.iter().position(|(known, _)| *known == place).unwrap_or_else(|| {
-                places.push((place, Vec::new()));
+    /// Of all protocols behind a row; `method` is named first.
+    pub(super) fn of(protocol_runs: &[ProtocolRun<'_>], method: Option<String>) -> Self {
+        let mut places: Vec<Place<'_>> = Vec::new();
+        for ProtocolRun { heading, run } in protocol_runs {
+            let MethodRun { part, .. } = run;
+            let text = [Some(part.data()), run.size()].into_iter().flatten().collect::<Vec<_>>().join(", ");
+            let at = places.iter().position(|place| place.text == text).unwrap_or_else(|| {
+                places.push(Place { text, scenes: Vec::new() });
                 places.len() - 1
             });
-            let (scenes, counts) = (part.scenes(method), &mut places[at].1);
-            match counts.iter_mut().find(|(known, _)| *known == scenes) {
+            let (scenes, known) = (run.scenes(), &mut places[at].scenes);
+            match known.iter_mut().find(|(other, _)| *other == scenes) {
                 Some((_, headings)) => headings.push(heading),
-                None => counts.push((scenes, vec![*heading])),
+                None => known.push((scenes, vec![*heading])),
             }
         }
-        let text = places.iter().map(|(place, counts)| match counts.as_slice() {
-            [(scenes, _)] => format!("{place}, {scenes}"),
-            several => {
-                let several = several.iter().map(|(scenes, headings)| format!("{scenes} ({})", headings.join(", ")));
-                format!("{place}: {}", several.collect::<Vec<_>>().join(", "))
-            }
-        });
-        let place = text.collect::<Vec<_>>().join("; ");
+        let place = places.iter().map(Place::in_words).collect::<Vec<_>>().join("; ");
+        let is_published = |run: &MethodRun<'_>| run.part.difference(&[run.method()]).is_none();
         Self {
             text: method.map_or_else(|| place.clone(), |method| format!("{method} on {place}")),
             place,
-            published_setting: ran.iter().all(|ran| ran.part.difference(&[ran.method]).is_none()),
+            published_setting: protocol_runs.iter().all(|protocol_run| is_published(&protocol_run.run)),
         }
     }
 }
@@ -79,78 +90,92 @@ impl Part<'_> {
             }
         }
     }
+}
 
+impl<'a> MethodRun<'a> {
     /// Height and width of the compared images; `None` without any.
-    pub(super) fn size(&self, method: &str) -> Option<String> {
-        let targets = self.source.results.targets.iter();
-        let own = targets.filter(|row| row.key.preset == self.preset.name && row.key.method == method);
-        let sizes: BTreeSet<(u32, u32)> = own.map(|row| (row.height, row.width)).filter(|size| size.0 > 0).collect();
+    pub(super) fn size(self) -> Option<String> {
+        let targets = self.results().targets_of(self.preset_name(), self.method());
+        let sizes: BTreeSet<(u32, u32)> =
+            targets.map(|row| (row.height, row.width)).filter(|size| size.0 > 0).collect();
         let (first, last) = (sizes.first()?, sizes.last()?);
         let print = |(height, width): &(u32, u32)| format!("{height}×{width}");
         Some(if first == last { print(first) } else { format!("{} to {}", print(first), print(last)) })
     }
 
     /// Scenes with scored targets of those of the protocol, and what else differs from it.
-    fn scenes(&self, method: &str) -> String {
-        let is_own = |row: &&TargetRow| row.key.preset == self.preset.name && row.key.method == method;
-        let rows: Vec<&TargetRow> = self.source.results.targets.iter().filter(is_own).collect();
-        let with = |status| rows.iter().filter(move |row| row.status == status);
-        let scenes_with = |status| with(status).map(|row| row.key.scene.as_str()).collect::<BTreeSet<_>>();
-        let (scored, copied) = (scenes_with(TargetStatus::Scored), scenes_with(TargetStatus::Identical));
-        let scenes = scored.len() as u64;
-        let unsupported = self.source.results.unsupported();
-        let (not_applicable, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
-            with(TargetStatus::Failed).copied().partition(|row| unsupported.contains(&row.key));
-        let not_finite = with(TargetStatus::NonFinite).count();
-        // Copies of a context view are common among targets; here only where a scene has nothing else.
-        let identical = if copied.is_subset(&scored) { 0 } else { with(TargetStatus::Identical).count() };
-        let all = self.scenes_there();
-        let mut text = match (scenes, all) {
-            (1, Some(0 | 1)) => "1 scene".to_owned(),
-            (own, Some(all)) if own == all => format!("all {all} scenes"),
-            (own, Some(all)) if own < all => format!("{own} of {all} scenes"),
-            (own, _) => counted(own, "scene"),
-        };
-        if all.is_none() {
-            let PresetRecord { entries, entries_of_index, .. } = self.preset;
-            text.push_str(&format!(", {entries} of {entries_of_index} index entries"));
+    fn scenes(self) -> String {
+        let part = self.part;
+        let mut text = self.scored_scenes();
+        text.push_str(&self.targets_without_score());
+        if let Some(shard) = part.source.results.provenance.part() {
+            text.push_str(&format!(", {shard} of the run"));
         }
-        let without_score = [
-            (failed.len(), "failed"),
-            (not_finite, "not finite"),
-            (not_applicable.len(), "not applicable"),
-            (identical, "identical to the truth"),
-        ];
-        for (count, what) in without_score {
-            if count > 0 {
-                text.push_str(&format!(", {count} of {} targets {what}", rows.len()));
-            }
+        if part.has_unpublished_index() {
+            text.push_str(", unpublished index");
         }
-        if let Some(part) = self.source.results.provenance.part() {
-            text.push_str(&format!(", {part} of the run"));
-        }
-        if self.has_own_index() {
-            text.push_str(", own index");
-        }
-        if let Some(index) = self.alternative_index() {
+        if let Some(index) = part.alternative_index() {
             text.push_str(&format!(", alternative index {}", index.name));
         }
-        if is_changed(self.preset) {
+        if is_changed(part.preset) {
             text.push_str(", protocol changed");
         }
         text
     }
 
-    /// Whether the index is another one than those that the protocol accepts.
-    fn has_own_index(&self) -> bool {
+    /// `8 of 24 scenes`, and of how many index entries where the number of all scenes is not known.
+    fn scored_scenes(self) -> String {
+        let scenes = self.scenes_with(TargetStatus::Scored).len() as u64;
+        match (scenes, self.part.scenes_there()) {
+            (1, Some(0 | 1)) => "1 scene".to_owned(),
+            (scenes, Some(all)) if scenes == all => format!("all {all} scenes"),
+            (scenes, Some(all)) if scenes < all => format!("{scenes} of {all} scenes"),
+            (scenes, Some(_)) => counted(scenes, "scene"),
+            (scenes, None) => {
+                let PresetRecord { entries, entries_of_index, .. } = self.part.preset;
+                format!("{}, {entries} of {entries_of_index} index entries", counted(scenes, "scene"))
+            }
+        }
+    }
+
+    /// `, 3 of 21 targets failed` and the like; empty if all have a score.
+    fn targets_without_score(self) -> String {
+        let targets: Vec<&TargetRow> = self.results().targets_of(self.preset_name(), self.method()).collect();
+        let with = |status| targets.iter().filter(move |row| row.status == status);
+        let unsupported = self.results().unsupported();
+        let (not_applicable, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            with(TargetStatus::Failed).copied().partition(|row| unsupported.contains(&row.key));
+        // Copies of a context view are common among targets; here only where a scene has nothing else.
+        let (scored, copied) = (self.scenes_with(TargetStatus::Scored), self.scenes_with(TargetStatus::Identical));
+        let identical = if copied.is_subset(&scored) { 0 } else { with(TargetStatus::Identical).count() };
+        let counts = [
+            (failed.len(), "failed"),
+            (with(TargetStatus::NonFinite).count(), "not finite"),
+            (not_applicable.len(), "not applicable"),
+            (identical, "identical to the truth"),
+        ];
+        let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+        counts.map(|(count, what)| format!(", {count} of {} targets {what}", targets.len())).collect()
+    }
+
+    /// The scenes with a target of this status.
+    fn scenes_with(self, status: TargetStatus) -> BTreeSet<&'a str> {
+        let targets = self.results().targets_of(self.preset_name(), self.method());
+        targets.filter(|row| row.status == status).map(|row| row.key.scene.as_str()).collect()
+    }
+}
+
+impl Part<'_> {
+    /// Whether the index is none of those that the protocol accepts.
+    fn has_unpublished_index(&self) -> bool {
         !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none()
     }
 
-    /// Scenes of the index that was run: the number that the protocol states is that of its own index. `None` for another index in
-    /// an older store, unless all of its entries were processed.
+    /// Scenes of the index that was run: the number that the protocol states is that of its published index. `None` for another
+    /// index in an older store, unless all of its entries were processed.
     fn scenes_there(&self) -> Option<u64> {
         let (record, stated) = (self.preset, self.protocol.index.scenes);
-        if self.has_own_index() {
+        if self.has_unpublished_index() {
             let all_known = || (record.entries == record.entries_of_index).then(|| self.scenes_with_entries());
             return record.scenes_of_index.or_else(all_known);
         }

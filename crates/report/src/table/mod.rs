@@ -1,23 +1,25 @@
 //! Tables: published rows and, below each, the measured rows that reproduce it.
 
 mod build;
+mod comparable;
 #[cfg(test)]
 mod comparable_tests;
 mod counts;
 mod difference;
 #[cfg(test)]
 mod difference_tests;
-mod edition;
 mod footer;
-mod leads;
+mod labels;
 mod measure;
 mod measured_on;
+mod measured_row;
 mod note;
 mod orders;
 #[cfg(test)]
 mod process_tests;
 mod protocol;
 mod rank;
+mod remarks;
 #[cfg(test)]
 mod statement_tests;
 #[cfg(test)]
@@ -31,21 +33,22 @@ use atsplat_eval::timing::{Machine, Spread};
 use atsplat_metrics::Direction;
 use serde::Serialize;
 
-pub(crate) use build::WITHOUT_LEAKED;
 pub use build::{Mixing, tables};
+pub(crate) use comparable::is_same_data;
 pub use counts::Counts;
 pub(crate) use difference::is_changed;
-pub(crate) use edition::is_same_data;
-pub(crate) use footer::{short, short_commit};
+pub(crate) use labels::{short, short_commit};
 pub use measured_on::MeasuredOn;
 pub use note::{Note, NoteKind};
 pub use orders::{Order, Outcome};
 pub use protocol::protocol_tables;
+pub(crate) use remarks::{INFERENCE_ONLY, LEAKED_EXCLUDED};
 pub use time_scope::TimeScope;
 pub use verdict::{Headline, Verdict, verdict};
 
 use crate::definition::Quantity;
 use crate::plot::Origin;
+use rank::Incomparable;
 
 /// A store with its label.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +68,7 @@ pub struct StoreProtocol {
     pub preset: String,
     /// Name of the method in the store's rows.
     pub method: String,
-    /// What the method's name has to add under this protocol: never saw such data, changed at inference only, and the like.
+    /// What the method's name has to add under this protocol: zero-shot, changed at inference only, and the like.
     pub remarks: Vec<String>,
 }
 
@@ -91,6 +94,9 @@ pub struct Table {
     pub orders: Vec<Order>,
     /// Whether it mixes rows of different protocols.
     pub forced: bool,
+    /// The columns whose measured values do not compare, each with the reason.
+    #[serde(skip)]
+    pub(crate) unranked: Vec<(CellIndex, Incomparable)>,
 }
 
 /// Columns with a common heading.
@@ -126,7 +132,7 @@ pub struct Column {
 }
 
 /// A row.
-#[expect(clippy::struct_excessive_bools, reason = "independent facts, each with a mark of its own")]
+#[expect(clippy::struct_excessive_bools, reason = "independent facts, each with its own mark")]
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Row {
@@ -135,10 +141,10 @@ pub struct Row {
     /// Whether it is published or measured.
     pub origin: Origin,
     /// Position of the published row that it is or reproduces.
-    pub answers: Option<usize>,
+    pub published_row: Option<usize>,
     /// What was measured; `None` for published rows.
     pub measured_on: Option<MeasuredOn>,
-    /// What the label has to add: changed at inference only, never saw such data, without context frames, and the like.
+    /// What the label has to add: changed at inference only, zero-shot, leaked targets excluded, and the like.
     pub remarks: Vec<String>,
     /// Name of the method in its store; `None` for published rows and for rows of several methods.
     pub method: Option<String>,
@@ -154,7 +160,7 @@ pub struct Row {
     pub untrained: bool,
     /// Whether its weights are those of another row whose network differs: it was changed after training, at inference only.
     pub inference_only: bool,
-    /// Whether the paper trains a network of its own for such a row: an ablation that was not retrained.
+    /// Whether the paper trains a separate network for such a row: an ablation that was not retrained.
     #[serde(skip)]
     pub not_retrained: bool,
     /// Whether targets that are also context frames are excluded.
@@ -219,7 +225,7 @@ pub struct Trainings {
 pub struct CellTiming {
     /// The median, which is the cell's value, with its spread; seconds.
     pub spread: Spread,
-    /// What it covers, if the method has a process of its own.
+    /// What it covers, if the method runs in a separate process.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scope: Option<TimeScope>,
     /// Number of timed trials.
@@ -297,16 +303,25 @@ pub(crate) fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec
     found
 }
 
-/// The position of a column: group, and column in the group.
-pub(crate) type Place = (usize, usize);
+/// The position of a column, and of its cell in every row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CellIndex {
+    /// Position of the group of columns.
+    pub group: usize,
+    /// Position in the group.
+    pub column: usize,
+}
 
 /// Whether a method has trials under a preset.
 pub(crate) fn has_trials(results: &Results, preset: &str, method: &str) -> bool {
-    results.trials.iter().any(|trial| trial.key.preset == preset && trial.key.method == method)
+    results.trials_of(preset, method).next().is_some()
 }
 
-/// What CSV has beside a number, as endings of its column's name.
-pub(crate) const BESIDE_NUMBERS: [&str; 3] = ["low", "high", "scenes"];
+/// Endings of the names of the columns that CSV has after a number.
+pub(crate) const CSV_SUFFIXES: [&str; 3] = ["low", "high", "scenes"];
+
+/// Endings of those that it also has after a time.
+pub(crate) const CSV_TIME_SUFFIXES: [&str; 5] = ["mad", "machine", "busy", "scope", "device"];
 
 /// Marks times measured on a busy machine.
 pub(crate) const BUSY: &str = "§";
@@ -317,12 +332,10 @@ impl Cell {
         self.timing.as_ref().is_some_and(|timing| timing.busy)
     }
 
-    /// Whether it may be the best: no time measured on a busy machine, and no mean that lacks targets, or trials on which the
+    /// Whether it may be the best: not a time measured on a busy machine, nor a mean that lacks targets, or trials on which the
     /// method failed.
     pub(crate) fn is_rankable(&self) -> bool {
-        let lacks_targets =
-            self.counts.is_some_and(|own| own.failed + own.not_applicable + own.non_finite + own.uncomputed > 0);
-        !self.is_busy() && !self.lacks_trials && !lacks_targets
+        !self.is_busy() && !self.lacks_trials && !self.counts.is_some_and(Counts::lacks_targets)
     }
 
     /// The printed text.
@@ -362,7 +375,7 @@ impl Column {
 
 impl Row {
     /// The cell of a column; rows have a cell for every column of their table.
-    pub(crate) fn cell(&self, (group, column): Place) -> &Cell {
+    pub(crate) fn cell(&self, CellIndex { group, column }: CellIndex) -> &Cell {
         &self.cells[group][column]
     }
 
@@ -373,7 +386,13 @@ impl Row {
 
     /// What was measured for a group of columns: one protocol, or that of each training.
     pub(crate) fn measured(&self, group: usize) -> Vec<&StoreProtocol> {
-        self.trainings.get(group).map_or_else(|| self.protocol(group).into_iter().collect(), |own| own.iter().collect())
+        let trainings = self.trainings.get(group).map(|protocols| protocols.iter().collect());
+        trainings.unwrap_or_else(|| self.protocol(group).into_iter().collect())
+    }
+
+    /// Whether it is or reproduces the published row that `published` is.
+    pub(crate) fn reproduces(&self, published: &Self) -> bool {
+        self.published_row.is_some() && self.published_row == published.published_row
     }
 
     /// Whether it is a mean over several trainings.
@@ -416,20 +435,28 @@ impl Table {
         self.rows.iter().any(|row| row.origin == Origin::Measured)
     }
 
-    /// Every column with its position: group, and column in the group.
-    pub fn columns(&self) -> impl Iterator<Item = (Place, &Column)> {
-        let groups = self.groups.iter().enumerate();
-        groups.flat_map(|(group, own)| own.columns.iter().enumerate().map(move |(at, column)| ((group, at), column)))
+    /// Every column with its position.
+    pub fn columns(&self) -> impl Iterator<Item = (CellIndex, &Column)> {
+        self.groups.iter().enumerate().flat_map(|(group, Group { columns, .. })| {
+            let columns = columns.iter().enumerate();
+            columns.map(move |(column, definition)| (CellIndex { group, column }, definition))
+        })
     }
 
-    pub(crate) fn column(&self, (group, column): Place) -> &Column {
+    /// Why the measured rows do not compare in any of these columns, each reason once; empty if they do.
+    pub(crate) fn why_unranked(&self, columns: &[CellIndex]) -> Vec<&'static str> {
+        let reasons = self.unranked.iter().filter(|(index, _)| columns.contains(index));
+        distinct(reasons.map(|(_, why)| why.in_words()))
+    }
+
+    pub(crate) fn column(&self, CellIndex { group, column }: CellIndex) -> &Column {
         &self.groups[group].columns[column]
     }
 
     /// The heading of a column after that of its group.
-    pub(crate) fn heading(&self, place: Place) -> String {
-        let group = self.groups[place.0].title.as_str();
+    pub(crate) fn heading(&self, index: CellIndex) -> String {
+        let group = self.groups[index.group].title.as_str();
         let space = if group.is_empty() { "" } else { " " };
-        format!("{group}{space}{}", self.column(place).title)
+        format!("{group}{space}{}", self.column(index).title)
     }
 }

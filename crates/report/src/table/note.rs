@@ -30,7 +30,9 @@ pub enum NoteKind {
     NotComputed,
     /// Times measured on a busy machine.
     Busy,
-    /// Slopes over a setting, and of leads over overlap or distance.
+    /// What the marks of times of processes stand for.
+    TimeScope,
+    /// Slopes over a setting, and of differences between methods over overlap or distance.
     Trend,
     /// Targets that are left out of means, and intervals of too few scenes.
     LeftOut,

@@ -1,15 +1,12 @@
 //! Whether measured rows are in the published order: one vote for each pair of rows.
 
 use atsplat_eval::MethodRecord;
-use atsplat_eval::statistics::{
-    Identical, Leaked, MetricQuery, SceneMean, difference_of_seeds, paired_between, scene_means,
-};
+use atsplat_eval::statistics::{common_scene_means, difference_of_seeds, paired_between};
 use atsplat_metrics::Definition;
 use serde::Serialize;
 
-use super::build::is_not_retrained;
-use super::edition::{Edition, Part};
-use super::{Row, Table};
+use super::comparable::{ComparableResults, MethodRun};
+use super::{CellIndex, Row, Table};
 use crate::definition::{Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -23,7 +20,7 @@ pub struct Order {
     pub quantity: &'static str,
     /// Published difference, first minus second.
     pub published: f64,
-    /// Measured difference over the targets that both have.
+    /// Measured difference over the targets that both have; over those of all trainings, where there are several.
     pub measured: f64,
     /// Its paired 95 % interval over scenes, and over trainings where there are several; `None` with fewer than 6 scenes.
     pub interval: Option<[f64; 2]>,
@@ -66,25 +63,35 @@ impl Outcome {
 
 /// The orders of all pairs of published rows that are reproduced under one protocol. They are compared by their first metric
 /// in the last group of columns that has it for both: the average over bins, the largest number of views.
-pub(super) fn orders(table: &Table, definition: &TableDefinition, edition: &Edition<'_>) -> Vec<Order> {
+pub(super) fn orders(table: &Table, definition: &TableDefinition, results: &ComparableResults<'_>) -> Vec<Order> {
     let published: Vec<&Row> = table.rows.iter().filter(|row| row.origin == Origin::Published).collect();
     let mut orders = Vec::new();
     for (at, first) in published.iter().enumerate() {
         for second in published.iter().skip(at + 1) {
-            let found = (0..table.groups.len()).rev().find_map(|group| {
-                let column = table.groups[group].columns.iter().position(|own| metric_of(own.quantity).is_some())?;
-                let metric = metric_of(table.groups[group].columns[column].quantity)?;
-                let number = |row: &Row| row.cell((group, column)).value.number();
-                let difference = number(first)? - number(second)?;
-                let bin = definition.groups[group].bin.as_deref().is_some_and(|bin| bin != "average");
-                let rows = [*first, *second];
-                let [one, other] = rows.map(|row| reproducing_methods(table, definition, edition, row, group));
-                (difference != 0.0 && !bin).then(|| compared(edition, &one, &other, metric, difference, rows)).flatten()
-            });
-            orders.extend(found);
+            let mut groups = (0..table.groups.len()).rev();
+            orders.extend(groups.find_map(|group| order_in(table, definition, results, group, [*first, *second])));
         }
     }
     orders
+}
+
+/// The order of two published rows by the first metric in a group of columns.
+fn order_in(
+    table: &Table,
+    definition: &TableDefinition,
+    results: &ComparableResults<'_>,
+    group: usize,
+    rows: [&Row; 2],
+) -> Option<Order> {
+    let mut columns = table.groups[group].columns.iter().enumerate();
+    let (column, metric) = columns.find_map(|(at, column)| Some((at, metric_of(column.quantity)?)))?;
+    let number = |row: &Row| row.cell(CellIndex { group, column }).value.number();
+    let published = number(rows[0])? - number(rows[1])?;
+    let is_bin = definition.groups[group].bin.as_deref().is_some_and(|bin| bin != "average");
+    let is_order = published != 0.0 && !is_bin;
+    let trainings = rows.map(|row| reproducing_methods(table, definition, results, row, group));
+    let trainings = trainings.each_ref().map(Vec::as_slice);
+    is_order.then(|| compared(results, trainings, metric, published, rows)).flatten()
 }
 
 const fn metric_of(quantity: Quantity) -> Option<&'static Definition> {
@@ -94,36 +101,31 @@ const fn metric_of(quantity: Quantity) -> Option<&'static Definition> {
     }
 }
 
-/// Methods, each with the results of its store under one preset.
-pub(super) type TrainedMethods<'a> = Vec<(&'a Part<'a>, &'a MethodRecord)>;
-
 /// The first method that reproduces a published row, and its other trainings.
 fn reproducing_methods<'a>(
     table: &Table,
     definition: &TableDefinition,
-    edition: &'a Edition<'a>,
+    results: &'a ComparableResults<'a>,
     row: &Row,
     group: usize,
-) -> TrainedMethods<'a> {
-    let own = definition.row(&row.labels).and_then(|own| own.preset.as_ref());
-    let Some(preset) = own.or(definition.groups[group].preset.as_ref()) else { return Vec::new() };
+) -> Vec<MethodRun<'a>> {
+    let preset_of_row = definition.row(&row.labels).and_then(|known| known.preset.as_ref());
+    let Some(preset) = preset_of_row.or(definition.groups[group].preset.as_ref()) else { return Vec::new() };
     let measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
-    let answers = measured.filter(|other| other.answers.is_some() && other.answers == row.answers);
-    let mut trainings: TrainedMethods<'a> = Vec::new();
-    for method in answers.filter_map(|row| edition.method(preset, row)) {
-        if is_further_training(&trainings, method) {
-            trainings.push(method);
+    let reproducing = measured.filter(|other| other.reproduces(row));
+    let mut trainings: Vec<MethodRun<'a>> = Vec::new();
+    for run in reproducing.filter_map(|row| results.method(preset, row)) {
+        if is_further_training(&trainings, run) {
+            trainings.push(run);
         }
     }
     trainings
 }
 
 /// Whether a method is another training of the network of `known`, from a seed that none of them has: stores may share some.
-pub(super) fn is_further_training(
-    known: &[(&Part<'_>, &MethodRecord)],
-    (part, record): (&Part<'_>, &MethodRecord),
-) -> bool {
-    known.iter().all(|(own, other)| differs_only_in_seed(other, record) && own.is_consistent_with(part))
+pub(super) fn is_further_training(known: &[MethodRun<'_>], run: MethodRun<'_>) -> bool {
+    let is_other_seed = |other: &MethodRun<'_>| differs_only_in_seed(other.record, run.record);
+    known.iter().all(|other| is_other_seed(other) && other.part.is_comparable_with(run.part))
 }
 
 /// Whether two methods are one network, trained on the same data from different seeds.
@@ -133,23 +135,25 @@ fn differs_only_in_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
     differ && first.data == second.data && a.kind == b.kind && a.parameters == b.parameters
 }
 
+/// The order of two rows with these trainings; `published` is their published difference.
 fn compared(
-    edition: &Edition<'_>,
-    one: &TrainedMethods<'_>,
-    other: &TrainedMethods<'_>,
+    results: &ComparableResults<'_>,
+    trainings: [&[MethodRun<'_>]; 2],
     metric: &'static Definition,
     published: f64,
     rows: [&Row; 2],
 ) -> Option<Order> {
-    let (first, second) = (one.first()?, other.first()?);
-    let inference_only = [first, second].iter().any(|(_, record)| is_not_retrained(edition, record));
+    let [one, other] = trainings;
+    let both = [*one.first()?, *other.first()?];
     let (measured, interval, scenes) = if one.len() + other.len() == 2 {
-        let [a, b] = [first, second].map(|own| query(own, metric));
-        let pair = paired_between((first.0.source.results, &a), (second.0.source.results, &b))?;
+        let [first, second] = both.map(|run| run.over_all_targets(metric));
+        let pair = paired_between((first.0, &first.1), (second.0, &second.1))?;
         (pair.difference, pair.interval, pair.scenes)
     } else {
-        let [a, b] = [one, other].map(|own| own.iter().map(|own| means(own, metric)).collect::<Vec<_>>());
-        let found = difference_of_seeds(&a, &b)?;
+        let queries: Vec<_> = one.iter().chain(other).map(|run| run.over_all_targets(metric)).collect();
+        let mut means = common_scene_means(&queries);
+        let means_of_other = means.split_off(one.len());
+        let found = difference_of_seeds(&means, &means_of_other)?;
         (found.mean, found.interval, found.scenes)
     };
     Some(Order {
@@ -159,28 +163,47 @@ fn compared(
         measured,
         interval,
         scenes,
-        trainings: [one.len(), other.len()],
-        inference_only,
+        trainings: trainings.map(<[_]>::len),
+        inference_only: both.iter().any(|run| results.is_not_retrained(run.record)),
         outcome: Outcome::of(published, interval),
     })
 }
 
-pub(super) fn query<'a>(
-    (part, record): &(&'a Part<'a>, &'a MethodRecord),
-    metric: &'static Definition,
-) -> MetricQuery<'a> {
-    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
-    MetricQuery { preset: &part.preset.name, method: &record.name, metric: metric.id, leaked, identical }
-}
-
-/// The scene means of a method under a protocol.
-pub(super) fn means<'a>(own: &(&'a Part<'a>, &'a MethodRecord), metric: &'static Definition) -> Vec<SceneMean> {
-    scene_means(own.0.source.results, &query(own, metric))
-}
-
 #[cfg(test)]
 mod tests {
+    use atsplat_eval::{TargetStatus, TrainingRecord, TrialStatus};
+    use atsplat_numeric::Tolerance;
+
     use super::*;
+    use crate::sample::{atsplat, preset, random, results_over};
+    use crate::table::{Mixing, Source, tables};
+
+    /// Both trainings lose two of three targets, at which the random selection is 10 dB lower than at the other.
+    #[test]
+    fn several_trainings_are_compared_over_the_targets_that_all_have() {
+        let trained = |seed: &str| MethodRecord {
+            weights_sha256: Some(format!("weights of {seed}")),
+            training: Some(TrainingRecord { data: "simulated rooms".to_owned(), seed: Some(seed.to_owned()) }),
+            ..atsplat(seed, |_| ())
+        };
+        let other = MethodRecord { weights_sha256: Some("of its own".to_owned()), ..random() };
+        let name = other.name.clone();
+        let mut results = results_over(vec![preset("rooms-2v-128")], vec![trained("1"), other, trained("2")], 6);
+        results.trials.iter_mut().for_each(|trial| (trial.status, trial.detail) = (TrialStatus::Done, None));
+        for row in &mut results.targets {
+            let (is_random, is_hard) = (row.key.method == name, row.target > 0);
+            let psnr = 20.0 + 0.5 * f64::from(is_random) - 10.0 * f64::from(is_hard);
+            let is_lost = is_hard && !is_random;
+            row.status = if is_lost { TargetStatus::NonFinite } else { TargetStatus::Scored };
+            row.scores = if is_lost { [].into() } else { [("psnr".to_owned(), psnr)].into() };
+        }
+        let source = Source { label: "run", results: &results };
+        let definition = TableDefinition::named("ablation_ate").unwrap();
+        let table = tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0);
+        let [order] = &table.orders[..] else { panic!("{:?}", table.orders) };
+        assert_eq!((order.trainings, order.scenes, order.quantity), ([1, 2], 6, "PSNR"), "{order:?}");
+        Tolerance::absolute(1e-9).assert([order.measured], [0.5], "the random selection minus the trainings");
+    }
 
     #[test]
     fn only_an_interval_beside_zero_decides() {

@@ -1,4 +1,4 @@
-//! Rows of methods that run as processes of their own.
+//! Rows of methods that run in separate processes.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,9 @@ use atsplat_eval::Results;
 use atsplat_numeric::Tolerance;
 
 use super::*;
+use crate::csv_text;
 use crate::definition::TableDefinition;
+use crate::emit::TableFormat;
 use crate::sample::store;
 
 /// The sample store with its first method as a process, changed further.
@@ -19,9 +21,9 @@ fn with_process(change: impl FnOnce(&mut Results)) -> Table {
 }
 
 fn time(table: &Table) -> (String, Cell) {
-    let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+    let (index, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
     let of_process = |row: &&Row| row.method.as_deref() == Some("atsplat") && !row.without_leaked;
-    let cell = table.rows.iter().find(of_process).unwrap().cell(place);
+    let cell = table.rows.iter().find(of_process).unwrap().cell(index);
     (cell.print(column), cell.clone())
 }
 
@@ -64,6 +66,32 @@ fn the_time_of_a_process_is_the_whole_answer_unless_every_trial_states_its_encod
     }
 }
 
+/// Both methods of the store that encode are timed; the second, within this process, on a card.
+#[test]
+fn files_say_what_times_cover_and_on_which_device() {
+    let table = with_process(|results| {
+        state_encoders(results);
+        let others = results.timings.iter_mut().filter(|row| row.key.method == "nearest-view");
+        others.for_each(|row| {
+            (row.encode, row.stages) = (vec![0.5; 5], [].into());
+            row.network_adapter = Some("card".to_owned());
+        });
+    });
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    let printed: Vec<&str> = latex.lines().filter(|line| !line.starts_with('%')).collect();
+    let explained = "$^\\dagger$ as the method states";
+    assert!(printed.iter().any(|line| line.contains(explained)), "{latex}");
+    assert!(!latex.lines().any(|line| line.starts_with('%') && line.contains('†')), "{latex}");
+    let records = csv_text::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
+    let at = |name: &str| records[0].iter().position(|head| head == name).unwrap_or_else(|| panic!("{:?}", records[0]));
+    let of = |method: &str| {
+        let record = records.iter().find(|record| record[at("method_id")] == method).unwrap();
+        ["seconds_busy", "seconds_scope", "seconds_device"].map(|name| record[at(name)].as_str())
+    };
+    assert_eq!(of("atsplat"), ["false", "as the method states", ""]);
+    assert_eq!(of("nearest-view"), ["false", "", "network on card"]);
+}
+
 /// A network that runs in this process is timed while it encodes, whatever its stages are called.
 #[test]
 fn times_of_other_methods_have_no_remark() {
@@ -82,7 +110,7 @@ fn a_busy_machine_is_marked_too() {
     assert_eq!(time(&table).0, "0.260 ‡ §");
 }
 
-/// iLRM's entry in the protocol has a renderer of its own, `DepthSplat`'s has none.
+/// iLRM's entry in the protocol has a renderer, `DepthSplat`'s has none.
 #[test]
 fn the_renderer_of_a_setting_is_named() {
     let named = |setting: &str, constants: &str, background: serde_json::Value| {

@@ -3,12 +3,12 @@
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::PresetRecord;
+use atsplat_eval::{PresetRecord, TargetRow};
 use atsplat_metrics::{Definition, definitions};
 
 use super::build::table;
-use super::edition::{Edition, editions};
-use super::{BESIDE_NUMBERS, Mixing, Source, Table, distinct};
+use super::comparable::{ComparableResults, comparable_groups};
+use super::{CSV_SUFFIXES, Mixing, Source, Table, distinct};
 use crate::ReportError;
 use crate::definition::{
     ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
@@ -24,19 +24,19 @@ pub fn protocol_tables(sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Tab
     let mut tables: Vec<Table> = Vec::new();
     for protocol in distinct(records.map(PresetRecord::published)) {
         let needed = definition(protocol, Vec::new());
-        for edition in editions(&needed, sources, mixing == Mixing::Forced)? {
-            let Some(first) = edition.parts.first() else { continue };
-            let mut own = definition(protocol, groups(protocol, &edition));
-            own.title.clone_from(&first.preset.title);
-            own.caption = format!(
+        for results in comparable_groups(&needed, sources, mixing == Mixing::Forced)? {
+            let Some(first) = results.parts.first() else { continue };
+            let mut definition = definition(protocol, groups(protocol, &results));
+            definition.title.clone_from(&first.preset.title);
+            definition.caption = format!(
                 "Every method under the protocol {}; in brackets, 95 % intervals over scenes.",
                 first.preset.name
             );
-            let mut found = table(&own, &[], Some(&edition));
-            let is_taken = |name: &str| tables.iter().any(|table| table.name == name);
-            found.name = unused(&format!("protocol-{}", plain(&first.preset.name)), is_taken);
-            if found.is_measured() {
-                tables.push(found);
+            let mut table = table(&definition, &[], Some(&results));
+            let is_taken = |name: &str| tables.iter().any(|other| other.name == name);
+            table.name = unused(&format!("protocol-{}", plain(&first.preset.name)), is_taken);
+            if table.is_measured() {
+                tables.push(table);
             }
         }
     }
@@ -85,35 +85,35 @@ fn group(protocol: &str, title: &str, quantities: Vec<Quantity>) -> ColumnGroup 
 
 /// All metrics with sizes and times; then the first metric by bin of overlap, or by distance outside the window, with its
 /// slope.
-fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
-    let metrics = metrics(edition);
+fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
+    let metrics = metrics(results);
     let sizes = [Quantity::Gaussians, Quantity::Seconds];
     let mut groups = vec![group(protocol, "", metrics.iter().copied().map(Quantity::Metric).chain(sizes).collect())];
     let Some(metric) = metrics.first().copied() else { return groups };
     let breakdown = |title: String, suffix: String, change: &dyn Fn(&mut ColumnGroup)| {
-        let mut own = ColumnGroup { suffix, ..group(protocol, &title, vec![Quantity::Metric(metric)]) };
-        change(&mut own);
-        own
+        let mut group = ColumnGroup { suffix, ..group(protocol, &title, vec![Quantity::Metric(metric)]) };
+        change(&mut group);
+        group
     };
     let slope = |along| group(protocol, &format!("Trend of {}", metric.name), vec![Quantity::Slope(metric, along)]);
-    let bins = edition.parts.first().and_then(|part| part.protocol.overlap_bins.as_ref());
+    let bins = results.parts.first().and_then(|part| part.protocol.overlap_bins.as_ref());
     for name in bins.iter().flat_map(|bins| bins.names()) {
-        let set = |own: &mut ColumnGroup| own.bin = Some(name.clone());
-        // An ending of its own, where the name is that of an end of an interval.
-        let ending = if BESIDE_NUMBERS.contains(&name.as_str()) { "_overlap" } else { "" };
+        let set = |group: &mut ColumnGroup| group.bin = Some(name.clone());
+        // Another ending, where the name is that of an end of an interval.
+        let ending = if CSV_SUFFIXES.contains(&name.as_str()) { "_overlap" } else { "" };
         groups.push(breakdown(format!("{name} overlap"), format!("_{name}{ending}"), &set));
     }
     if bins.is_some() {
         groups.push(slope(SlopeOver::Overlap));
     }
-    let ranges = distances(edition);
+    let ranges = distances(results);
     for [low, high] in &ranges {
         let title = match (low, high) {
             (0, _) => "inside the window".to_owned(),
             (low, high) if low == high => format!("{low} outside"),
             (low, high) => format!("{low} to {high} outside"),
         };
-        let set = |own: &mut ColumnGroup| own.distances = Some([*low, *high]);
+        let set = |group: &mut ColumnGroup| group.distances = Some([*low, *high]);
         groups.push(breakdown(title, format!("_{low}_to_{high}"), &set));
     }
     if !ranges.is_empty() {
@@ -123,29 +123,26 @@ fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
 }
 
 /// The metrics that the targets have a score of, or a reason why not, in the order of definitions.
-fn metrics(edition: &Edition<'_>) -> Vec<&'static Definition> {
-    let requested = |metric: &&Definition| {
-        edition.parts.iter().any(|part| {
-            let targets = part.source.results.targets.iter().filter(|row| row.key.preset == part.preset.name);
-            targets
-                .into_iter()
-                .any(|row| row.scores.contains_key(metric.id) || row.not_computed.contains_key(metric.id))
-        })
-    };
-    definitions().iter().filter(requested).collect()
+fn metrics(results: &ComparableResults<'_>) -> Vec<&'static Definition> {
+    let is_known = |row: &TargetRow, id: &str| row.scores.contains_key(id) || row.not_computed.contains_key(id);
+    definitions().iter().filter(|metric| targets(results).any(|row| is_known(row, metric.id))).collect()
 }
 
 /// Inside the window, and up to three ranges of the distances outside it, of equal width; empty without targets outside.
-fn distances(edition: &Edition<'_>) -> Vec<[u64; 2]> {
+fn distances(results: &ComparableResults<'_>) -> Vec<[u64; 2]> {
     const RANGES: u64 = 3;
-    let rows = edition
-        .parts
-        .iter()
-        .flat_map(|part| part.source.results.targets.iter().filter(|row| row.key.preset == part.preset.name));
-    let found: BTreeSet<u64> = rows.map(|row| row.signed_distance.unsigned_abs()).collect();
+    let found: BTreeSet<u64> = targets(results).map(|row| row.signed_distance.unsigned_abs()).collect();
     let Some(farthest) = found.last().copied().filter(|farthest| *farthest > 0) else { return Vec::new() };
     let width = farthest.div_ceil(RANGES);
     let outside = (0..RANGES).map(|at| [at * width + 1, ((at + 1) * width).min(farthest)]);
     let has_targets = |range: &[u64; 2]| found.range(range[0]..=range[1].max(range[0])).next().is_some();
     std::iter::once([0, 0]).chain(outside).filter(has_targets).collect()
+}
+
+/// The targets of all methods under the presets.
+fn targets<'a>(results: &'a ComparableResults<'a>) -> impl Iterator<Item = &'a TargetRow> {
+    results.parts.iter().flat_map(|part| {
+        let targets = part.source.results.targets.iter();
+        targets.filter(move |row| row.key.preset == part.preset.name)
+    })
 }

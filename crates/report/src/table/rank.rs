@@ -3,76 +3,99 @@ use std::collections::BTreeMap;
 
 use atsplat_metrics::{Definition, Direction, Measure};
 
-use super::{Cell, Column, Mark, Note, NoteKind, Place, Row, Table};
+use super::{Cell, CellIndex, Column, Mark, Note, NoteKind, Row, Table};
 use crate::definition::{Marks, Quantity};
 use crate::plot::Origin;
 
 /// Marks the best and the second of each column by the printed values, so that equal values share a mark; returns notes on
-/// columns whose measured values do not compare.
+/// columns whose measured values do not compare. Why they do not stays in [`Table::unranked`], also for a table without marks.
 ///
 /// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
 /// separately; times always, because published ones are of other machines. Untrained rows, rows without leaked targets, and
-/// means that lack targets or trials are not ranked, nor are measured rows of a column that differ in their targets, in the learned
-/// weights of its metric, or in the machine or device of their times, or would be in another order with renders that are identical to
-/// the truth or without targets that are context frames. Weights that are not the published ones give a ranking of their
-/// own. A second place shared by more than two rows is not marked.
+/// means that lack targets or trials are not ranked, nor are measured rows of a table that mixes protocols, or of a column that
+/// differ in their targets, in the learned weights of its metric, or in the machine or device of their times, or would be in another
+/// order with renders that are identical to the truth or without targets that are context frames. Scores with weights that are not
+/// the published ones are ranked separately. A second place shared by more than two rows is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<Note> {
-    if marks == Marks::None {
-        return Vec::new();
-    }
-    let directed: Vec<(Place, Direction)> =
-        table.columns().filter_map(|(place, column)| Some((place, column.direction?))).collect();
-    let mut unranked: BTreeMap<Incomparable, Vec<String>> = BTreeMap::new();
+    let directed: Vec<(CellIndex, Direction)> =
+        table.columns().filter_map(|(index, column)| Some((index, column.direction?))).collect();
     let published = |row: &Row| row.origin == Origin::Published;
     let measured = |row: &Row| row.origin == Origin::Measured;
-    for (place, direction) in directed {
-        let is_time = table.column(place).quantity == Quantity::Seconds;
-        // The mean of several trainings compares if these do.
-        let rows: Vec<usize> = printed(table, place, &measured).into_iter().map(|(at, _)| at).collect();
-        let rows: Vec<usize> = rows.into_iter().filter(|at| !table.rows[*at].is_over_trainings()).collect();
-        let cells: Vec<&Cell> = rows.iter().map(|at| table.rows[*at].cell(place)).collect();
-        // The same row without leaked targets follows it, if it has any.
-        let without_leaked = |at: usize| {
-            let next = table.rows.get(at + 1).filter(|row| row.without_leaked)?.cell(place);
-            next.value.number().map(|_| next)
-        };
-        let others: Vec<&Cell> = rows.iter().zip(&cells).map(|(at, own)| without_leaked(*at).unwrap_or(own)).collect();
-        let rankings: &[&dyn Fn(&Row) -> bool] = if let Some(why) = incomparable(&cells, &others, direction) {
-            unranked.entry(why).or_default().push(table.heading(place));
+    let mut unranked: Vec<(CellIndex, Incomparable)> = Vec::new();
+    for (index, direction) in directed {
+        let why = why_incomparable(table, index, direction);
+        let rankings: &[&dyn Fn(&Row) -> bool] = if let Some(why) = why {
+            unranked.push((index, why));
             &[&published]
-        } else if one_ranking && !is_time && has_published_weights(table.column(place), &cells) {
+        } else if one_ranking && has_one_ranking(table, index) {
             &[&|_| true]
         } else {
             &[&published, &measured]
         };
         for included in rankings {
-            rank_column(table, place, direction, marks, included);
+            rank_column(table, index, direction, marks, included);
         }
     }
+    let notes = if marks == Marks::None { Vec::new() } else { notes(table, &unranked) };
+    table.unranked = unranked;
+    notes
+}
+
+/// Positions of the measured rows whose values of a column may be ranked. The mean of several trainings compares if these do.
+fn measured_rows(table: &Table, index: CellIndex) -> Vec<usize> {
+    let measured = printed(table, index, &|row| row.origin == Origin::Measured);
+    measured.into_iter().map(|(at, _)| at).filter(|at| !table.rows[*at].is_over_trainings()).collect()
+}
+
+/// Why the measured values of a column do not compare; `None` if they do.
+fn why_incomparable(table: &Table, index: CellIndex, direction: Direction) -> Option<Incomparable> {
+    let rows = measured_rows(table, index);
+    if table.forced && rows.len() > 1 {
+        return Some(Incomparable::Protocols);
+    }
+    let cells: Vec<&Cell> = rows.iter().map(|at| table.rows[*at].cell(index)).collect();
+    // The same row without leaked targets follows it, if it has any.
+    let without_leaked = |at: usize| {
+        let next = table.rows.get(at + 1).filter(|row| row.without_leaked)?.cell(index);
+        next.value.number().map(|_| next)
+    };
+    let cells_without_leaked: Vec<&Cell> =
+        rows.iter().zip(&cells).map(|(at, cell)| without_leaked(*at).unwrap_or(cell)).collect();
+    incomparable(&cells, &cells_without_leaked, direction)
+}
+
+/// Whether published and measured values of a column may be ranked together: not times, nor scores with unpublished weights.
+fn has_one_ranking(table: &Table, index: CellIndex) -> bool {
+    let rows = measured_rows(table, index);
+    let cells: Vec<&Cell> = rows.iter().map(|at| table.rows[*at].cell(index)).collect();
+    let column = table.column(index);
+    column.quantity != Quantity::Seconds && has_published_weights(column, &cells)
+}
+
+/// A note for each reason.
+fn notes(table: &Table, unranked: &[(CellIndex, Incomparable)]) -> Vec<Note> {
+    let mut columns: BTreeMap<Incomparable, Vec<String>> = BTreeMap::new();
+    for (index, why) in unranked {
+        columns.entry(*why).or_default().push(table.heading(*index));
+    }
     let note = |(why, columns): (Incomparable, Vec<String>)| {
-        let why = match why {
-            Incomparable::Targets => "rows are over different scenes or targets",
-            Incomparable::Identical => {
-                "renders that are identical to the truth, which means leave out, would change the order"
-            }
-            Incomparable::Leaked => "the order without targets that are context frames is another one",
-            Incomparable::Weights => "metrics have different weights",
-            Incomparable::Machines => "times are of different machines or devices",
-        };
-        let text = format!("no measured number is marked as best, because {why}: {}", columns.join(", "));
+        let (why, columns) = (why.in_words(), columns.join(", "));
+        let text = format!("no measured number is marked as best, because {why}: {columns}");
         Note { kind: NoteKind::Unranked, text }
     };
-    unranked.into_iter().map(note).collect()
+    columns.into_iter().map(note).collect()
 }
 
 /// Why the measured values of a column do not compare.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Incomparable {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Incomparable {
+    /// Other protocols, which `--force` put into one table.
+    Protocols,
     /// Other targets or trials.
     Targets,
-    /// Without the renders that are identical to the truth, the order is another one: a method would lose by its best targets.
+    /// Without the renders that are identical to the truth, the order differs: a method would lose by its best targets.
     Identical,
-    /// Without targets that are context frames, the order is another one: a copy of one scores tens of decibels more than any view.
+    /// Without targets that are context frames, the order differs: a copy of one scores tens of decibels more than any view.
     Leaked,
     /// Other learned weights of the metric.
     Weights,
@@ -80,8 +103,21 @@ enum Incomparable {
     Machines,
 }
 
-/// `others` are the cells without leaked targets.
-fn incomparable(cells: &[&Cell], others: &[&Cell], direction: Direction) -> Option<Incomparable> {
+impl Incomparable {
+    /// The reason as the end of a sentence.
+    pub(crate) const fn in_words(self) -> &'static str {
+        match self {
+            Self::Protocols => "rows are of different protocols",
+            Self::Targets => "rows are over different scenes or targets",
+            Self::Identical => "renders that are identical to the truth, which means leave out, would change the order",
+            Self::Leaked => "the order differs without targets that are context frames",
+            Self::Weights => "metrics have different weights",
+            Self::Machines => "times are of different machines or devices",
+        }
+    }
+}
+
+fn incomparable(cells: &[&Cell], cells_without_leaked: &[&Cell], direction: Direction) -> Option<Incomparable> {
     if differ(cells.iter().map(|cell| cell.set_hash)) {
         return Some(Incomparable::Targets);
     }
@@ -91,11 +127,11 @@ fn incomparable(cells: &[&Cell], others: &[&Cell], direction: Direction) -> Opti
         order.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
         order.into_iter().map(|(at, _)| at).collect::<Vec<_>>()
     };
-    let own = |cell: &Cell| cell.value.number();
-    if order(cells, &own) != order(cells, &|cell| cell.with_identical.or_else(|| own(cell))) {
+    let number = |cell: &Cell| cell.value.number();
+    if order(cells, &number) != order(cells, &|cell| cell.with_identical.or_else(|| number(cell))) {
         return Some(Incomparable::Identical);
     }
-    if order(cells, &own) != order(others, &own) {
+    if order(cells, &number) != order(cells_without_leaked, &number) {
         return Some(Incomparable::Leaked);
     }
     if differ(cells.iter().map(|cell| &cell.metric_weights)) {
@@ -128,16 +164,22 @@ fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
 }
 
 /// The printed values of a column that may be ranked, with the positions of their rows.
-fn printed(table: &Table, place: Place, included: &dyn Fn(&Row) -> bool) -> Vec<(usize, f64)> {
+fn printed(table: &Table, index: CellIndex, included: &dyn Fn(&Row) -> bool) -> Vec<(usize, f64)> {
     let ranked = |row: &Row| included(row) && !row.untrained && !row.without_leaked;
     let rows = table.rows.iter().enumerate().filter(|(_, row)| ranked(row));
-    rows.filter_map(|(at, row)| Some((at, printed_value(table, row, place)?))).collect()
+    rows.filter_map(|(at, row)| Some((at, printed_value(table, row, index)?))).collect()
 }
 
-fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Marks, included: &dyn Fn(&Row) -> bool) {
-    let mut printed = printed(table, place, included);
+fn rank_column(
+    table: &mut Table,
+    index: CellIndex,
+    direction: Direction,
+    marks: Marks,
+    included: &dyn Fn(&Row) -> bool,
+) {
+    let mut printed = printed(table, index, included);
     // A single value is not ranked.
-    if printed.len() < 2 {
+    if printed.len() < 2 || marks == Marks::None {
         return;
     }
     printed.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
@@ -155,16 +197,16 @@ fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Mar
         if marks == Marks::BestAndSecond && second.len() <= 2 && printed.len() > 2 { second } else { Vec::new() };
     for (rows, mark) in [(best, Mark::Best), (seconds, Mark::Second)] {
         for at in rows {
-            table.rows[at].cells[place.0][place.1].mark = mark;
+            table.rows[at].cells[index.group][index.column].mark = mark;
         }
     }
 }
 
 /// The number as printed; counts truncated to thousands are compared as such.
-fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
-    let cell = row.cell(place);
+fn printed_value(table: &Table, row: &Row, index: CellIndex) -> Option<f64> {
+    let cell = row.cell(index);
     let value = cell.value.number().filter(|_| cell.is_rankable())?;
-    let text = table.column(place).format(value);
+    let text = table.column(index).format(value);
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),

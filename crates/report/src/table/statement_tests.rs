@@ -8,7 +8,7 @@ use super::*;
 use crate::csv_text;
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, Terminal, orders_as_markdown};
-use crate::figures::of_table;
+use crate::plot_data::table_plots;
 use crate::sample::{atsplat, floor, preset, random, results, results_over, store};
 
 fn built(name: &str, results: &Results) -> Table {
@@ -21,8 +21,8 @@ fn protocols(results: &Results) -> Vec<Table> {
 }
 
 fn notes(table: &Table, kind: NoteKind) -> String {
-    let own = table.footer.iter().filter(|note| note.kind == kind);
-    own.map(|note| format!("{}\n", note.text)).collect()
+    let notes = table.footer.iter().filter(|note| note.kind == kind);
+    notes.map(|note| format!("{}\n", note.text)).collect()
 }
 
 fn measured(table: &Table) -> impl Iterator<Item = &Row> {
@@ -84,7 +84,7 @@ fn every_row_that_is_not_the_published_setting_says_so() {
             assert!(rows.iter().all(|row| says(row)), "{name}:\n{markdown}");
 
             let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
-            let at = |field: &str| records[0].iter().position(|own| own == field).unwrap();
+            let at = |field: &str| records[0].iter().position(|head| head == field).unwrap();
             let rows = records.iter().skip(1).filter(|record| record[at("from")] == "measured");
             for record in rows {
                 assert!(says(&record[at("measured_on")]), "{name}: {record:?}");
@@ -119,12 +119,13 @@ fn captions_say_that_stand_ins_are_not_comparable() {
 #[test]
 fn orders_are_kept_reversed_or_undecided_by_paired_intervals() {
     let presets = || vec![preset("rooms-2v-128")];
-    let own = |weights: &str, method: MethodRecord| MethodRecord { weights_sha256: Some(weights.to_owned()), ..method };
+    let with_weights =
+        |weights: &str, method: MethodRecord| MethodRecord { weights_sha256: Some(weights.to_owned()), ..method };
     let votes = |results: &Results| {
         let found = verdict(&built("ablation_ate", results));
         [found.kept, found.reversed, found.undecided]
     };
-    let (full, other) = (atsplat("atsplat", |_| ()), own("of its own", random()));
+    let (full, other) = (atsplat("atsplat", |_| ()), with_weights("of its own", random()));
     assert_eq!(votes(&results_over(presets(), vec![full.clone(), other.clone()], 7)), [1, 0, 0]);
     assert_eq!(votes(&results_over(presets(), vec![other.clone(), full.clone()], 7)), [0, 1, 0]);
     assert_eq!(votes(&results_over(presets(), vec![full.clone(), other.clone()], 5)), [0, 0, 1], "five scenes");
@@ -165,7 +166,7 @@ fn a_network_outside_its_training_data_says_so() {
     let yards = built("cross_dataset", &results(vec![preset("rooms-to-yards-128")], rooms()));
     let all = measured(&yards).filter(|row| !row.without_leaked);
     let labels: Vec<String> = all.map(|row| row.printed_labels().concat()).collect();
-    assert_eq!(labels, ["ATSplat, never saw yards", "Nearest view"]);
+    assert_eq!(labels, ["ATSplat, zero-shot: not trained on yards", "Nearest view"]);
     let inside = built("re10k", &results(vec![preset("rooms-2v-128")], rooms()));
     assert_eq!(measured(&inside).next().unwrap().printed_labels(), ["ATSplat"]);
     assert!(notes(&inside, NoteKind::Convention).contains("ATSplat: trained on simulated rooms, train split"));
@@ -186,18 +187,18 @@ fn unified_columns_are_filled_by_unified_weights_alone() {
     assert_eq!(filled(vec![separate(), unified()]), [true, true]);
 }
 
-/// Each was evaluated under its own protocol alone.
+/// Each was evaluated under one of the protocols.
 #[test]
 fn a_network_for_each_setting_fills_its_own_row() {
     let methods = vec![trained("for rooms", "1", "simulated rooms"), trained("for yards", "1", "simulated yards")];
     let mut results = results(vec![preset("rooms-2v-128"), preset("yards-2v-128x224")], methods);
-    let is_own = |key: &TrialKey| key.preset.starts_with(key.method.trim_start_matches("for "));
-    results.trials.retain(|row| is_own(&row.key));
-    results.targets.retain(|row| is_own(&row.key));
+    let was_run = |key: &TrialKey| key.preset.starts_with(key.method.trim_start_matches("for "));
+    results.trials.retain(|row| was_run(&row.key));
+    results.targets.retain(|row| was_run(&row.key));
     let table = built("unified", &results);
     let rows = measured(&table).filter(|row| !row.without_leaked);
-    let methods: Vec<&str> =
-        rows.flat_map(|row| row.protocols.iter().flatten()).map(|own| own.method.as_str()).collect();
+    let protocols = rows.flat_map(|row| row.protocols.iter().flatten());
+    let methods: Vec<&str> = protocols.map(|protocol| protocol.method.as_str()).collect();
     assert_eq!(methods, ["for rooms", "for yards"]);
 }
 
@@ -229,7 +230,7 @@ fn targets_that_a_method_does_not_support_have_not_failed() {
     assert!(said.contains("3 not applicable and not in the mean") && !said.contains("failed"), "{said}");
 }
 
-/// Three trainings that differ by 3 dB: their mean with both spreads, beside their own rows.
+/// Three trainings that differ by 3 dB: their mean with both spreads, and a row for each.
 #[test]
 fn several_trainings_share_a_row() {
     let seeds = ["1", "2", "3"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
@@ -237,7 +238,7 @@ fn several_trainings_share_a_row() {
     let table = built("re10k", &results_over(vec![preset("rooms-2v-128")], all, 7));
     let mean = measured(&table).find(|row| row.remarks.iter().any(|remark| remark == "mean of 3 trainings")).unwrap();
     let single: Vec<&Row> =
-        measured(&table).filter(|row| row.method.as_deref().is_some_and(|own| own.starts_with("seed"))).collect();
+        measured(&table).filter(|row| row.method.as_deref().is_some_and(|method| method.starts_with("seed"))).collect();
     assert_eq!(single.iter().filter(|row| !row.without_leaked).count(), 3);
     let trainings = mean.cells[0][0].trainings.unwrap();
     let counts = Counts { scenes: 6, targets: 54, failed: 3, ..Counts::default() };
@@ -263,17 +264,17 @@ fn several_trainings_share_a_row() {
 
 #[test]
 fn an_order_over_several_trainings_includes_their_spread() {
-    let own = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
+    let seeded = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
     let other = MethodRecord { weights_sha256: Some("of its own".to_owned()), ..random() };
     let order = |methods: Vec<MethodRecord>| {
         let table = built("ablation_ate", &results_over(vec![preset("rooms-2v-128")], methods, 7));
         let order = table.orders[0].clone();
         (order.measured, order.interval.unwrap(), order.outcome)
     };
-    let (_, [low, high], outcome) = order(vec![own("1"), other.clone()]);
+    let (_, [low, high], outcome) = order(vec![seeded("1"), other.clone()]);
     assert!(outcome == Outcome::Kept && high - low < 1e-9, "one training: 3 dB in every scene");
     // Trainings at 0 and −6 dB, the other at −3: nothing is known about the next training.
-    let (measured, [low, high], outcome) = order(vec![own("1"), other, own("2")]);
+    let (measured, [low, high], outcome) = order(vec![seeded("1"), other, seeded("2")]);
     Tolerance::absolute(1e-9).assert([measured], [0.0], "the mean of +3 and −3");
     assert!(outcome == Outcome::Undecided && low < -3.0 && high > 3.0, "{low} to {high}");
 }
@@ -281,9 +282,9 @@ fn an_order_over_several_trainings_includes_their_spread() {
 /// Two stores, as of two devices, with one network trained from seeds 1 and 2: no mean has a training twice.
 #[test]
 fn a_training_of_two_stores_is_in_a_mean_once() {
-    let own = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
+    let seeded = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
     let other = MethodRecord { weights_sha256: Some("of its own".to_owned()), ..random() };
-    let results = results_over(vec![preset("rooms-2v-128")], vec![own("1"), other, own("2")], 7);
+    let results = results_over(vec![preset("rooms-2v-128")], vec![seeded("1"), other, seeded("2")], 7);
     let stores = ["run-cpu", "run-gpu"].map(|label| Source { label, results: &results });
     let first_table =
         |name: &str| tables(&TableDefinition::named(name).unwrap(), &stores, Mixing::Apart).unwrap().swap_remove(0);
@@ -304,7 +305,7 @@ fn a_training_of_two_stores_is_in_a_mean_once() {
 }
 
 #[test]
-fn means_over_trainings_of_different_networks_have_labels_of_their_own() {
+fn means_over_trainings_of_different_networks_have_different_labels() {
     let network = |(name, data): (&str, &str)| ["1", "2"].map(|seed| trained(&format!("{name} {seed}"), seed, data));
     let networks = [("few", "rooms train 0 to 9"), ("many", "rooms train 0 to 99")];
     let all = networks.into_iter().flat_map(network).collect();
@@ -314,11 +315,11 @@ fn means_over_trainings_of_different_networks_have_labels_of_their_own() {
     };
     let expected = ["few", "many"].map(|name| format!("ATSplat, mean of 2 trainings ({name} 1, {name} 2)"));
     assert_eq!(means(&built("re10k", &results)), expected);
-    // Titles of their own, and trainings in stores of their own.
+    // Different titles, and trainings in different stores.
     let [mut first, mut second] = ["1", "2"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
     first.title = "ATSplat (a)".to_owned();
     second.title = "ATSplat (b)".to_owned();
-    let stores = [first, second].map(|own| results_over(vec![preset("rooms-2v-128")], vec![own], 7));
+    let stores = [first, second].map(|method| results_over(vec![preset("rooms-2v-128")], vec![method], 7));
     let sources = [Source { label: "one", results: &stores[0] }, Source { label: "two", results: &stores[1] }];
     let definition = TableDefinition::named("re10k").unwrap();
     let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
@@ -378,16 +379,16 @@ fn orders_are_listed_with_what_the_paper_measured() {
 /// A capture has a table in every format; with six of them also intervals.
 #[test]
 fn a_capture_has_a_protocol_table_in_every_format() {
-    let mut own = preset("photos-3v-256");
-    (own.dataset, own.index_name) = ("/home/me/fox".to_owned(), None);
+    let mut capture = preset("photos-3v-256");
+    (capture.dataset, capture.index_name) = ("/home/me/fox".to_owned(), None);
     let methods = || vec![trained("atsplat", "1", "simulated rooms"), floor()];
     for (scenes, intervals) in [(4, false), (7, true)] {
-        let found = protocols(&results_over(vec![own.clone()], methods(), scenes));
+        let found = protocols(&results_over(vec![capture.clone()], methods(), scenes));
         let [table] = found.as_slice() else { panic!("one table: {}", found.len()) };
         assert_eq!(table.name, "protocol-photos-3v-256");
         for format in TableFormat::ALL {
             let text = format.write(table).unwrap().replace("$\\times$", "×");
-            assert!(text.contains("capture fox, 16×16") && text.contains("never saw"), "{text}");
+            assert!(text.contains("capture fox, 16×16") && text.contains("zero-shot:"), "{text}");
             assert_eq!(
                 text.contains("no interval with fewer than 6"),
                 !intervals && format != TableFormat::Csv,
@@ -424,19 +425,19 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
     let row = measured(&tables[1]).next().unwrap();
     let numbers: Vec<f64> = (2..5).map(|group| row.cells[group][0].value.number().unwrap()).collect();
     Tolerance::absolute(1e-9).assert(numbers, [26.0, 18.0, -4.0], "1 and 3 frames outside, and the slope");
-    assert_eq!(row.cells[4][0].print(tables[1].column((4, 0))), "-4.000 [-4.000, -4.000]");
-    let leads = notes(&tables[1], NoteKind::Trend);
+    assert_eq!(row.cells[4][0].print(tables[1].column(CellIndex { group: 4, column: 0 })), "-4.000 [-4.000, -4.000]");
+    let trends = notes(&tables[1], NoteKind::Trend);
     // A target of the first scene is a context frame, and one distance alone says nothing.
     let expected = "minus that of Nearest view changes by +1.000 [+1.000, +1.000] per frame outside, over 7 scenes";
-    assert!(leads.contains(expected), "{leads}");
+    assert!(trends.contains(expected), "{trends}");
     let counts = row.cells[4][0].counts.unwrap();
     assert_eq!((counts.scenes, counts.targets), (8, 16), "without the targets inside the window");
     // Files have the scenes of slopes; footers list those of means.
     for (table, column) in tables.iter().zip(["slope-over-overlap_scenes", "slope-over-distance_scenes"]) {
         let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
         let at = records[0].iter().position(|name| name == column).unwrap();
-        let own = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
-        assert_eq!(records[own + 1][at], "8", "{column}");
+        let position = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
+        assert_eq!(records[position + 1][at], "8", "{column}");
         let listed = notes(table, NoteKind::Counts);
         assert!(listed.contains("8 scenes, ") && !listed.contains("Trend of PSNR"), "{listed}");
     }
@@ -459,8 +460,8 @@ fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
     let records = methods.iter().map(|(method, _)| method.clone()).collect();
     let mut results = results_over(vec![preset("rooms-2v-128")], records, 8);
     for trial in &mut results.trials {
-        let own = methods.iter().find(|(method, _)| method.name == trial.key.method);
-        trial.gaussians = own.map(|(_, gaussians)| *gaussians);
+        let method = methods.iter().find(|(method, _)| method.name == trial.key.method);
+        trial.gaussians = method.map(|(_, gaussians)| *gaussians);
     }
     let table = built("dynamic_budget", &results);
     let labels: Vec<String> =
@@ -478,7 +479,7 @@ fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
         trial.gaussians = trial.gaussians.map(|gaussians| gaussians + at as u64);
     }
     let table = built("dynamic_budget", &results);
-    let plots = of_table(
+    let plots = table_plots(
         &TableDefinition::named("dynamic_budget").unwrap(),
         &table,
         &[Source { label: "run", results: &results }],

@@ -1,11 +1,11 @@
-use atsplat_eval::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialStatus};
+use atsplat_eval::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 use atsplat_numeric::Tolerance;
 
 use super::*;
 use crate::csv_text;
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
-use crate::figures::of_table;
+use crate::plot_data::table_plots;
 use crate::sample::{atsplat, floor, preset, random, results, store};
 
 fn built(name: &str, stores: &[(&str, &Results)], mixing: Mixing) -> Vec<Table> {
@@ -17,7 +17,7 @@ fn notes(table: &Table, kind: NoteKind) -> Vec<&str> {
     table.footer.iter().filter(|note| note.kind == kind).map(|note| note.text.as_str()).collect()
 }
 
-fn own<'a>(table: &'a Table, method: &str) -> &'a Row {
+fn row_of<'a>(table: &'a Table, method: &str) -> &'a Row {
     table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap()
 }
 
@@ -28,12 +28,12 @@ fn measured_rows_follow_the_published_rows_they_reproduce() {
     let ours = table.rows.iter().position(|row| row.labels == ["ATSplat"]).unwrap();
     assert_eq!(table.rows[ours + 1].method.as_deref(), Some("atsplat"));
     assert!(table.rows[ours + 2].without_leaked, "followed by the same row without leaked targets");
-    assert_eq!(own(&table, "nearest-view").answers, None);
+    assert_eq!(row_of(&table, "nearest-view").published_row, None);
     // By hand: scenes at 27, 25, 23, 21 dB plus a mean of 0.25 over targets.
-    let psnr = own(&table, "atsplat").cells[0][0].value.number().unwrap();
+    let psnr = row_of(&table, "atsplat").cells[0][0].value.number().unwrap();
     Tolerance::F64.assert([psnr], [24.25], "mean over scenes");
-    assert_eq!(own(&table, "atsplat").cells[0][3].value, Value::Number(23_040.0));
-    assert_eq!(own(&table, "nearest-view").cells[0][3].value, Value::Absent);
+    assert_eq!(row_of(&table, "atsplat").cells[0][3].value, Value::Number(23_040.0));
+    assert_eq!(row_of(&table, "nearest-view").cells[0][3].value, Value::Absent);
     // Without the leaked target the first scene is 27.125.
     let without = table.rows[ours + 2].cells[0][0].value.number().unwrap();
     Tolerance::F64.assert([without], [(27.125 + 25.25 + 23.25 + 21.25) / 4.0], "without leaked");
@@ -43,7 +43,7 @@ fn measured_rows_follow_the_published_rows_they_reproduce() {
 fn values_that_were_not_computed_have_a_reason() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let cell = &own(&table, "atsplat").cells[0][2];
+    let cell = &row_of(&table, "atsplat").cells[0][2];
     assert_eq!((&cell.value, cell.print(&table.groups[0].columns[2]).as_str()), (&Value::Absent, "n/c"));
     let reasons = notes(&table, NoteKind::NotComputed);
     assert_eq!(reasons.len(), 2, "the nearest view has no encoding to time: {reasons:?}");
@@ -71,7 +71,7 @@ fn a_partial_run_is_not_the_published_setting_and_is_ranked_separately() {
 fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
     let mut store = store();
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let [whole, lacking] = ["atsplat", "atsplat-random"].map(|method| own(&table, method));
+    let [whole, lacking] = ["atsplat", "atsplat-random"].map(|method| row_of(&table, method));
     assert!(whole.measured_on.as_ref().unwrap().text.contains("4 of 6474 scenes"), "{:?}", whole.measured_on);
     let text = &lacking.measured_on.as_ref().unwrap().text;
     assert!(text.contains("3 of 6474 scenes, 3 of 12 targets failed"), "{text}");
@@ -80,14 +80,14 @@ fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
         row.scores.values_mut().for_each(|score| *score += 10.0);
     }
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let marks = |method: &str| own(&table, method).cells[0][0].mark;
+    let marks = |method: &str| row_of(&table, method).cells[0][0].mark;
     assert_eq!((marks("atsplat"), marks("atsplat-random")), (Mark::Plain, Mark::Plain));
     store.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Done);
     for row in store.targets.iter_mut().filter(|row| row.status == TargetStatus::Failed) {
         (row.status, row.scores) = (TargetStatus::Scored, [("psnr".to_owned(), 30.0)].into());
     }
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    assert_eq!(own(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
+    assert_eq!(row_of(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
 }
 
 /// The second network has half the Gaussians, in the scenes on which it did not fail.
@@ -99,7 +99,7 @@ fn a_size_without_the_trials_that_failed_is_not_ranked() {
     }
     let mark = |store: &Results| {
         let table = built("re10k", &[("run", store)], Mixing::Apart).swap_remove(0);
-        let [a, b] = ["a", "b"].map(|method| own(&table, method).cells[0][3].clone());
+        let [a, b] = ["a", "b"].map(|method| row_of(&table, method).cells[0][3].clone());
         assert_eq!((a.value, b.value), (Value::Number(23_040.0), Value::Number(11_520.0)));
         [a.mark, b.mark]
     };
@@ -108,35 +108,35 @@ fn a_size_without_the_trials_that_failed_is_not_ranked() {
     assert_eq!(mark(&store), [Mark::Plain, Mark::Best]);
 }
 
-/// Two of the network's four trials show nothing, one had broken Gaussians, and one was drawn in the classic mode for want of a chosen
-/// one; a trial of the other protocol does not count.
+/// Two of the network's four trials show nothing, one had broken Gaussians, and one was rendered in the classic mode because none was
+/// chosen; a trial of the other protocol does not count.
 #[test]
-fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {
+fn trials_without_a_rendered_gaussian_or_with_broken_ones_have_a_line() {
     let lines = |store: &Results| -> Vec<String> {
         let table = built("re10k", &[("run", store)], Mixing::Apart).swap_remove(0);
-        let doubtful = |text: &&str| ["drawn", "broken"].into_iter().any(|word| text.contains(word));
+        let doubtful = |text: &&str| ["rendered", "drawn", "broken"].into_iter().any(|word| text.contains(word));
         notes(&table, NoteKind::Counts).into_iter().filter(doubtful).map(str::to_owned).collect()
     };
     let mut store = store();
     assert_eq!(lines(&store), [""; 0]);
-    for (preset, drawn) in [("re10k-2v-256", [0.0, 7.5, 0.0, 0.25]), ("re10k-overlap", [0.0; 4])] {
-        let is_own = |key: &TrialKey| key.preset == preset && key.method == "atsplat";
-        for (trial, drawn) in store.trials.iter_mut().filter(|trial| is_own(&trial.key)).zip(drawn) {
-            trial.gaussians_drawn = Some(drawn);
+    for (preset, rendered) in [("re10k-2v-256", [0.0, 7.5, 0.0, 0.25]), ("re10k-overlap", [0.0; 4])] {
+        let trials = store.trials.iter_mut().filter(|trial| trial.key.is_of(preset, "atsplat"));
+        for (trial, rendered) in trials.zip(rendered) {
+            trial.gaussians_drawn = Some(rendered);
         }
     }
-    let drawn = "ATSplat: no Gaussian is drawn in 2 of 4 trials, whose renders show the background";
-    assert_eq!(lines(&store), [format!("{drawn}; not left out of the mean")]);
-    let is_own = |key: &TrialKey| key.preset == "re10k-2v-256" && key.method == "atsplat";
-    let trial = store.trials.iter_mut().find(|trial| is_own(&trial.key)).unwrap();
+    let undrawn = "ATSplat: no Gaussian is rendered in 2 of 4 trials, whose images show the background";
+    assert_eq!(lines(&store), [format!("{undrawn}; not left out of the mean")]);
+    let is_of_network = |trial: &&mut TrialRow| trial.key.is_of("re10k-2v-256", "atsplat");
+    let trial = store.trials.iter_mut().find(is_of_network).unwrap();
     trial.notes.push("broken Gaussians: 3 of 9, of which 2 are skipped".to_owned());
     let broken = "broken Gaussians were skipped or repaired in 1 of 4 trials";
-    assert_eq!(lines(&store), [format!("{drawn}; {broken}; not left out of the mean")]);
-    let trial = store.trials.iter_mut().rfind(|trial| is_own(&trial.key)).unwrap();
+    assert_eq!(lines(&store), [format!("{undrawn}; {broken}; not left out of the mean")]);
+    let trial = store.trials.iter_mut().rfind(is_of_network).unwrap();
     trial.notes.push("drawn in the classic mode: the Gaussians have 3D filters".to_owned());
     let classic =
         "Gaussians of antialiased training or with 3D filters were drawn in the classic mode in 1 of 4 trials";
-    assert_eq!(lines(&store), [format!("{drawn}; {broken}; {classic}; not left out of the mean")]);
+    assert_eq!(lines(&store), [format!("{undrawn}; {broken}; {classic}; not left out of the mean")]);
 }
 
 #[test]
@@ -151,10 +151,10 @@ fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
         assert_eq!(notes(&table, NoteKind::Setting), [""; 0]);
         assert_eq!(notes(&table, NoteKind::Untrained).len(), usize::from(untrained));
         let fastest = table.rows.iter().find(|row| row.cells[0][4].mark == Mark::Best).unwrap().labels.clone();
-        let marks = own(&table, "atsplat").cells[0].iter().filter(|cell| cell.mark != Mark::Plain).count();
+        let marks = row_of(&table, "atsplat").cells[0].iter().filter(|cell| cell.mark != Mark::Plain).count();
         (fastest, marks)
     };
-    assert_eq!(one_best(false), (vec!["ATSplat".to_owned()], 1), "as few Gaussians as the paper's own");
+    assert_eq!(one_best(false), (vec!["ATSplat".to_owned()], 1), "as few Gaussians as in the paper");
     assert_eq!(one_best(true).1, 0);
 }
 
@@ -168,15 +168,15 @@ fn an_ablation_with_the_weights_of_the_full_network_is_marked() {
     };
     let full = atsplat("atsplat", |_| ());
     let shared = full.weights_sha256.clone().unwrap();
-    for (weights, expected) in [(shared.as_str(), true), ("of its own training", false)] {
+    for (weights, expected) in [(shared.as_str(), true), ("of another training", false)] {
         let results = results(vec![preset("re10k-2v-256")], vec![full.clone(), ablation(weights)]);
         let table = built("ablation_ate", &[("run", &results)], Mixing::Apart).swap_remove(0);
-        let random = own(&table, "atsplat-random");
+        let random = row_of(&table, "atsplat-random");
         assert_eq!((random.inference_only, random.not_retrained), (expected, expected));
-        assert!(!own(&table, "atsplat").inference_only);
+        assert!(!row_of(&table, "atsplat").inference_only);
         let said = |row: &Row| row.printed_labels()[0].ends_with("changed at inference only");
-        assert_eq!(said(own(&table, "atsplat-random")), expected);
-        assert!(!said(own(&table, "atsplat")));
+        assert_eq!(said(row_of(&table, "atsplat-random")), expected);
+        assert!(!said(row_of(&table, "atsplat")));
         assert_eq!(notes(&table, NoteKind::Setting).iter().any(|note| note.starts_with("changed at")), expected);
     }
 }
@@ -190,7 +190,7 @@ fn files_mark_the_rows_whose_labels_say_that_they_were_changed_at_inference() {
     let mut tables = protocol_tables(&[source], Mixing::Apart).unwrap();
     tables.extend(built("dynamic_budget", &[("run", &results)], Mixing::Apart));
     for table in &tables {
-        let row = own(table, "thresholds");
+        let row = row_of(table, "thresholds");
         assert_eq!((row.inference_only, row.not_retrained), (true, false), "{}", table.name);
         assert!(
             !notes(table, NoteKind::Setting).iter().any(|note| note.starts_with("changed at")),
@@ -253,11 +253,11 @@ fn two_stand_ins() -> Results {
 }
 
 #[test]
-fn two_protocols_of_one_store_get_tables_of_their_own() {
+fn two_protocols_of_one_store_get_separate_tables() {
     let results = two_stand_ins();
     let psnrs = |table: &Table| {
-        let own = |row: &&Row| row.method.as_deref() == Some("atsplat") && !row.without_leaked;
-        table.rows.iter().filter(own).map(|row| row.cells[0][0].value.number().unwrap()).collect::<Vec<_>>()
+        let is_of_network = |row: &&Row| row.method.as_deref() == Some("atsplat") && !row.without_leaked;
+        table.rows.iter().filter(is_of_network).map(|row| row.cells[0][0].value.number().unwrap()).collect::<Vec<_>>()
     };
     let apart = built("re10k", &[("run", &results)], Mixing::Apart);
     assert_eq!(apart.iter().map(|table| table.name.as_str()).collect::<Vec<_>>(), ["re10k-1", "re10k-2"]);
@@ -277,13 +277,13 @@ fn two_protocols_of_one_store_get_tables_of_their_own() {
     }
 }
 
-/// Each setting of a sweep over resolutions runs under a preset of its own; one of them is the protocol's resolution.
+/// Each setting of a sweep over resolutions runs under a separate preset; one of them is the protocol's resolution.
 #[test]
 fn settings_of_a_sweep_share_a_table_only_under_one_protocol() {
     let at = |size: &str, hash: Option<&str>| {
-        let own = preset("rooms-2v-128");
+        let protocol = preset("rooms-2v-128");
         let name = format!("rooms-2v-128-{size}");
-        PresetRecord { preset: name.clone(), name, hash: hash.map_or(own.hash.clone(), str::to_owned), ..own }
+        PresetRecord { preset: name.clone(), name, hash: hash.map_or(protocol.hash.clone(), str::to_owned), ..protocol }
     };
     let presets = vec![preset("rooms-2v-128"), at("128x128", None), at("64x64", Some("another"))];
     let methods = ["of the protocol", "128×128", "64×64"];
@@ -294,14 +294,14 @@ fn settings_of_a_sweep_share_a_table_only_under_one_protocol() {
     results.trials.retain(|row| was_run(&row.key));
     results.targets.retain(|row| was_run(&row.key));
     let rows = |table: &Table| {
-        let own = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked);
-        own.filter_map(|row| row.method.clone()).collect::<Vec<_>>()
+        let measured = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked);
+        measured.filter_map(|row| row.method.clone()).collect::<Vec<_>>()
     };
     let apart = built("re10k", &[("run", &results)], Mixing::Apart);
     assert_eq!(apart.iter().map(rows).collect::<Vec<_>>(), [vec![methods[0], methods[1]], vec![methods[2]]]);
 }
 
-/// The plots of the second protocol's table show its own numbers.
+/// The plots of the second protocol's table show the numbers of that protocol.
 #[test]
 fn plots_show_the_protocol_of_their_table() {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
@@ -320,7 +320,7 @@ fn plots_show_the_protocol_of_their_table() {
         let definition = TableDefinition::named(name).unwrap();
         let source = [Source { label: "run", results: &results }];
         let tables = tables(&definition, &source, Mixing::Apart).unwrap();
-        let plots = tables.iter().map(|table| of_table(&definition, table, &source).swap_remove(0).1);
+        let plots = tables.iter().map(|table| table_plots(&definition, table, &source).swap_remove(0).1);
         plots.map(|plot| plot.texts().collect::<Vec<_>>().join("\n")).collect()
     };
     let ablations = texts("ablation_ate");
@@ -331,7 +331,7 @@ fn plots_show_the_protocol_of_their_table() {
     assert!(budgets[1].contains("M of 4") && !budgets[1].contains("K of 4"), "{}", budgets[1]);
 }
 
-/// A file of the published name may hold other weights.
+/// A file of the published name may contain other weights.
 #[test]
 fn weights_of_a_metric_that_are_not_the_published_ones_are_named() {
     let with = |hash: &str| {
@@ -378,7 +378,7 @@ fn an_invalid_protocol_in_a_store_is_an_error() {
     let source = Source { label: "run", results: &broken };
     let message = tables(&definition, &[source], Mixing::Apart).unwrap_err().to_string();
     assert!(message.contains("presets, re10k-2v-256, toml") && message.contains("scene-medians"), "{message}");
-    assert!(crate::figures::of_store(&source).is_err());
+    assert!(crate::plot_data::store_plots(&source).is_err());
 }
 
 #[test]
@@ -401,7 +401,7 @@ fn ablation_rows_select_their_methods() {
 fn bins_are_taken_from_the_protocol() {
     let store = store();
     let table = built("re10k_overlap", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let row = own(&table, "atsplat");
+    let row = row_of(&table, "atsplat");
     // Overlaps 0.1, 0.3, 0.5, 0.7: two small, one medium, one large.
     let scenes: Vec<u64> = row.cells[1..].iter().map(|cells| cells[0].counts.unwrap().scenes).collect();
     assert_eq!(scenes, [2, 1, 1, 4]);
@@ -415,13 +415,13 @@ fn overlaps_of_another_estimator_are_not_binned_unless_forced() {
         preset.overlap_estimators = vec!["epipolar-ray".to_owned()];
     }
     let table = built("re10k_overlap", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let row = own(&table, "atsplat");
+    let row = row_of(&table, "atsplat");
     assert!(row.cells[1..].iter().flatten().all(|cell| cell.value == Value::Absent && cell.not_computed.is_some()));
     let why = notes(&table, NoteKind::NotComputed).concat();
     assert!(why.contains("measured by epipolar-ray, the bins were published for roma"), "{why}");
 
     let forced = built("re10k_overlap", &[("run", &store)], Mixing::Forced).swap_remove(0);
-    let cells = &own(&forced, "atsplat").cells[1..];
+    let cells = &row_of(&forced, "atsplat").cells[1..];
     let scenes: Vec<u64> = cells.iter().map(|cells| cells[0].counts.unwrap().scenes).collect();
     assert_eq!(scenes, [2, 1, 1, 4]);
     let footer = notes(&forced, NoteKind::Forced).concat();
@@ -432,12 +432,12 @@ fn overlaps_of_another_estimator_are_not_binned_unless_forced() {
 fn rows_may_be_settings() {
     let store = store();
     let table = built("budget", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let row = own(&table, "atsplat");
+    let row = row_of(&table, "atsplat");
     assert_eq!(row.labels, ["RE10K", "16×16", "2"], "the size of the measured images");
     let counts: Vec<_> = row.cells[0].iter().map(|cell| cell.value.number().unwrap()).collect();
     Tolerance::EXACT.assert(counts, [512.0, 1440.0, 23_040.0], "counts");
     let found = verdict(&table);
-    assert_eq!((found.compared, found.alike), (3, 3));
+    assert_eq!((found.compared, found.equal_as_printed), (3, 3));
     assert_eq!(found.headline.unwrap().to_string(), "RE10K 256×256 2, N init.: measured 512; published 512");
 }
 
@@ -458,9 +458,9 @@ fn times_come_from_the_timing_pass_or_are_absent_with_a_reason() {
     let time = |results: &Results, method: &str| {
         let definition = TableDefinition::named("re10k").unwrap();
         let table = tables(&definition, &[Source { label: "run", results }], Mixing::Apart).unwrap().swap_remove(0);
-        let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+        let (index, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
         let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
-        let cell = row.cells[place.0][place.1].clone();
+        let cell = row.cell(index).clone();
         let notes: Vec<String> = table.footer.iter().map(|note| note.text.clone()).collect();
         (cell.print(column), cell, notes.join("\n"))
     };

@@ -3,7 +3,7 @@ use serde::Serialize;
 use super::{BUSY, Cell, CellTiming};
 use crate::counted;
 
-/// What the time of a method with a process of its own covers; other methods are timed while they encode, within this process.
+/// What the time of a method in a separate process covers; other methods are timed while they encode, within this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum TimeScope {
     /// Its stage `encode`, as the method states it on every repetition of every timed trial.
@@ -38,7 +38,7 @@ impl TimeScope {
 }
 
 impl Cell {
-    /// What its time covers, if it is that of a method with a process of its own.
+    /// What its time covers, if it is that of a method in a separate process.
     pub fn time_scope(&self) -> Option<TimeScope> {
         self.timing.as_ref()?.scope
     }
@@ -56,7 +56,7 @@ pub(crate) fn was_busy(others: f64) -> String {
 }
 
 impl CellTiming {
-    /// What a time says beside its number: over what it is the median, and the meaning of its marks.
+    /// What a time says next to its number: over what it is the median, and the meaning of its marks.
     pub(crate) fn in_words(&self, print: impl Fn(f64) -> String) -> String {
         let [low, high] = self.spread.quartiles.map(print);
         let trials = counted(self.trials, "trial");

@@ -1,8 +1,9 @@
 use std::collections::BTreeSet;
 
+use atsplat_eval::MetricRecord;
 use serde::Serialize;
 
-use super::{Column, Outcome, Place, Row, Table};
+use super::{Cell, CellIndex, Column, Outcome, Row, Table};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
@@ -18,10 +19,16 @@ pub struct Verdict {
     pub not_comparable: Vec<String>,
     /// Number of values that are both published and measured.
     pub compared: u64,
-    /// Those that print alike.
-    pub alike: u64,
+    /// Those that print the same digits.
+    pub equal_as_printed: u64,
     /// The others whose interval contains the published value.
     pub inside: u64,
+    /// Those that are over a part of the targets or trials, and are neither equal nor inside.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub partial: u64,
+    /// Those whose metric has learned weights that are known not to be the published ones; they are neither equal nor inside.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub other_weights: u64,
     /// Pairs of published rows whose measured order is the same, by a paired 95 % interval.
     pub kept: u64,
     /// Pairs whose measured order is the opposite.
@@ -32,11 +39,16 @@ pub struct Verdict {
     pub few_scenes: bool,
     /// Whether a reproduced row has random weights.
     pub untrained: bool,
-    /// Whether a reproduced row was changed at inference only, where the paper trains a network of its own.
+    /// Whether a reproduced row was changed at inference only, where the paper trains a separate network.
     pub inference_only: bool,
 }
 
-/// One quantity of the last published row that is reproduced, because papers print their own method last: a printed value
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+/// One quantity of the last published row that is reproduced, because papers print the proposed method last: a printed value
 /// for each group of columns.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -65,54 +77,72 @@ pub fn verdict(table: &Table) -> Verdict {
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
     let reproduced = |row: &Row| {
         let mut measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
-        measured.find(|other| other.answers.is_some() && other.answers == row.answers)
+        measured.find(|other| other.reproduces(row))
     };
     let pairs: Vec<(&Row, &Row)> = published.filter_map(|row| Some((row, reproduced(row)?))).collect();
-    let elsewhere = pairs.iter().filter_map(|(_, own)| own.measured_on.as_ref()).filter(|on| !on.published_setting);
+    let measured_on = pairs.iter().filter_map(|(_, measured)| measured.measured_on.as_ref());
+    let elsewhere = measured_on.filter(|on| !on.published_setting);
     let places: BTreeSet<&String> = elsewhere.map(|on| &on.place).collect();
     let votes = |outcome| table.orders.iter().filter(|order| order.outcome == outcome).count() as u64;
     let mut verdict = Verdict {
         table: table.name.clone(),
-        headline: pairs.last().and_then(|(paper, own)| headline(table, paper, own)),
+        headline: pairs.last().and_then(|(paper, measured)| headline(table, paper, measured)),
         not_comparable: places.into_iter().cloned().collect(),
         kept: votes(Outcome::Kept),
         reversed: votes(Outcome::Reversed),
         undecided: votes(Outcome::Undecided),
         few_scenes: table.orders.iter().any(|order| order.interval.is_none()),
-        untrained: pairs.iter().any(|(_, own)| own.untrained),
-        inference_only: pairs.iter().any(|(_, own)| own.not_retrained),
+        untrained: pairs.iter().any(|(_, measured)| measured.untrained),
+        inference_only: pairs.iter().any(|(_, measured)| measured.not_retrained),
         ..Verdict::default()
     };
-    for (place, column) in table.columns() {
-        // Published times were measured on other machines.
-        if column.quantity == Quantity::Seconds {
-            continue;
-        }
-        for (paper, own) in &pairs {
-            let number = |row: &Row| row.cell(place).value.number();
-            let (Some(published), Some(measured)) = (number(paper), number(own)) else { continue };
-            verdict.compared += 1;
-            if column.format(measured) == column.format(published) {
-                verdict.alike += 1;
-            } else if own.cell(place).interval.is_some_and(|[low, high]| (low..=high).contains(&published)) {
-                verdict.inside += 1;
-            }
+    // Published times were measured on other machines.
+    for (index, column) in table.columns().filter(|(_, column)| column.quantity != Quantity::Seconds) {
+        for (paper, measured) in &pairs {
+            verdict.compare(column, paper.cell(index), measured.cell(index));
         }
     }
     verdict
 }
 
+impl Verdict {
+    /// Counts a pair of cells, if both have a number.
+    fn compare(&mut self, column: &Column, paper: &Cell, cell: &Cell) {
+        let (Some(published), Some(measured)) = (paper.value.number(), cell.value.number()) else { return };
+        self.compared += 1;
+        let counter = if !cell.is_rankable() {
+            &mut self.partial
+        } else if has_other_weights(column, cell) {
+            &mut self.other_weights
+        } else if column.format(measured) == column.format(published) {
+            &mut self.equal_as_printed
+        } else if cell.interval.is_some_and(|[low, high]| (low..=high).contains(&published)) {
+            &mut self.inside
+        } else {
+            return;
+        };
+        *counter += 1;
+    }
+}
+
+/// Whether the learned weights of a cell's metric are known not to be the published ones.
+fn has_other_weights(column: &Column, cell: &Cell) -> bool {
+    let Quantity::Metric(metric) = column.quantity else { return false };
+    let (id, weights_sha256) = (metric.id.to_owned(), cell.metric_weights.clone());
+    MetricRecord { id, weights_sha256, ..MetricRecord::default() }.unpublished().is_some()
+}
+
 /// The first metric that both have, or the first column.
-fn headline(table: &Table, paper: &Row, own: &Row) -> Option<Headline> {
-    let figures = |place: Place, column: &Column| {
-        let print = |row: &Row| row.cell(place).value.number().map(|value| column.format(value));
-        Some((column.quantity, print(own)?, print(paper)?))
+fn headline(table: &Table, paper: &Row, measured: &Row) -> Option<Headline> {
+    let values = |index: CellIndex, column: &Column| {
+        let print = |row: &Row| row.cell(index).value.number().map(|value| column.format(value));
+        Some((column.quantity, print(measured)?, print(paper)?))
     };
-    let both: Vec<_> = table.columns().filter_map(|(place, column)| figures(place, column)).collect();
+    let both: Vec<_> = table.columns().filter_map(|(index, column)| values(index, column)).collect();
     let is_metric = |quantity: Quantity| matches!(quantity, Quantity::Metric(_));
     let (first, ..) = both.iter().find(|(quantity, ..)| is_metric(*quantity)).or(both.first())?;
-    let own = both.iter().filter(|(quantity, ..)| quantity == first);
-    let (measured, published) = own.map(|(_, own, paper)| (own.clone(), paper.clone())).unzip();
+    let of_first = both.iter().filter(|(quantity, ..)| quantity == first);
+    let (measured, published) = of_first.map(|(_, measured, paper)| (measured.clone(), paper.clone())).unzip();
     Some(Headline { row: paper.names().join(" "), quantity: first.title(), measured, published })
 }
 
@@ -123,9 +153,15 @@ impl std::fmt::Display for Verdict {
             return write!(f, "nothing to compare");
         }
         if self.not_comparable.is_empty() {
-            write!(f, "{} of {} figures print alike", self.alike, self.compared)?;
-            if self.inside > 0 {
-                write!(f, ", {} more within their interval", self.inside)?;
+            write!(f, "{} of {} values agree to the printed digits", self.equal_as_printed, self.compared)?;
+            for (count, what) in [
+                (self.inside, "more within their interval"),
+                (self.partial, "over part of the targets"),
+                (self.other_weights, "with other weights of the metric"),
+            ] {
+                if count > 0 {
+                    write!(f, ", {count} {what}")?;
+                }
             }
         } else {
             write!(f, "not comparable: measured on {}", self.not_comparable.join("; "))?;
@@ -144,5 +180,68 @@ impl std::fmt::Display for Verdict {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::{Results, TargetStatus};
+
+    use super::*;
+    use crate::definition::TableDefinition;
+    use crate::sample::{atsplat, preset, results_over};
+    use crate::table::{Mixing, Source, tables};
+
+    /// The whole protocol. PSNR and LPIPS are those of the paper in every target, SSIM is not.
+    fn store(lpips_weights: &str) -> Results {
+        let mut whole = preset("re10k-2v-256");
+        (whole.entries, whole.entries_of_index) = (6, 6);
+        let mut results = results_over(vec![whole], vec![atsplat("atsplat", |_| ())], 6);
+        results.provenance.skipped.clear();
+        for metric in results.provenance.metrics.iter_mut().filter(|metric| metric.id == "lpips") {
+            (metric.absent, metric.weights_sha256) = (None, Some(lpips_weights.to_owned()));
+        }
+        let number = |title: &str| {
+            let table = built(None);
+            let (index, _) = table.columns().find(|(_, column)| column.title == title).unwrap();
+            let row = table.rows.iter().find(|row| row.labels == ["ATSplat"]).unwrap();
+            row.cell(index).value.number().unwrap()
+        };
+        let (psnr, lpips) = (number("PSNR"), number("LPIPS"));
+        for row in &mut results.targets {
+            row.not_computed.clear();
+            let scores = [("psnr", psnr), ("ssim", 0.1), ("lpips", lpips)];
+            row.scores = scores.map(|(id, score)| (id.to_owned(), score)).into();
+        }
+        results
+    }
+
+    fn built(results: Option<&Results>) -> Table {
+        let sources: Vec<Source<'_>> = results.map(|results| Source { label: "run", results }).into_iter().collect();
+        tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0)
+    }
+
+    #[test]
+    fn means_over_part_of_the_targets_and_other_metrics_are_not_equal() {
+        let of = |results: &Results| {
+            let found = verdict(&built(Some(results)));
+            ([found.equal_as_printed, found.partial, found.other_weights], found.compared, found.to_string())
+        };
+        let whole = store("397923af00");
+        let (counts, compared, said) = of(&whole);
+        assert_eq!((compared, counts), (4, [3, 0, 0]), "SSIM differs: {said}");
+        assert!(said.starts_with("3 of 4 values agree to the printed digits") && !said.contains("part of"), "{said}");
+        // Other weights are another metric.
+        let (counts, _, said) = of(&store("0123"));
+        assert_eq!(counts, [2, 0, 1], "{said}");
+        assert!(said.contains(", 1 with other weights of the metric"), "{said}");
+        // One target of 18 is not finite: the means of the others print as published, and so does the number of Gaussians.
+        let mut lacking = whole.clone();
+        let row = &mut lacking.targets[4];
+        row.status = TargetStatus::NonFinite;
+        row.scores.clear();
+        let (counts, again, said) = of(&lacking);
+        assert_eq!((counts, again), ([1, 3, 0], 4), "{said}");
+        assert!(said.starts_with("1 of 4 values agree to the printed digits, 3 over part of the targets"), "{said}");
     }
 }

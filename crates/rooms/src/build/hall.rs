@@ -79,7 +79,7 @@ fn walls(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays: u
         (DVec3::new(-0.3, wide, 0.0), -FRAC_PI_2, wide, false),
     ];
     for (origin, yaw, length, windows) in frames {
-        let own = b.material(material);
+        let plaster = b.material(material);
         b.instance(origin, yaw);
         let pitch = length / f64::from(bays);
         let window = |bay: u32| {
@@ -87,7 +87,7 @@ fn walls(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays: u
             Opening { along: [middle - 0.3 * pitch, middle + 0.3 * pitch], height: [sill, height - 0.8] }
         };
         let openings: Vec<Opening> = if windows { (0..bays).map(window).collect() } else { Vec::new() };
-        wall(b, length, height, 0.3, &openings, own);
+        wall(b, length, height, 0.3, &openings, plaster);
         let bars = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.08))));
         for opening in &openings {
             let ([left, right], [low, high]) = (opening.along, opening.height);

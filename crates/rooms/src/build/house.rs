@@ -150,27 +150,41 @@ fn build_side(
     b.instance(side.origin, side.yaw);
     wall(b, side.length, room.height, THICK, &side.openings, material);
     let trim = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.72))));
-    let solid = |x: f64| side.openings.iter().all(|o| x < o.along[0] - 0.1 || x > o.along[1] + 0.1);
+    skirting(b, side, trim);
+    for (at, opening) in side.openings.iter().enumerate() {
+        b.instance(side.origin, side.yaw);
+        if side.door && at == 0 {
+            taken.push(door_frame(b, *opening, trim));
+        } else {
+            window(b, rng, *opening, THICK);
+        }
+    }
+    furniture_along(b, rng, side, taken);
+}
+
+/// A skirting board along a side, except at openings that reach the floor.
+fn skirting(b: &mut Builder, side: &Side, trim: usize) {
     b.instance(side.origin, side.yaw);
     let mut from = 0.0;
     for end in side.openings.iter().filter(|o| o.height[0] < 0.1).map(|o| o.along).chain([[side.length, side.length]]) {
         b.block(DVec3::new(from, THICK, 0.0), DVec3::new(end[0], THICK + 0.015, 0.09), trim);
         from = end[1];
     }
-    for (at, opening) in side.openings.iter().enumerate() {
-        b.instance(side.origin, side.yaw);
-        let [left, right] = opening.along;
-        if side.door && at == 0 {
-            for x in [left, right - 0.06] {
-                b.block(DVec3::new(x, -0.02, 0.0), DVec3::new(x + 0.06, THICK + 0.02, 2.1), trim);
-            }
-            b.block(DVec3::new(left, -0.02, 2.04), DVec3::new(right, THICK + 0.02, 2.1), trim);
-            let place = (b.to_world(DVec3::new(f64::midpoint(left, right), THICK, 0.0)).truncate(), 0.9);
-            taken.push(place);
-        } else {
-            window(b, rng, *opening, THICK);
-        }
+}
+
+/// The frame of a doorway; returns the position and radius on the floor to keep free.
+fn door_frame(b: &mut Builder, opening: Opening, trim: usize) -> (DVec2, f64) {
+    let [left, right] = opening.along;
+    for x in [left, right - 0.06] {
+        b.block(DVec3::new(x, -0.02, 0.0), DVec3::new(x + 0.06, THICK + 0.02, 2.1), trim);
     }
+    b.block(DVec3::new(left, -0.02, 2.04), DVec3::new(right, THICK + 0.02, 2.1), trim);
+    (b.to_world(DVec3::new(f64::midpoint(left, right), THICK, 0.0)).truncate(), 0.9)
+}
+
+/// Furniture along a side where the floor is free, with pictures above it or in its place.
+fn furniture_along(b: &mut Builder, rng: &mut Rng, side: &Side, taken: &mut Vec<(DVec2, f64)>) {
+    let solid = |x: f64| side.openings.iter().all(|o| x < o.along[0] - 0.1 || x > o.along[1] + 0.1);
     let mut x = rng.within(0.3, 0.8);
     while x < side.length - 0.6 {
         let low_wall = side.openings.iter().any(|o| x > o.along[0] - 1.0 && x < o.along[1] + 1.0);

@@ -86,7 +86,7 @@ pub fn encoded_scene(simulation: &Simulation, encoding: ImageEncoding) -> Result
 /// Lenses that the layout cannot store are counted in `warnings`.
 ///
 /// # Errors
-/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already holds chunks, [`RoomsError::Request`] for a route with a
+/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already contains chunks, [`RoomsError::Request`] for a route with a
 /// time twice where files are named after it, and as [`Simulation::new`].
 pub fn write_dataset(
     folder: &Path,
@@ -109,14 +109,8 @@ pub fn write_dataset(
             Layout::Re10k => re10k::write(folder, split, &scene, options.encoding, warnings)?,
             Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.encoding, simulation.request().size)?,
             Layout::Chunks => {
-                let writer = if let Some(open) = chunks.iter().position(|(of, _)| *of == split) {
-                    open
-                } else {
-                    let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
-                    chunks.push((split, writer));
-                    chunks.len() - 1
-                };
-                chunks[writer].1.push(ChunkScene::from_scene(&scene, warnings)?)?;
+                let writer = chunk_writer(&mut chunks, folder, split)?;
+                writer.push(ChunkScene::from_scene(&scene, warnings)?)?;
             }
         }
         if options.depth {
@@ -129,12 +123,32 @@ pub fn write_dataset(
     for (_, writer) in chunks {
         writer.finish()?;
     }
-    let manifest = Manifest { generator: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION"), scenes: &written };
+    write_manifest(folder, &written)?;
+    Ok(written)
+}
+
+/// The writer of a split's chunks, opened at the first scene of the split.
+fn chunk_writer<'a>(
+    writers: &'a mut Vec<(Split, ChunkWriter)>,
+    folder: &Path,
+    split: Split,
+) -> Result<&'a mut ChunkWriter, RoomsError> {
+    let at = if let Some(open) = writers.iter().position(|(of, _)| *of == split) {
+        open
+    } else {
+        let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
+        writers.push((split, writer));
+        writers.len() - 1
+    };
+    Ok(&mut writers[at].1)
+}
+
+fn write_manifest(folder: &Path, scenes: &[ManifestScene]) -> Result<(), RoomsError> {
+    let manifest = Manifest { generator: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION"), scenes };
     let path = folder.join("manifest.json");
     let json = serde_json::to_vec_pretty(&manifest).map_err(std::io::Error::from);
     let json = json.map_err(FileError::during::<RoomsError>("writing a manifest", &path))?;
-    write_file(&path, &json)?;
-    Ok(written)
+    write_file(&path, &json)
 }
 
 /// Checks that files named after the times of frames do not replace each other: a given route may have a time twice.

@@ -26,8 +26,8 @@ pub(super) fn write(folder: &Path, scene: &Scene, encoding: ImageEncoding, size:
         let mut matrix = rows.as_chunks::<4>().0.to_vec();
         matrix.push([0.0, 0.0, 0.0, 1.0]);
         // Cameras of a given route may differ in their focal length.
-        let own = lens(&frame.camera, size);
-        let mut listed = if own == root { json!({}) } else { own };
+        let stated = lens(&frame.camera, size);
+        let mut listed = if stated == root { json!({}) } else { stated };
         listed["file_path"] = json!(file);
         listed["transform_matrix"] = json!(matrix);
         frames.push(listed);

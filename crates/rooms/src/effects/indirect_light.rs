@@ -25,8 +25,8 @@ const RAYS: u32 = 128;
 const STEP: f64 = 0.6;
 const MAX_POINTS: usize = 14;
 
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
-    let share = case.conditions.bounce;
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
+    let share = scene.conditions.bounce;
     (share > 0.0).then(|| "surfaces reflect light onto each other".to_owned())
 }
 
@@ -49,7 +49,7 @@ impl IndirectLight {
 
     fn place(&self, at: usize) -> DVec3 {
         let [x, y, _] = self.count;
-        // Points on the border would lie inside the walls.
+        // Points on the border would be inside the walls.
         let inset = |at: usize, count: usize| (at as f64).clamp(0.15, (count - 1) as f64 - 0.15);
         let steps = DVec3::new(inset(at % x, x), inset(at / x % y, y), inset(at / (x * y), self.count[2]));
         self.low + self.step * steps

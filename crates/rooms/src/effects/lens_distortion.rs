@@ -1,6 +1,7 @@
 //! Radial distortion in OpenCV's model.
 
-use atsplat_camera::Distortion;
+use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Extremes as _;
 
 use super::{Conditions, Effect, EffectKind, SceneContext};
 
@@ -9,16 +10,30 @@ pub(super) struct LensDistortion {
     lens: Distortion,
 }
 
-/// Largest displacement of the corner of an image 256 pixels wide that counts as no distortion, in pixels.
+/// Largest displacement that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
+/// Narrower images count as this wide: a small image of a scene has the lens of a larger one.
+const NARROWEST: u32 = 256;
 
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
-    let [k1, k2] = case.conditions.lens;
-    let k = case.shots.first()?.camera.intrinsics;
-    let squared = (0.5 / k.fx).powi(2) + (0.5 / k.fy).powi(2);
-    let moved = (k1 * squared + k2 * squared * squared).abs() * squared.sqrt() * k.fx * 256.0;
-    (moved > STRAIGHT)
-        .then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move a corner by {:.1} % of the image width", moved / 2.56))
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
+    let [k1, k2] = scene.conditions.lens;
+    let shares = scene.shots.iter().map(|shot| displacement([k1, k2], &shot.camera.intrinsics, scene.size));
+    let share = shares.fold(0.0, f64::maximum_of);
+    let pixels = share * f64::from(scene.size.width.max(NARROWEST));
+    (pixels > STRAIGHT)
+        .then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move the image by up to {:.2} % of its width", share * 100.0))
+}
+
+/// Largest displacement of an image point, as a share of the image's width. On the plane z = 1, the lens moves a point at a
+/// distance r from the optical axis by k1 r³ + k2 r⁵: most at the farthest corner or where the derivative is zero.
+fn displacement([k1, k2]: [f64; 2], k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let squared = corners.map(|[x, y]: [f64; 2]| ((x - k.cx) / k.fx).powi(2) + ((y - k.cy) / k.fy).powi(2));
+    let farthest = squared.into_iter().fold(0.0, f64::maximum_of);
+    let moved = |squared: f64| (k1 * squared + k2 * squared * squared).abs() * squared.sqrt();
+    let stationary = Some(-0.6 * k1 / k2).filter(|squared| (0.0..farthest).contains(squared));
+    let largest = moved(farthest).maximum_of(stationary.map_or(0.0, moved));
+    largest * k.fx.maximum_of(k.fy * f64::from(size.height) / f64::from(size.width))
 }
 
 impl LensDistortion {
@@ -37,5 +52,60 @@ impl Effect for LensDistortion {
 
     fn lens(&self) -> Option<Distortion> {
         Some(self.lens)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    /// The largest displacement over a grid of image points, in pixels.
+    fn by_grid([k1, k2]: [f64; 2], k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
+        const STEPS: u32 = 200;
+        let share = |step: u32| f64::from(step) / f64::from(STEPS);
+        let points = (0..=STEPS).flat_map(|row| (0..=STEPS).map(move |column| [share(column), share(row)]));
+        let moved = points.map(|[u, v]| {
+            let (x, y) = ((u - k.cx) / k.fx, (v - k.cy) / k.fy);
+            let squared = x * x + y * y;
+            let stretched = k1 * squared + k2 * squared * squared;
+            let (right, down) = (stretched * x * k.fx, stretched * y * k.fy);
+            (right * f64::from(size.width)).hypot(down * f64::from(size.height))
+        });
+        moved.fold(0.0, f64::maximum_of)
+    }
+
+    fn intrinsics(size: ImageSize, [cx, cy]: [f64; 2]) -> NormalizedIntrinsics {
+        let fy = 0.805_002;
+        NormalizedIntrinsics::new(fy * f64::from(size.height) / f64::from(size.width), fy, cx, cy).unwrap()
+    }
+
+    const WIDE: ImageSize = ImageSize { width: 480, height: 270 };
+    /// Those of yards-test-00002562.
+    const CANCELLING: [f64; 2] = [-0.026_219, 0.016_317];
+
+    /// Coefficients of opposite sign, of equal sign, and one alone; principal points off the centre.
+    #[test]
+    fn the_largest_displacement_is_found_inside_the_image_or_at_its_farthest_corner() {
+        let tall = ImageSize { width: 200, height: 300 };
+        for lens in [CANCELLING, [0.02, -0.012], [-0.03, -0.01], [0.01, 0.02], [-0.02, 0.0], [0.0, 0.015]] {
+            for (principal_point, size) in [([0.5, 0.5], WIDE), ([0.2, 0.6], WIDE), ([0.7, 0.1], tall)] {
+                let k = intrinsics(size, principal_point);
+                let pixels = displacement(lens, &k, size) * f64::from(size.width);
+                let what = format!("{lens:?}, {size}, {principal_point:?}");
+                Tolerance::relative(1e-6).assert([pixels], [by_grid(lens, &k, size)], &what);
+            }
+        }
+    }
+
+    #[test]
+    fn a_lens_that_cancels_in_the_corners_moves_the_image_between() {
+        let k = intrinsics(WIDE, [0.5, 0.5]);
+        let squared = (0.5 / k.fx).powi(2) + (0.5 / k.fy).powi(2);
+        let [k1, k2] = CANCELLING;
+        let corner = (k1 * squared + k2 * squared * squared).abs() * squared.sqrt() * k.fx * 480.0;
+        let largest = displacement(CANCELLING, &k, WIDE) * 480.0;
+        assert!(corner < 0.02 && (2.1..2.2).contains(&largest), "{corner} px in a corner, {largest} px at most");
     }
 }

@@ -1,5 +1,6 @@
 //! Optional effects of rendering. Each effect is one file behind [`Effect`]; a scene runs only those that can change its
-//! images by more than [`TOLERANCE`], with the reason.
+//! images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the sensor a strength
+//! above zero. Lens distortion and motion blur run if they move what is seen by more than a small part of a pixel.
 
 mod choice;
 mod exposure_drift;
@@ -15,16 +16,13 @@ pub(crate) use soft_shadows::place_on_lamp;
 
 use std::fmt;
 
-use atsplat_camera::Distortion;
+use atsplat_camera::{Distortion, ImageSize};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::lamp::Lamp;
 use crate::path::Shot;
 use crate::world::{Surface, World};
-
-/// Largest change of a display-referred value below which an effect is not needed: half a step of 8 bits.
-pub const TOLERANCE: f64 = 0.5 / 255.0;
 
 /// Parameters of the camera's effects and of the lighting, drawn from the scene's seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,12 +160,14 @@ pub(crate) struct SceneContext<'a> {
     pub world: &'a World,
     pub conditions: &'a Conditions,
     pub shots: &'a [Shot],
+    /// Size of each image.
+    pub size: ImageSize,
     /// Whether the route was given, instead of sampled from the seed.
     pub is_given: bool,
 }
 
 impl Effects {
-    pub(crate) fn choose(case: &SceneContext<'_>, choice: &EffectChoice) -> Self {
+    pub(crate) fn choose(scene: &SceneContext<'_>, choice: &EffectChoice) -> Self {
         let mut effects = Self {
             running: Vec::new(),
             active: Vec::new(),
@@ -179,14 +179,14 @@ impl Effects {
         };
         for effect in EffectKind::ALL {
             let reason = match choice {
-                EffectChoice::Auto => needed_by(effect, case),
+                EffectChoice::Auto => needed_by(effect, scene),
                 EffectChoice::All => Some("requested with all others".to_owned()),
                 EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("requested".to_owned()),
                 EffectChoice::None | EffectChoice::Only(_) => None,
             };
             if let Some(reason) = reason {
                 effects.active.push(ActiveEffect { effect, reason });
-                effects.add(build(effect, case));
+                effects.add(build(effect, scene));
             }
         }
         effects
@@ -227,24 +227,24 @@ impl Effects {
     }
 }
 
-fn needed_by(effect: EffectKind, case: &SceneContext<'_>) -> Option<String> {
+fn needed_by(effect: EffectKind, scene: &SceneContext<'_>) -> Option<String> {
     match effect {
-        EffectKind::SoftShadows => soft_shadows::needed_by(case),
-        EffectKind::SpecularReflection => specular_reflection::needed_by(case),
-        EffectKind::IndirectLight => indirect_light::needed_by(case),
-        EffectKind::ExposureDrift => exposure_drift::needed_by(case),
-        EffectKind::LensDistortion => lens_distortion::needed_by(case),
-        EffectKind::MotionBlur => motion_blur::needed_by(case),
-        EffectKind::SensorNoise => sensor_noise::needed_by(case),
+        EffectKind::SoftShadows => soft_shadows::needed_by(scene),
+        EffectKind::SpecularReflection => specular_reflection::needed_by(scene),
+        EffectKind::IndirectLight => indirect_light::needed_by(scene),
+        EffectKind::ExposureDrift => exposure_drift::needed_by(scene),
+        EffectKind::LensDistortion => lens_distortion::needed_by(scene),
+        EffectKind::MotionBlur => motion_blur::needed_by(scene),
+        EffectKind::SensorNoise => sensor_noise::needed_by(scene),
     }
 }
 
-fn build(effect: EffectKind, case: &SceneContext<'_>) -> Box<dyn Effect> {
-    let conditions = case.conditions;
+fn build(effect: EffectKind, scene: &SceneContext<'_>) -> Box<dyn Effect> {
+    let conditions = scene.conditions;
     match effect {
         EffectKind::SoftShadows => Box::new(soft_shadows::SoftShadows),
         EffectKind::SpecularReflection => Box::new(specular_reflection::SpecularReflection),
-        EffectKind::IndirectLight => Box::new(indirect_light::IndirectLight::new(case.world, conditions.bounce)),
+        EffectKind::IndirectLight => Box::new(indirect_light::IndirectLight::new(scene.world, conditions.bounce)),
         EffectKind::ExposureDrift => Box::new(exposure_drift::ExposureDrift::new(conditions)),
         EffectKind::LensDistortion => Box::new(lens_distortion::LensDistortion::new(conditions)),
         EffectKind::MotionBlur => Box::new(motion_blur::MotionBlur::new(conditions)),
@@ -293,7 +293,8 @@ mod tests {
         let shots = [0, 33_333].map(|timestamp_micros| Shot { timestamp_micros, camera, moving_to });
         let moved = Camera { camera_from_world: moving_to.inverse(), ..camera };
         let shots = [shots[0], Shot { camera: moved, ..shots[1] }];
-        Effects::choose(&SceneContext { world, conditions, shots: &shots, is_given }, &EffectChoice::Auto).active
+        let size = ImageSize { width: 256, height: 256 };
+        Effects::choose(&SceneContext { world, conditions, shots: &shots, size, is_given }, &EffectChoice::Auto).active
     }
 
     fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
@@ -323,7 +324,7 @@ mod tests {
         assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, behind, true), []);
     }
 
-    /// Each condition needs its own effect and no other, just above its bound and not below.
+    /// Each condition needs one effect, just above its bound and not below: effects of the sensor at any strength.
     #[test]
     fn a_scene_runs_the_effects_that_it_needs_and_no_others() {
         let plain = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
@@ -333,14 +334,14 @@ mod tests {
         assert_eq!(needed(&world(0.04, Vec::new()), &plain), [EffectKind::SpecularReflection]);
         let cases = [
             (Conditions { bounce: 1.0, ..plain }, plain, EffectKind::IndirectLight),
-            (Conditions { drift: 0.007, ..plain }, Conditions { drift: 0.006, ..plain }, EffectKind::ExposureDrift),
+            (Conditions { drift: 1e-3, ..plain }, plain, EffectKind::ExposureDrift),
             (
                 Conditions { lens: [0.0005, 0.0], ..plain },
                 Conditions { lens: [0.0004, 0.0], ..plain },
                 EffectKind::LensDistortion,
             ),
             (Conditions { shutter: 0.1, ..plain }, Conditions { shutter: 0.01, ..plain }, EffectKind::MotionBlur),
-            (Conditions { noise: 0.0017, ..plain }, Conditions { noise: 0.0016, ..plain }, EffectKind::SensorNoise),
+            (Conditions { noise: 1e-3, ..plain }, plain, EffectKind::SensorNoise),
         ];
         for (enough, less, effect) in cases {
             assert_eq!(needed(&matte, &enough), [effect], "{enough:?}");

@@ -15,11 +15,11 @@ const STILL: f64 = 0.1;
 /// How close a camera comes to objects, in metres.
 const NEAR: f64 = 0.5;
 
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
     // A seed must give the same images as in earlier versions: sampled routes keep their rule, which sees no motion along the
     // optical axis and no roll.
-    let motion: fn(&Shot, &Shot) -> f64 = if case.is_given { motion_anywhere } else { motion_at_centre };
-    let smears = case.shots.windows(2).map(|pair| motion(&pair[0], &pair[1]) * 256.0 * case.conditions.shutter);
+    let motion: fn(&Shot, &Shot) -> f64 = if scene.is_given { motion_anywhere } else { motion_at_centre };
+    let smears = scene.shots.windows(2).map(|pair| motion(&pair[0], &pair[1]) * 256.0 * scene.conditions.shutter);
     let largest = largest(smears);
     (largest > STILL).then(|| format!("up to {:.1} % of the image width while the shutter is open", largest / 2.56))
 }
@@ -33,7 +33,7 @@ fn motion_at_centre(from: &Shot, to: &Shot) -> f64 {
 }
 
 /// Largest motion of what is seen at the image's centre and corners, near and infinitely far, in image widths. Beyond one width,
-/// as for points that come to lie behind the camera, it is 1.
+/// as for points that end up behind the camera, it is 1.
 fn motion_anywhere(from: &Shot, to: &Shot) -> f64 {
     let (k, start, end) =
         (from.camera.intrinsics, from.camera.camera_from_world.inverse(), to.camera.camera_from_world);

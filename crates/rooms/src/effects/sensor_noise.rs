@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Conditions, Effect, EffectKind, SceneContext, TOLERANCE};
+use super::{Conditions, Effect, EffectKind, SceneContext};
 use crate::path::Shot;
 use crate::rng::{mix, unit_from_bits};
 
@@ -12,10 +12,9 @@ pub(super) struct SensorNoise {
     seed: u64,
 }
 
-/// At mid grey, encoding enlarges a deviation of linear light by 1.2.
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
-    let sigma = case.conditions.noise;
-    (1.2 * sigma > TOLERANCE).then(|| format!("σ = {sigma:.3} of white"))
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
+    let sigma = scene.conditions.noise;
+    (sigma > 0.0).then(|| format!("σ = {sigma:.3} of white"))
 }
 
 impl SensorNoise {

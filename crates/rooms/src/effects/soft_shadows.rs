@@ -9,8 +9,8 @@ use crate::world::{Surface, World};
 #[derive(Debug)]
 pub(super) struct SoftShadows;
 
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
-    let (lamps, objects) = (case.world.lamps.len(), case.world.objects.len());
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
+    let (lamps, objects) = (scene.world.lamps.len(), scene.world.objects.len());
     (lamps > 0).then(|| format!("{lamps} lamps among {objects} objects"))
 }
 

@@ -5,8 +5,8 @@ use super::{Effect, EffectKind, SceneContext};
 #[derive(Debug)]
 pub(super) struct SpecularReflection;
 
-pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
-    let world = case.world;
+pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
+    let world = scene.world;
     let glossy = world.objects.iter().filter(|object| world.materials[object.material].mirror > 0.0).count();
     (glossy > 0).then(|| format!("{glossy} of {} objects mirror", world.objects.len()))
 }

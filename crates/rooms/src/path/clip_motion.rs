@@ -57,13 +57,13 @@ impl ClipMotion {
         let seconds = track.seconds.last().copied().filter(|seconds| *seconds >= TURN_STEP)?;
 
         let times = arange(seconds, PATH_STEP);
-        let places: Vec<DVec3> = times.iter().map(|time| track.place(*time)).collect();
-        let arc: f64 = places.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let positions: Vec<DVec3> = times.iter().map(|time| track.position(*time)).collect();
+        let arc: f64 = positions.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
         let near: Vec<usize> = arange(seconds, TURN_STEP).iter().map(|time| track.nearest(*time)).collect();
         let turned: f64 =
             near.windows(2).map(|pair| degrees_between(&track.poses[pair[0]], &track.poses[pair[1]])).sum();
-        let chord = |places: &[DVec3]| places.last().zip(places.first()).map(|(last, first)| *last - *first);
-        let between_ends = chord(&places)?.length();
+        let chord = |path: &[DVec3]| path.last().zip(path.first()).map(|(last, first)| *last - *first);
+        let between_ends = chord(&positions)?.length();
         let centres: Vec<DVec3> = track.poses.iter().map(WorldFromCamera::centre).collect();
         let travelled = chord(&centres)?;
         let axis: DVec3 = track.poses.iter().map(WorldFromCamera::forward).sum();
@@ -112,8 +112,8 @@ struct Track {
 
 impl Track {
     /// The camera's position at a time of the clip, interpolated linearly between two frames.
-    fn place(&self, time: f64) -> DVec3 {
-        let later = self.seconds.partition_point(|own| *own <= time).clamp(1, self.seconds.len() - 1);
+    fn position(&self, time: f64) -> DVec3 {
+        let later = self.seconds.partition_point(|second| *second <= time).clamp(1, self.seconds.len() - 1);
         let (from, to) = (self.seconds[later - 1], self.seconds[later]);
         let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
         self.poses[later - 1].centre().lerp(self.poses[later].centre(), share)
@@ -128,7 +128,7 @@ impl Track {
     fn baseline(&self, frames: u32) -> Option<f64> {
         let span = f64::from(frames) / 30.0;
         let starts = arange(self.seconds.last()? - span, BASELINE_STEP);
-        let distances = starts.iter().map(|start| self.place(start + span).distance(self.place(*start)));
+        let distances = starts.iter().map(|start| self.position(start + span).distance(self.position(*start)));
         (!starts.is_empty()).then(|| distances.sum::<f64>() / starts.len() as f64)
     }
 }

@@ -50,9 +50,9 @@ fn candidate(
             let even = frame as f64 / frames as f64;
             let t = even + slower * (std::f64::consts::TAU * even + phase).sin() / std::f64::consts::TAU;
             let wave = |rate: f64| sway * (rate * even * seconds + phase).sin();
-            let place = start.lerp(end, t) + across * (4.0 * rise * t * (1.0 - t)) + DVec3::Z * wave(2.1);
+            let position = start.lerp(end, t) + across * (4.0 * rise * t * (1.0 - t)) + DVec3::Z * wave(2.1);
             HandheldPose {
-                place,
+                position,
                 yaw: azimuth + aside + turn * seconds * (even - 0.5) + wave(1.3),
                 pitch: pitch + wave(1.7),
                 roll: wave(0.9),
@@ -62,8 +62,8 @@ fn candidate(
 }
 
 fn is_valid(world: &World, path: &[HandheldPose]) -> bool {
-    let few = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
-    few(2).all(|held| is_free(world, held.place))
-        && few(16).all(|held| is_free(world, held.place))
-        && few(3).all(|held| shows_enough(world, held.place, held.forward(), 1.3))
+    let spaced = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
+    spaced(2).all(|pose| is_free(world, pose.position))
+        && spaced(16).all(|pose| is_free(world, pose.position))
+        && spaced(3).all(|pose| shows_enough(world, pose.position, pose.forward(), 1.3))
 }

@@ -34,7 +34,7 @@ pub struct Shot {
 /// A pose of a handheld camera: position, and angles in radians.
 #[derive(Clone, Copy, Debug)]
 struct HandheldPose {
-    place: DVec3,
+    position: DVec3,
     yaw: f64,
     pitch: f64,
     roll: f64,
@@ -51,7 +51,7 @@ impl HandheldPose {
         let forward = self.forward();
         let right = DVec3::new(self.yaw.sin(), -self.yaw.cos(), 0.0);
         let upright = DMat3::from_cols(right, forward.cross(right), forward);
-        Ok(WorldFromCamera::new(upright * DMat3::from_rotation_z(self.roll), self.place)?)
+        Ok(WorldFromCamera::new(upright * DMat3::from_rotation_z(self.roll), self.position)?)
     }
 }
 
@@ -77,11 +77,11 @@ pub(crate) fn natural(
         SceneKind::Yards => rng.within(0.8, 1.15),
     };
     let intrinsics = NormalizedIntrinsics::new(fy / width_over_height, fy, 0.5, 0.5)?;
-    let (held, micros, slowed_to) = match kind {
+    let (handheld, micros, slowed_to) = match kind {
         SceneKind::Rooms => glide::glide(rng, world, frames),
         SceneKind::Yards => walk::walk(rng, world, frames),
     };
-    let poses = held.iter().map(HandheldPose::pose).collect::<Result<Vec<_>, _>>()?;
+    let poses = handheld.iter().map(HandheldPose::pose).collect::<Result<Vec<_>, _>>()?;
     Ok(CameraPath { shots: shots(&poses, intrinsics, micros), slowed_to })
 }
 
@@ -105,9 +105,9 @@ const MIN_INSTANCES: usize = 5;
 const CLEARANCE: f64 = 0.3;
 
 /// Whether a camera can be placed there.
-fn is_free(world: &World, place: DVec3) -> bool {
+fn is_free(world: &World, position: DVec3) -> bool {
     let [low, high] = world.space;
-    place.cmpgt(low).all() && place.cmplt(high).all() && world.clearance(place) > CLEARANCE
+    position.cmpgt(low).all() && position.cmplt(high).all() && world.clearance(position) > CLEARANCE
 }
 
 /// Whether a view shows more than a wall: the median distance of a bundle of rays is large enough, and they hit several

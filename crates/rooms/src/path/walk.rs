@@ -42,7 +42,7 @@ fn candidate(rng: &mut Rng, world: &World, frames: usize, speed: f64) -> Vec<Han
         let place = about + DVec2::from_angle(angle) * radius * rng.within(0.8, 1.2);
         let aim = angle + if inward { std::f64::consts::PI } else { 0.0 } + rng.within(-0.45, 0.45);
         stops.push(HandheldPose {
-            place: place.extend(low.z + height + rng.within(-0.12, 0.12)),
+            position: place.extend(low.z + height + rng.within(-0.12, 0.12)),
             yaw: aim,
             pitch: rng.within(-0.2, 0.08),
             roll: rng.within(-0.02, 0.02),
@@ -62,7 +62,7 @@ fn between_stops(stops: &[HandheldPose], share: f64) -> HandheldPose {
         b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
     };
     HandheldPose {
-        place: DVec3::new(value(&|h| h.place.x), value(&|h| h.place.y), value(&|h| h.place.z)),
+        position: DVec3::new(value(&|h| h.position.x), value(&|h| h.position.y), value(&|h| h.position.z)),
         yaw: value(&|h| h.yaw),
         pitch: value(&|h| h.pitch),
         roll: value(&|h| h.roll),
@@ -70,8 +70,8 @@ fn between_stops(stops: &[HandheldPose], share: f64) -> HandheldPose {
 }
 
 fn is_valid(world: &World, path: &[HandheldPose]) -> bool {
-    let few = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
-    few(4).all(|held| is_free(world, held.place))
-        && few(40).all(|held| is_free(world, held.place))
-        && few(6).all(|held| shows_enough(world, held.place, held.forward(), 2.0))
+    let spaced = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
+    spaced(4).all(|pose| is_free(world, pose.position))
+        && spaced(40).all(|pose| is_free(world, pose.position))
+        && spaced(6).all(|pose| shows_enough(world, pose.position, pose.forward(), 2.0))
 }

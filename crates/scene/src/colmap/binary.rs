@@ -8,8 +8,8 @@ use atsplat_files::quoted;
 use glam::DVec3;
 
 use super::{
-    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed, pose_from,
-    require_new_id,
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed,
+    pose_or_reason, require_new_id,
 };
 use crate::SceneError;
 
@@ -51,10 +51,7 @@ pub(super) fn images(bytes: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scen
         let keypoints = reader.count("points2D", 24)?;
         // `count` has checked that this many bytes are left.
         reader.take(keypoints.saturating_mul(24), "points2D")?;
-        let pose = pose_from(quaternion, translation).ok_or_else(|| {
-            malformed(path, &location, "a quaternion of finite length above 0", format!("{quaternion:?}"))
-        })?;
-        let camera_from_world = pose.map_err(SceneError::camera(path, location))?;
+        let camera_from_world = pose_or_reason(quaternion, translation, path, [location.clone(), location]);
         let quaternion_length = length_of(quaternion);
         images.push(ColmapImage { id, name, camera_id, camera_from_world, quaternion_length });
     }

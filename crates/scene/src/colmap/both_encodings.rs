@@ -1,4 +1,4 @@
-//! A model in both encodings, of which one is read.
+//! A model in both encodings: one is read, and compared with the other.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -27,7 +27,7 @@ pub(super) fn other_encoding(folder: &Path) -> Option<Encoding> {
     other.is_whole(folder).then_some(other)
 }
 
-/// Warns if the folder of the model that was `read` holds another one in the other encoding, as an edited or a stale export.
+/// Warns if the folder of the model that was `read` contains another one in the other encoding, as an edited or a stale export.
 pub(super) fn report_other_encoding(key: &str, folder: &Path, read: Model<'_>, warnings: &mut Warnings) {
     let Some(other) = other_encoding(folder) else { return };
     let [ours, theirs] = match other {
@@ -46,7 +46,7 @@ pub(super) fn report_other_encoding(key: &str, folder: &Path, read: Model<'_>, w
     };
     if let Some(problem) = problem {
         let detail = format!(
-            "cameras.{ours} and images.{ours} are read; cameras.{theirs} and images.{theirs} beside them {problem} ({})",
+            "cameras.{ours} and images.{ours} are read; cameras.{theirs} and images.{theirs} next to them {problem} ({})",
             folder.display()
         );
         warnings.push(WarningKind::IgnoredScene, key, detail);
@@ -84,7 +84,11 @@ fn difference((cameras, images): Model<'_>, (other_cameras, other_images): Model
     let is_other = |image: &&ColmapImage| {
         by_id.get(&image.id).is_none_or(|other| {
             let is_same = image.name == other.name && image.camera_id == other.camera_id;
-            !(is_same && is_near(&image.camera_from_world, &other.camera_from_world))
+            let is_placed_alike = match (&image.camera_from_world, &other.camera_from_world) {
+                (Ok(ours), Ok(theirs)) => is_near(ours, theirs),
+                (ours, theirs) => ours.is_err() && theirs.is_err(),
+            };
+            !(is_same && is_placed_alike)
         })
     };
     let mut others = images.iter().filter(is_other);
@@ -122,12 +126,16 @@ mod tests {
         [&one[..], &1u32.to_le_bytes(), &1i32.to_le_bytes(), &width, &height, &lens].concat()
     }
 
-    /// A binary model with x = 1 and 2 and the focal length 100, and this text beside it.
+    /// A binary model with x = 1 and 2 and the focal length 100, and this text next to it.
     fn load(cameras: &str, images: &str) -> (Scene, Vec<(WarningKind, String)>) {
+        load_with_text([1.0, 2.0], cameras, images)
+    }
+
+    fn load_with_text(xs: [f64; 2], cameras: &str, images: &str) -> (Scene, Vec<(WarningKind, String)>) {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
         write("cameras.bin", &cameras_bin(100.0));
-        write("images.bin", &images_bin([1.0, 2.0]));
+        write("images.bin", &images_bin(xs));
         if !cameras.is_empty() {
             write("cameras.txt", cameras.as_bytes());
         }
@@ -145,9 +153,23 @@ mod tests {
     const IMAGES: &str = "2 1 0 0 0 2.0000001 0 0 1 2.png\n\n1 1 0 0 0 1 0 0 1 1.png\n\n";
 
     #[test]
-    fn text_beside_a_binary_model_may_differ_by_rounding_and_order() {
+    fn text_next_to_a_binary_model_may_differ_by_rounding_and_order() {
         assert_eq!(load(CAMERAS, IMAGES).1, []);
-        assert_eq!(load("", "1 1 0 0 0 9 0 0 1 1.png\n").1, [], "images alone are no model");
+        assert_eq!(load("", "1 1 0 0 0 9 0 0 1 1.png\n").1, [], "images alone are not a model");
+    }
+
+    /// The second image of the binary model has no pose.
+    #[test]
+    fn an_unusable_pose_is_the_same_only_as_another_one() {
+        let with_text = |x: &str| {
+            let images = IMAGES.replace(" 2.0000001 ", x);
+            let (scene, found) = load_with_text([1.0, f64::NAN], CAMERAS, &images);
+            assert_eq!(scene.frames.iter().map(crate::Frame::has_pose).collect::<Vec<_>>(), [true, false]);
+            found
+        };
+        assert_eq!(with_text(" nan "), []);
+        let found = with_text(" 2 ");
+        assert!(found.len() == 1 && found[0].1.contains("differ: 1 of 2 images, first 2.png ("), "{found:?}");
     }
 
     #[test]
@@ -164,7 +186,7 @@ mod tests {
             let x = scene.frames[1].camera.camera_from_world.translation().x;
             Tolerance::F64.assert([x], [2.0], "the binary model is read");
             let [(_, detail)] = found.as_slice() else { panic!("{expected}: {found:?}") };
-            let read = "cameras.bin and images.bin are read; cameras.txt and images.txt beside them ";
+            let read = "cameras.bin and images.bin are read; cameras.txt and images.txt next to them ";
             assert!(detail.starts_with(read) && detail.contains(expected), "{detail}");
         }
     }

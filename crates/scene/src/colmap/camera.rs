@@ -8,7 +8,7 @@ use crate::SceneError;
 /// `src/colmap/sensor/models.h`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
-#[expect(missing_docs, reason = "the names are COLMAP's own")]
+#[expect(missing_docs, reason = "the names are COLMAP's")]
 pub enum ColmapCameraModel {
     SimplePinhole = 0,
     Pinhole = 1,

@@ -36,7 +36,7 @@ pub fn displacement(
     let images = parse_images(&read_file("reading COLMAP images", &file)?, encoding, &file)?;
     // A name that several frames have says nothing.
     let mut centres: HashMap<&str, Option<DVec3>> = HashMap::new();
-    for frame in &scene.frames {
+    for frame in scene.frames.iter().filter(|frame| frame.has_pose()) {
         let centre = frame.camera.camera_from_world.inverse().centre();
         centres.entry(&frame.name).and_modify(|known| *known = None).or_insert(Some(centre));
     }
@@ -47,7 +47,7 @@ pub fn displacement(
             let path = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
             let name = path.rsplit('/').next().unwrap_or(path);
             let frame = (*centres.get(path).or_else(|| centres.get(name))?)?;
-            let centre = image.camera_from_world.inverse().centre();
+            let centre = image.camera_from_world.as_ref().ok()?.inverse().centre();
             Some((applied.map_or(centre, |applied| applied.saved_point(centre)), frame))
         })
         .collect();
@@ -104,7 +104,7 @@ mod tests {
         let folder = model(IMAGES);
         let (scene, applied) = saved([[3.0, 0.0, 0.0], [0.0, 6.0, 2.0]], 3.0);
         let found = displacement(folder.path(), &scene, applied).unwrap().unwrap();
-        assert_eq!(found.images, 2, "the third is no frame");
+        assert_eq!(found.images, 2, "the third is not a frame");
         // The cameras are 0 and 2 apart, in a box of 3 × 6 × 2.
         Tolerance::F64.assert([found.distance], [1.0 / 7.0], "median");
         let found = displacement(folder.path(), &scene, None).unwrap().unwrap();
@@ -147,6 +147,20 @@ mod tests {
         assert_eq!(found("1 1 0 0 0 -1 0 0 1 a.png\n\n3 1 0 0 0 0 0 -2 1 c.png\n\n", &apart), None, "one frame");
         let empty = tempfile::tempdir().unwrap();
         assert_eq!(displacement(empty.path(), &apart, None).unwrap(), None, "no images");
+    }
+
+    /// The last image has no pose, in the model and as a frame of it.
+    #[test]
+    fn images_without_a_pose_are_not_compared() {
+        let images = "1 1 0 0 0 -1 0 0 1 a.png\n\n2 1 0 0 0 0 -2 0 1 b.png\n\n3 0 0 0 0 0 0 0 1 c.png\n\n";
+        let folder = model(images);
+        let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+        let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+        assert_eq!(scene.frames.iter().map(crate::Frame::has_pose).collect::<Vec<_>>(), [true, true, false]);
+        for images in [images.to_owned(), images.replace("3 0 0 0 0 0 0 0", "3 1 0 0 0 0 0 9")] {
+            let found = displacement(model(&images).path(), &scene, None).unwrap();
+            assert_eq!(found, Some(Displacement { images: 2, distance: 0.0 }), "{images}");
+        }
     }
 
     #[test]

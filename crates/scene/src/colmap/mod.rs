@@ -4,6 +4,7 @@ mod binary;
 mod both_encodings;
 mod camera;
 mod displacement;
+mod open;
 mod order;
 mod source;
 mod text;
@@ -21,7 +22,8 @@ pub use camera::{ColmapCamera, ColmapCameraModel};
 pub use displacement::{Displacement, displacement};
 pub use source::{ColmapOptions, ColmapScenes, points_folder};
 
-pub(crate) use source::{model_below, model_folders, model_in, part_of_model};
+pub(crate) use open::{READER, folder_of_part};
+pub(crate) use source::{model_below, model_in, part_of_model};
 
 const FORMAT: &str = "COLMAP model";
 
@@ -58,8 +60,9 @@ pub struct ColmapImage {
     pub name: String,
     /// Id of the camera that took it.
     pub camera_id: u32,
-    /// World-to-camera transform with OpenCV axes; the quaternion is normalised as COLMAP does.
-    pub camera_from_world: CameraFromWorld,
+    /// World-to-camera transform with OpenCV axes; the quaternion is normalised as COLMAP does. Of an image without a usable pose,
+    /// what was expected and found, and where.
+    pub camera_from_world: Result<CameraFromWorld, String>,
     /// Length of the quaternion in the file, which COLMAP writes as 1.
     pub quaternion_length: f64,
 }
@@ -105,7 +108,7 @@ pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BT
 ///
 /// # Errors
 /// [`SceneError::Malformed`] with line or byte, also for a repeated id and for another number of images than the header
-/// states; [`SceneError::Camera`] for an invalid pose.
+/// states.
 pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     match encoding {
         Encoding::Text => text::images(bytes, path),
@@ -142,12 +145,12 @@ fn encoding_of(folder: &Path) -> Option<Encoding> {
 
 /// One of the model's files. Points may be in the other encoding, if they are in that alone.
 fn model_file(folder: &Path, name: &str) -> (PathBuf, Encoding) {
-    let [own, other] = match encoding_of(folder) {
+    let [main, other] = match encoding_of(folder) {
         Some(Encoding::Text) => [Encoding::Text, Encoding::Binary],
         Some(Encoding::Binary) | None => [Encoding::Binary, Encoding::Text],
     };
-    let is_elsewhere = other.file(folder, name).is_file() && !own.file(folder, name).is_file();
-    let encoding = if is_elsewhere { other } else { own };
+    let is_only_in_other = other.file(folder, name).is_file() && !main.file(folder, name).is_file();
+    let encoding = if is_only_in_other { other } else { main };
     (encoding.file(folder, name), encoding)
 }
 
@@ -165,6 +168,20 @@ fn pose_from(
     }
     let scaled = DQuat::from_xyzw(x / largest, y / largest, z / largest, w / largest);
     Some(CameraFromWorld::new(DMat3::from_quat(scaled.normalize()), DVec3::from_array(translation)))
+}
+
+/// [`pose_from`], or why it is unusable, with the places of its parts.
+fn pose_or_reason(
+    quaternion: [f64; 4],
+    translation: [f64; 3],
+    path: &Path,
+    [of_quaternion, of_translation]: [String; 2],
+) -> Result<CameraFromWorld, String> {
+    let pose = pose_from(quaternion, translation).ok_or_else(|| {
+        malformed(path, of_quaternion, "a quaternion of finite length above 0", format!("{quaternion:?}"))
+    });
+    let pose = pose.and_then(|pose| pose.map_err(SceneError::camera(path, of_translation)));
+    pose.map_err(|error| error.to_string())
 }
 
 /// Length of a quaternion, without overflow on the way.

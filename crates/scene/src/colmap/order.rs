@@ -5,7 +5,7 @@ use crate::{Scene, WarningKind, Warnings};
 
 /// Warns if the numbers at the end of names decrease: sorted by bytes, `10` comes before `2`.
 ///
-/// Numbers are compared where the text before them is the same, since each camera of a rig counts its own.
+/// Numbers are compared where the text before them is the same, since each camera of a rig counts separately.
 pub(super) fn report_order(scene: &Scene, warnings: &mut Warnings) {
     let mut last: BTreeMap<&str, &str> = BTreeMap::new();
     let mut descents = 0usize;
@@ -51,7 +51,7 @@ mod tests {
         let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
         let mut warnings = Warnings::new();
         let scene = source.load(&source.keys()[0], &mut warnings).unwrap();
-        assert!(scene.frames.iter().all(|frame| frame.timestamp_micros.is_none()), "numbers of names are no times");
+        assert!(scene.frames.iter().all(|frame| frame.timestamp_micros.is_none()), "numbers of names are not times");
         let of_order = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnorderedTimestamps);
         of_order.map(|warning| warning.detail.clone()).collect()
     }

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::Camera;
@@ -5,15 +6,16 @@ use atsplat_numeric::Tolerance;
 
 use super::both_encodings::{other_encoding, report_other_encoding};
 use super::order::report_order;
-use super::{ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
-use crate::camera_policy::{Times, report_cameras};
+use super::{ColmapCamera, ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
+use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
 use crate::ignored::Collections;
 use crate::nerfstudio::ImageFinder;
-use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::unposed::unknown_pose;
+use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
-/// Subfolders of a capture that may hold its sparse model, in order of preference.
+/// Subfolders of a capture that may contain its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
 /// Subfolders of a folder in which [`model_below`] looks.
@@ -94,50 +96,85 @@ impl SceneSource for ColmapScenes {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let model = self.model_folder(key)?;
-        let (cameras_file, encoding) = model_file(model, "cameras");
+        let read = Model::read(model)?;
+        report_quaternions(key, &read.images, warnings);
+        report_other_encoding(key, model, (&read.cameras, &read.images), warnings);
+        if model != self.path {
+            report_other_models(key, model, &self.models, warnings)?;
+        }
+        let frames = self.frames(key, &capture_of(model), &read, warnings)?;
+        let scene = Scene { key: key.to_owned(), url: None, frames }.require_a_pose()?;
+        report_cameras(&scene, Times::Given, warnings);
+        report_order(&scene, warnings);
+        Ok(scene)
+    }
+}
+
+/// A model's cameras and images, with the files that they are from.
+struct Model {
+    cameras: BTreeMap<u32, ColmapCamera>,
+    cameras_file: PathBuf,
+    /// Sorted by name.
+    images: Vec<ColmapImage>,
+    images_file: PathBuf,
+}
+
+impl Model {
+    fn read(folder: &Path) -> Result<Self, SceneError> {
+        let (cameras_file, encoding) = model_file(folder, "cameras");
         let cameras = parse_cameras(&read_file("reading COLMAP cameras", &cameras_file)?, encoding, &cameras_file)?;
-        let (images_file, encoding) = model_file(model, "images");
+        let (images_file, encoding) = model_file(folder, "images");
         let mut images = parse_images(&read_file("reading COLMAP images", &images_file)?, encoding, &images_file)?;
         if images.is_empty() {
             return Err(malformed(&images_file, "whole file", "at least one image", "none"));
         }
         images.sort_by(|a, b| a.name.cmp(&b.name));
-        report_quaternions(key, &images, warnings);
-        report_other_encoding(key, model, (&cameras, &images), warnings);
-        if model != self.path {
-            report_other_models(key, model, &self.models, warnings)?;
-        }
+        Ok(Self { cameras, cameras_file, images, images_file })
+    }
 
-        let capture = capture_of(model);
+    fn camera(&self, image: &ColmapImage, location: &str) -> Result<&ColmapCamera, SceneError> {
+        self.cameras.get(&image.camera_id).ok_or_else(|| {
+            let expected = format!("a camera id in {}", self.cameras_file.display());
+            malformed(&self.images_file, location, expected, image.camera_id.to_string())
+        })
+    }
+}
+
+impl ColmapScenes {
+    fn frames(
+        &self,
+        key: &str,
+        capture: &Path,
+        model: &Model,
+        warnings: &mut Warnings,
+    ) -> Result<Vec<Frame>, SceneError> {
         let root = self.options.images_root.clone().unwrap_or_else(|| capture.join("images"));
         // Of `.` and `..`, the folder above is not what stands before the last component.
         let root = if root.file_name().is_some() { root } else { root.canonicalize().unwrap_or(root) };
         let above = root.parent().unwrap_or(&root).to_owned();
         let folder = last_name(&root);
-        let mut finder = ImageFinder::new(&above, &images_file, self.options.images);
-        let mut frames = Vec::with_capacity(images.len());
-        for (at, image) in images.into_iter().enumerate() {
+        let mut finder = ImageFinder::new(&above, &model.images_file, self.options.images);
+        let mut frames = Vec::with_capacity(model.images.len());
+        for (at, image) in model.images.iter().enumerate() {
             let location = format!("image {}", image.id);
-            let camera = cameras.get(&image.camera_id).ok_or_else(|| {
-                let expected = format!("a camera id in {}", cameras_file.display());
-                malformed(&images_file, &location, expected, image.camera_id.to_string())
-            })?;
-            let (intrinsics, distortion) = camera.lens(&format!("camera {}", image.camera_id), &cameras_file)?;
+            let camera = model.camera(image, &location)?;
+            let (intrinsics, distortion) = camera.lens(&format!("camera {}", image.camera_id), &model.cameras_file)?;
             let found = finder.find_below(&folder, &image.name, &location)?;
             found.report(key, at, warnings);
+            let (camera_from_world, file) = match &image.camera_from_world {
+                Ok(pose) => (*pose, found.image),
+                Err(reason) => (unknown_pose(), FrameImage::Unposed(reason.clone())),
+            };
             frames.push(Frame {
                 name: split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
                 timestamp_micros: None,
-                camera: Camera { camera_from_world: image.camera_from_world, intrinsics, distortion },
+                camera: Camera { camera_from_world, intrinsics, distortion },
                 stated_size: Some(camera.size),
-                image: found.image,
+                image: file,
             });
         }
         finder.report_choices(key, warnings);
-        let scene = Scene { key: key.to_owned(), url: None, frames };
-        report_cameras(&scene, Times::Given, warnings);
-        report_order(&scene, warnings);
-        Ok(scene)
+        Ok(frames)
     }
 }
 
@@ -151,10 +188,10 @@ pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, Scene
 }
 
 pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
-    places(folder).find(|folder| holds_model(folder))
+    places(folder).find(|folder| has_model(folder))
 }
 
-/// The first model in the subfolders of a folder that holds none where [`model_in`] looks, and in theirs, as a path below it:
+/// The first model in the subfolders of a folder that has none where [`model_in`] looks, and in theirs, as a path below it:
 /// `sparse/1`, `model`. Hidden folders are skipped.
 pub(crate) fn model_below(folder: &Path) -> Option<String> {
     let subfolders = |folder: &Path| -> Vec<PathBuf> {
@@ -197,12 +234,14 @@ fn places(capture: &Path) -> impl Iterator<Item = PathBuf> {
     MODEL_FOLDERS.iter().map(move |below| if below.is_empty() { capture.to_owned() } else { capture.join(below) })
 }
 
-fn holds_model(folder: &Path) -> bool {
+fn has_model(folder: &Path) -> bool {
     encoding_of(folder).is_some()
 }
 
 fn report_quaternions(key: &str, images: &[ColmapImage], warnings: &mut Warnings) {
-    let mut scaled = images.iter().filter(|image| !UNIT.accepts(image.quaternion_length, 1.0));
+    let is_scaled =
+        |image: &&ColmapImage| image.camera_from_world.is_ok() && !UNIT.accepts(image.quaternion_length, 1.0);
+    let mut scaled = images.iter().filter(is_scaled);
     if let Some(first) = scaled.next() {
         let (count, length) = (scaled.count() + 1, first.quaternion_length);
         let detail = format!(
@@ -222,7 +261,7 @@ fn report_other_models(key: &str, model: &Path, scenes: &[PathBuf], warnings: &m
     let Some(parent) = model.parent().filter(|_| is_number(&name)) else { return Ok(()) };
     let is_other = |(other, is_folder): &(String, bool)| {
         let folder = parent.join(other);
-        *is_folder && is_number(other) && !scenes.contains(&folder) && holds_model(&folder)
+        *is_folder && is_number(other) && !scenes.contains(&folder) && has_model(&folder)
     };
     let others: Vec<String> = list(parent)?.into_iter().filter(is_other).map(|(other, _)| other).collect();
     if !others.is_empty() {
@@ -234,7 +273,7 @@ fn report_other_models(key: &str, model: &Path, scenes: &[PathBuf], warnings: &m
     Ok(())
 }
 
-/// The folder that holds `images/`: the model's own, or the parent of `sparse/` or `colmap/sparse/`.
+/// The folder that contains `images/`: the model's folder, or the parent of `sparse/` or `colmap/sparse/`.
 fn capture_of(model: &Path) -> PathBuf {
     let model = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
     let up = |folder: &Path, name: &str| {
@@ -253,7 +292,7 @@ mod tests {
 
     /// The folder of images may be given as `..` of a folder inside of it.
     #[test]
-    fn a_folder_of_images_has_its_own_name_however_it_is_written() {
+    fn a_folder_of_images_has_one_name_however_it_is_written() {
         let folder = tempfile::tempdir().unwrap();
         let (model, photos) = (folder.path().join("sparse"), folder.path().join("photos"));
         std::fs::create_dir_all(photos.join("raw")).unwrap();

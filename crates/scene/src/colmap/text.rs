@@ -10,8 +10,8 @@ use glam::DVec3;
 
 use super::source::UNIT;
 use super::{
-    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed, pose_from,
-    require_new_id,
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed,
+    pose_or_reason, require_new_id,
 };
 use crate::SceneError;
 use crate::number::{Columns, parse_f64, parse_i64, parse_u64};
@@ -45,7 +45,7 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
 /// Names may contain spaces.
 ///
 /// Tools that have no keypoints may omit the second line, where COLMAP writes an empty one. Both are accepted: a line of
-/// keypoints holds only numbers, an image's line ends with a name. One without is told from three keypoints by its
+/// keypoints has only numbers, an image's line ends with a name. One without a name is distinguished from three keypoints by its
 /// quaternion, unless the file has keypoints elsewhere.
 ///
 /// A file that was cut off between two images has fewer than its header states.
@@ -69,7 +69,7 @@ pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scene
     Ok(images)
 }
 
-/// An error if the comments at the start of a file state another number of items than it holds.
+/// An error if the comments at the start of a file state another number of items than it has.
 fn require_stated(text: &[u8], items: &str, found: usize, path: &Path) -> Result<(), SceneError> {
     let mut comments = numbered_lines(text).take_while(|(_, line)| !has_content(line));
     let stated = comments.find_map(|(number, line)| Some((number, stated_count(line, items)?)));
@@ -98,7 +98,7 @@ fn is_keypoints(line: &[u8]) -> bool {
 }
 
 /// Whether a line of numbers is that of an image but for its name: nine columns with whole ids and a quaternion of
-/// length 1. Of three keypoints, the second would lie within a pixel of the image's corner.
+/// length 1. Of three keypoints, the second would be within a pixel of the image's corner.
 fn lacks_only_a_name(line: &[u8]) -> bool {
     let columns: Vec<&[u8]> = Columns::of(line).take(10).collect();
     let [id, w, x, y, z, _, _, _, camera_id] = columns.as_slice() else { return false };
@@ -135,11 +135,8 @@ fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneEr
     let name = row.columns.rest();
     let name = std::str::from_utf8(name).ok().filter(|name| !name.is_empty());
     let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", quoted(row.columns.rest())))?;
-    let pose = pose_from(quaternion, translation);
-    let pose = pose.ok_or_else(|| {
-        malformed(path, row.location("QW"), "a quaternion of finite length above 0", format!("{quaternion:?}"))
-    })?;
-    let camera_from_world = pose.map_err(SceneError::camera(path, row.location("TX")))?;
+    let places = ["QW", "TX"].map(|field| row.location(field));
+    let camera_from_world = pose_or_reason(quaternion, translation, path, places);
     let quaternion_length = length_of(quaternion);
     Ok(ColmapImage { id, name: name.to_owned(), camera_id, camera_from_world, quaternion_length })
 }

@@ -24,11 +24,11 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `cx` `cy` | `Float64` | principal point over image width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
 /// | `k1` `k2` `k3` `k4` `p1` `p2` | `Float64`? | lens coefficients; null if the model does not have them |
-/// | `r00` … `r22` | `Float64` | rotation of the world-to-camera transform, row by row |
-/// | `t0` `t1` `t2` | `Float64` | its translation, in scene units |
+/// | `r00` … `r22` | `Float64` | rotation of the world-to-camera transform, row by row; NaN for `unposed` frames |
+/// | `t0` `t1` `t2` | `Float64` | its translation, in scene units; NaN like the rotation |
 /// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; derived from the pose |
 /// | `stated_width` `stated_height` | `UInt32`? | image size in pixels according to the metadata |
-/// | `image` | Utf8 | `absent`, `missing`, `file`, `encoded` or `generated` |
+/// | `image` | Utf8 | `absent`, `missing`, `file`, `encoded`, `generated`, or `unposed` if the pose is unusable |
 /// | `image_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
 /// | `image_bytes` | `UInt64`? | length of an image encoded in a chunk |
 pub fn schema() -> SchemaRef {
@@ -42,7 +42,7 @@ pub(super) const INTRINSICS: [&str; 4] = ["fx", "fy", "cx", "cy"];
 /// Lens columns.
 pub(super) const LENS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
 
-/// Pose columns in the order of `CameraFromWorld::to_rows`, `[R | t]` row by row. The table's own order
+/// Pose columns in the order of `CameraFromWorld::to_rows`, `[R | t]` row by row. The table's order
 /// differs: rotation first, then translation.
 pub(super) const POSE: [&str; 12] = ["r00", "r01", "r02", "t0", "r10", "r11", "r12", "t1", "r20", "r21", "r22", "t2"];
 
@@ -73,14 +73,14 @@ fn build() -> Schema {
     fields.extend([
         field("stated_width", DataType::UInt32, true, "image width in pixels that the metadata states"),
         field("stated_height", DataType::UInt32, true, "image height in pixels that the metadata states"),
-        field("image", DataType::Utf8, false, "absent, missing, file, encoded or generated"),
+        field("image", DataType::Utf8, false, "absent, missing, file, encoded, generated, or unposed: no usable pose"),
         field("image_path", DataType::Utf8, true, "image file, found or missing"),
         field("image_bytes", DataType::UInt64, true, "length of an image encoded in a chunk"),
     ]);
     Schema::new_with_metadata(fields, metadata())
 }
 
-/// The schema's metadata, for formats with key-value metadata of their own.
+/// The schema's metadata, for formats with key-value metadata.
 pub(crate) fn metadata() -> [(String, String); 3] {
     [("table", "cameras"), ("version", SCHEMA_VERSION), ("convention", CONVENTION)]
         .map(|(key, value)| (format!("atsplat.{key}"), value.to_owned()))

@@ -93,8 +93,14 @@ impl CameraTable {
         for (builder, value) in self.lens.iter_mut().zip(lens) {
             builder.append_option(value);
         }
-        append(&mut self.pose, frame.camera.camera_from_world.to_rows());
-        append(&mut self.centre, frame.camera.camera_from_world.inverse().centre().to_array());
+        let pose = frame.camera.camera_from_world;
+        let (rows, centre) = if frame.has_pose() {
+            (pose.to_rows(), pose.inverse().centre().to_array())
+        } else {
+            ([f64::NAN; POSE.len()], [f64::NAN; CENTRE.len()])
+        };
+        append(&mut self.pose, rows);
+        append(&mut self.centre, centre);
 
         self.stated_width.append_option(frame.stated_size.map(|size| size.width));
         self.stated_height.append_option(frame.stated_size.map(|size| size.height));
@@ -104,6 +110,7 @@ impl CameraTable {
             FrameImage::File(path) => ("file", Some(path), None),
             FrameImage::Encoded(bytes) => ("encoded", None, Some(bytes.len() as u64)),
             FrameImage::Generated(_) => ("generated", None, None),
+            FrameImage::Unposed(_) => ("unposed", None, None),
         };
         self.image.append_value(kind);
         self.image_path.append_option(path.map(|path| path.to_string_lossy()));
@@ -171,7 +178,7 @@ fn text_bytes(scene: &Scene, frame: &Frame) -> usize {
     // A byte that is not UTF-8 becomes U+FFFD, three bytes.
     let path = match &frame.image {
         FrameImage::Missing(path) | FrameImage::File(path) => path.as_os_str().len().saturating_mul(3),
-        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => 0,
+        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) | FrameImage::Unposed(_) => 0,
     };
     [scene.url.as_ref().map_or(0, String::len), frame.name.len(), path]
         .into_iter()

@@ -103,6 +103,7 @@ fn assert_holds(batch: &RecordBatch, scene: &Scene) {
             FrameImage::File(path) => ("file", Some(path)),
             FrameImage::Encoded(_) => ("encoded", None),
             FrameImage::Generated(_) => ("generated", None),
+            FrameImage::Unposed(_) => ("unposed", None),
         };
         assert_eq!((text("image"), text("image_path")), (Some(kind), path.and_then(|path| path.to_str())));
     }
@@ -140,6 +141,21 @@ fn the_centre_columns_follow_from_the_pose() {
     let centre = glam::DVec3::new(column("centre_x"), column("centre_y"), column("centre_z"));
     let seen = scene.frames[1].camera.camera_from_world.transform_point(centre);
     atsplat_numeric::Tolerance::F64.assert(seen.to_array(), [0.0; 3], "the centre in camera coordinates");
+}
+
+/// The lens is that of the file.
+#[test]
+fn a_frame_without_a_pose_is_a_row_of_nan() {
+    let mut scene = varied();
+    scene.frames[1].image = FrameImage::Unposed("no rotation".to_owned());
+    let batch = one_batch(&scene);
+    let number = |name: &str, row: usize| batch.column_by_name(name).unwrap().as_primitive::<Float64Type>().value(row);
+    for name in ["r00", "r21", "t2", "centre_x"] {
+        assert!(number(name, 1).is_nan() && number(name, 2).is_finite(), "{name}");
+    }
+    assert!((number("fx", 1) - 0.482_334_223).abs() < 1e-12);
+    let image = batch.column_by_name("image").unwrap().as_string::<i32>();
+    assert_eq!([0, 1, 2].map(|row| image.value(row)), ["absent", "unposed", "file"]);
 }
 
 #[test]

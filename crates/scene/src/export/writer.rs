@@ -46,7 +46,7 @@ impl TableWriter {
         Ok(Self { sink, file })
     }
 
-    /// Appends the rows of one batch, in Parquet as a row group of its own.
+    /// Appends the rows of one batch, in Parquet as one row group.
     ///
     /// # Errors
     /// [`ExportError`] if encoding or writing fails.
@@ -93,7 +93,7 @@ fn polars_schema() -> Result<Schema, ExportError> {
     Ok(empty.schema().as_ref().clone())
 }
 
-/// Converts a record batch to a polars frame. Polars has its own Arrow types, so the batch goes through Arrow's stream
+/// Converts a record batch to a polars frame. Polars has other Arrow types, so the batch goes through Arrow's stream
 /// format in memory; the cost of this copy is negligible compared with writing a file.
 ///
 /// # Errors

@@ -60,7 +60,7 @@ impl EpipolarGeometry {
     /// Symmetric epipolar distance in pixels: the root mean square of the two distances between a point and the epipolar
     /// line of the other one (§11.4.3 sums their squares; the root of the mean is in pixels of one image).
     ///
-    /// A point on the epipole lies on every line. NaN for a NaN point.
+    /// A point on the epipole is on every line. NaN for a NaN point.
     pub fn distance(&self, points: &PointMatch) -> f64 {
         let (first, second) = (points.first.extend(1.0), points.second.extend(1.0));
         let (line_in_second, line_in_first) = (self.fundamental * first, self.fundamental.transpose() * second);

@@ -127,6 +127,7 @@ impl ImageCounts {
             encoded: self.encoded + other.encoded,
             missing: self.missing + other.missing,
             empty: self.empty + other.empty,
+            unposed: self.unposed + other.unposed,
             absent: self.absent + other.absent,
             headers_read: self.headers_read + other.headers_read,
             headers_unreadable: self.headers_unreadable + other.headers_unreadable,

@@ -24,7 +24,7 @@ pub(super) struct SceneMeasure {
 pub(super) struct FrameMeasure {
     /// `fx`, `fy`, `cx`, `cy`, and the horizontal and vertical field of view in degrees.
     pub(super) pinhole: [f64; Self::PINHOLE],
-    /// Distance and angle in degrees from the previous frame; `None` for a scene's first frame.
+    /// Distance and angle in degrees from the previous frame; `None` for a scene's first frame, and if either has no usable pose.
     pub(super) motion: Option<[f64; Self::MOTION]>,
 }
 
@@ -40,11 +40,14 @@ impl FrameMeasure {
 
 impl SceneMeasure {
     pub(super) fn of(scene: &Scene, sampling: SizeSampling, warnings: &mut Warnings) -> Self {
-        let poses: Vec<WorldFromCamera> =
-            scene.frames.iter().map(|frame| frame.camera.camera_from_world.inverse()).collect();
-        let motions = poses.windows(2).filter_map(|pair| <&[_; 2]>::try_from(pair).ok()).map(motion);
+        let pose = |frame: &Frame| frame.has_pose().then(|| frame.camera.camera_from_world.inverse());
+        let poses: Vec<Option<WorldFromCamera>> = scene.frames.iter().map(pose).collect();
+        let motions = poses.windows(2).map(|pair| match pair {
+            [Some(before), Some(after)] => Some(motion(before, after)),
+            _ => None,
+        });
         let frames: Vec<FrameMeasure> = std::iter::once(None)
-            .chain(motions.map(Some))
+            .chain(motions)
             .zip(&scene.frames)
             .map(|(motion, frame)| FrameMeasure::of(&frame.camera, motion))
             .collect();
@@ -57,7 +60,7 @@ impl SceneMeasure {
             sizes: BTreeMap::new(),
             stated_sizes: BTreeMap::new(),
             frames,
-            extent: extent(&poses),
+            extent: extent(&poses.into_iter().flatten().collect::<Vec<_>>()),
             path_length,
         };
         let with_image = measure.count(scene, warnings);
@@ -79,6 +82,7 @@ impl SceneMeasure {
                 FrameImage::File(_) => (&mut counts.files, true),
                 FrameImage::Encoded(_) | FrameImage::Generated(_) => (&mut counts.encoded, true),
                 FrameImage::Missing(_) => (&mut counts.missing, false),
+                FrameImage::Unposed(_) => (&mut counts.unposed, false),
                 FrameImage::Absent => (&mut counts.absent, false),
             };
             *count += 1;
@@ -128,7 +132,7 @@ impl SceneMeasure {
 }
 
 /// Distance and angle in degrees from one camera to the next.
-fn motion([before, after]: &[WorldFromCamera; 2]) -> [f64; 2] {
+fn motion(before: &WorldFromCamera, after: &WorldFromCamera) -> [f64; 2] {
     // ‖R₁ − R₂‖ = 2√2 · sin(θ/2): exact for the small angles of a video, where arccos of the trace is not.
     let difference = after.rotation() - before.rotation();
     let frobenius = difference.to_cols_array().iter().map(|entry| entry * entry).sum::<f64>().sqrt();

@@ -51,7 +51,7 @@ pub enum SizeSampling {
 /// format. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
 /// after each scene, from any thread.
 ///
-/// The report does not depend on the number of threads. `warnings` holds those of opening the dataset, and no others. A scene
+/// The report does not depend on the number of threads. `warnings` are those of opening the dataset, and no others. A scene
 /// that cannot be read is a problem in the report, not an error.
 pub fn inspect(
     source: &dyn SceneSource,
@@ -90,7 +90,7 @@ pub fn inspect(
 /// a chunk counts once).
 pub fn left_out(opening: &Warnings, all: &Warnings) -> u64 {
     let not_listed = [WarningKind::UnreadableScene, WarningKind::SceneNotFound].map(|kind| opening.count(kind));
-    // A further model of a capture is found when the capture is read, a scene beside others in a chunk with the first of them.
+    // A further model of a capture is found when the capture is read, a scene next to others in a chunk with the first of them.
     let found_later = [WarningKind::IgnoredScene, WarningKind::UnindexedScene, WarningKind::UnindexedChunk];
     not_listed.into_iter().chain(found_later.map(|kind| all.count(kind))).sum()
 }

@@ -35,12 +35,13 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Whether every scene is listed and was read, and no image was found missing, empty, cut short or unreadable.
+    /// Whether every scene is listed and was read, all frames have a usable pose, and no image was found missing, empty, cut short or
+    /// unreadable.
     pub const fn is_complete(&self) -> bool {
         let SceneCounts { unreadable, left_out, .. } = self.scenes;
-        let ImageCounts { missing, empty, headers_unreadable, cut_short, .. } = self.images;
+        let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, .. } = self.images;
         let all_scenes = unreadable == 0 && left_out == 0;
-        all_scenes && missing == 0 && empty == 0 && headers_unreadable == 0 && cut_short == 0
+        all_scenes && missing == 0 && empty == 0 && unposed == 0 && headers_unreadable == 0 && cut_short == 0
     }
 }
 
@@ -62,7 +63,7 @@ pub struct SceneCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ImageCounts {
-    /// In a file of their own that is not empty.
+    /// In a separate file that is not empty.
     pub files: u64,
     /// Encoded in a chunk, or generated on demand.
     pub encoded: u64,
@@ -70,7 +71,9 @@ pub struct ImageCounts {
     pub missing: u64,
     /// Listed, but the file is empty.
     pub empty: u64,
-    /// Without an image: the source holds only the trajectory.
+    /// Not looked at, because the frame has no usable pose.
+    pub unposed: u64,
+    /// Without an image: the source has only the trajectory.
     pub absent: u64,
     /// Headers read for the image's size.
     pub headers_read: u64,

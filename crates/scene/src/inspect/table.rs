@@ -31,6 +31,7 @@ impl Inspection {
             (images.encoded, "in chunks"),
             (images.missing, "missing"),
             (images.empty, "empty"),
+            (images.unposed, "without a usable pose"),
             (images.absent, "without an image"),
         ];
         writeln!(f, "images    {}", counted(&places))?;

@@ -65,6 +65,22 @@ fn baselines_match_a_computation_by_hand() {
     assert_eq!(steps, [("line", 4, Some(2.0)), ("lone", 1, None), ("turn", 2, Some(0.0))]);
 }
 
+/// Of the line's cameras one in the middle has no pose: neither adjacent step is measured, and its centre is not that of a camera.
+#[test]
+fn frames_without_a_pose_are_counted_and_not_measured() {
+    let mut line = scene("line", [0.0, 1.0, 100.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
+    line.frames[2].image = FrameImage::Unposed("its rotation is none".to_owned());
+    line.frames[2].camera.camera_from_world = crate::unposed::unknown_pose();
+    let (report, _) = inspected(&TestSource::new([line]), InspectOptions::default());
+    let b = report.baselines;
+    assert_summary(b.step, 2, [1.0, 2.0, 3.0], "steps 1 and 3");
+    assert_summary(b.extent, 1, [3.5; 3], "the mean of four is at 2.5");
+    assert_summary(b.path_length, 1, [4.0; 3], "the measured steps");
+    assert_eq!((report.frames, report.images.absent, report.images.unposed), (5, 4, 1));
+    assert!(!report.is_complete());
+    assert!(report.to_string().contains("images    1 without a usable pose, 4 without an image\n"), "{report}");
+}
+
 #[test]
 fn reports_intrinsics_and_field_of_view() {
     let (report, _) = inspected(&small_dataset(), InspectOptions::default());

@@ -16,7 +16,7 @@ const KNOWN: [(&[&str], &str); 7] = [
     (&["views", "sfm_data_version"], "a scene of OpenMVG"),
 ];
 
-/// Describes what an unsupported JSON file seems to hold, for an error message.
+/// Describes what an unsupported JSON file seems to contain, for an error message.
 pub fn describe(value: &Value) -> String {
     match value {
         Value::Array(items) if is_list_of_poses(value) => {

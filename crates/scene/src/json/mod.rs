@@ -34,12 +34,50 @@ fn without_mark(text: &[u8]) -> &[u8] {
     text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
+/// Whether text starts with this bracket, after an optional byte order mark and white space.
+pub(crate) fn starts_with_bracket(text: &[u8], bracket: u8) -> bool {
+    without_mark(text).trim_ascii_start().first() == Some(&bracket)
+}
+
 /// Parses a JSON object with values of type `V`, in the file's order.
 ///
 /// # Errors
 /// Those of [`parse`], and for a value that is not a `V`.
 pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
     serde_json::from_slice(without_mark(text)).map(|Object(entries)| entries)
+}
+
+/// The numbers that Python's `json` writes, although they are not JSON.
+const NON_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
+
+/// The text with [`NON_FINITE`] numbers as strings, which [`number_of_python`] reads; `None` if there are none.
+pub(crate) fn with_non_finite_as_text(text: &[u8]) -> Option<Vec<u8>> {
+    let (mut rest, mut quoted) = (text, Vec::with_capacity(text.len()));
+    let (mut is_in_string, mut found) = (false, false);
+    while let Some(byte) = rest.first() {
+        let number = NON_FINITE.into_iter().find(|number| !is_in_string && rest.starts_with(number.as_bytes()));
+        let taken = match number {
+            Some(number) => number.len(),
+            None if is_in_string && *byte == b'\\' => 2,
+            None => 1,
+        };
+        is_in_string ^= *byte == b'"';
+        found |= number.is_some();
+        let (token, behind) = rest.split_at_checked(taken).unwrap_or((rest, &[]));
+        let mark: &[u8] = if number.is_some() { b"\"" } else { b"" };
+        quoted.extend([mark, token, mark].into_iter().flatten());
+        rest = behind;
+    }
+    found.then_some(quoted)
+}
+
+/// A number that may not be finite: then [`with_non_finite_as_text`] made it text, or another program null.
+pub(crate) fn number_of_python(value: &Value) -> Option<f64> {
+    match value {
+        Value::Null => Some(f64::NAN),
+        Value::String(text) if NON_FINITE.contains(&text.as_str()) => text.parse().ok(),
+        other => other.as_f64(),
+    }
 }
 
 /// What was expected and found where `text` could not be parsed, for messages that state the place themselves. `value`
@@ -192,6 +230,20 @@ mod tests {
         ] {
             let error = parse_object::<Unique>(text.as_bytes()).err().unwrap();
             assert_eq!(problem(text.as_bytes(), &error, "a table"), (expected.to_owned(), found.to_owned()), "{text}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_python_writes_are_read_outside_of_strings() {
+        let text = r#"{"NaN": [NaN,-Infinity, 1.5], "a\"NaN": "Infinity\\", "b": Infinity}"#;
+        let quoted = with_non_finite_as_text(text.as_bytes()).unwrap();
+        let value = parse(&quoted).unwrap();
+        let [nan, low, finite] = [0, 1, 2].map(|at: usize| number_of_python(&value["NaN"][at]).unwrap());
+        assert!(nan.is_nan() && low.is_infinite() && low < 0.0 && finite.is_finite());
+        assert_eq!((&value["a\"NaN"], &value["b"]), (&Value::from("Infinity\\"), &Value::from("Infinity")));
+        assert!(number_of_python(&Value::Null).unwrap().is_nan() && number_of_python(&Value::from("nan")).is_none());
+        for finite in ["", "{\"a\": 1", r#"["NaN", "\\\"Infinity"]"#, "\"\\"] {
+            assert_eq!(with_non_finite_as_text(finite.as_bytes()), None, "{finite}");
         }
     }
 

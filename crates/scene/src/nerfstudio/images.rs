@@ -23,6 +23,8 @@ pub(crate) struct FoundImage {
     pub(crate) elsewhere: Option<String>,
     /// Whether the folder is the listed one, not a downscaled copy.
     pub(crate) as_listed: bool,
+    /// Whether instant-ngp's mask of the image (`dynamic_mask_<name>.png`) is next to it.
+    pub(crate) has_dynamic_mask: bool,
 }
 
 impl FoundImage {
@@ -33,7 +35,7 @@ impl FoundImage {
             warnings.push(WarningKind::MissingImage, scene, detail);
         }
         if let Some(detail) = &self.elsewhere {
-            warnings.push(WarningKind::ImageElsewhere, scene, format!("frame {position}: {detail}"));
+            warnings.push(WarningKind::ImageAtOtherPath, scene, format!("frame {position}: {detail}"));
         }
     }
 }
@@ -75,16 +77,18 @@ impl<'a> ImageFinder<'a> {
         let folder = self.folder(&folders.join("/"))?;
         let split_name = split_image_name(name);
         let stem = split_name.map_or(*name, |(stem, _)| stem);
-        // A TIFF in the place of a missing JPEG may be its depth map.
+        // A TIFF instead of a missing JPEG may be its depth map.
         let of_stem = |listing: &ImageListing| {
             let path = if split_name.is_some() { listing.read_by_stem(stem) } else { listing.by_stem(stem) };
             Some((path?, listing.choice_of_stem(stem)))
         };
         let of_name = |listing: &ImageListing| Some((listing.by_name(name)?, None));
+        let mask = format!("dynamic_mask_{stem}.png");
+        let has_dynamic_mask = folder.listing.as_ref().is_some_and(|listing| listing.by_name(&mask).is_some());
         let found = folder.listing.as_ref().and_then(|listing| of_name(listing).or_else(|| of_stem(listing)));
         let Some((path, choice_of_stem)) = found else {
             let image = FrameImage::Missing(folder.path.join(name));
-            return Ok(FoundImage { image, elsewhere: None, as_listed: folder.as_listed });
+            return Ok(FoundImage { image, elsewhere: None, as_listed: folder.as_listed, has_dynamic_mask });
         };
         // Blender and instant-ngp list names without an extension.
         let same_name = split_name.is_none() || path.file_name().is_some_and(|found| found == *name);
@@ -95,7 +99,7 @@ impl<'a> ImageFinder<'a> {
             self.choices.0 += 1;
             self.choices.1.get_or_insert_with(|| format!("{listed}: {detail}"));
         }
-        Ok(FoundImage { image: FrameImage::File(path), elsewhere, as_listed })
+        Ok(FoundImage { image: FrameImage::File(path), elsewhere, as_listed, has_dynamic_mask })
     }
 
     fn folder(&mut self, listed: &str) -> Result<&Folder, SceneError> {

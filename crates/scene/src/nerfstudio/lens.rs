@@ -29,15 +29,15 @@ pub struct LensFields {
     pub focal_x: Option<Focal>,
     /// Vertical focal length; if absent, the horizontal one in pixels (instant-ngp).
     pub focal_y: Option<Focal>,
-    /// Horizontal and vertical field of view in radians that are stated beside a focal length or another field of view, and
-    /// not used.
+    /// Horizontal and vertical field of view in radians that are stated in addition to a focal length or another field of
+    /// view, and not used.
     pub angles: [Option<f64>; 2],
     /// Principal point column; the centre if absent.
     pub cx: Option<f64>,
     /// Principal point row; the centre if absent.
     pub cy: Option<f64>,
-    /// Radial coefficients k1…k4, absent ones zero; `None` if all are absent. Nerfstudio's list `distortion_params` holds
-    /// them, then p1 and p2.
+    /// Radial coefficients k1…k4, absent ones zero; `None` if all are absent. Nerfstudio's list `distortion_params` has
+    /// these first, then p1 and p2.
     pub radial: Option<[f64; 4]>,
     /// Tangential coefficients p1, p2, an absent one zero; `None` if both are absent.
     pub tangential: Option<[f64; 2]>,
@@ -63,7 +63,7 @@ pub(super) struct ResolvedLens {
     pub(super) distortion: Distortion,
     /// The stated size if it is whole pixels.
     pub(super) size: Option<ImageSize>,
-    /// How a focal length differs from the field of view that is stated beside it.
+    /// How a focal length differs from the field of view that is also stated.
     pub(super) contradiction: Option<String>,
 }
 
@@ -107,7 +107,7 @@ impl LensFields {
         })
     }
 
-    /// A frame's own fields, completed by the `global` ones.
+    /// A frame's fields, completed by the `global` ones.
     ///
     /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the global `fl_y`.
     /// Global lengths in pixels are scaled to the size of the frame if it states another one. Global coefficients are not those
@@ -116,9 +116,9 @@ impl LensFields {
         let global = global.scaled_to(self.w, self.h);
         let (focal_x, focal_y, angles) = match (self.focal_x, self.focal_y) {
             (None, None) => (global.focal_x, global.focal_y, global.angles),
-            (own_x, own_y) => (own_x, own_y, self.angles),
+            (focal_x, focal_y) => (focal_x, focal_y, self.angles),
         };
-        let is_same_model = self.fisheye.is_none_or(|own| own == global.fisheye.unwrap_or(false));
+        let is_same_model = self.fisheye.is_none_or(|fisheye| fisheye == global.fisheye.unwrap_or(false));
         let (radial, tangential) = if is_same_model { (global.radial, global.tangential) } else { (None, None) };
         Self {
             w: self.w.or(global.w),
@@ -187,8 +187,8 @@ impl LensFields {
                 return Err(malformed("w, h", "the size of the images, or an image to take it from", "neither"));
             }
             // The other side of an image may be that of a scaled copy.
-            (Some(_), None) => return Err(malformed("h", "a height beside the width w", "none")),
-            (None, Some(_)) => return Err(malformed("w", "a width beside the height h", "none")),
+            (Some(_), None) => return Err(malformed("h", "both w and h, or neither", "only w")),
+            (None, Some(_)) => return Err(malformed("w", "both w and h, or neither", "only h")),
         };
         if let Some(axis) = self.fisheye_axis_without_length() {
             let expected = "a focal length in pixels, because a fisheye's field of view has several definitions";
@@ -202,8 +202,8 @@ impl LensFields {
         let (cx, cy) = match (self.cx, self.cy) {
             (Some(cx), Some(cy)) => (cx, cy),
             (None, None) => (0.5 * width, 0.5 * height),
-            (Some(_), None) => return Err(malformed("cy", "a principal point's cy beside its cx", "none")),
-            (None, Some(_)) => return Err(malformed("cx", "a principal point's cx beside its cy", "none")),
+            (Some(_), None) => return Err(malformed("cy", "both cx and cy, or neither", "only cx")),
+            (None, Some(_)) => return Err(malformed("cx", "both cx and cy, or neither", "only cy")),
         };
         let intrinsics = NormalizedIntrinsics::new(fl_x / width, fl_y / height, cx / width, cy / height);
         let unsupported =
@@ -223,7 +223,7 @@ impl LensFields {
         axes.into_iter().find(|(_, focal)| self.fisheye == Some(true) && is_angle(*focal)).map(|(axis, _)| axis)
     }
 
-    /// How the first focal length differs from the field of view beside it. That of a fisheye has several definitions.
+    /// How the first focal length differs from the field of view that is also stated. That of a fisheye has several definitions.
     fn contradiction(&self, width: f64, height: f64) -> Option<String> {
         let [angle_x, angle_y] = self.angles;
         let axes = [("x", self.focal_x, angle_x, width), ("y", self.focal_y, angle_y, height)];
@@ -274,7 +274,7 @@ impl Focal {
         }
     }
 
-    /// The focal length, and the angle in radians beside it, which may be anything.
+    /// The focal length, and an angle in radians that is also stated, which may be anything.
     fn read(
         object: &Object<'_>,
         pixels: &str,
@@ -282,16 +282,16 @@ impl Focal {
         radians: &str,
     ) -> Result<(Option<Self>, Option<f64>), SceneError> {
         if let Some(length) = object.number(pixels)? {
-            let beside = |name: &str| object.value(name).and_then(Value::as_f64);
-            return Ok((Some(Self::Pixels(length)), beside(degrees).map(f64::to_radians).or_else(|| beside(radians))));
+            let stated = |name: &str| object.value(name).and_then(Value::as_f64);
+            return Ok((Some(Self::Pixels(length)), stated(degrees).map(f64::to_radians).or_else(|| stated(radians))));
         }
-        let (name, angle, beside) = match (object.number(degrees)?, object.number(radians)?) {
-            (Some(angle), beside) => (degrees, angle.to_radians(), beside),
+        let (name, angle, other_angle) = match (object.number(degrees)?, object.number(radians)?) {
+            (Some(angle), other_angle) => (degrees, angle.to_radians(), other_angle),
             (None, Some(angle)) => (radians, angle, None),
             (None, None) => return Ok((None, None)),
         };
         if angle > 0.0 && angle < std::f64::consts::PI {
-            return Ok((Some(Self::Angle(angle)), beside));
+            return Ok((Some(Self::Angle(angle)), other_angle));
         }
         Err(object.wrong(name, "an angle between 0 and 180°", &format!("{}°", angle.to_degrees())))
     }
@@ -341,7 +341,7 @@ fn read_size(object: &Object<'_>, name: &str) -> Result<Option<f64>, SceneError>
 
 /// The size if it is whole pixels.
 fn whole_size(width: f64, height: f64) -> Option<ImageSize> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie in u32 when read")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to fit u32 when read")]
     let whole = |length: f64| (length.fract() == 0.0).then_some(length as u32);
     Some(ImageSize { width: whole(width)?, height: whole(height)? })
 }

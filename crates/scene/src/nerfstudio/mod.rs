@@ -2,6 +2,7 @@
 
 mod images;
 mod lens;
+mod open;
 mod sizes;
 mod source;
 mod transforms;
@@ -12,4 +13,5 @@ pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_P
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
 pub(crate) use images::{FoundImage, ImageFinder, is_of_images};
-pub(crate) use source::{VARIANTS, scene_files, transforms_in};
+pub(crate) use open::READER;
+pub(crate) use source::{VARIANTS, transforms_in};

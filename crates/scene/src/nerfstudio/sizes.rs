@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::ImageSize;
 use rayon::prelude::*;
@@ -13,10 +13,22 @@ pub(super) fn needs_image_sizes(transforms: &Transforms) -> bool {
     transforms.frames.iter().any(|frame| frame.lens.or(transforms.lens).states_no_size())
 }
 
+/// The images whose size [`lenses`] reads, if it has to: the first that is where the file lists it, and those of all frames with
+/// lengths in pixels.
+pub(super) fn images_for_sizes(transforms: &Transforms, images: &[FoundImage]) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for (frame, image) in transforms.frames.iter().zip(images) {
+        let stated = frame.lens.or(transforms.lens);
+        let is_needed = files.is_empty() || (stated.states_no_size() && stated.states_pixels());
+        files.extend(image.image.file().filter(|_| image.as_listed && is_needed).map(Path::to_owned));
+    }
+    files
+}
+
 /// Each frame's lens, completed by the global one and, if the file states no size, by that of the image in the listed folder.
 ///
-/// A frame that states lengths in pixels of its own has those of its own image, if that can be read. For all others images have
-/// the size of the first; if lengths are in pixels, another size is an error.
+/// A frame that states lengths in pixels itself gets the size of its image, if that can be read. All others get the size of the
+/// first image; if lengths are in pixels, an image of another size is an error.
 pub(super) fn lenses(
     key: &str,
     transforms: &Transforms,
@@ -35,8 +47,9 @@ pub(super) fn lenses(
             return stated;
         }
         // An image that cannot be read is reported where it is decoded.
-        let own = if frame.lens.states_pixels() { size_as_listed(image, key, at).and_then(Result::ok) } else { None };
-        frame.lens.of_image(own.or(first)).or(transforms.lens.of_image(first))
+        let of_frame =
+            if frame.lens.states_pixels() { size_as_listed(image, key, at).and_then(Result::ok) } else { None };
+        frame.lens.of_image(of_frame.or(first)).or(transforms.lens.of_image(first))
     });
     Ok(lenses.collect())
 }

@@ -6,16 +6,17 @@ use glam::DVec3;
 
 use super::images::{is_of_images, without_factor};
 use super::lens::LensFields;
-use super::sizes::{lenses, needs_image_sizes};
-use super::unread_fields::report_unread_fields;
+use super::sizes::{images_for_sizes, lenses, needs_image_sizes};
+use super::unread_fields::{report_masks_of_names, report_unread_fields};
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
-use crate::camera_policy::{Times, report_cameras};
+use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
 use crate::ignored::Collections;
-use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::unposed::unknown_pose;
+use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
-/// Subfolders of a DL3DV scene that may hold its `transforms.json`, in order of preference: the distorted captures, and
+/// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
 pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
 
@@ -36,7 +37,7 @@ pub struct NerfstudioOptions {
 
 /// `transforms.json` scenes: one file, one scene's folder, or a folder of scenes.
 ///
-/// A scene's folder holds `transforms.json` itself, in `nerfstudio/` or in `gaussian_splat/`; its name is the key, for
+/// A scene's folder contains `transforms.json`, directly, in `nerfstudio/` or in `gaussian_splat/`; its name is the key, for
 /// DL3DV the scene's hash. In a folder of subsets of scenes (DL3DV's training set, `1K/<hash>/…`) the key is
 /// `dl3dv_<hash>` and the subset becomes the URL, as in DepthSplat's chunks (depthsplat
 /// `src/scripts/convert_dl3dv_train.py`).
@@ -58,7 +59,8 @@ pub(crate) struct SceneFile {
 }
 
 impl NerfstudioScenes {
-    /// Finds the scenes without reading them. Of two scenes with one key the first is used, with a warning.
+    /// Finds the scenes without reading them. Of two scenes with one key the first is used, with a warning. Subsets whose folders
+    /// cannot be listed are left out, see [`crate::ignored`].
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
@@ -105,6 +107,10 @@ impl SceneSource for NerfstudioScenes {
         &self.keys
     }
 
+    fn times(&self) -> Times {
+        Times::FromNames
+    }
+
     /// With [`ImageFolder::Listed`] also the images: if the `transforms.json` states no sizes, theirs are read.
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         let file = &self.scene_file(key)?.file;
@@ -125,6 +131,20 @@ impl SceneSource for NerfstudioScenes {
         Ok(files)
     }
 
+    /// Those of the listed folder, if another copy is chosen and the `transforms.json` states no sizes.
+    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        if self.options.images == ImageFolder::Listed {
+            return Ok(Vec::new());
+        }
+        let (transforms, file) = self.transforms(key)?;
+        if !needs_image_sizes(&transforms) {
+            return Ok(Vec::new());
+        }
+        let root = file.parent().unwrap_or_else(|| Path::new("."));
+        let listed = find_images(&mut ImageFinder::new(root, file, ImageFolder::Listed), &transforms)?;
+        Ok(images_for_sizes(&transforms, &listed))
+    }
+
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let subset = self.scene_file(key)?.subset.clone();
         let (transforms, file) = self.transforms(key)?;
@@ -136,6 +156,7 @@ impl SceneSource for NerfstudioScenes {
         }
         finder.report_choices(key, warnings);
         report_unread_fields(key, &transforms, warnings);
+        report_masks_of_names(key, &images, warnings);
         let lenses = if needs_image_sizes(&transforms) && self.options.images != ImageFolder::Listed {
             // A scaled copy does not have the size that lengths in pixels refer to.
             let mut finder = ImageFinder::new(root, file, ImageFolder::Listed);
@@ -146,8 +167,8 @@ impl SceneSource for NerfstudioScenes {
         let applied =
             self.options.undo_applied_transform.then(|| AppliedTransform::of(&transforms, file)).transpose()?;
         let frames = frames(key, file, &transforms, (&lenses, images), applied, warnings)?;
-        let scene = Scene { key: key.to_owned(), url: subset, frames };
-        report_cameras(&scene, Times::FromNames, warnings);
+        let scene = Scene { key: key.to_owned(), url: subset, frames }.require_a_pose()?;
+        report_cameras(&scene, self.times(), warnings);
         Ok(scene)
     }
 
@@ -164,7 +185,7 @@ fn find_images(finder: &mut ImageFinder<'_>, transforms: &Transforms) -> Result<
     frames.map(|(at, frame)| finder.find(&frame.file_path, &format!("frames[{at}].file_path"))).collect()
 }
 
-/// The frames, with a lens and an image for each. `applied` is undone.
+/// The frames, with a lens and an image for each. `applied` is undone. A frame whose pose is unusable keeps its position.
 fn frames(
     key: &str,
     file: &Path,
@@ -181,8 +202,13 @@ fn frames(
     }
     for (at, ((listed, lens), found)) in transforms.frames.iter().zip(lenses).zip(images).enumerate() {
         let lens = lens.resolve(&format!("frames[{at}]: "), file)?;
-        let pose = listed.world_from_camera;
-        let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
+        let (camera_from_world, image) = match &listed.world_from_camera {
+            Ok(pose) => (applied.map_or(*pose, |applied| applied.original_pose(pose)).inverse(), found.image),
+            Err(error) => {
+                let located = SceneError::camera(file, format!("frames[{at}].transform_matrix"))(error.clone());
+                (unknown_pose(), FrameImage::Unposed(located.to_string()))
+            }
+        };
         // Images of one name in several folders have these in their names, as in COLMAP models.
         let stem = stem(&listed.file_path);
         let is_repeated = paths_of.get(stem).is_some_and(|paths| paths.len() > 1);
@@ -191,13 +217,9 @@ fn frames(
         frames.push(Frame {
             timestamp_micros: stem.rsplit('_').next().and_then(|number| number.parse().ok()),
             name,
-            camera: Camera {
-                camera_from_world: pose.inverse(),
-                intrinsics: lens.intrinsics,
-                distortion: lens.distortion,
-            },
+            camera: Camera { camera_from_world, intrinsics: lens.intrinsics, distortion: lens.distortion },
             stated_size: lens.size,
-            image: found.image,
+            image,
         });
     }
     if let Some(first) = contradictions.first() {
@@ -244,7 +266,7 @@ impl AppliedTransform {
     }
 }
 
-/// The path without its extension, below the folder of images if it lies in one.
+/// The path without its extension, below the folder of images if it is in one.
 fn below_images(file_path: &str) -> String {
     let path = split_image_name(file_path).map_or(file_path, |(stem, _)| stem).replace('\\', "/");
     let parts: Vec<&str> = path.split('/').filter(|part| !matches!(*part, "" | ".")).collect();
@@ -257,7 +279,7 @@ fn stem(file_path: &str) -> &str {
     split_image_name(name).map_or(name, |(stem, _)| stem)
 }
 
-/// The scenes under `path`, sorted by key.
+/// The scenes under `path`, sorted by key, without those of subsets that cannot be listed.
 pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Vec<SceneFile>, SceneError> {
     if !path.is_dir() {
         return Ok(vec![SceneFile { key: key_of(path), subset: None, file: path.to_owned() }]);
@@ -274,7 +296,7 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
     }
     if scenes.is_empty() {
         for subset in &folders {
-            for name in folders_in(&path.join(subset))? {
+            for name in folders_in(&path.join(subset)).unwrap_or_default() {
                 if let Some(file) = transforms_in(&path.join(subset).join(&name), prefer_gaussian_splat) {
                     scenes.push(SceneFile {
                         key: format!("{SUBSET_PREFIX}{name}"),
@@ -289,22 +311,22 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
     Ok(scenes)
 }
 
-/// The folders under `path` that hold `scenes`, each with the names in it that belong to them.
+/// The folders under `path` that contain `scenes`, each with the names in it that belong to them.
 fn collections(path: &Path, scenes: &[SceneFile]) -> Collections {
     let mut collections = Collections::new();
     if !path.is_dir() || transforms_in(path, false).is_some() {
         return collections;
     }
     for scene in scenes {
-        let mut own = |folder: PathBuf, name: &str| {
+        let mut add = |folder: PathBuf, name: &str| {
             collections.entry(folder).or_default().insert(name.to_owned());
         };
         match &scene.subset {
             Some(subset) => {
-                own(path.to_owned(), subset);
-                own(path.join(subset), scene.key.strip_prefix(SUBSET_PREFIX).unwrap_or(&scene.key));
+                add(path.to_owned(), subset);
+                add(path.join(subset), scene.key.strip_prefix(SUBSET_PREFIX).unwrap_or(&scene.key));
             }
-            None => own(path.to_owned(), &scene.key),
+            None => add(path.to_owned(), &scene.key),
         }
     }
     collections

@@ -1,10 +1,10 @@
 use std::path::Path;
 
-use atsplat_camera::WorldFromCamera;
+use atsplat_camera::{CameraError, WorldFromCamera};
 use serde_json::{Map, Value};
 
 use super::LensFields;
-use super::unread_fields::unread_fields;
+use super::unread_fields::{TEST_FRAMES, require_one_pose, require_opengl_axes, unread_fields};
 use crate::SceneError;
 
 const FORMAT: &str = "transforms.json";
@@ -12,7 +12,7 @@ const FORMAT: &str = "transforms.json";
 /// A parsed `transforms.json`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transforms {
-    /// Intrinsics of every frame that does not state its own.
+    /// Intrinsics of every frame that states none.
     pub lens: LensFields,
     /// Frames in the file's order, which DL3DV's evaluation indices refer to (DL3DV issue #16; depthsplat
     /// `src/scripts/convert_dl3dv_test.py`).
@@ -25,6 +25,8 @@ pub struct Transforms {
     pub applied_scale: Option<f64>,
     /// Global fields that are not read, although they are about images or intrinsics.
     pub unread_fields: Vec<&'static str>,
+    /// Number of entries of `test_frames` (`ScanNet++`), which are not read.
+    pub test_frames: usize,
 }
 
 /// One entry of `frames`.
@@ -32,11 +34,12 @@ pub struct Transforms {
 pub struct ListedFrame {
     /// The image's path in the file.
     pub file_path: String,
-    /// Pose with OpenCV camera axes, converted from the file's OpenGL axes; its world is unchanged.
+    /// Pose with OpenCV camera axes, converted from the file's OpenGL axes; its world is unchanged. An error if it is not finite
+    /// or not a rotation.
     ///
     /// NoPoSplat, TokenGS and Long-LRM also permute the world's axes (NoPoSplat
     /// `src/scripts/convert_dl3dv.py:65-71`), a rotation that their pose normalisation removes again.
-    pub world_from_camera: WorldFromCamera,
+    pub world_from_camera: Result<WorldFromCamera, CameraError>,
     /// Intrinsics that this frame states itself.
     pub lens: LensFields,
     /// Fields that are not read, although they are about its image or intrinsics, such as `mask_path`.
@@ -47,21 +50,35 @@ pub struct ListedFrame {
 ///
 /// Poses are camera-to-world, 4×4 or 3×4, OpenGL axes (+x right, +y up, +z back; nerfstudio
 /// `docs/quickstart/data_conventions.md`). Other fields are ignored; those about images and intrinsics are listed in the result.
+/// Numbers that are not finite (`NaN`, as Python writes them, or null) are accepted in poses and in ignored fields.
 ///
 /// # Errors
 /// [`SceneError::Malformed`] with line and column for invalid JSON and repeated keys, with the field (`frames[3].fl_x`)
-/// for a wrong value; [`SceneError::Camera`] for a pose that is not a rotation or not finite;
+/// for a wrong value, and for instant-ngp's scenes of Mitsuba and pairs of poses, whose cameras are other ones;
 /// [`SceneError::UnsupportedCameraModel`].
 pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneError> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let value = crate::json::parse(text).map_err(|error| {
-        let location = format!("line {} column {}", error.line(), error.column());
-        let (expected, found) = crate::json::problem(text, &error, "JSON");
-        SceneError::malformed(FORMAT, path, location, expected, found)
-    })?;
-    let root = Object::new(&value, String::new(), path)?;
+    match crate::json::parse(text) {
+        Ok(value) => read(&value, path),
+        Err(error) => read_with_non_finite(text, path).ok_or_else(|| {
+            let location = format!("line {} column {}", error.line(), error.column());
+            let (expected, found) = crate::json::problem(text, &error, "JSON");
+            SceneError::malformed(FORMAT, path, location, expected, found)
+        }),
+    }
+}
+
+/// A file that is not JSON because of numbers that are not finite, but has them only where that is accepted.
+fn read_with_non_finite(text: &[u8], path: &Path) -> Option<Transforms> {
+    let value = crate::json::parse(&crate::json::with_non_finite_as_text(text)?).ok()?;
+    read(&value, path).ok()
+}
+
+fn read(value: &Value, path: &Path) -> Result<Transforms, SceneError> {
+    let root = Object::new(value, String::new(), path)?;
+    require_opengl_axes(&root)?;
     let listed = root.array("frames")?.ok_or_else(|| {
-        let found = format!("nothing: the file seems to be {}", crate::json::describe(&value));
+        let found = format!("nothing: the file seems to be {}", crate::json::describe(value));
         root.wrong("frames", "a list of frames", &found)
     })?;
     if listed.is_empty() {
@@ -74,18 +91,18 @@ pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneErr
         applied_transform: root.value("applied_transform").map(|_| root.matrix("applied_transform")).transpose()?,
         applied_scale: root.number("applied_scale")?,
         unread_fields: unread_fields(&root),
+        test_frames: root.value(TEST_FRAMES).and_then(Value::as_array).map_or(0, Vec::len),
     })
 }
 
 fn read_frame(frame: &Value, at: usize, path: &Path) -> Result<ListedFrame, SceneError> {
     let frame = Object::new(frame, format!("frames[{at}]"), path)?;
     let file_path = frame.text("file_path")?.ok_or_else(|| frame.wrong("file_path", "an image's path", "nothing"))?;
-    let rows = frame.matrix("transform_matrix")?;
-    let pose = WorldFromCamera::from_rows(&rows);
-    let pose = pose.map_err(SceneError::camera(path, frame.field("transform_matrix")))?;
+    require_one_pose(&frame)?;
+    let pose = WorldFromCamera::from_rows(&frame.matrix("transform_matrix")?);
     Ok(ListedFrame {
         file_path: file_path.to_owned(),
-        world_from_camera: pose.opencv_from_opengl(),
+        world_from_camera: pose.map(|pose| pose.opencv_from_opengl()),
         lens: LensFields::read(&frame)?,
         unread_fields: unread_fields(&frame),
     })
@@ -147,7 +164,7 @@ impl<'a> Object<'a> {
         })
     }
 
-    /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1.
+    /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1. With one that is not finite, all of it is NaN.
     fn matrix(&self, name: &str) -> Result<[f64; 12], SceneError> {
         let rows = self.array(name)?.ok_or_else(|| self.wrong(name, "a 4×4 or 3×4 matrix", "nothing"))?;
         if !matches!(rows.len(), 3 | 4) {
@@ -159,7 +176,7 @@ impl<'a> Object<'a> {
             let entries = row.as_array().filter(|row| row.len() == 4);
             let entries = entries.ok_or_else(|| self.wrong(&row_name, "a row of 4 numbers", &shown(row)))?;
             for (column, (slot, entry)) in numbers.iter_mut().skip(4 * at).zip(entries).enumerate() {
-                let number = entry.as_f64();
+                let number = crate::json::number_of_python(entry);
                 *slot =
                     number.ok_or_else(|| self.wrong(&format!("{row_name}[{column}]"), "a number", &shown(entry)))?;
             }
@@ -167,6 +184,9 @@ impl<'a> Object<'a> {
         let [upper @ .., l0, l1, l2, l3] = numbers;
         let homogeneous = [l0, l1, l2, l3 - 1.0].iter().all(|entry| *entry == 0.0);
         if rows.len() == 4 && !homogeneous {
+            if ![l0, l1, l2, l3].iter().all(|entry| entry.is_finite()) {
+                return Ok([f64::NAN; 12]);
+            }
             let found = format!("{l0} {l1} {l2} {l3}");
             return Err(self.wrong(&format!("{name}[3]"), "the row 0 0 0 1", &found));
         }

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::Transforms;
 use super::transforms::Object;
+use super::{FoundImage, Transforms};
 use crate::{SceneError, WarningKind, Warnings};
 
 /// Coefficients of lenses that cannot be expressed here: OpenCV's rational model, and Metashape's with affinity b1, b2.
@@ -15,12 +15,35 @@ const NOTATIONS: [&str; 5] = ["fx", "fy", "intrinsic_matrix", "intrinsics", "K"]
 const MASK: &str = "mask_path";
 const ROLLING_SHUTTER: &str = "rolling_shutter";
 
+/// Frames that `ScanNet++` lists next to `frames`.
+pub(super) const TEST_FRAMES: &str = "test_frames";
+
 /// An error for a coefficient that is not zero and that no supported lens has.
 pub(super) fn require_no_other_coefficients(object: &Object<'_>) -> Result<(), SceneError> {
     for name in COEFFICIENTS {
         if let Some(value) = object.number(name)?.filter(|value| *value != 0.0) {
             let expected = "0, because lenses have only the coefficients k1 to k4, p1 and p2";
             return Err(object.wrong(name, expected, &value.to_string()));
+        }
+    }
+    Ok(())
+}
+
+/// An error for scenes of Mitsuba, which instant-ngp marks by this field: their camera axes are x left, y up and z forward.
+pub(super) fn require_opengl_axes(root: &Object<'_>) -> Result<(), SceneError> {
+    const OF_MITSUBA: &str = "normal_mts_args";
+    if root.value(OF_MITSUBA).is_some() {
+        return Err(root.wrong(OF_MITSUBA, "OpenGL camera axes", "a Mitsuba scene, whose cameras look along +z"));
+    }
+    Ok(())
+}
+
+/// An error for a frame of a rolling shutter, whose two poses instant-ngp reads instead of `transform_matrix`.
+pub(super) fn require_one_pose(frame: &Object<'_>) -> Result<(), SceneError> {
+    for (name, row) in [("transform_matrix_start", "first"), ("transform_matrix_end", "last")] {
+        if frame.value(name).is_some() {
+            let found = format!("the pose of the {row} row of a rolling shutter");
+            return Err(frame.wrong(name, "one pose for all rows of the image, in transform_matrix", &found));
         }
     }
     Ok(())
@@ -53,6 +76,24 @@ pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings:
             warnings.push(WarningKind::UnreadField, key, detail);
         }
     }
+    if transforms.test_frames > 0 {
+        let count = transforms.test_frames;
+        let detail = format!("{TEST_FRAMES} is not read: {count} more frames; positions count frames alone");
+        warnings.push(WarningKind::UnreadField, key, detail);
+    }
+}
+
+/// Warns about instant-ngp's masks, which no field lists: `images` are those of the frames.
+pub(super) fn report_masks_of_names(key: &str, images: &[FoundImage], warnings: &mut Warnings) {
+    let mut masked = images.iter().enumerate().filter(|(_, found)| found.has_dynamic_mask).map(|(at, _)| at);
+    if let Some(first) = masked.next() {
+        let (count, frames) = (masked.count() + 1, images.len());
+        let detail = format!(
+            "{count} of {frames} frames, first {first}: dynamic_mask_<name>.png next to the image is not read; whole \
+             images are compared"
+        );
+        warnings.push(WarningKind::UnreadField, key, detail);
+    }
 }
 
 #[cfg(test)]
@@ -64,12 +105,12 @@ mod tests {
     use super::*;
     use crate::nerfstudio::parse_transforms;
 
-    /// A scene with these fields, and three frames with their own.
-    fn parse(global: &Value, own: [&Value; 3]) -> Result<Transforms, SceneError> {
+    /// A scene with `global` fields, and three frames with fields each.
+    fn parse(global: &Value, frames: [&Value; 3]) -> Result<Transforms, SceneError> {
         let mut root = global.clone();
-        root["frames"] = own
-            .map(|own| {
-                let mut frame = own.clone();
+        root["frames"] = frames
+            .map(|fields| {
+                let mut frame = fields.clone();
                 frame["file_path"] = json!("a.png");
                 frame["transform_matrix"] = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
                 frame
@@ -78,9 +119,9 @@ mod tests {
         parse_transforms(root.to_string().as_bytes(), Path::new("transforms.json"))
     }
 
-    fn reported(global: &Value, own: [&Value; 3]) -> Vec<String> {
+    fn reported(global: &Value, frames: [&Value; 3]) -> Vec<String> {
         let mut warnings = Warnings::new();
-        report_unread_fields("s", &parse(global, own).unwrap(), &mut warnings);
+        report_unread_fields("s", &parse(global, frames).unwrap(), &mut warnings);
         assert_eq!(warnings.count(WarningKind::UnreadField), warnings.total());
         warnings.kept().iter().map(|warning| warning.detail.clone()).collect()
     }
@@ -103,15 +144,54 @@ mod tests {
         }
     }
 
+    /// Of the root alone, and however the list's entries look.
+    #[test]
+    fn frames_in_another_list_are_counted() {
+        let none = json!({});
+        let tests = json!({ "fl_x": 9.0, "test_frames": [{ "file_path": "b.png" }, {}] });
+        let expected = ["test_frames is not read: 2 more frames; positions count frames alone"];
+        assert_eq!(reported(&tests, [&none; 3]), expected);
+        assert_eq!(parse(&tests, [&none; 3]).unwrap().frames.len(), 3);
+        for without in [json!([]), Value::Null] {
+            assert_eq!(reported(&json!({ "fl_x": 9.0, "test_frames": without }), [&none, &tests, &none]), [""; 0]);
+        }
+    }
+
+    #[test]
+    fn cameras_of_mitsuba_are_refused() {
+        let (none, args) = (json!({}), json!({ "normal_mts_args": ["-o"] }));
+        let error = parse(&args, [&none; 3]).unwrap_err().to_string();
+        let expected =
+            "normal_mts_args: expected OpenGL camera axes, found a Mitsuba scene, whose cameras look along +z";
+        assert!(error.contains(expected) && error.contains("transforms.json"), "{error}");
+        assert!(parse(&none, [&none, &args, &none]).is_ok(), "the file has one convention, not each frame");
+    }
+
+    #[test]
+    fn two_poses_of_one_frame_are_refused() {
+        let pose = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
+        let none = json!({});
+        for (name, row) in [("transform_matrix_start", "first"), ("transform_matrix_end", "last")] {
+            let mut moving = json!({});
+            moving[name] = pose.clone();
+            let error = parse(&none, [&none, &none, &moving]).unwrap_err().to_string();
+            let expected = format!(
+                "frames[2].{name}: expected one pose for all rows of the image, in transform_matrix, found the pose of the \
+                 {row} row of a rolling shutter"
+            );
+            assert!(error.contains(&expected) && error.contains("transforms.json"), "{error}");
+        }
+    }
+
     #[test]
     fn masks_and_other_notations_of_intrinsics_are_counted() {
         let (none, mask) = (json!({}), json!({ "mask_path": "masks/a.png" }));
         let found = reported(&json!({ "fl_x": 9.0 }), [&json!({ "mask_path": "" }), &mask, &mask]);
         assert_eq!(found, ["2 of 3 frames, first 1: mask_path is not read; whole images are compared"]);
-        let own = json!({ "fx": 50, "fy": 50, "intrinsic_matrix": [[50, 0, 8], [0, 50, 6], [0, 0, 1]] });
-        let mut beside = own.clone();
-        beside["fl_x"] = json!(50);
-        let found = reported(&json!({ "fl_x": 9.0 }), [&none, &beside, &own]);
+        let unread = json!({ "fx": 50, "fy": 50, "intrinsic_matrix": [[50, 0, 8], [0, 50, 6], [0, 0, 1]] });
+        let mut with_read = unread.clone();
+        with_read["fl_x"] = json!(50);
+        let found = reported(&json!({ "fl_x": 9.0 }), [&none, &with_read, &unread]);
         let starts =
             ["fx", "fy", "intrinsic_matrix"].map(|name| format!("1 of 3 frames, first 2: {name} is not read; "));
         assert_eq!(found.len(), 3);

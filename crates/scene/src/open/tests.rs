@@ -111,13 +111,6 @@ fn colmap_models_are_found_in_all_capture_layouts() {
 }
 
 #[test]
-fn chunks_are_recognised_by_their_first_bytes() {
-    assert!(is_chunk(b"PK\x03\x04rest"));
-    assert!(is_chunk(b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M"));
-    assert!(!is_chunk(b"\x80\x02}q\x00"), "any other pickle");
-}
-
-#[test]
 fn missing_and_unknown_content_are_errors() {
     assert!(matches!(open("/nowhere/at/all", &mut Warnings::new()), Err(SceneError::Io(_))));
     assert!(matches!(opened(&[], ""), Err(SceneError::Unrecognized { .. })));
@@ -293,13 +286,13 @@ fn scenes_in_other_formats_are_counted() {
         &[("c", "an RE10K trajectory is not read, because the dataset is read as colmap")],
     );
     let broken = [&model[..], &[("c/images/a.png", &b""[..]), ("c/sparse/0/images.txt", images)]].concat();
-    let part = "holds images.txt without cameras.txt, but no COLMAP model";
+    let part = "contains images.txt without cameras.txt, but no COLMAP model";
     expect_ignored(&broken, Format::Colmap, "b", &[("c", part)]);
     let subsets = [("1K/a/transforms.json", json), ("1K/b/cameras.txt", cameras), ("1K/b/images.txt", images)];
     expect_ignored(&subsets, Format::Nerfstudio, "dl3dv_a", &[("b", "a COLMAP model")]);
-    // A capture beside a folder of captures, which is read as one only where nothing else is.
-    let beside = [("a/transforms.json", json), ("1K/x/transforms.json", json), ("1K/y/transforms.json", json)];
-    expect_ignored(&beside, Format::Nerfstudio, "a", &[("1K", "holds 2 folders with a transforms.json")]);
+    // A capture next to a folder of captures, which is read as one only where nothing else is.
+    let captures = [("a/transforms.json", json), ("1K/x/transforms.json", json), ("1K/y/transforms.json", json)];
+    expect_ignored(&captures, Format::Nerfstudio, "a", &[("1K", "contains 2 folders with a transforms.json")]);
 }
 
 /// COLMAP numbers the parts of a capture, and `0` may have been deleted; other programs name the folder.
@@ -307,11 +300,11 @@ fn scenes_in_other_formats_are_counted() {
 fn models_in_other_folders_than_those_of_captures_are_counted() {
     let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
     let model = |folder: &str| [(format!("{folder}/cameras.txt"), cameras), (format!("{folder}/images.txt"), images)];
-    let own = [model("a/sparse/0"), model("b/sparse/1"), model("b/sparse/2"), model("c/model"), model("d/.old")];
-    let own = own.concat();
-    let mut files: Vec<_> = own.iter().map(|(name, bytes)| (name.as_str(), *bytes)).collect();
+    let models = [model("a/sparse/0"), model("b/sparse/1"), model("b/sparse/2"), model("c/model"), model("d/.old")];
+    let models = models.concat();
+    let mut files: Vec<_> = models.iter().map(|(name, bytes)| (name.as_str(), *bytes)).collect();
     files.extend([("b/images/a.png", &b""[..]), ("c/images/a.png", b""), ("d/sparse/0/points3D.txt", b"")]);
-    let part = "holds points3D.txt without cameras.txt and images.txt";
+    let part = "contains points3D.txt without cameras.txt and images.txt";
     let left = [
         ("b", "a COLMAP model in sparse/1, which is not read: a capture's model is looked for in the folder itself"),
         ("c", "a COLMAP model in model, which is not read"),
@@ -340,9 +333,9 @@ fn errors_point_at_files_named_like_a_transforms_json() {
     expect(&files, "lego/transforms_train.json", Format::Nerfstudio, &["lego"]);
 }
 
-/// Its own model of structure from motion, copies of images and notes.
+/// A model of structure from motion, copies of images and notes.
 #[test]
-fn what_lies_in_a_capture_is_its_own() {
+fn what_is_in_a_capture_belongs_to_it() {
     let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
     let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
     let capture: [(&str, &[u8]); 7] = [
@@ -367,11 +360,11 @@ fn what_lies_in_a_capture_is_its_own() {
 fn images_without_cameras_are_counted() {
     let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
     let misspelt = [("a/transforms.json", json), ("b/transform.json", json), ("b/images/a_7.png", b"")];
-    expect_ignored(&misspelt, Format::Nerfstudio, "a", &[("b", "holds transform.json, but no transforms.json")]);
+    expect_ignored(&misspelt, Format::Nerfstudio, "a", &[("b", "contains transform.json, but no transforms.json")]);
     let deleted = [("a/transforms.json", json), ("b/nerfstudio/images_8/a_7.png", &b""[..]), ("out/0.png", b"")];
-    expect_ignored(&deleted, Format::Nerfstudio, "a", &[("b", "holds images, but no transforms.json")]);
+    expect_ignored(&deleted, Format::Nerfstudio, "a", &[("b", "contains images, but no transforms.json")]);
     let clips = [("a.txt", rows), ("a/1.png", b""), ("b/1.png", b""), ("c/images/1.jpg", b""), ("d/d.exr", b"")];
-    let left = [("b", "holds images, but no trajectory b.txt"), ("c", "holds images, but no trajectory c.txt")];
+    let left = [("b", "contains images, but no trajectory b.txt"), ("c", "contains images, but no trajectory c.txt")];
     expect_ignored(&clips, Format::Re10k, "a", &left);
 }
 
@@ -405,7 +398,7 @@ fn one_key_in_two_formats_is_a_duplicate() {
     let mut warnings = Warnings::new();
     let trajectories = open(folder.path(), &mut warnings).unwrap();
     let mixed = tempfile::tempdir().unwrap();
-    crate::torch::export_chunks(&trajectories, &mixed.path().join("test"), 1, &mut warnings, &|| ()).unwrap();
+    torch::export_chunks(&trajectories, &mixed.path().join("test"), 1, &mut warnings, &|| ()).unwrap();
     assert_eq!(warnings.total(), 0, "{:?}", warnings.kept());
     for (name, kind) in [("a", crate::WarningKind::DuplicateScene), ("b", crate::WarningKind::IgnoredScene)] {
         let text = mixed.path().join(format!("test/{name}.txt"));

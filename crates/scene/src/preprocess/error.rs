@@ -21,7 +21,7 @@ pub enum PreprocessError {
         /// [`super::Plan::MAX_PIXELS`].
         limit: u64,
     },
-    /// A width or height is odd, but the centre has to lie between two pixels.
+    /// A width or height is odd, but the centre has to be between two pixels.
     #[error("{step}: expected even width and height, found {found}")]
     OddSize { step: &'static str, found: ImageSize },
     /// An image or parameter has no pixels.

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use crate::files::ImageListing;
-use crate::{FrameImage, Scene, SceneError, WarningKind, Warnings};
+use crate::{Frame, FrameImage, Scene, SceneError, WarningKind, Warnings};
 
 /// The naming scheme of a clip's images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,7 +13,25 @@ enum Naming {
     Numbered { first: i64 },
 }
 
-/// Assigns each frame its image from the first of `folders` that holds images.
+impl Naming {
+    /// The number in the name of a row's image.
+    fn number(self, row: usize, frame: &Frame) -> Option<i64> {
+        match self {
+            Self::Timestamp => frame.timestamp_micros,
+            Self::Numbered { first } => i64::try_from(row).ok().map(|row| row.saturating_add(first)),
+        }
+    }
+
+    /// The name, without extension, that a missing image would have.
+    fn expected_stem(self, row: usize, frame: &Frame) -> String {
+        match self {
+            Self::Timestamp => frame.name.clone(),
+            Self::Numbered { first } => format!("{:05}", first.saturating_add_unsigned(row as u64)),
+        }
+    }
+}
+
+/// Assigns each frame its image from the first of `folders` that contains images.
 ///
 /// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`, which is asked only then.
 /// Otherwise a frame without a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are
@@ -30,40 +48,21 @@ pub(super) fn attach_images(
         (None, Some(folder)) if expected() => ImageListing::empty(folder.clone()),
         (None, _) => return Ok(()),
     };
-    let mut numbers: BTreeMap<i64, &str> = BTreeMap::new();
-    let mut repeated = Vec::new();
-    for (number, stem) in listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))) {
-        if let Some(other) = numbers.insert(number, stem) {
-            repeated.push(format!("{stem} is used, not {other}"));
-        }
-    }
-    if let Some(first) = repeated.first() {
-        let (count, folder) = (repeated.len(), listing.folder().display());
-        let detail = format!("{count} images have the same number as another image in {folder}, first: {first}");
-        warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
-    }
+    let numbers = stems_by_number(&listing, &scene.key, warnings);
     let naming = naming(scene, &numbers, warnings);
     let mut choices = Vec::new();
     let mut unlisted: BTreeSet<i64> = numbers.keys().copied().collect();
     for (row, frame) in scene.frames.iter_mut().enumerate() {
-        let number = match naming {
-            Naming::Timestamp => frame.timestamp_micros,
-            Naming::Numbered { first } => i64::try_from(row).ok().map(|row| row.saturating_add(first)),
-        };
+        let number = naming.number(row, frame);
         if let Some(number) = number {
             unlisted.remove(&number);
         }
         let stem = number.and_then(|number| numbers.get(&number));
         choices.extend(stem.and_then(|stem| listing.choice_of_stem(stem)));
-        let found = stem.and_then(|stem| listing.by_stem(stem));
-        frame.image = if let Some(path) = found {
+        frame.image = if let Some(path) = stem.and_then(|stem| listing.by_stem(stem)) {
             FrameImage::File(path)
         } else {
-            let stem = match naming {
-                Naming::Timestamp => frame.name.clone(),
-                Naming::Numbered { first } => format!("{:05}", first.saturating_add_unsigned(row as u64)),
-            };
-            let path = listing.expected(&stem);
+            let path = listing.expected(&naming.expected_stem(row, frame));
             warnings.push(WarningKind::MissingImage, &scene.key, format!("frame {row}: no {}", path.display()));
             FrameImage::Missing(path)
         };
@@ -78,6 +77,23 @@ pub(super) fn attach_images(
         warnings.push(WarningKind::UnlistedImage, &scene.key, detail);
     }
     Ok(())
+}
+
+/// The images with a number in their name. Of several with one number the last is used, with a warning.
+fn stems_by_number<'a>(listing: &'a ImageListing, key: &str, warnings: &mut Warnings) -> BTreeMap<i64, &'a str> {
+    let mut stems: BTreeMap<i64, &str> = BTreeMap::new();
+    let mut repeated = Vec::new();
+    for (number, stem) in listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))) {
+        if let Some(other) = stems.insert(number, stem) {
+            repeated.push(format!("{stem} is used, not {other}"));
+        }
+    }
+    if let Some(first) = repeated.first() {
+        let (count, folder) = (repeated.len(), listing.folder().display());
+        let detail = format!("{count} images have the same number as another image in {folder}, first: {first}");
+        warnings.push(WarningKind::AmbiguousNumbering, key, detail);
+    }
+    stems
 }
 
 /// The first folder with images; otherwise the first that exists.
@@ -145,7 +161,7 @@ mod tests {
 
     fn names(scene: &Scene) -> Vec<String> {
         let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-        let shown = |frame: &crate::Frame| match &frame.image {
+        let shown = |frame: &Frame| match &frame.image {
             FrameImage::File(path) => name(path),
             FrameImage::Missing(path) => format!("no {}", name(path)),
             other => format!("{other:?}"),
@@ -199,7 +215,7 @@ mod tests {
         assert!(warnings.kept()[0].detail.contains("frame_00001 is used, not 1"), "{:?}", warnings.kept());
     }
 
-    /// As masks beside frames.
+    /// As masks next to frames.
     #[test]
     fn two_images_that_differ_by_their_extension_are_reported() {
         for [first, second, third] in [["0", "33366", "66733"], ["00000", "00001", "00002"]] {

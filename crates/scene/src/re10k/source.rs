@@ -3,12 +3,12 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use super::frames::{attach_images, first_with_images};
-use super::read_trajectory;
-use crate::camera_policy::{Times, report_cameras};
+use super::trajectory::read_partly_posed;
+use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::list;
 use crate::ignored::Collections;
-use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::{FrameImage, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
 /// How RE10K trajectories are read.
 #[derive(Clone, Debug, Default)]
@@ -81,9 +81,9 @@ impl Re10kScenes {
         Ok(Self { path: path.to_owned(), options, keys, files, has_images: OnceLock::new() })
     }
 
-    /// The opened folder with its keys, and if it holds one clip with `images/` next to the trajectory, with all of its folders.
+    /// The opened folder with its keys, and if it contains one clip with `images/` next to the trajectory, with all its folders.
     pub(crate) fn collections(&self) -> Collections {
-        let mut own: BTreeSet<String> = self.keys.iter().cloned().collect();
+        let mut members: BTreeSet<String> = self.keys.iter().cloned().collect();
         let is_one_clip = |key: &String, file: &TrajectoryFile| {
             let is_here = file.alone_in_folder && file.path.parent() == Some(self.path.as_path());
             is_here && !self.path.join(key).is_dir() && self.path.join("images").is_dir()
@@ -91,17 +91,17 @@ impl Re10kScenes {
         if self.keys.iter().zip(&self.files).any(|(key, file)| is_one_clip(key, file)) {
             // A folder that cannot be listed is an error where its other entries are looked at.
             let folders = list(&self.path).unwrap_or_default().into_iter().filter(|(_, is_folder)| *is_folder);
-            own.extend(folders.map(|(name, _)| name));
+            members.extend(folders.map(|(name, _)| name));
         }
-        Collections::from([(self.path.clone(), own)])
+        Collections::from([(self.path.clone(), members)])
     }
 
     fn has_images(&self) -> bool {
-        let holds_images = |(key, file): (&String, &TrajectoryFile)| {
+        let has_images = |(key, file): (&String, &TrajectoryFile)| {
             let found = first_with_images(&self.image_folders(key, file)).ok().flatten();
             found.is_some_and(|listing| listing.stems().next().is_some())
         };
-        *self.has_images.get_or_init(|| self.keys.iter().zip(&self.files).any(holds_images))
+        *self.has_images.get_or_init(|| self.keys.iter().zip(&self.files).any(has_images))
     }
 
     fn image_folders(&self, key: &str, file: &TrajectoryFile) -> Vec<PathBuf> {
@@ -128,7 +128,7 @@ impl SceneSource for Re10kScenes {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let file = find_by_key(&self.keys, &self.files, key, &self.path)?;
-        let trajectory = read_trajectory(&file.path)?;
+        let (trajectory, unposed) = read_partly_posed(&file.path)?;
         let mut scene = trajectory.to_scene(key);
         if let Some(row) = trajectory.rows.iter().position(|row| row.radial.iter().any(|slot| *slot != 0.0)) {
             let detail = format!("row {row}: columns 6 and 7 are not zero; no loader of the field reads them");
@@ -136,6 +136,12 @@ impl SceneSource for Re10kScenes {
         }
         let expected = || self.options.frames_root.is_some() || self.has_images();
         attach_images(&mut scene, &self.image_folders(key, file), expected, warnings)?;
+        for (row, error) in unposed {
+            if let Some(frame) = scene.frames.get_mut(row) {
+                frame.image = FrameImage::Unposed(error.to_string());
+            }
+        }
+        let scene = scene.require_a_pose()?;
         report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
     }
@@ -193,7 +199,6 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::FrameImage;
 
     const ROWS: &str = "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n7 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
 
@@ -252,10 +257,10 @@ mod tests {
         }
     }
 
-    /// Beside the only clip whose name is text, whose images are in `images/` or nowhere.
+    /// Next to the only clip whose name is text, whose images are in `images/` or nowhere.
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_clip_whose_name_is_not_utf_8_is_counted_beside_one_clip() {
+    fn a_clip_whose_name_is_not_utf_8_is_counted_next_to_another() {
         use std::ffi::OsStr;
         use std::os::unix::ffi::OsStrExt as _;
 

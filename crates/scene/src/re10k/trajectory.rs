@@ -6,6 +6,7 @@ use atsplat_files::quoted;
 
 use crate::files::read_file;
 use crate::number::{Columns, parse_f64, parse_i64};
+use crate::unposed::unknown_pose;
 use crate::{Frame, FrameImage, Scene, SceneError};
 
 const FORMAT: &str = "RE10K trajectory";
@@ -47,6 +48,14 @@ pub fn read_trajectory(path: &Path) -> Result<Trajectory, SceneError> {
     parse_trajectory(&read_file("reading a trajectory", path)?, path)
 }
 
+/// A trajectory, and the positions of rows whose pose is unusable, with the reason: theirs is unknown.
+pub(super) type PartlyPosed = (Trajectory, Vec<(usize, SceneError)>);
+
+/// [`read_trajectory`] for a scene, of which frames may have no pose.
+pub(super) fn read_partly_posed(path: &Path) -> Result<PartlyPosed, SceneError> {
+    parse_partly_posed(&read_file("reading a trajectory", path)?, path)
+}
+
 /// Parses the text of an RE10K trajectory; `path` is for messages only.
 ///
 /// An optional first line (the video's URL, or a comment), then rows of 19 whitespace-separated columns:
@@ -62,15 +71,22 @@ pub fn read_trajectory(path: &Path) -> Result<Trajectory, SceneError> {
 /// # Errors
 /// [`SceneError::Malformed`] with line and column, [`SceneError::Camera`] for a row with an invalid camera.
 pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneError> {
+    let (trajectory, unposed) = parse_partly_posed(text, path)?;
+    unposed.into_iter().next().map_or(Ok(trajectory), |(_, error)| Err(error))
+}
+
+fn parse_partly_posed(text: &[u8], path: &Path) -> Result<PartlyPosed, SceneError> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let mut trajectory = Trajectory { header: None, rows: Vec::new() };
+    let (mut trajectory, mut unposed) = (Trajectory { header: None, rows: Vec::new() }, Vec::new());
     for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
         if index == 0 && is_header(line) {
             trajectory.header = Some(String::from_utf8_lossy(line.trim_ascii()).into_owned());
             continue;
         }
         if !line.trim_ascii().is_empty() {
-            let row = parse_row(line).map_err(|problem| problem.at(index + 1, path))?;
+            let (row, of_pose) = parse_row(line).map_err(|problem| problem.at(index + 1, path))?;
+            let located = |source| RowProblem::Camera(source).at(index + 1, path);
+            unposed.extend(of_pose.map(|source| (trajectory.rows.len(), located(source))));
             trajectory.rows.push(row);
         }
     }
@@ -83,7 +99,7 @@ pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneErr
         let found = format!("{} at the end of the file: is it cut off?", quoted(number));
         return Err(SceneError::malformed(FORMAT, path, location, "as many decimals as in the columns before", found));
     }
-    Ok(trajectory)
+    Ok((trajectory, unposed))
 }
 
 /// The last number of a text that does not end with a line end, if it has fewer decimals than the others of its row,
@@ -99,7 +115,7 @@ fn cut_off_number(text: &[u8]) -> Option<&[u8]> {
 }
 
 impl Trajectory {
-    /// The video's URL, if the header holds one.
+    /// The video's URL, if the header has one.
     pub fn url(&self) -> Option<&str> {
         self.header.as_deref().filter(|header| !header.starts_with('#'))
     }
@@ -151,7 +167,8 @@ impl RowProblem {
     }
 }
 
-fn parse_row(line: &[u8]) -> Result<TrajectoryRow, RowProblem> {
+/// The row, and what is wrong with its pose.
+fn parse_row(line: &[u8]) -> Result<(TrajectoryRow, Option<CameraError>), RowProblem> {
     let [timestamp, numbers @ ..] = split_row(line)?;
     let timestamp_micros = parse_i64(timestamp).ok_or_else(|| bad_column(0, "whole microseconds", timestamp))?;
     let mut values = [0.0; 18];
@@ -164,12 +181,12 @@ fn parse_row(line: &[u8]) -> Result<TrajectoryRow, RowProblem> {
             return Err(bad_column(index, "a finite number", slot.to_string().as_bytes()));
         }
     }
-    Ok(TrajectoryRow {
-        timestamp_micros,
-        intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(RowProblem::Camera)?,
-        radial: [k1, k2],
-        camera_from_world: CameraFromWorld::from_rows(&pose).map_err(RowProblem::Camera)?,
-    })
+    let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(RowProblem::Camera)?;
+    let (camera_from_world, problem) = match CameraFromWorld::from_rows(&pose) {
+        Ok(pose) => (pose, None),
+        Err(problem) => (unknown_pose(), Some(problem)),
+    };
+    Ok((TrajectoryRow { timestamp_micros, intrinsics, radial: [k1, k2], camera_from_world }, problem))
 }
 
 fn split_row(line: &[u8]) -> Result<[&[u8]; 19], RowProblem> {

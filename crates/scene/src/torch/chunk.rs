@@ -1,5 +1,6 @@
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use atsplat_pickle::shortened;
 
@@ -40,9 +41,14 @@ impl Chunk {
             return Err(SceneError::torch(path)(error));
         };
         let mut chunk = Self { path: path.to_owned(), keys: Vec::new(), scenes: HashMap::new() };
+        // References to one text are recognised by its address: hashing a long one for each would take time quadratic in the
+        // file's size.
+        let mut seen = HashSet::new();
         for (position, item) in items.iter().enumerate() {
             let (kind, found) = match item.as_dict().and_then(|dict| dict.get("key")) {
-                Some(Value::Str(key)) if !chunk.scenes.contains_key(&**key) => {
+                Some(Value::Str(key))
+                    if seen.insert(Arc::as_ptr(key).cast::<u8>()) && !chunk.scenes.contains_key(&**key) =>
+                {
                     chunk.keys.push(key.to_string());
                     chunk.scenes.insert(key.to_string(), item.clone());
                     continue;
@@ -78,7 +84,7 @@ impl Chunk {
     /// One scene with its cameras; its encoded images stay in the mapped file.
     ///
     /// # Errors
-    /// Those of [`Chunk::record`], and [`SceneError::Camera`] if a row is not a valid camera.
+    /// Those of [`Chunk::record`] and [`ChunkScene::to_scene`].
     pub fn load(&self, key: &str) -> Result<Scene, SceneError> {
         self.record(key)?.to_scene(&self.path)
     }

@@ -6,11 +6,11 @@ use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Chunk;
-use crate::camera_policy::{Times, report_cameras};
+use crate::camera_policy::report_cameras;
 use crate::files::read_file;
 use crate::ignored::Collections;
 use crate::json;
-use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::{Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
 const INDEX: &str = "index.json";
 const FORMAT: &str = "torch chunks";
@@ -18,8 +18,8 @@ const FORMAT: &str = "torch chunks";
 /// A folder of `.torch` chunks, with or without an `index.json` from scene keys to chunks (`real_estate_10k_tools`
 /// `src/generate_index.py`).
 ///
-/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order, or that of the `index.json`. The last few chunks stay parsed, so
-/// that loading scenes in this order parses each chunk once.
+/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order, or that of the `index.json`. The last
+/// few chunks stay parsed, so that loading scenes in this order parses each chunk once.
 #[derive(Debug)]
 pub struct TorchChunks {
     folder: PathBuf,
@@ -32,12 +32,12 @@ pub struct TorchChunks {
 
 impl TorchChunks {
     /// Finds the scenes under `path`: a chunk, a folder of chunks, or a dataset whose chunks are in `test` (preferred,
-    /// because this toolkit evaluates) or `train`. An `index.json` beside these folders that names no existing file is not
-    /// theirs, and is not read if they hold chunks.
+    /// because this toolkit evaluates) or `train`. An `index.json` next to these folders that names no existing file is not
+    /// theirs, and is not read if they contain chunks.
     ///
     /// Without an `index.json` every chunk's list is read, but no images. A scene whose chunk is missing, a chunk that
     /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index lists
-    /// in another chunk, or in none, is found when a scene of its chunk is first loaded.
+    /// in another chunk, or in none, such as one without a key, is found when a scene of its chunk is first loaded.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
@@ -74,7 +74,7 @@ impl TorchChunks {
         Ok(files)
     }
 
-    /// The opened folder, and that of the chunks; scenes of other formats may lie in both.
+    /// The opened folder, and that of the chunks; scenes of other formats may be in both.
     pub(crate) fn collections(&self, opened: &Path) -> Collections {
         let stages = BTreeSet::from(["test", "train"].map(str::to_owned));
         [opened, &self.folder].into_iter().map(|folder| (folder.to_owned(), stages.clone())).collect()
@@ -149,7 +149,7 @@ impl TorchChunks {
         Self::new(folder, chunks, scenes, true)
     }
 
-    /// The chunk files that hold scenes, in order.
+    /// The chunk files that contain scenes, in order.
     pub fn chunks(&self) -> &[PathBuf] {
         &self.chunks
     }
@@ -170,7 +170,9 @@ impl TorchChunks {
         let mut from_chunk = Warnings::new();
         let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
         if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
-            warnings.merge(from_chunk);
+            // These come with whichever scene is loaded first. Among scenes that cannot be loaded, their place would depend on
+            // threads; and no index lists an entry without a key.
+            warnings.merge(from_chunk.with_kind_as(WarningKind::UnreadableScene, WarningKind::UnindexedScene));
             for key in chunk.keys() {
                 let (kind, problem) = match self.chunk_of.get(key) {
                     Some(listed) if *listed == position => continue,
@@ -216,7 +218,7 @@ impl ChunkCache {
     const CAPACITY: usize = 32;
 
     fn get(&mut self, position: usize) -> Option<Arc<Chunk>> {
-        let at = self.chunks.iter().position(|(held, _)| *held == position)?;
+        let at = self.chunks.iter().position(|(cached, _)| *cached == position)?;
         let entry = self.chunks.remove(at);
         let chunk = Arc::clone(&entry.1);
         self.chunks.push(entry);
@@ -235,13 +237,13 @@ impl ChunkCache {
     }
 }
 
-/// The folders that may hold chunks, in order of preference.
+/// The folders that may contain chunks, in order of preference.
 fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
     let below = ["test", "train"].map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
     std::iter::once(root.to_owned()).chain(below)
 }
 
-/// The folder that holds chunks: `root` itself, its `test`, or its `train`; the first that has an index if none does.
+/// The folder that contains chunks: `root`, its `test`, or its `train`; the first that has an index if none does.
 fn stage(root: &Path) -> Result<PathBuf, SceneError> {
     for folder in stages(root) {
         if !chunks_in(&folder)?.is_empty() || indexes_a_file(&folder)? {

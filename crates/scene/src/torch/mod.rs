@@ -5,6 +5,7 @@
 
 mod chunk;
 mod chunks;
+mod open;
 mod pickle_writer;
 mod record;
 mod rounding;
@@ -17,6 +18,8 @@ pub use chunk::Chunk;
 pub use chunks::TorchChunks;
 pub use record::ChunkScene;
 pub use writer::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
+
+pub(crate) use open::READER;
 
 use crate::{SceneError, SharedBytes};
 

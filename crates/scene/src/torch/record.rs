@@ -6,6 +6,7 @@ use atsplat_pickle::shortened;
 use super::{Dict, TorchError, Value};
 use crate::cut_short::cut_short;
 use crate::files::read_file;
+use crate::unposed::{no_pose, unknown_pose};
 use crate::{Frame, FrameImage, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// Columns of a `cameras` row.
@@ -52,26 +53,33 @@ impl ChunkScene {
         Ok(())
     }
 
-    /// The scene, with frames named by timestamp. `path` is the chunk, for messages.
+    /// The scene, with frames named by timestamp. `path` is the chunk, for messages. A frame whose pose is unusable is
+    /// [`FrameImage::Unposed`].
     ///
     /// # Errors
-    /// [`SceneError::Camera`] if a row is not a valid camera.
+    /// [`SceneError::Camera`] if a row's intrinsics are invalid, [`SceneError::NoPose`] if no row has a usable pose.
     pub fn to_scene(&self, path: &Path) -> Result<Scene, SceneError> {
         let mut frames = Vec::with_capacity(self.timestamps.len());
         let rows = self.timestamps.iter().zip(&self.cameras).zip(&self.images);
         for (position, ((&timestamp, row), image)) in rows.enumerate() {
+            let [fx, fy, cx, cy, _, _, pose @ ..] = *row;
             let location = || format!("scene {:?}, frame {position}", shortened(&self.key));
-            let camera = camera_from_row(row).map_err(|source| SceneError::camera(path, location())(source))?;
+            let located = |source| SceneError::camera(path, location())(source);
+            let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(located)?;
+            let (pose, image) = match CameraFromWorld::from_rows(&pose) {
+                Ok(pose) => (pose, FrameImage::Encoded(image.clone())),
+                Err(error) => (unknown_pose(), FrameImage::Unposed(located(error).to_string())),
+            };
             frames.push(Frame {
                 name: timestamp.to_string(),
                 timestamp_micros: Some(timestamp),
-                camera,
+                camera: Camera::pinhole(pose, intrinsics),
                 stated_size: None,
-                image: FrameImage::Encoded(image.clone()),
+                image,
             });
         }
         let url = (!self.url.is_empty()).then(|| self.url.clone());
-        Ok(Scene { key: self.key.clone(), url, frames })
+        Scene { key: self.key.clone(), url, frames }.require_a_pose()
     }
 
     /// Warns about lens distortion that is ignored: columns 5 and 6 are RE10K's slots for radial coefficients, which are
@@ -98,7 +106,8 @@ impl ChunkScene {
     ///
     /// # Errors
     /// [`SceneError::NoTimestamp`] for a frame with neither timestamp nor number, [`SceneError::NoImage`] for one without an
-    /// image, [`SceneError::Io`] and [`SceneError::Damaged`] if an image cannot be read.
+    /// image, [`SceneError::NoPose`] for one without a usable pose, [`SceneError::Io`] and [`SceneError::Damaged`] if an image
+    /// cannot be read.
     pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut stored = Self {
             key: scene.key.clone(),
@@ -109,24 +118,9 @@ impl ChunkScene {
         };
         let mut distorted = 0;
         for (position, frame) in scene.frames.iter().enumerate() {
-            let no_image = |reason: String| SceneError::NoImage { scene: scene.key.clone(), frame: position, reason };
-            let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
-            let timestamp = timestamp.ok_or_else(|| SceneError::NoTimestamp {
-                scene: scene.key.clone(),
-                frame: position,
-                name: frame.name.clone(),
-            })?;
+            let timestamp = timestamp_of(frame, &scene.key, position)?;
             let header = frame.header(&scene.key, position);
-            let image = match &frame.image {
-                FrameImage::Encoded(bytes) => {
-                    frame.bytes(&scene.key, position)?;
-                    bytes.clone()
-                }
-                FrameImage::File(file) => SharedBytes::new(read_file("reading an image", file)?),
-                FrameImage::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
-                FrameImage::Missing(file) => return Err(no_image(format!("no file {}", file.display()))),
-                FrameImage::Absent => return Err(no_image("the source has no images".to_owned())),
-            };
+            let image = encoded_image(frame, &scene.key, position)?;
             let problem = match header {
                 Ok(header) => {
                     frame.report(&scene.key, position, &header, warnings);
@@ -151,9 +145,29 @@ impl ChunkScene {
     }
 }
 
-fn camera_from_row(row: &[f64; CAMERA_COLUMNS]) -> Result<Camera, atsplat_camera::CameraError> {
-    let [fx, fy, cx, cy, _, _, pose @ ..] = *row;
-    Ok(Camera::pinhole(CameraFromWorld::from_rows(&pose)?, NormalizedIntrinsics::new(fx, fy, cx, cy)?))
+fn timestamp_of(frame: &Frame, scene: &str, position: usize) -> Result<i64, SceneError> {
+    let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
+    timestamp.ok_or_else(|| SceneError::NoTimestamp {
+        scene: scene.to_owned(),
+        frame: position,
+        name: frame.name.clone(),
+    })
+}
+
+/// The encoded image, verified if it is from a chunk.
+fn encoded_image(frame: &Frame, scene: &str, position: usize) -> Result<SharedBytes, SceneError> {
+    let no_image = |reason: String| SceneError::NoImage { scene: scene.to_owned(), frame: position, reason };
+    match &frame.image {
+        FrameImage::Encoded(bytes) => {
+            frame.bytes(scene, position)?;
+            Ok(bytes.clone())
+        }
+        FrameImage::File(file) => Ok(SharedBytes::new(read_file("reading an image", file)?)),
+        FrameImage::Generated(_) => Ok(SharedBytes::new(frame.bytes(scene, position)?.into_owned())),
+        FrameImage::Missing(file) => Err(no_image(format!("no file {}", file.display()))),
+        FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
+        FrameImage::Unposed(reason) => Err(no_pose(scene, position, reason)),
+    }
 }
 
 fn row_from_camera(camera: &Camera) -> [f64; CAMERA_COLUMNS] {

@@ -41,13 +41,13 @@ pub struct ChunksWritten {
 impl ChunkWriter {
     /// Bytes of images after which a chunk is written, for RE10K (`real_estate_10k_tools` `src/convert.py:17`).
     /// DepthSplat's DL3DV chunks use twice as much (`src/scripts/convert_dl3dv_test.py:44`). The original tools measure a
-    /// scene's folder with `du -b`, which adds the folder's own 4096 bytes.
+    /// scene's folder with `du -b`, which adds 4096 bytes of the folder itself.
     pub const TARGET_BYTES: u64 = 100_000_000;
 
     /// Starts writing to a folder, which is created if necessary.
     ///
     /// # Errors
-    /// [`SceneError::Io`], and [`SceneError::Malformed`] if the folder already holds chunks, which would be read together
+    /// [`SceneError::Io`], and [`SceneError::Malformed`] if the folder already contains chunks, which would be read together
     /// with the new ones.
     pub fn create(folder: impl Into<PathBuf>, target_bytes: u64) -> Result<Self, SceneError> {
         let folder = folder.into();

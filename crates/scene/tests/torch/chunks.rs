@@ -1,9 +1,10 @@
 //! Folders of chunks, and chunks written by this toolkit.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use crate::support::{fixture, fixture_bytes};
+use crate::support::{fixture, fixture_bytes, pickle, saved, text};
 use atsplat_numeric::Tolerance;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter, TorchChunks};
 use atsplat_scene::{FrameImage, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
@@ -142,17 +143,46 @@ fn a_scene_that_the_index_does_not_list_is_reported() {
     assert!(warning.scene == KEYS[0] && warning.detail.contains("000000.torch"), "{warning}");
 }
 
-/// Both chunks hold both scenes, and the index lists one in each.
+/// The first scene of a chunk that is loaded, whichever it is, brings what is wrong with the chunk. Neither scene can be read.
 #[test]
-fn a_scene_in_another_chunk_than_its_own_is_a_duplicate() {
+fn unreadable_scenes_are_the_same_in_any_order_of_loading() {
+    let scene = |key: &str| [b"}", &text("key")[..], &text(key), b"s"].concat();
+    let chunk = saved(&pickle(&[b"](", &scene("one")[..], b"}", &scene("two"), b"e"].concat()), b"");
+    let index = br#"{"one": "000000.torch", "two": "000000.torch"}"#;
+    let folder = folder(&[("index.json", index), ("000000.torch", &chunk)]);
+    let found = |order: [&'static str; 2]| {
+        let (source, mut all) = open(folder.path());
+        let (source, mut of_scenes) = (source.unwrap(), BTreeMap::new());
+        for key in order {
+            let mut warnings = Warnings::new();
+            let error = source.load(key, &mut warnings).unwrap_err();
+            warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+            of_scenes.insert(key, warnings);
+        }
+        for warnings in of_scenes.into_values() {
+            all.merge(warnings);
+        }
+        let of_kind = |kind| all.kept().iter().filter(|warning| warning.kind == kind).cloned().collect::<Vec<_>>();
+        [WarningKind::UnreadableScene, WarningKind::UnindexedScene].map(of_kind)
+    };
+    let [unreadable, unindexed] = found(["one", "two"]);
+    assert_eq!(unreadable.iter().map(|warning| warning.scene.as_str()).collect::<Vec<_>>(), ["one", "two"]);
+    let [entry] = unindexed.as_slice() else { panic!("{unindexed:?}") };
+    assert!(entry.scene.ends_with("000000.torch") && entry.detail.starts_with("scene 1 of the chunk: "), "{entry}");
+    assert_eq!(found(["two", "one"]), [unreadable, unindexed]);
+}
+
+/// Both chunks contain both scenes, and the index lists one in each.
+#[test]
+fn a_scene_in_another_chunk_than_the_indexed_one_is_a_duplicate() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!(r#"{{"{}": "000000.torch", "{}": "000001.torch"}}"#, KEYS[0], KEYS[1]);
     let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
     let (source, _) = open(folder.path());
     let source = source.unwrap();
-    for (own, other, name) in [(KEYS[0], KEYS[1], "000000.torch"), (KEYS[1], KEYS[0], "000001.torch")] {
+    for (key, other, name) in [(KEYS[0], KEYS[1], "000000.torch"), (KEYS[1], KEYS[0], "000001.torch")] {
         let mut warnings = Warnings::new();
-        source.load(own, &mut warnings).unwrap();
+        source.load(key, &mut warnings).unwrap();
         let duplicates: Vec<_> = warnings.kept().iter().filter(|w| w.kind == WarningKind::DuplicateScene).collect();
         let [duplicate] = duplicates.as_slice() else { panic!("{duplicates:?}") };
         assert!(duplicate.scene == other && duplicate.detail.contains(name), "{duplicate}");

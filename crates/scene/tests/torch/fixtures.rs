@@ -19,7 +19,7 @@ fn plain(value: &Value) -> Json {
         Value::Int(value) => (*value).into(),
         Value::Float(value) => serde_json::json!({ "float": hexadecimal(*value) }),
         Value::Str(text) => (**text).into(),
-        Value::Bytes(bytes) => panic!("no fixture holds bytes: {bytes:?}"),
+        Value::Bytes(bytes) => panic!("no fixture contains bytes: {bytes:?}"),
         Value::List(items) => serde_json::json!({ "list": items.iter().map(plain).collect::<Vec<_>>() }),
         Value::Tuple(items) => serde_json::json!({ "tuple": items.iter().map(plain).collect::<Vec<_>>() }),
         Value::Dict(dict) => {

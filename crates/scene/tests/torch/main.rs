@@ -5,6 +5,7 @@
 mod chunks;
 mod fixtures;
 mod hostile;
+mod long_keys;
 mod support;
 
 use std::path::Path;

@@ -82,7 +82,7 @@ def main():
     rounds = int(sys.argv[5]) if len(sys.argv) > 5 else 5
     torch.set_num_threads(2)
     tensors = [torch.from_numpy(values) for values in scene(count, width, height)]
-    theirs, own = [], []
+    theirs, atsplat_ms = [], []
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder), count, width, height)
         render(tensors, width, height)
@@ -90,11 +90,11 @@ def main():
             start = time.perf_counter()
             image = render(tensors, width, height)
             theirs.append(1e3 * (time.perf_counter() - start))
-            own.append(ours(atsplat, Path(folder)))
-    theirs, own = statistics.median(theirs), statistics.median(own)
+            atsplat_ms.append(ours(atsplat, Path(folder)))
+    theirs, atsplat_ms = statistics.median(theirs), statistics.median(atsplat_ms)
     print(f"{count} Gaussians to {width}x{height}, medians of {rounds} turns, two threads")
     print(f"gsplat's functions in PyTorch: {theirs:.0f} ms, mean of the image {image.mean():.4f}")
-    print(f"atsplat: {own:.1f} ms, {theirs / own:.0f} times as fast")
+    print(f"atsplat: {atsplat_ms:.1f} ms, {theirs / atsplat_ms:.0f} times as fast")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::bins::{Entry, ROUNDING, STEEPEST};
+use super::bins::{Entry, ROUNDING, STEEPEST, TERM_ROUNDING};
 use super::project::Splat;
 
 /// Side of a block in pixels; a block's state stays in registers while its splats are composited.
@@ -198,7 +198,7 @@ impl Group {
         const LAST: f32 = (BLOCK - 1) as f32;
         let splat = |value: f32| simd.splat_f32s(value);
         let (zero, one, most) = (splat(0.0), splat(1.0), splat(across as f32));
-        let (quarter, low, high) = (splat(0.25), splat(0.5 - (LAST + MARGIN) / 4.0), splat(0.5 + MARGIN / 4.0));
+        let (quarter, rows) = (splat(0.25), splat((across * BLOCK) as f32));
         // Adding 2²³ moves a small integer into the low bits.
         let (rounder, bits) = (splat(8_388_608.0), simd.splat_u32s(31));
         let row = |values: &[f32; GROUP], at: usize| S::as_simd_f32s(values).0[at];
@@ -217,6 +217,16 @@ impl Group {
             let per_pixel = simd.div_f32s(one, along);
             // Pixels from the cell's left edge, where u is 0 in row v: (centre − v·slope) / along.
             let centre = simd.sub_f32s(simd.mul_f32s(slope, shift_v), simd.mul_add_e_f32s(along, from_x, shift_u));
+            let margin = {
+                let size = |a, b| simd.abs_f32s(simd.mul_f32s(a, b));
+                let terms = simd.add_f32s(size(slope, shift_v), simd.abs_f32s(shift_u));
+                let terms = simd.add_f32s(terms, size(along, from_x));
+                let rows = simd.add_f32s(simd.abs_f32s(from_y), rows);
+                let terms = simd.mul_add_e_f32s(simd.abs_f32s(shear), rows, terms);
+                simd.mul_add_e_f32s(simd.mul_f32s(terms, per_pixel), splat(TERM_ROUNDING), splat(MARGIN))
+            };
+            let margin = simd.mul_f32s(margin, quarter);
+            let (low, high) = (simd.sub_f32s(splat(0.5 - LAST / 4.0), margin), simd.add_f32s(splat(0.5), margin));
             let mut found = [simd.splat_u32s(0); 2];
             for block_row in 0..across {
                 let edge = |pixel: usize| {

@@ -9,11 +9,15 @@ use super::project::Splat;
 pub(super) const RUN: usize = 4096;
 
 /// Slopes in whitened coordinates are clamped to this before they are squared, because the square of a long needle's slope
-/// overflows. From far smaller slopes on, the disc's extreme lies at `±√cut` in f32.
+/// overflows. From far smaller slopes on, the disc's extreme is at `±√cut` in f32.
 pub(super) const STEEPEST: f32 = 1e15;
 
 /// Share of `cut` by which a steep slope's extreme may exceed it: far above the rounding errors of its square.
 pub(super) const ROUNDING: f32 = 1e-5;
+
+/// Share of the terms of a whitened coordinate by which rounding may change it: several times the errors of all operations. The
+/// terms are large for needles whose centres are far outside the image.
+pub(super) const TERM_ROUNDING: f32 = 8.0 * f32::EPSILON;
 
 /// Half-open range of tile columns, then of tile rows.
 pub(super) type Reach = [[u16; 2]; 2];
@@ -62,7 +66,7 @@ impl Tiling {
     /// Range of tile columns within `first..past` that a splat's ellipse touches in a tile row; conservatively, perhaps
     /// a few too many. See [`super::batch`] for the geometry.
     fn columns(self, splat: &Splat, row: usize, (first, past): (usize, usize)) -> (usize, usize) {
-        // In pixels, far above rounding errors.
+        // In pixels, far above rounding errors if the centre is near.
         const MARGIN: f32 = 0.5;
         let ([along, shear, down], [shift_u, shift_v]) = (splat.whitener, splat.shift);
         let side = self.side as f32;
@@ -86,8 +90,10 @@ impl Tiling {
         }
         let half = |v: f32| (splat.cut - v * v).abs().sqrt();
         let pixel = |u: f32, v: f32| (slope * (shift_v - v) - shift_u + u) / along + splat.base[0] as f32;
-        let from = ((pixel(-half(v_left), v_left) - MARGIN) / side).floor();
-        let to = ((pixel(half(v_right), v_right) + MARGIN) / side).floor() + 1.0;
+        let terms = |v: f32| slope.abs() * (shift_v.abs() + v.abs()) + shift_u.abs();
+        let margin = |v: f32| MARGIN + TERM_ROUNDING * terms(v) / along;
+        let from = ((pixel(-half(v_left), v_left) - margin(v_left)) / side).floor();
+        let to = ((pixel(half(v_right), v_right) + margin(v_right)) / side).floor() + 1.0;
         // A NaN leaves the range as it is.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the columns")]
         let narrow = |value: f32, otherwise: usize| {

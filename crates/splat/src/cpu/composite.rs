@@ -225,11 +225,17 @@ impl<S: Simd> Ellipse<S> {
         }
     }
 
+    /// The whitened coordinate `u` along columns, and the rows from the base.
+    #[inline(always)]
+    pub(super) fn along(&self, simd: S, y: S::f32s) -> [S::f32s; 2] {
+        let y = simd.add_f32s(y, self.from_base);
+        [simd.mul_add_e_f32s(self.whitener[0], y, self.u), y]
+    }
+
     /// `½ dᵀ Σ⁻¹ d · log₂e`, and the rows from the base.
     #[inline(always)]
     pub(super) fn power(&self, simd: S, y: S::f32s) -> (S::f32s, S::f32s) {
-        let y = simd.add_f32s(y, self.from_base);
-        let u = simd.mul_add_e_f32s(self.whitener[0], y, self.u);
+        let [u, y] = self.along(simd, y);
         let v = simd.mul_add_e_f32s(self.whitener[1], y, self.shift);
         (simd.mul_add_e_f32s(u, u, simd.mul_f32s(v, v)), y)
     }

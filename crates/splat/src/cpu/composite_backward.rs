@@ -7,7 +7,7 @@ use super::batch::{BLOCK, Batch, Cell, LANES, Record};
 use super::bins::Entry;
 use super::composite::{Blended, Ellipse, Grid, MOST_VECTORS, Thresholds, masked, plane_count, vectors};
 use super::math::Exp2;
-use super::project::Splat;
+use super::project::{Splat, is_slanted};
 use crate::ImageGradients;
 use crate::constants::ClampedGradient;
 
@@ -20,7 +20,8 @@ const SUM_LANES: usize = 8;
 
 /// Number of sums over a cell's pixels per splat: the moments `e, ex, ey, exx, exy, eyy`, with `x` and `y` in pixels
 /// from the splat's base and `e` the gradient with respect to the exponent `½ dᵀ Σ⁻¹ d`; then the gradients with
-/// respect to red, green, blue, depth and scalar.
+/// respect to red, green, blue, depth and scalar. For a splat that [`is_slanted`], the whitened coordinate `u` takes the place
+/// of `x`: the moments `eu, euu, euy`.
 pub(super) const SUMS: usize = 11;
 
 type Lanes = [[f32; SUM_LANES]; SUMS];
@@ -230,7 +231,19 @@ impl<S: Simd> BlockBackward<S> {
                     terms[6 + channel][v] = simd.mul_f32s(weight, planes[2 + channel][v]);
                 }
             }
-            add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, ellipse.x, lanes);
+            if is_slanted(record.whitener) {
+                for v in 0..vectors {
+                    let e = terms[0][v];
+                    let [u, y] = ellipse.along(simd, y[v]);
+                    // Where nothing is drawn, `u` may be infinite.
+                    let u = simd.select_f32s(simd.equal_f32s(e, zero), zero, u);
+                    let eu = simd.mul_f32s(e, u);
+                    (terms[1][v], terms[3][v], terms[4][v]) = (eu, simd.mul_f32s(eu, u), simd.mul_f32s(eu, y));
+                }
+                add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, None, lanes);
+            } else {
+                add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, Some(ellipse.x), lanes);
+            }
         }
         for (plane, stored) in planes.iter().take(2).zip(stored.chunks_exact_mut(vectors)) {
             for (value, stored) in plane.iter().zip(stored) {
@@ -267,14 +280,18 @@ impl<S: Simd> BlockBackward<S> {
     }
 }
 
-/// Adds a block's terms to the accumulators. The terms along `x` are computed here, because every vector has the same
-/// pixel columns.
+/// Adds a block's terms to the accumulators. The terms along `x`, if it is given, are computed here, because every vector has
+/// the same pixel columns.
 #[inline(always)]
-fn add_terms<S: Simd>(simd: S, extra: bool, terms: &[[S::f32s; MOST_VECTORS]; SUMS], x: S::f32s, lanes: &mut Lanes) {
+fn add_terms<S: Simd>(
+    simd: S,
+    extra: bool,
+    terms: &[[S::f32s; MOST_VECTORS]; SUMS],
+    x: Option<S::f32s>,
+    lanes: &mut Lanes,
+) {
     if S::F32_LANES > SUM_LANES {
         let mut folded = [[0.0f32; SUM_LANES]; SUMS];
-        let mut columns = [0.0f32; LANES];
-        S::as_mut_simd_f32s(&mut columns).0.iter_mut().for_each(|slot| *slot = x);
         for (folded, terms) in folded.iter_mut().zip(terms) {
             let mut flat = [0.0f32; LANES];
             S::as_mut_simd_f32s(&mut flat).0.iter_mut().for_each(|slot| *slot = terms[0]);
@@ -283,10 +300,14 @@ fn add_terms<S: Simd>(simd: S, extra: bool, terms: &[[S::f32s; MOST_VECTORS]; SU
                 *slot = low + high;
             }
         }
-        for (lane, x) in columns.iter().enumerate().take(SUM_LANES) {
-            folded[1][lane] = folded[0][lane] * x;
-            folded[3][lane] = folded[1][lane] * x;
-            folded[4][lane] = folded[2][lane] * x;
+        if let Some(x) = x {
+            let mut columns = [0.0f32; LANES];
+            S::as_mut_simd_f32s(&mut columns).0.iter_mut().for_each(|slot| *slot = x);
+            for (lane, x) in columns.iter().enumerate().take(SUM_LANES) {
+                folded[1][lane] = folded[0][lane] * x;
+                folded[3][lane] = folded[1][lane] * x;
+                folded[4][lane] = folded[2][lane] * x;
+            }
         }
         for (sum, folded) in lanes.iter_mut().zip(folded).take(if extra { SUMS } else { 9 }) {
             for (sum, value) in sum.iter_mut().zip(folded) {
@@ -299,9 +320,13 @@ fn add_terms<S: Simd>(simd: S, extra: bool, terms: &[[S::f32s; MOST_VECTORS]; SU
     for half in 0..halves {
         let fold = |of: usize| simd.add_f32s(terms[of][half], terms[of][half + halves]);
         let (e, ey) = (fold(0), fold(2));
-        let ex = simd.mul_f32s(e, x);
-        let mut folded =
-            [e, ex, ey, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x), fold(5), fold(6), fold(7), fold(8), e, e];
+        let (ex, exx, exy) = if let Some(x) = x {
+            let ex = simd.mul_f32s(e, x);
+            (ex, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x))
+        } else {
+            (fold(1), fold(3), fold(4))
+        };
+        let mut folded = [e, ex, ey, exx, exy, fold(5), fold(6), fold(7), fold(8), e, e];
         if extra {
             (folded[9], folded[10]) = (fold(9), fold(10));
         }

@@ -1,4 +1,4 @@
-//! Where splats lie in the image, computed in chunks.
+//! Where splats are in the image, computed in chunks.
 
 use bytemuck::Zeroable;
 use pulp::Simd;
@@ -39,7 +39,7 @@ impl Footprints {
         }
         for at in 0..CHUNK / S::F64_LANES {
             self.reach(simd, screen, view, constants, at);
-            self.base_pixel(simd, screen, at);
+            self.base_pixel(simd, screen, view, at);
         }
     }
 
@@ -64,16 +64,15 @@ impl Footprints {
         }
     }
 
-    /// The pixel containing the centre, clamped so that distances to all image pixels are exact in f32; and the
-    /// whitened vector to it.
+    /// The pixel containing the centre, or the nearest one at the image's edge: distances from it to all image pixels are exact in
+    /// f32, and small. And the whitened vector to it, computed in f64, which is small too if the Gaussian reaches the image.
     #[inline(always)]
-    fn base_pixel<S: Simd>(&mut self, simd: S, screen: &Screen, at: usize) {
-        const FAR: f64 = (1 << 22) as f64;
+    fn base_pixel<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, at: usize) {
         let splat = |value| Wide::splat(simd, value);
         let [across, shear, down] = load3(simd, &screen.whitener, at);
         let centre = load2(simd, &screen.centre, at);
-        let base = |centre: Wide<S>| centre.clamp(splat(-FAR), splat(FAR)).floor();
-        let base = [base(centre[0]), base(centre[1])];
+        let base = |centre: Wide<S>, length: u32| centre.clamp(splat(0.0), splat(f64::from(length))).floor();
+        let base = [base(centre[0], view.size.width), base(centre[1], view.size.height)];
         let x = base[0] + splat(0.5) - centre[0];
         let y = base[1] + splat(0.5) - centre[1];
         store2(base, &mut self.base, at);

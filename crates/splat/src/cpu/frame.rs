@@ -56,12 +56,12 @@ impl Frame {
     /// Allocated bytes of all buffers.
     pub(super) fn allocated_bytes(&self) -> u64 {
         let Self { splats, runs, bins, pixels, sums, .. } = self;
-        let own = splats.capacity() * size_of::<Splat>()
+        let bytes = splats.capacity() * size_of::<Splat>()
             + pixels.capacity() * size_of::<f32>()
             + sums.capacity() * size_of::<[f32; SUMS]>()
             + runs.iter().map(|run| run.positions.capacity() * size_of::<u32>()).sum::<usize>()
             + bins.iter().map(Bins::allocated_bytes).sum::<usize>();
-        own as u64
+        bytes as u64
     }
 
     /// Length of the longest tile list.

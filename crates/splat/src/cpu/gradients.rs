@@ -5,8 +5,7 @@ use pulp::{Simd, WithSimd};
 
 use super::colour::Basis;
 use super::composite_backward::SUMS;
-use super::project::Screen;
-use super::project::Splat;
+use super::project::{Screen, Splat, is_slanted};
 use super::project_backward::{ForwardState, GaussianGradients, SplatGradients};
 use super::shape::Shapes;
 use super::to_f32;
@@ -112,7 +111,10 @@ impl WithSimd for ProjectBackward<'_> {
                 count += 1;
                 let row = start - first + lane;
                 d_splat.set(lane, &screen, splat, totals);
-                rows.set_splat(row, lane, &d_splat, totals);
+                // Empty if the Gaussians have no scalars.
+                if let Some(slot) = rows.scalars.get_mut(row) {
+                    *slot = saturated(totals[10]);
+                }
                 // Leaves room for the basis: three times as much is still a finite f32.
                 let d_rgb = [6, 7, 8].map(|channel: usize| to_f32(totals[channel].clamp(-1e38, 1e38)));
                 let stored = basis.stored();
@@ -142,35 +144,22 @@ impl WithSimd for ProjectBackward<'_> {
 }
 
 impl SplatGradients {
-    /// Converts moments about the base to moments about the centre.
     #[inline(always)]
     fn set(&mut self, lane: usize, screen: &Screen, splat: &Splat, totals: &Totals) {
         let lane = lane % CHUNK;
-        let [e, ex, ey, exx, exy, eyy, ..] = *totals;
-        let x = f64::from(splat.base[0]) + 0.5 - screen.centre[0][lane];
-        let y = f64::from(splat.base[1]) + 0.5 - screen.centre[1][lane];
-        for (row, value) in self.first.iter_mut().zip([e, ex + x * e, ey + y * e]) {
-            row[lane] = value;
+        let Self { moments, is_slanted: slanted, from_centre, depth, .. } = self;
+        for (row, total) in moments.as_flattened_mut().iter_mut().zip(totals) {
+            row[lane] = *total;
         }
-        let second = [exx + x * (2.0 * ex + x * e), exy + x * ey + y * (ex + x * e), eyy + y * (2.0 * ey + y * e)];
-        for (row, value) in self.second.iter_mut().zip(second) {
-            row[lane] = value;
+        slanted[lane] = if is_slanted(splat.whitener) { 1.0 } else { 0.0 };
+        for ((row, base), centre) in from_centre.iter_mut().zip(splat.base).zip(&screen.centre) {
+            row[lane] = f64::from(base) + 0.5 - centre[lane];
         }
-        self.depth[lane] = totals[9];
+        depth[lane] = totals[9];
     }
 }
 
 impl Rows<'_> {
-    #[inline(always)]
-    fn set_splat(&mut self, row: usize, lane: usize, d_splat: &SplatGradients, totals: &Totals) {
-        // Empty if the Gaussians have no scalars.
-        if let Some(slot) = self.scalars.get_mut(row) {
-            *slot = saturated(totals[10]);
-        }
-        let [xx, xy, yy] = d_splat.second.each_ref().map(|values| values[lane % CHUNK]);
-        self.conics[row] = [saturated(0.5 * xx), saturated(xy), saturated(0.5 * yy)];
-    }
-
     #[inline(always)]
     fn set_gaussian(&mut self, row: usize, lane: usize, d_gaussian: &GaussianGradients) {
         let lane = lane % CHUNK;
@@ -179,5 +168,6 @@ impl Rows<'_> {
         self.log_scales[row] = d_gaussian.log_scales.each_ref().map(|values| saturated(values[lane]));
         self.opacity_logits[row] = saturated(d_gaussian.logit[lane]);
         self.means_2d[row] = d_gaussian.centre.each_ref().map(|values| saturated(values[lane]));
+        self.conics[row] = d_gaussian.conic.each_ref().map(|values| saturated(values[lane]));
     }
 }

@@ -51,11 +51,11 @@ pub(super) fn backward(gaussians: &Gaussians, frame: &Frame, entries: usize, ima
     const TOTALS: usize = RUN * size_of::<[f64; SUMS]>();
     let tiles = frame.tiling().len();
     // Each Gaussian has five screen-space gradients in addition to its own, and a contribution to the pose gradient.
-    let own = gaussians.size_in_bytes().saturating_add(times(20 + size_of::<[f64; 6]>(), gaussians.len()));
+    let of_gaussians = gaussians.size_in_bytes().saturating_add(times(20 + size_of::<[f64; 6]>(), gaussians.len()));
     let sums = times(size_of::<[f32; SUMS]>(), entries);
     let places = times(size_of::<usize>() * tiles, frame.bins.len() + 2);
     let totals = times(TOTALS, rayon::current_num_threads());
-    [own, sums, places, images, totals].into_iter().fold(sorters(frame.longest_list()), u64::saturating_add)
+    [of_gaussians, sums, places, images, totals].into_iter().fold(sorters(frame.longest_list()), u64::saturating_add)
 }
 
 fn times(bytes: usize, count: usize) -> u64 {

@@ -35,6 +35,7 @@ use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
 pub use processor::processor;
 pub use recording::Recording;
+pub(crate) use scaled::Scaled;
 pub use simd::SimdLevel;
 
 /// Execution options; results do not depend on them, except for instruction sets without fused multiply-add.

@@ -17,8 +17,8 @@ use glam::DVec2;
 
 /// One projected Gaussian, in one cache line.
 ///
-/// Pixel coordinates are relative to `base`, a pixel near the centre: such differences are integers, exact in f32,
-/// so that a pixel's value does not depend on its tile.
+/// Pixel coordinates are relative to `base`, the pixel of the image nearest to the centre: such differences are integers,
+/// exact in f32, so that a pixel's value does not depend on its tile.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(super) struct Splat {
@@ -36,6 +36,15 @@ pub(super) struct Splat {
     pub(super) cut: f32,
     /// Half-open range of columns, then rows, that it may reach.
     pub(super) reach: [[u16; 2]; 2],
+}
+
+/// Whether a splat with this whitener is a needle so slanted that from row to row its whitened coordinate along columns changes by
+/// many times the other one: sums of `x²`, `xy` and `y²` in f32 would then cancel in its whitened coordinates.
+#[inline(always)]
+pub(super) const fn is_slanted([_, shear, down]: [f32; 3]) -> bool {
+    // Up to there, cancellation loses less than three digits.
+    const MANY: f32 = 8.0;
+    shear.abs() > MANY * down
 }
 
 /// `√(½ log₂e)`.

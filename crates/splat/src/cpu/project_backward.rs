@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 use pulp::Simd;
 
 use super::colour::view_direction;
-use super::project::{Screen, dot_each, jacobian, to_world};
+use super::project::{HALF_LOG2_E, Screen, dot_each, jacobian, to_world};
 use super::shape::{Shapes, rotation};
 use super::wide::{CHUNK, Row, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
 use crate::constants::{ClampedGradient, ShAxes};
@@ -16,10 +16,12 @@ use glam::DVec2;
 /// Gradients of a chunk of splats.
 #[derive(Debug, Zeroable)]
 pub(super) struct SplatGradients {
-    /// Moments over pixels about the centre, see [`super::composite_backward::SUMS`]: `e, ex, ey`.
-    pub(super) first: [Row; 3],
-    /// `exx, exy, eyy`.
-    pub(super) second: [Row; 3],
+    /// Moments over pixels, see [`super::composite_backward::SUMS`]: `e, ex, ey`, then `exx, exy, eyy`.
+    pub(super) moments: [[Row; 3]; 2],
+    /// 1 where `u` takes the place of `x`, otherwise 0.
+    pub(super) is_slanted: Row,
+    /// From the centre to the base, in pixels.
+    pub(super) from_centre: [Row; 2],
     pub(super) depth: Row,
     /// With respect to the view direction.
     pub(super) direction: [Row; 3],
@@ -33,6 +35,7 @@ pub(super) struct GaussianGradients {
     pub(super) log_scales: [Row; 3],
     pub(super) logit: Row,
     pub(super) centre: [Row; 2],
+    pub(super) conic: [Row; 3],
     /// Rotation, then translation.
     pub(super) pose: [[Row; 3]; 2],
     /// With respect to the Jacobian's rows.
@@ -48,6 +51,40 @@ pub(super) struct ForwardState<'a> {
     pub(super) screen: &'a Screen,
     pub(super) optics: &'a Optics,
     pub(super) options: &'a RenderOptions,
+}
+
+impl SplatGradients {
+    /// The moments with whitened coordinates, `e, eu, ev` and `euu, euv, evv`, in standard deviations from the centre: neither a
+    /// needle's length nor its distance makes them large.
+    #[inline(always)]
+    fn whitened<S: Simd>(&self, simd: S, screen: &Screen, vector: usize) -> [[Wide<S>; 3]; 2] {
+        let [first, second] = &self.moments;
+        let ([e, ex, ey], [exx, exy, eyy]) = (load3(simd, first, vector), load3(simd, second, vector));
+        let [x, y] = load2(simd, &self.from_centre, vector);
+        let [a, b, c] = whitener(simd, screen, vector);
+        let (shift_u, shift_v) = (a.mul_add(x, b * y), c * y);
+        // Of a moment, those with a column, a row, and u or v.
+        let with_u = |e: Wide<S>, ex: Wide<S>, ey: Wide<S>| a.mul_add(ex, b.mul_add(ey, shift_u * e));
+        let with_v = |e: Wide<S>, ey: Wide<S>| c.mul_add(ey, shift_v * e);
+        let (eu, eux, euy) = (with_u(e, ex, ey), with_u(ex, exx, exy), with_u(ey, exy, eyy));
+        let euu = with_u(eu, eux, euy);
+        // A slanted needle's moments with u are in the unit of splats.
+        let (is_slanted, zero) = (Wide::load(simd, &self.is_slanted, vector), e.of(0.0));
+        let unit = e.of(1.0 / HALF_LOG2_E);
+        let eu = (ex * unit).where_above(is_slanted, zero, eu);
+        let euu = (exx * unit * unit).where_above(is_slanted, zero, euu);
+        let euy = (exy * unit).where_above(is_slanted, zero, euy);
+        let ev = with_v(e, ey);
+        [[e, eu, ev], [euu, with_v(eu, euy), with_v(ev, with_v(ey, eyy))]]
+    }
+}
+
+/// `L = [a, b; 0, c]`, of which `Lᵀ L` is the inverse covariance.
+#[inline(always)]
+fn whitener<S: Simd>(simd: S, screen: &Screen, vector: usize) -> [Wide<S>; 3] {
+    let [along, shear, down] = load3(simd, &screen.whitener, vector);
+    let unit = along.of(1.0 / HALF_LOG2_E);
+    [along * unit, shear * unit, down * unit]
 }
 
 impl GaussianGradients {
@@ -70,28 +107,31 @@ impl GaussianGradients {
         let ForwardState { shapes, screen, optics, options } = *at;
         let splat = |value| Wide::splat(simd, value);
         let one = splat(1.0);
-        let [e, ex, ey] = load3(simd, &d_splat.first, vector);
-        let [exx, exy, eyy] = load3(simd, &d_splat.second, vector);
+        let [[e, eu, ev], [euu, euv, evv]] = d_splat.whitened(simd, screen, vector);
         let [uu, uv, vv] = load3(simd, &screen.cov2d, vector);
         let [inner, outer] = load2(simd, &screen.determinants, vector);
         let blur = splat(options.constants.blur);
         let (xx, yy) = (uu + blur, vv + blur);
-        // The conic is the inverse of [xx, uv; uv, yy].
-        let inv_det = one / outer;
-        let (a, b, c) = (yy * inv_det, -(uv * inv_det), xx * inv_det);
-        store2([-a.mul_add(ex, b * ey), -b.mul_add(ex, c * ey)], &mut self.centre, vector);
+        // The inverse covariance is Lᵀ L, with L = [a, b; 0, c]. Distances are (u − b/c·v) / a and v / c.
+        let [a, b, c] = whitener(simd, screen, vector);
+        store2([-(a * eu), -b.mul_add(eu, c * ev)], &mut self.centre, vector);
+        let (per_a, per_c) = (one / a, one / c);
+        let slope = b * per_c;
+        let exv = (euv - slope * evv) * per_a;
+        let exx = (euu - slope * euv) * per_a * per_a - slope * exv * per_a;
+        let halved = splat(0.5);
+        store3([halved * exx, exv * per_c, halved * evv * per_c * per_c], &mut self.conic, vector);
 
-        // Gradient of the covariance: −½ Σ⁻¹ [exx, exy; exy, eyy] Σ⁻¹.
-        let (p, q) = (a.mul_add(exx, b * exy), a.mul_add(exy, b * eyy));
-        let (r, s) = (b.mul_add(exx, c * exy), b.mul_add(exy, c * eyy));
+        // Gradient of the covariance: −½ Lᵀ [euu, euv; euv, evv] L.
+        let (p, q) = (b.mul_add(euu, c * euv), b.mul_add(euv, c * evv));
         let half = splat(-0.5);
-        let mut d_xx = half * p.mul_add(a, q * b);
-        let mut d_xy = half * p.mul_add(b, q * c);
-        let mut d_yy = half * r.mul_add(b, s * c);
+        let mut d_xx = half * (a * a * euu);
+        let mut d_xy = half * (a * p);
+        let mut d_yy = half * b.mul_add(p, c * q);
         if options.mode == RasterMode::Antialiased {
             // −½ e (Σ⁻¹ − Σ'⁻¹), without and with the blur, unless the compensation is clamped.
             let (least, zero) = (splat(options.constants.min_compensation), splat(0.0));
-            let ratio = inner / outer;
+            let (ratio, inv_det) = (inner / outer, one / outer);
             let d_ratio = e * half / ratio;
             let term = |cov2d: Wide<S>, blurred: Wide<S>| {
                 let slope = (cov2d * inv_det - blurred * inv_det * ratio) * d_ratio;

@@ -11,15 +11,15 @@ use crate::{ImageGradients, RenderOptions};
 ///
 /// The f32 sums multiply them by colours, depths and squared distances, and must neither overflow nor vanish. Scaling
 /// by a power of two is exact except for overflow and underflow; it is undone in f64.
-pub(super) struct Scaled<'a> {
-    pub(super) images: Cow<'a, ImageGradients<f32>>,
+pub(crate) struct Scaled<'a> {
+    pub(crate) images: Cow<'a, ImageGradients<f32>>,
     /// Factor by which sums have to be multiplied.
-    pub(super) unit: f64,
+    pub(crate) unit: f64,
 }
 
 impl<'a> Scaled<'a> {
     /// `largest` is the largest magnitude of the gradients, which are finite.
-    pub(super) fn of(images: &'a ImageGradients<f32>, largest: f64, options: &RenderOptions) -> Self {
+    pub(crate) fn of(images: &'a ImageGradients<f32>, largest: f64, options: &RenderOptions) -> Self {
         // Magnitudes that need no scaling: sums reach up to 1e29 times as much, and 1e-20 of that is still significant.
         const FITTING: std::ops::RangeInclusive<f64> = 1e-15..=1e6;
         if options.exposure.is_none() && (largest == 0.0 || FITTING.contains(&largest)) {

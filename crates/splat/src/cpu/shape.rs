@@ -119,10 +119,10 @@ impl Shapes {
         for (lane, filter) in filters.iter().enumerate().take(CHUNK) {
             let mut volume = 1.0;
             for (scale, share) in self.scales.iter_mut().zip(&mut self.unfiltered_share) {
-                let own = scale[lane] * scale[lane];
-                let total = own + f64::from(*filter) * f64::from(*filter);
+                let variance = scale[lane] * scale[lane];
+                let total = variance + f64::from(*filter) * f64::from(*filter);
                 let has_filter = *filter != 0.0;
-                share[lane] = if has_filter { own / total } else { 1.0 };
+                share[lane] = if has_filter { variance / total } else { 1.0 };
                 scale[lane] = if has_filter { total.sqrt() } else { scale[lane] };
                 volume *= share[lane];
             }

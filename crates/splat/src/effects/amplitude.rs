@@ -13,7 +13,7 @@ pub(super) fn above(gaussians: &Gaussians, degree: u8) -> Above {
     let of_chunk = |chunk: &[[f32; 3]]| {
         chunk
             .chunks_exact(stored)
-            .map(|own| harmonics::above(own.get(..used).unwrap_or(own)))
+            .map(|sh| harmonics::above(sh.get(..used).unwrap_or(sh)))
             .fold(Above::default(), larger)
     };
     let chunks: Vec<Above> = parts.sh.par_chunks(CHUNK * stored).map(of_chunk).collect();

@@ -118,7 +118,8 @@ impl EffectPlan {
     /// As [`Renderer::render`].
     pub fn render(&self, renderer: &mut dyn Renderer, gaussians: &Gaussians) -> Result<Rendering<f32>, SplatError> {
         let mut rendering = renderer.render(gaussians, &self.reduced.view, &self.reduced.options)?;
-        let proved = |name| self.decisions.iter().any(|own| own.effect == name && own.bound == Some(0.0));
+        let proved =
+            |name| self.decisions.iter().any(|decision| decision.effect == name && decision.bound == Some(0.0));
         let zeros = || vec![0.0; self.requested.view.pixels()];
         let channels = self.requested.options.channels;
         for (requested, name, image) in [

@@ -61,9 +61,8 @@ impl<'a> Scene<'a> {
             return None;
         }
         let mut packed = self.packed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) =
-            packed.as_ref().filter(|own| own.degree == degree && Tolerance::EXACT.accepts(own.tolerance, tolerance))
-        {
+        let is_known = |known: &&Packed| known.degree == degree && Tolerance::EXACT.accepts(known.tolerance, tolerance);
+        if let Some(known) = packed.as_ref().filter(is_known) {
             return known.harmonics.clone();
         }
         let pays = Harmonics::packed_share(&self.gaussians, degree, tolerance) <= LARGEST_SHARE;

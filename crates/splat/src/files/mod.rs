@@ -87,12 +87,15 @@ pub struct Import {
     pub unused: Vec<String>,
     /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
     pub antialiased: Option<bool>,
-    /// Whether all opacity values of a PLY file lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
+    /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
     /// where all others write logits, without marking the file. [`Gaussians::with_linear_opacities`] converts them.
     pub opacities_may_be_no_logits: bool,
-    /// Whether all log-scales of a PLY file lie in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
+    /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
     /// are negative, so that these may be scales without their logarithm.
     pub scales_may_be_no_logarithms: bool,
+    /// Whether all coefficients of a PLY file without view dependence are in [0, 1], and are not all equal: as coefficients,
+    /// they are samples from 0.5 to 0.78 alone, so that these may be colours themselves.
+    pub colours_may_be_no_coefficients: bool,
     /// Properties of a PLY file that are integers, where 3DGS has floats, by type, as in "opacity is stored as uchar". They
     /// are read as they are, though they may stand for fractions of a range.
     pub integers: Vec<String>,
@@ -104,10 +107,15 @@ impl Import {
     pub fn doubts(&self) -> Vec<String> {
         let scales =
             "every log-scale of the file lies in (0, 1]: they may be scales without their logarithm".to_owned();
+        let colours =
+            "every coefficient of the file lies in [0, 1], without view dependence: they may be colours, of which \
+                       (colour - 0.5) / 0.282 is the coefficient"
+                .to_owned();
         let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
         self.scales_may_be_no_logarithms
             .then_some(scales)
             .into_iter()
+            .chain(self.colours_may_be_no_coefficients.then_some(colours))
             .chain(self.integers.iter().map(integer))
             .collect()
     }
@@ -181,12 +189,16 @@ pub(crate) fn parse_cleaned(bytes: &[u8], path: &Path, policy: Cleaning) -> Resu
     let is_ply = matches!(format, Format::Ply(_));
     let policy = if is_ply && policy == Cleaning::Reject { policy } else { Cleaning::Import };
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(policy);
-    let GaussianParts { opacity_logits, log_scales, .. } = gaussians.parts();
+    let GaussianParts { opacity_logits, log_scales, sh_degree, sh, .. } = gaussians.parts();
     let is_doubtful = is_ply && !gaussians.is_empty();
     let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
     let opacities_may_be_no_logits = is_doubtful && opacity_logits.iter().all(is_opacity);
     let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
     let scales_may_be_no_logarithms = is_doubtful && log_scales.as_flattened().iter().all(is_scale);
+    let is_colour = |coefficient: &f32| (0.0..=1.0).contains(coefficient);
+    let differ = |colours: &[f32]| colours.windows(2).any(|pair| matches!(pair, [a, b] if a.to_bits() != b.to_bits()));
+    let colours_may_be_no_coefficients =
+        is_doubtful && *sh_degree == 0 && sh.as_flattened().iter().all(is_colour) && differ(sh.as_flattened());
     let import = Import {
         format,
         validation,
@@ -194,6 +206,7 @@ pub(crate) fn parse_cleaned(bytes: &[u8], path: &Path, policy: Cleaning) -> Resu
         antialiased,
         opacities_may_be_no_logits,
         scales_may_be_no_logarithms,
+        colours_may_be_no_coefficients,
         integers,
     };
     Ok((gaussians, import))

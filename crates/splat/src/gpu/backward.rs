@@ -45,10 +45,11 @@ fn bytes_with_gradients(job: Job<'_>) -> u64 {
     // Bytes per splat: sums 48, pose 32, records 96; per Gaussian: gradients of its parameters, of 5 projected values and of the
     // screen; per pixel two more images and its gradients. In a batch, each view has its own gradients of colours.
     let copies = if job.is_batch() { 1 + u64::from(job.views_of_scene()) } else { 1 };
-    let own = copies.saturating_mul(job.gaussians.size_in_bytes());
-    let own =
-        own.saturating_add(job.splats().saturating_mul(176)).saturating_add(job.gaussians.len().saturating_mul(28));
-    bytes_needed(job).saturating_add(own).saturating_add(job.pixels().saturating_mul(80))
+    let of_parameters = copies.saturating_mul(job.gaussians.size_in_bytes());
+    let of_splats = job.splats().saturating_mul(176);
+    let of_projections = job.gaussians.len().saturating_mul(28);
+    let of_pixels = job.pixels().saturating_mul(80);
+    [of_parameters, of_splats, of_projections, of_pixels].into_iter().fold(bytes_needed(job), u64::saturating_add)
 }
 
 /// Records the backward pass of a checked job.
@@ -170,15 +171,15 @@ fn part_gradients(
     (part, gradients): (&GpuPart, &GpuGradientPart),
 ) -> Result<(), GpuError> {
     let context = recorder.context();
-    let (uniform, splats) = job.launch(blocks, part, first);
+    let (uniform, splats) = job.launch(context, blocks, (part, first));
     let coefficients = 3 * sh_coefficients(job.gaussians.sh_degree) as u64;
     let records = pool.get(context, "records", 0, 96 * splats)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
     // In a batch, views have their own gradients at first.
     let mut of_views = |name, each: u64| pool.get(context, name, 0, if job.is_batch() { each * splats } else { 4 });
-    let own = [of_views("SH gradients of views", 4 * coefficients)?, of_views("scalar gradients of views", 4)?];
+    let for_views = [of_views("SH gradients of views", 4 * coefficients)?, of_views("scalar gradients of views", 4)?];
     let [d_sh, d_scalars] = match &gradients.scalars {
-        _ if job.is_batch() => own.each_ref(),
+        _ if job.is_batch() => for_views.each_ref(),
         Some(scalars) => [&gradients.sh, scalars],
         None => [&gradients.sh, &dummies[1]],
     };

@@ -1,9 +1,11 @@
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::AdapterDescription;
 use super::counts::Counters;
 use super::kernels::Kernel;
 use super::panics::catch_panics;
+use super::uniforms::most_views;
 use super::{GpuError, GpuOptions, Threads};
 
 /// A device with its limits and error state.
@@ -20,6 +22,8 @@ pub(super) struct Context {
     pub(super) binding_limit: u64,
     /// Limit on the workgroups along one dimension of a dispatch.
     pub(super) groups_limit: u32,
+    /// Limit on the views of a batch.
+    pub(super) most_views: u32,
     pub(super) timestamps: bool,
     /// Limit on the bytes of pooled buffers.
     pub(super) memory_limit: u64,
@@ -39,12 +43,16 @@ pub(super) struct Context {
     lost: Arc<Mutex<Option<String>>>,
     /// The first error of a command of others, until it is reported.
     uncaptured: Arc<Mutex<Option<String>>>,
+    /// Whether a command failed, so that buffers kept for reuse may be invalid.
+    has_failed: AtomicBool,
 }
 
 /// Storage buffers of the largest kernel.
-const STORAGE_BUFFERS: u32 = 8;
+const STORAGE_BUFFERS: u64 = 8;
 /// Shared memory of the largest kernel's workgroup, in bytes.
-const SHARED_BYTES: u32 = 14 << 10;
+const SHARED_BYTES: u64 = 14 << 10;
+/// Bytes of a uniform buffer that Vulkan and OpenGL guarantee: enough for a batch of 40 views.
+const UNIFORM_BYTES: u64 = 16 << 10;
 /// Upper bound on the loop iterations per entry of a tile's list. The backward pass needs most if 16 threads have 16
 /// pixels each and the driver unrolls nothing: 11 to clear sums, one for each thread that skips the entry separately, 4
 /// rows of pixels, 11 to store sums, 12 to add those of all threads; about 40 in the worst case.
@@ -90,10 +98,11 @@ impl Context {
         options: &GpuOptions,
     ) -> Result<Self, GpuError> {
         let limits = device.limits();
-        let shortfalls = [
-            ("storage buffers of a kernel", limits.max_storage_buffers_per_shader_stage, STORAGE_BUFFERS),
-            ("shared bytes of a workgroup", limits.max_compute_workgroup_storage_size, SHARED_BYTES),
-            ("threads of a workgroup", limits.max_compute_invocations_per_workgroup, 128),
+        let shortfalls: [(_, u64, u64); 4] = [
+            ("storage buffers of a kernel", limits.max_storage_buffers_per_shader_stage.into(), STORAGE_BUFFERS),
+            ("shared bytes of a workgroup", limits.max_compute_workgroup_storage_size.into(), SHARED_BYTES),
+            ("threads of a workgroup", limits.max_compute_invocations_per_workgroup.into(), 128),
+            ("bytes of a uniform buffer", limits.max_uniform_buffer_binding_size, UNIFORM_BYTES),
         ];
         for (what, found, expected) in shortfalls {
             if found < expected {
@@ -119,6 +128,7 @@ impl Context {
             name,
             binding_limit,
             groups_limit,
+            most_views: most_views(limits.max_uniform_buffer_binding_size),
             timestamps,
             memory_limit: options.memory_limit,
             thread_rows,
@@ -129,6 +139,7 @@ impl Context {
             columns_per_dispatch: u32::MAX,
             lost: Arc::default(),
             uncaptured: Arc::default(),
+            has_failed: AtomicBool::new(false),
         })
     }
 
@@ -136,7 +147,8 @@ impl Context {
     pub(super) fn constants(&self) -> String {
         let threads = 64 / self.thread_rows;
         let least = self.least_subgroup.map_or(threads, |least| least.min(threads));
-        format!("const ROWS: u32 = {}u;\nconst LEAST_SUBGROUP: u32 = {least}u;\n", self.thread_rows)
+        let (rows, views) = (self.thread_rows, self.most_views);
+        format!("const ROWS: u32 = {rows}u;\nconst LEAST_SUBGROUP: u32 = {least}u;\nconst VIEWS: u32 = {views}u;\n")
     }
 
     /// The kernel that sums over the pixels of a tile.
@@ -161,6 +173,7 @@ impl Context {
         let [validation, internal, memory] = [pop(validation), pop(internal), pop(memory)];
         let adapter = self.name.clone();
         if let Some(error) = root_cause(memory, internal, validation) {
+            self.has_failed.store(true, Ordering::Relaxed);
             let reason = error.to_string();
             return Err(match error {
                 wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter, reason },
@@ -179,6 +192,11 @@ impl Context {
             return Err(GpuError::Refused { adapter, reason }.into());
         }
         result
+    }
+
+    /// Whether a command failed since the last time this was asked.
+    pub(super) fn take_failure(&self) -> bool {
+        self.has_failed.swap(false, Ordering::Relaxed)
     }
 
     pub(super) fn submit(&self, encoder: wgpu::CommandEncoder) {

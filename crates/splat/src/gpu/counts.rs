@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde::Serialize;
 
-/// What a renderer asked of its device: times on a busy machine differ, these do not.
+/// Requests of a renderer to its device: times on a busy machine differ, these do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct GpuCounts {

@@ -47,7 +47,7 @@ pub(super) fn project(
     recorder.stage("project");
     let mut first = 0;
     for part in &job.gaussians.parts {
-        let (uniform, threads) = job.launch(blocks, part, first);
+        let (uniform, threads) = job.launch(context, blocks, (part, first));
         let dummy = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar", 0, 4)?];
         let filters = part.filter_3d.as_ref().unwrap_or(&dummy[0]);
         let scalars = part.scalars.as_ref().unwrap_or(&dummy[1]);

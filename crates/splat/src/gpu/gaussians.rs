@@ -137,7 +137,7 @@ impl GpuGaussians {
             let sh: Cow<'_, [[f32; 3]]> = if used == stored {
                 Cow::Borrowed(sh)
             } else {
-                Cow::Owned(sh.chunks_exact(stored).flat_map(|own| own.iter().take(used)).copied().collect())
+                Cow::Owned(sh.chunks_exact(stored).flat_map(|sh| sh.iter().take(used)).copied().collect())
             };
             let mut upload = |name, values: &[f32]| -> Result<wgpu::Buffer, GpuError> {
                 let bytes: &[u8] = bytemuck::cast_slice(values);

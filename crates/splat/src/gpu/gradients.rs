@@ -3,10 +3,12 @@ use super::context::Context;
 use super::gaussians::GpuGaussians;
 use super::kernels::Pool;
 use super::render::Allocate;
+use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, SplatError, View, sh_coefficients};
 
 /// Gradients of a loss with respect to the images of a [`super::GpuRendering`], in the strips of
-/// [`super::GpuRenderer::strips`].
+/// [`super::GpuRenderer::strips`]. Sums over them are in f32: those of magnitudes far beyond 1e6 or below 1e-15 may overflow, which gives
+/// NaN, or vanish. [`crate::Renderer::backward`] scales such gradients.
 #[derive(Clone, Debug)]
 pub struct GpuImageGradients {
     /// From top to bottom.
@@ -167,9 +169,15 @@ impl GpuGradients {
         sources
     }
 
-    /// The gradients from their copies, and those of the screen if they were allocated; `gaussians` have passed
-    /// [`Self::check`].
-    pub(super) fn arrange(&self, contents: &[Vec<u8>], gaussians: &Gaussians) -> (Gradients<f32>, Vec<[f32; 2]>) {
+    /// The gradients from their copies, times `unit`, and those of the screen if they were allocated; `gaussians` have passed
+    /// [`Self::check`]. Infinite ones become the largest number; NaN stays.
+    pub(super) fn arrange(
+        &self,
+        contents: &[Vec<u8>],
+        gaussians: &Gaussians,
+        unit: f64,
+    ) -> (Gradients<f32>, Vec<[f32; 2]>) {
+        let number = |word: [u8; 4]| saturated(f64::from(f32::from_le_bytes(word)) * unit);
         let mut gradients = Gradients::zero(gaussians);
         let mut screen = vec![[0.0; 2]; gaussians.len()];
         let stored = sh_coefficients(self.sh_degree);
@@ -190,15 +198,15 @@ impl GpuGradients {
             ];
             for (_, target, each) in targets.into_iter().filter(|(is_read, ..)| *is_read) {
                 let Some(bytes) = contents.next() else { continue };
-                let own = target.iter_mut().skip(first * each).take(count * each);
-                for (slot, word) in own.zip(bytes.as_chunks().0) {
-                    *slot = f32::from_le_bytes(*word);
+                let slots = target.iter_mut().skip(first * each).take(count * each);
+                for (slot, word) in slots.zip(bytes.as_chunks().0) {
+                    *slot = number(*word);
                 }
             }
             first += count;
         }
         let rest = contents.next().map_or(&[][..], Vec::as_slice);
-        let numbers: Vec<f32> = rest.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect();
+        let numbers: Vec<f32> = rest.as_chunks().0.iter().map(|word| number(*word)).collect();
         let [rx, ry, rz, _, tx, ty, tz, _, red, green, blue, _] = *numbers else {
             unreachable!("48 bytes are twelve f32")
         };

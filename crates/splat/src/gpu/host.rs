@@ -11,6 +11,7 @@ use super::{
     GpuCounts, GpuGradients, GpuImageGradients, GpuOptions, GpuRenderer, GpuRendering, ScreenGradients, backward,
     images, status,
 };
+use crate::cpu::Scaled;
 use crate::{
     Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -154,7 +155,11 @@ impl GpuRenderer {
         screen: Option<Absolute>,
     ) -> Result<(Gradients<f32>, Vec<[f32; 2]>), SplatError> {
         let start = Instant::now();
-        images.check(view)?;
+        let largest = images.check(view)?;
+        options.check()?;
+        // Scaling passes the gradients through the exposure.
+        let Scaled { images, unit } = Scaled::of(images, largest, options);
+        let options = &RenderOptions { exposure: None, ..options.clone() };
         let mut work = self.work();
         let context = work.context;
         let (gradients, timings) = context.guarded(|| {
@@ -166,7 +171,7 @@ impl GpuRenderer {
             };
             view.optics(&options.constants)?;
             let strips = images::strips(context, view, 1)?;
-            let images = GpuImageGradients::upload(context, work.pool, view, &strips, images)?;
+            let images = GpuImageGradients::upload(context, work.pool, view, &strips, &images)?;
             let job = Job::of_view(&resident, view, options);
             backward::check(context, work.limits, job, &images)?;
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
@@ -177,7 +182,7 @@ impl GpuRenderer {
                 backward::record(recorder, resources, job, (&images, &made, absolute))
             })?;
             made.check(gaussians)?;
-            Ok::<_, SplatError>((made.arrange(&finished.contents, gaussians), finished.timings))
+            Ok::<_, SplatError>((made.arrange(&finished.contents, gaussians, unit), finished.timings))
         })?;
         self.stages = stages(&timings, start.elapsed().as_secs_f64());
         Ok(gradients)

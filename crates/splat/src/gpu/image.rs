@@ -1,10 +1,11 @@
-//! Images in the format that the host needs: what nobody asks for is not copied.
+//! Images in the format that the host needs: what is not requested is not copied.
 
 use atsplat_camera::ImageSize;
 
 use super::kernels::Kernel;
 use super::record::Recorder;
 use super::sort::words;
+use super::work::Work;
 use super::{GpuError, GpuRenderer, GpuRendering, Pending};
 use crate::{GaussianCounts, SplatError};
 
@@ -73,9 +74,11 @@ impl GpuRenderer {
         let GpuRendering { size, strips, .. } = rendering.unsettled();
         let pixels: Vec<u64> = strips.iter().map(|strip| u64::from(strip.rows) * u64::from(size.width)).collect();
         let bytes: Vec<u64> = pixels.iter().map(|pixels| format.bytes(*pixels)).collect();
-        let context = &self.context;
-        let packed = bytes.iter().enumerate().map(|(at, bytes)| self.pool.get(context, "packed", at, *bytes));
-        let packed: Vec<_> = packed.collect::<Result<_, _>>()?;
+        let Work { context, pool, .. } = self.work();
+        let packed = context.guarded(|| {
+            let packed = bytes.iter().enumerate().map(|(at, bytes)| pool.get(context, "packed", at, *bytes));
+            packed.collect::<Result<Vec<_>, GpuError>>()
+        })?;
         let pack = |recorder: &mut Recorder<'_>| -> Result<(), GpuError> {
             for ((strip, packed), (pixels, bytes)) in strips.iter().zip(&packed).zip(pixels.iter().zip(&bytes)) {
                 let uniform = words(&[*pixels, format.channels(), format.bytes_of_number(), 0]);

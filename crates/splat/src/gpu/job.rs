@@ -7,7 +7,7 @@ use super::context::Context;
 use super::gaussians::{GpuGaussians, GpuPart};
 use super::images;
 use super::sort::word;
-use super::uniforms::{MOST_VIEWS, ViewBlock, flag};
+use super::uniforms::{ViewBlock, flag};
 use crate::{RenderOptions, SplatError, View, sh_coefficients};
 
 /// One view of Gaussians; or a batch: consecutive scenes with equal numbers of Gaussians and equal numbers of views, all views of one
@@ -37,7 +37,7 @@ impl<'a> Job<'a> {
         &self.views[0]
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "checked to be at most `MOST_VIEWS`")]
+    #[expect(clippy::cast_possible_truncation, reason = "checked to be at most `Context::most_views`")]
     pub(super) const fn images(&self) -> u32 {
         self.views.len() as u32
     }
@@ -80,10 +80,10 @@ impl<'a> Job<'a> {
         }
         let (views, scenes) = (self.views.len(), self.scenes.max(1) as usize);
         let gaussians = usize::try_from(self.gaussians.len()).unwrap_or(usize::MAX);
-        let alike = self.views.iter().filter(|view| view.size == self.view().size).count();
+        let of_one_size = self.views.iter().filter(|view| view.size == self.view().size).count();
         let whole = |count: usize| count / scenes * scenes;
         let lengths = [
-            ("views of one size", views, alike),
+            ("views of one size", views, of_one_size),
             ("views, the same number for every scene", whole(views).max(scenes), views),
             ("Gaussians, the same number for every scene", whole(gaussians), gaussians),
         ];
@@ -94,7 +94,7 @@ impl<'a> Job<'a> {
         let tiles = u64::from(size.width.div_ceil(super::forward::TILE))
             * u64::from(size.height.div_ceil(super::forward::TILE));
         let limits = [
-            ("views of a batch", "views", views as u64, MOST_VIEWS as u64),
+            ("views of a batch", "views", views as u64, context.most_views.into()),
             ("parts of the Gaussians of a batch", "parts", self.gaussians.parts.len() as u64, 1),
             ("tiles of an image of a batch", "tiles", tiles, context.tiles_per_window),
         ];
@@ -123,7 +123,12 @@ impl<'a> Job<'a> {
     }
 
     /// Uniforms and number of threads of the kernels that see each splat's own view, for one part of the Gaussians.
-    pub(super) fn launch(&self, blocks: &[ViewBlock], part: &GpuPart, first: u32) -> (Vec<u8>, u64) {
+    pub(super) fn launch(
+        &self,
+        context: &Context,
+        blocks: &[ViewBlock],
+        (part, first): (&GpuPart, u32),
+    ) -> (Vec<u8>, u64) {
         let count = if self.is_batch() { self.splats() } else { part.count.into() };
         let sh_degree = self.gaussians.sh_degree;
         let degree = self.options.sh_degree(sh_degree);
@@ -138,7 +143,7 @@ impl<'a> Job<'a> {
             bytes.extend_from_slice(block.bytes());
         }
         if self.is_batch() {
-            bytes.resize(MOST_VIEWS * size_of::<ViewBlock>(), 0);
+            bytes.resize(context.most_views as usize * size_of::<ViewBlock>(), 0);
         }
         (bytes, count)
     }

@@ -141,39 +141,28 @@ impl Kernel {
 /// Bytes of a buffer of uniform blocks.
 pub(super) const UNIFORM_BYTES: usize = 64 << 10;
 
+/// A kernel's pipeline, and the layout of its bind group.
+type Compiled = (wgpu::ComputePipeline, wgpu::BindGroupLayout);
+
 /// Pipelines, compiled on first use, and buffers for their uniform blocks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines {
-    compiled: BTreeMap<Kernel, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>,
+    compiled: BTreeMap<Kernel, Compiled>,
     uniforms: Vec<wgpu::Buffer>,
 }
 
 impl Pipelines {
     /// A kernel's pipeline, and the layout of its bind group.
-    pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroupLayout) {
-        let make = || {
-            let label = format!("{kernel:?}");
-            let source = format!("{}{}", context.constants(), kernel.source());
-            let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(&label),
-                source: wgpu::ShaderSource::Wgsl(source.into()),
-            });
-            let pipeline = context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(&label),
-                layout: None,
-                module: &module,
-                entry_point: Some("main"),
-                // Kernels write what they read of a workgroup's memory.
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    zero_initialize_workgroup_memory: false,
-                    ..wgpu::PipelineCompilationOptions::default()
-                },
-                cache: None,
-            });
-            let layout = pipeline.get_bind_group_layout(0);
-            (pipeline, layout)
-        };
-        self.compiled.entry(kernel).or_insert_with(make).clone()
+    pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> Compiled {
+        self.compiled.entry(kernel).or_insert_with(|| compile(context, kernel, kernel.source())).clone()
+    }
+
+    /// Compiles a kernel with part of its source replaced, as a broken driver might.
+    #[cfg(test)]
+    pub(super) fn miscompile(&mut self, context: &Context, kernel: Kernel, [from, to]: [&str; 2]) {
+        let source = kernel.source();
+        assert!(source.contains(from), "{kernel:?}: {from}");
+        self.compiled.insert(kernel, compile(context, kernel, &source.replace(from, to)));
     }
 
     /// A buffer for uniform blocks; a submission may need several.
@@ -191,6 +180,34 @@ impl Pipelines {
         }
         self.uniforms[at].clone()
     }
+
+    /// Frees the buffers of uniform blocks.
+    pub(super) fn free_uniforms(&mut self) {
+        self.uniforms.clear();
+    }
+}
+
+fn compile(context: &Context, kernel: Kernel, source: &str) -> Compiled {
+    let label = format!("{kernel:?}");
+    let source = format!("{}{source}", context.constants());
+    let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(&label),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    });
+    let pipeline = context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(&label),
+        layout: None,
+        module: &module,
+        entry_point: Some("main"),
+        // Kernels write what they read of a workgroup's memory.
+        compilation_options: wgpu::PipelineCompilationOptions {
+            zero_initialize_workgroup_memory: false,
+            ..wgpu::PipelineCompilationOptions::default()
+        },
+        cache: None,
+    });
+    let layout = pipeline.get_bind_group_layout(0);
+    (pipeline, layout)
 }
 
 /// Buffers reused from frame to frame, by content and part.

@@ -6,8 +6,8 @@
 //! Every sum has a fixed order, so that a device gives bit-identical results on every run, however buffers are split to
 //! fit its limits. This crate's tests require, for every rule and lens, that 99.99 % of pixels are within 1/255 of the
 //! reference, and a PSNR of 60 dB. [`GpuRenderer::new`] tests a driver on one image without thresholds that rounding
-//! could cross, to 1e-4, and on its gradients: this detects a broken driver, but not errors in rules that the test
-//! image does not use.
+//! could cross, to 1e-4, on its gradients, and on a batch of small images: this detects a broken driver, but not errors
+//! in rules that the test images do not use.
 //!
 //! Per-Gaussian arrays, such as degree-4 SH coefficients of millions, are split to fit the device's binding limits, and
 //! so are images and tile lists. Sixteen bytes per Gaussian must fit one binding, which limits their number: to 8
@@ -41,6 +41,7 @@ mod read;
 mod record;
 mod render;
 mod self_test;
+mod self_test_batch;
 mod sort;
 mod status;
 #[cfg(test)]
@@ -87,7 +88,8 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens an adapter and tests its forward and backward pass against the reference.
+    /// Opens an adapter and tests its forward and backward pass against the reference, and a batch against its views one by
+    /// one.
     ///
     /// # Errors
     /// [`GpuError`] if there is no such adapter, or it lacks a required capability or fails the test.
@@ -159,7 +161,7 @@ impl GpuRenderer {
     }
 
     /// The device, for sharing buffers. An error that wgpu finds in commands other than this renderer's is returned
-    /// once, by the renderer's next call, as [`GpuError::Refused`].
+    /// once, by the renderer's next call, as [`GpuError::Refused`]; of commands within [`Self::guarded`], at once.
     pub const fn device(&self) -> &wgpu::Device {
         &self.context.device
     }
@@ -169,7 +171,8 @@ impl GpuRenderer {
         &self.context.queue
     }
 
-    /// Tests the device: compares an image and its gradients with the reference.
+    /// Tests the device: compares an image and its gradients with the reference, and those of a batch with its views one by
+    /// one.
     ///
     /// # Errors
     /// [`GpuError::SelfTest`] for wrong results, and any error of the driver.
@@ -178,9 +181,20 @@ impl GpuRenderer {
         catch_panics(&adapter, || self_test::self_test(self, &|_stage| ()))
     }
 
+    /// Runs commands of the caller on the device, and returns the errors that they raise. Outside of it, wgpu panics for an
+    /// error on a device opened by the caller without an error handler.
+    ///
+    /// # Errors
+    /// Those of `work`; [`GpuError::OutOfMemory`] and [`GpuError::Refused`] for an error of its commands,
+    /// [`GpuError::Device`] for a lost device.
+    pub fn guarded<T>(&self, work: impl FnOnce() -> Result<T, SplatError>) -> Result<T, SplatError> {
+        self.context.guarded(work)
+    }
+
     /// Frees the buffers that are kept for reuse.
     pub fn free_buffers(&mut self) {
         self.pool.clear();
+        self.pipelines.free_uniforms();
         self.context.free_staging();
     }
 
@@ -189,8 +203,11 @@ impl GpuRenderer {
         self.context.counters.counts()
     }
 
-    /// Begins work: buffers of earlier work may be reused.
+    /// Begins work: buffers of earlier work may be reused, unless some could not be allocated.
     fn work(&mut self) -> Work<'_> {
+        if self.context.take_failure() {
+            self.free_buffers();
+        }
         self.stages.clear();
         self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, bounds, .. } = self;

@@ -236,7 +236,7 @@ impl GpuRenderer {
     ) -> Result<Gradients<f32>, SplatError> {
         gradients.result.check(gaussians)?;
         let (contents, _) = self.complete(gradients, &gradients.result.sources(), &|_| Ok(()))?;
-        Ok(gradients.result.arrange(&contents, gaussians).0)
+        Ok(gradients.result.arrange(&contents, gaussians, 1.0).0)
     }
 
     /// Reads buffers, which `prepare` may fill from a result, together with its report; again until it is complete.

@@ -102,8 +102,8 @@ impl Context {
             let mut rest: &[u8] = &view;
             for Piece { buffer, bytes, .. } in load {
                 let length = usize::try_from(*bytes).map_err(|error| failed(error.to_string()))?;
-                let (own, after) = rest.split_at(length);
-                contents[*buffer].extend_from_slice(own);
+                let (piece, after) = rest.split_at(length);
+                contents[*buffer].extend_from_slice(piece);
                 rest = after;
             }
         }

@@ -1,19 +1,23 @@
-//! Self-test: renders a small scene and compares it with the reference, to detect broken drivers before use.
+//! Self-test: renders a small scene and compares it with the reference, and a batch of scenes with its views one by one, to
+//! detect broken drivers before use.
+
+use std::ops::Range;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 
+use super::self_test_batch::Batch;
 use super::{GpuError, GpuRenderer, ProbeStage};
 use crate::renderer::saturated;
 use crate::{
-    Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer as _, RendererConstants, Rendering,
-    SplatError, View, reference,
+    Channels, GaussianCounts, GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer as _,
+    RendererConstants, Rendering, SplatError, View, reference,
 };
 
 /// Largest allowed difference of a pixel, in images with values of order one.
-const PIXEL_BOUND: f64 = 1e-4;
+pub(super) const PIXEL_BOUND: f64 = 1e-4;
 /// Largest allowed difference of a gradient, relative to the largest of its field.
-const GRADIENT_BOUND: f64 = 1e-3;
+pub(super) const GRADIENT_BOUND: f64 = 1e-3;
 /// More than one block of work for every kernel.
 const COUNT: u16 = 2100;
 
@@ -36,11 +40,13 @@ pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "lists.rs",
     "mod.rs",
     "options.rs",
+    "pending.rs",
     "probe.rs",
     "read.rs",
     "record.rs",
     "render.rs",
     "self_test.rs",
+    "self_test_batch.rs",
     "sort.rs",
     "status.rs",
     "uniforms.rs",
@@ -49,87 +55,90 @@ pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "work.rs"
 );
 
-/// Compares an image and its gradients with the reference.
+/// Compares an image and its gradients with the reference, and a batch with its views one by one.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
-    let into_gpu_error = |error: SplatError| match error {
+    compare(renderer, &adapter, begins).map_err(|error| match error {
         SplatError::Gpu(error) => error,
-        other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
-    };
-    let Case { gaussians, view, options, images } = Case::new().map_err(into_gpu_error)?;
+        other => GpuError::Refused { adapter, reason: other.to_string() },
+    })
+}
+
+fn compare(renderer: &mut GpuRenderer, adapter: &str, begins: &dyn Fn(ProbeStage)) -> Result<(), SplatError> {
+    let (gaussians, options) = (gaussians(0..COUNT)?, options());
+    let view = view(0.0, ImageSize { width: 45, height: 35 })?;
+    let batch = Batch::new()?;
     begins(ProbeStage::Image);
-    let expected = reference::render(&gaussians, &view, &options).map_err(into_gpu_error)?;
-    let actual = renderer.render(&gaussians, &view, &options).map_err(into_gpu_error)?;
-    let check = |what: &str, difference: f64, bound: f64| {
-        let (adapter, what) = (adapter.clone(), what.to_owned());
-        // Fails for NaN.
-        if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
-    };
-    let counts =
-        [actual.counts, expected.counts].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_image]);
-    let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
-    check("Gaussian count", miscounted as f64, 0.0)?;
-    for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
-        check(what, max_difference(actual, &expected), PIXEL_BOUND)?;
+    let expected = reference::render(&gaussians, &view, &options)?;
+    let actual = renderer.render(&gaussians, &view, &options)?.map(f64::from);
+    check(adapter, "Gaussian count", miscounted(actual.counts, expected.counts), 0.0)?;
+    for ((what, actual), (_, expected)) in images_of(actual).iter().zip(images_of(expected)) {
+        check(adapter, what, max_difference(actual, &expected), PIXEL_BOUND)?;
     }
+    batch.check_images(renderer)?;
     begins(ProbeStage::Derivative);
-    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(into_gpu_error)?;
-    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated)).map_err(into_gpu_error)?;
-    let actual = actual.map(f64::from);
+    let images = image_gradients(view.pixels());
+    let expected = reference::backward(&gaussians, &view, &options, &images)?;
+    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated))?.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
-        let zeros = vec![0.0; expected.len()];
-        let relative = max_difference(actual, expected) / max_difference(expected, &zeros);
-        check(&format!("gradient of {field}"), relative, GRADIENT_BOUND)?;
+        check(adapter, &format!("gradient of {field}"), relative_difference(actual, expected), GRADIENT_BOUND)?;
     }
-    Ok(())
+    batch.check_gradients(renderer)
 }
 
-struct Case {
-    gaussians: Gaussians,
-    view: View,
-    options: RenderOptions,
-    images: ImageGradients<f64>,
+/// Rejects a difference beyond its bound, or of NaN.
+pub(super) fn check(adapter: &str, what: &str, difference: f64, bound: f64) -> Result<(), GpuError> {
+    let (adapter, what) = (adapter.to_owned(), what.to_owned());
+    if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
 }
 
-impl Case {
-    /// Soft, overlapping Gaussians, without thresholds that rounding could cross.
-    fn new() -> Result<Self, SplatError> {
-        let wave = |n: u16, step: f32, phase: f32| (f32::from(n) * step + phase).sin();
-        let mut parts = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
-        for n in 0..COUNT {
-            parts.means.push([1.2 * wave(n, 1.37, 0.0), 0.8 * wave(n, 2.11, 1.0), 3.0 + wave(n, 0.73, 2.0)]);
-            parts.quaternions.push([1.5, wave(n, 1.1, 3.0), wave(n, 1.3, 4.0), wave(n, 1.7, 5.0)]);
-            parts.log_scales.push([-3.0, -2.5, -3.5].map(|log| log + 0.5 * wave(n, 0.9, log)));
-            parts.opacity_logits.push(-3.0 + wave(n, 0.6, 6.0));
-            parts.scalars.iter_mut().for_each(|scalars| scalars.push(wave(n, 0.4, 7.0)));
-            parts.sh.extend(
-                [0.5, 1.5, 2.5, 3.5].map(|phase| [phase, phase + 0.3, phase + 0.6].map(|p| 0.3 * wave(n, 0.8, p))),
-            );
-        }
-        let pose = CameraFromWorld::new(DMat3::from_rotation_y(0.1), DVec3::new(0.1, -0.05, 0.2))?;
-        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 1.2, 0.48, 0.53)?);
-        let view = View { camera, size: ImageSize { width: 45, height: 35 } };
-        let constants = RendererConstants { min_alpha: 1e-5, min_transmittance: 1e-9, ..RendererConstants::default() };
-        let options = RenderOptions {
-            constants,
-            background: [0.2, 0.5, 0.1],
-            channels: Channels { depth: true, scalar: true, median_depth: false },
-            ..RenderOptions::default()
-        };
-        let wave_image =
-            |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
-        let images = ImageGradients {
-            rgb: wave_image(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
-            alpha: Some(wave_image(1.0)),
-            depth: Some(wave_image(2.0)),
-            scalar: Some(wave_image(3.0)),
-        };
-        Ok(Self { gaussians: Gaussians::new(parts)?, view, options, images })
+/// Soft, overlapping Gaussians of these numbers, without thresholds that rounding could cross.
+pub(super) fn gaussians(numbers: Range<u16>) -> Result<Gaussians, SplatError> {
+    let wave = |n: u16, step: f32, phase: f32| (f32::from(n) * step + phase).sin();
+    let mut parts = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
+    for n in numbers {
+        parts.means.push([1.2 * wave(n, 1.37, 0.0), 0.8 * wave(n, 2.11, 1.0), 3.0 + wave(n, 0.73, 2.0)]);
+        parts.quaternions.push([1.5, wave(n, 1.1, 3.0), wave(n, 1.3, 4.0), wave(n, 1.7, 5.0)]);
+        parts.log_scales.push([-3.0, -2.5, -3.5].map(|log| log + 0.5 * wave(n, 0.9, log)));
+        parts.opacity_logits.push(-3.0 + wave(n, 0.6, 6.0));
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(wave(n, 0.4, 7.0)));
+        let rgb = |phase: f32| [phase, phase + 0.3, phase + 0.6].map(|phase| 0.3 * wave(n, 0.8, phase));
+        parts.sh.extend([0.5, 1.5, 2.5, 3.5].map(rgb));
+    }
+    Gaussians::new(parts)
+}
+
+/// A view of them, after so many steps along a path around them.
+pub(super) fn view(steps: f64, size: ImageSize) -> Result<View, SplatError> {
+    let turn = DMat3::from_rotation_y(0.1 - 0.06 * steps);
+    let pose = CameraFromWorld::new(turn, DVec3::new(0.1 + 0.15 * steps, -0.05 - 0.04 * steps, 0.2 + 0.1 * steps))?;
+    let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 1.2, 0.48, 0.53)?);
+    Ok(View { camera, size })
+}
+
+pub(super) fn options() -> RenderOptions {
+    let constants = RendererConstants { min_alpha: 1e-5, min_transmittance: 1e-9, ..RendererConstants::default() };
+    RenderOptions {
+        constants,
+        background: [0.2, 0.5, 0.1],
+        channels: Channels { depth: true, scalar: true, median_depth: false },
+        ..RenderOptions::default()
+    }
+}
+
+/// Gradients that vary from pixel to pixel.
+pub(super) fn image_gradients(pixels: usize) -> ImageGradients<f64> {
+    let wave_image = |phase: f64| (0..pixels).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+    ImageGradients {
+        rgb: wave_image(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
+        alpha: Some(wave_image(1.0)),
+        depth: Some(wave_image(2.0)),
+        scalar: Some(wave_image(3.0)),
     }
 }
 
 #[expect(clippy::expect_used, reason = "the self-test requests both images")]
-fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
+pub(super) fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     vec![
         ("colour", rendering.rgb.as_flattened().to_vec()),
         ("alpha", rendering.alpha),
@@ -138,8 +147,15 @@ fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
+/// By how many Gaussians these counts differ.
+pub(super) fn miscounted(actual: GaussianCounts, expected: GaussianCounts) -> f64 {
+    let [actual, expected] =
+        [actual, expected].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_image]);
+    actual.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).sum::<u64>() as f64
+}
+
 /// The largest difference; NaN if any is NaN, infinite if the lengths differ.
-fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
+pub(super) fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     if actual.len() != expected.len() {
         return f64::INFINITY;
     }
@@ -147,18 +163,22 @@ fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     differences.fold(0.0, atsplat_numeric::Extremes::maximum_of)
 }
 
+/// The largest difference, relative to the largest expected number.
+pub(super) fn relative_difference(actual: &[f64], expected: &[f64]) -> f64 {
+    max_difference(actual, expected) / max_difference(expected, &vec![0.0; expected.len()])
+}
+
 #[cfg(test)]
 mod tests {
     use super::SOURCES;
 
     /// They choose adapters, count, describe errors, cache verdicts, or serve what the self-test does not call.
-    const OTHERS: [&str; 9] = [
+    const OTHERS: [&str; 8] = [
         "adapters.rs",
         "counts.rs",
         "error.rs",
         "fallback.rs",
         "panics.rs",
-        "pending.rs",
         "image.rs",
         "tests.rs",
         "verdict_cache.rs",

@@ -8,8 +8,8 @@ use super::context::Context;
 use super::kernels::{Kernel, Pipelines, Pool};
 use super::record::Recorder;
 use super::status::{self, Status};
-use super::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, adapters};
-use crate::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, View, reference};
+use super::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, ImageFormat, ImageNumbers, adapters};
+use crate::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, SplatError, View, reference};
 
 /// `None` if there is no adapter and none is required.
 fn opened<T>(opened: Result<T, GpuError>) -> Option<T> {
@@ -122,6 +122,43 @@ fn lists_hold_the_tiles_that_an_ellipse_touches() {
         (listed, boxed) = (listed + pairs, boxed + tiles);
     }
     assert!(3 * listed < 2 * boxed, "{listed} tiles of {boxed}");
+}
+
+/// Each batch kernel sees every image from the first view; the kernels of single views are right.
+#[test]
+fn the_self_test_detects_each_wrong_kernel_of_a_batch() {
+    let Some(mut gpu) = opened(GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default())) else { return };
+    for kernel in [Kernel::Project, Kernel::Colour, Kernel::ColourBackward, Kernel::ProjectBackward] {
+        let kernel = kernel.of_batch(true);
+        let right = gpu.pipelines.clone();
+        gpu.pipelines.miscompile(&gpu.context, kernel, ["view = views[image];", "view = views[0];"]);
+        let outcome = gpu.self_test();
+        gpu.pipelines = right;
+        assert!(
+            matches!(&outcome, Err(GpuError::SelfTest { what, .. }) if what.ends_with(" of a batch")),
+            "{kernel:?}: {outcome:?}"
+        );
+    }
+    gpu.self_test().unwrap();
+}
+
+/// The image fits the largest buffer of the device, but not with the quarter that the pool adds.
+#[test]
+fn a_buffer_of_a_reading_that_cannot_be_allocated_is_an_error_and_not_kept() {
+    let Some((adapter, _)) = opened(adapters::choose(&AdapterChoice::Automatic)) else { return };
+    let mut required_limits = adapter.limits();
+    (required_limits.max_buffer_size, required_limits.max_storage_buffer_binding_size) = (128 << 10, 128 << 10);
+    let descriptor = wgpu::DeviceDescriptor { required_limits, ..wgpu::DeviceDescriptor::default() };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    let mut gpu = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
+    gpu.context.binding_limit = 1 << 30;
+    let view = View { size: atsplat_camera::ImageSize { width: 90, height: 80 }, ..scene().1 };
+    let resident = gpu.upload(&needle(0.4, 30)).unwrap();
+    let image = gpu.render_resident(&resident, &view, &RenderOptions::default()).unwrap();
+    let whole = gpu.read_image(&image, ImageFormat { numbers: ImageNumbers::F32, alpha: true });
+    assert!(matches!(whole, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{whole:?}");
+    let small = gpu.read_image(&image, ImageFormat { numbers: ImageNumbers::U8, alpha: false }).unwrap();
+    assert!(small.bytes.len() == 3 * 90 * 80 && small.bytes.iter().any(|byte| *byte > 0));
 }
 
 #[test]

@@ -33,8 +33,14 @@ pub(super) struct ViewBlock {
     batch: [u32; 4],
 }
 
-/// Views of the array in `shaders/many_views.wgsl`, which fit the smallest uniform buffer of an adapter.
-pub(super) const MOST_VIEWS: usize = 160;
+/// Views of a batch at most, which wgpu's default uniform buffers of 64 KiB hold.
+const MOST_VIEWS: u32 = 160;
+
+/// Views of a batch, all of whose blocks a uniform buffer of this many bytes holds.
+pub(super) fn most_views(bytes: u64) -> u32 {
+    let fitting = bytes / size_of::<ViewBlock>() as u64;
+    u32::try_from(fitting).unwrap_or(u32::MAX).min(MOST_VIEWS)
+}
 
 /// Flags of `view.wgsl`.
 pub(super) mod flag {
@@ -166,4 +172,15 @@ fn split(value: f64) -> [f32; 2] {
 /// The nearest f32 of at most 3e38 in magnitude, to leave headroom.
 fn bounded(value: f64) -> f32 {
     to_f32(value.clamp(-3e38, 3e38))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_of_a_batch_fit_the_uniform_buffer() {
+        let found = [400, 799, 16 << 10, 63_999, 64 << 10, u64::MAX].map(most_views);
+        assert_eq!(found, [1, 1, 40, 159, 160, 160]);
+    }
 }

@@ -4,7 +4,7 @@ use super::adapters::AdapterDescription;
 use super::kernels::Kernel;
 use super::{GpuError, self_test};
 
-/// Key of a self-test's verdict, which is valid until the adapter, its driver, the kernels or the test change.
+/// Key of a self-test's verdict, which is valid until the adapter, its driver, wgpu, the kernels or the test change.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct VerdictKey {
@@ -14,7 +14,7 @@ pub struct VerdictKey {
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// Hash of the kernels and the test.
+    /// Hash of the kernels, the test, and the versions of wgpu and its parts.
     pub version: String,
 }
 
@@ -43,9 +43,9 @@ pub struct WrongResult {
 pub enum ProbeStage {
     /// The device is opened and its loop limit is probed.
     Opening,
-    /// An image is rendered and compared.
+    /// Images are rendered and compared.
     Image,
-    /// Its gradients are computed and compared.
+    /// Their gradients are computed and compared.
     Derivative,
 }
 
@@ -74,7 +74,7 @@ impl VerdictKey {
             adapter: description.name.clone(),
             backend: description.backend.clone(),
             driver: description.driver.clone(),
-            version: version(),
+            version: version(&LIBRARIES),
         }
     }
 }
@@ -107,10 +107,15 @@ impl Verdict {
     }
 }
 
-/// FNV-1a over the sources of the kernels and the test, to detect changes.
-fn version() -> String {
+/// What translates the kernels for a driver and runs them, with versions, which a program cannot query.
+const LIBRARIES: [(&str, &str); 4] =
+    [("naga", "30.0.1"), ("wgpu", "30.0.1"), ("wgpu-core", "30.0.1"), ("wgpu-hal", "30.0.1")];
+
+/// FNV-1a over the sources of the kernels and the test, and these libraries, to detect changes.
+fn version(libraries: &[(&'static str, &'static str)]) -> String {
     let sources = self_test::SOURCES.iter().map(|(_, text)| *text);
-    let texts = Kernel::ALL.iter().map(|kernel| kernel.source()).chain(sources);
+    let libraries = libraries.iter().flat_map(|(name, version)| [*name, *version]);
+    let texts = Kernel::ALL.iter().map(|kernel| kernel.source()).chain(sources).chain(libraries);
     let hash = texts
         .flat_map(str::bytes)
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
@@ -137,8 +142,25 @@ mod tests {
     }
 
     #[test]
-    fn the_version_is_deterministic() {
-        assert_eq!(version(), version());
-        assert_eq!(version().len(), 16);
+    fn the_version_is_deterministic_and_changes_with_wgpu() {
+        assert_eq!(version(&LIBRARIES), version(&LIBRARIES));
+        assert_eq!(version(&LIBRARIES).len(), 16);
+        for (at, (name, _)) in LIBRARIES.iter().enumerate() {
+            let mut upgraded = LIBRARIES;
+            upgraded[at].1 = "another";
+            assert_ne!(version(&upgraded), version(&LIBRARIES), "{name}");
+        }
+    }
+
+    /// Verdicts of other versions would be taken for those of the locked ones.
+    #[test]
+    fn the_libraries_have_the_versions_of_the_lock_file() {
+        let lock = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../Cargo.lock")).unwrap();
+        let lines: Vec<&str> = lock.lines().collect();
+        for (name, version) in LIBRARIES {
+            let is_named = |pair: &&[&str]| pair[0] == format!("name = \"{name}\"");
+            let found: Vec<&str> = lines.windows(2).filter(is_named).map(|pair| pair[1]).collect();
+            assert_eq!(found, [format!("version = \"{version}\"")], "update the version of {name} in LIBRARIES");
+        }
     }
 }

@@ -4,6 +4,8 @@
 //! gaussian-splatting, diff-gaussian-rasterization, gsplat, brush, fvdb-core, supersplat and others.
 
 mod crowds;
+mod lenses;
+mod needles;
 mod numbers;
 mod opacities;
 mod places;
@@ -32,6 +34,9 @@ pub struct HardCase {
     pub bounds: ErrorBounds,
     /// Whether accurate gradients need geometry in f64; of other renderers only finite gradients are required.
     pub derivatives_need_f64: bool,
+    /// Error bound of images of renderers with geometry in f32, where that of `bounds` needs f64; infinite if images have only to
+    /// be finite.
+    pub image_in_f32: Option<f64>,
 }
 
 /// Error bounds of a renderer against the f64 reference.
@@ -65,7 +70,15 @@ impl Default for ErrorBounds {
 
 /// Every hard case.
 pub fn catalogue() -> Vec<HardCase> {
-    let groups =
-        [shapes::cases(), places::cases(), opacities::cases(), numbers::cases(), crowds::cases(), views::cases()];
+    let groups = [
+        shapes::cases(),
+        needles::cases(),
+        places::cases(),
+        opacities::cases(),
+        numbers::cases(),
+        crowds::cases(),
+        views::cases(),
+        lenses::cases(),
+    ];
     groups.into_iter().flatten().collect()
 }

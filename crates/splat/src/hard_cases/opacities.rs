@@ -16,6 +16,12 @@ pub(super) fn cases() -> Vec<HardCase> {
             Sample { colour: [shade, 1.0 - shade, 0.3], ..sheet(2.0 + 0.01 * n as f32, logit) }
         })
     };
+    let endless = || {
+        options_with(|constants| {
+            constants.max_alpha = f64::from(1f32.next_down());
+            constants.min_transmittance = 0.0;
+        })
+    };
     vec![
         case("opacity-0-and-1", "infinite logits, and logits beyond the range of exp", {
             let logits = [f32::NEG_INFINITY, f32::INFINITY, -104.0, 104.0, -20.0, 20.0, -1e30, 1e30];
@@ -40,21 +46,22 @@ pub(super) fn cases() -> Vec<HardCase> {
             gaussians(logits.into_iter().enumerate().map(|(n, logit)| sheet(2.0 + n as f32, logit)))
         })
         .with_gradient_bound(3e-3),
-        case("one-in-the-way", "an alpha of one in front, without an alpha clamp or early stop", {
+        case("one-in-the-way", "an alpha of almost one in front, without an early stop", {
             gaussians([sheet(2.0, 30.0), sheet(3.0, 0.0), BACKDROP])
         })
-        .with_options(options_with(|constants| {
-            constants.max_alpha = 1.0;
-            constants.min_transmittance = 0.0;
-        }))
+        .with_options(endless())
+        .with_gradient_bound(2e-2),
+        case("opaque", "the same with its centre on a pixel's, where alpha is the largest below one", {
+            let mean = [-0.52 / 21.6, 0.28 / 21.6, 2.0];
+            gaussians([Sample { mean, ..sheet(2.0, 30.0) }, sheet(3.0, 0.0), BACKDROP])
+        })
+        .with_options(endless())
+        .with_counts([3, 0, 0, 0, 0])
         .with_gradient_bound(2e-2),
         case("almost-one-in-the-way", "an opacity 6e-8 below one: its 1/(1 − α) is 2²⁴", {
             gaussians([sheet(2.0, 16.6), sheet(3.0, 0.0), BACKDROP])
         })
-        .with_options(options_with(|constants| {
-            constants.max_alpha = 1.0;
-            constants.min_transmittance = 0.0;
-        }))
+        .with_options(endless())
         .with_gradient_bound(2e-2),
         case("gauze", "a thousand layers just above min-alpha", {
             gaussians(stack(1000, -5.4).map(|one| Sample { mean: [0.0, 0.0, one.mean[2] - 1.0], ..one }))

@@ -1,8 +1,7 @@
 use glam::{DMat3, DVec3};
 
 use super::HardCase;
-use super::scene::{BACKDROP, SAMPLE, Sample, case, gaussians, options, options_with, view_at};
-use crate::RendererConstants;
+use super::scene::{BACKDROP, SAMPLE, Sample, case, gaussians, inria, off_axis, options_with, view_at};
 
 fn at(mean: [f32; 3]) -> Sample {
     Sample { mean, ..SAMPLE }
@@ -14,9 +13,6 @@ fn around(value: f32) -> [f32; 3] {
 }
 
 pub(super) fn cases() -> Vec<HardCase> {
-    let wide = [1.5, 1.0, 1.25];
-    let fan = [[6.0f32, 0.0, 0.5], [0.0, 12.0, 0.4], [-9.0, 3.0, 0.3], [30.0, -30.0, 0.25], [2.0, 1.0, 0.02]];
-    let off_axis = gaussians(fan.map(|mean| Sample { mean, log_scales: wide, ..SAMPLE }).into_iter().chain([BACKDROP]));
     // Far away, on a grid that f32 still resolves.
     let far = [1e6f32, -1e6, 1e6];
     let far_mean = |n: f32| [far[0] + 0.25 * n - 0.5, far[1] + 0.125 * n, far[2] + 4.0 + n];
@@ -65,19 +61,12 @@ pub(super) fn cases() -> Vec<HardCase> {
         case("almost-touching", "a hundredth of a unit in front, where a pixel is a ten-thousandth of a unit", {
             gaussians([Sample { mean: [0.0, 0.001, 0.011], log_scales: [-6.0, -7.0, -5.0], ..SAMPLE }, BACKDROP])
         }),
-        case(
-            "off-axis",
-            "far outside the image but large enough to reach it: the Jacobian is clamped",
-            off_axis.clone(),
-        ),
-        case("off-axis-unclamped", "the same with a Jacobian margin of a hundred half widths", off_axis.clone())
+        case("off-axis", "far outside the image but large enough to reach it: the Jacobian is clamped", off_axis()),
+        case("off-axis-unclamped", "the same with a Jacobian margin of a hundred half widths", off_axis())
             .with_options(options_with(|constants| constants.jacobian_margin = 100.0))
             .with_gradient_bound(1e-3),
-        case("off-axis-inria", "the same with the constants of diff-gaussian-rasterization", off_axis.clone())
-            .with_options({
-                let inria = RendererConstants::named("inria");
-                crate::RenderOptions { constants: inria.unwrap_or_else(|| unreachable!("a preset")), ..options() }
-            }),
+        case("off-axis-inria", "the same with the constants of diff-gaussian-rasterization", off_axis())
+            .with_options(inria()),
         case("far-from-origin", "scene and camera a million units away, where f32 resolves a sixteenth", {
             gaussians((0..5).map(|n| Sample { mean: far_mean(n as f32), log_scales: [-0.5, -1.0, 0.0], ..SAMPLE }))
         })

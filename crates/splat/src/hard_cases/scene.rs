@@ -5,7 +5,8 @@ use glam::{DMat3, DVec3};
 
 use super::{ErrorBounds, HardCase};
 use crate::{
-    Channels, GaussianCounts, GaussianParts, Gaussians, RenderOptions, RendererConstants, View, sh_coefficients,
+    Channels, GaussianCounts, GaussianParts, Gaussians, RasterMode, RenderOptions, RendererConstants, View,
+    sh_coefficients,
 };
 
 /// One Gaussian of a case.
@@ -67,6 +68,24 @@ pub(super) fn of_degree(
     valid(parts)
 }
 
+/// Gaussians of these sizes at these places, and [`BACKDROP`].
+pub(super) fn fan(means: [[f32; 3]; 5], log_scales: [f32; 3]) -> Gaussians {
+    gaussians(means.map(|mean| Sample { mean, log_scales, ..SAMPLE }).into_iter().chain([BACKDROP]))
+}
+
+/// Far outside the image of [`view`], but large enough to reach it.
+pub(super) fn off_axis() -> Gaussians {
+    let means = [[6.0, 0.0, 0.5], [0.0, 12.0, 0.4], [-9.0, 3.0, 0.3], [30.0, -30.0, 0.25], [2.0, 1.0, 0.02]];
+    fan(means, [1.5, 1.0, 1.25])
+}
+
+/// The same Gaussians with a 3D filter each.
+pub(super) fn filtered(gaussians: Gaussians, filter: f32) -> Gaussians {
+    let mut parts = gaussians.into_parts();
+    parts.filter_3d = Some(vec![filter; parts.means.len()]);
+    valid(parts)
+}
+
 /// Gaussians of arrays whose lengths agree.
 #[expect(clippy::expect_used, reason = "the catalogue's arrays agree in length")]
 pub(super) fn valid(parts: GaussianParts) -> Gaussians {
@@ -98,6 +117,16 @@ pub(super) fn view_through(distortion: Distortion) -> View {
     view
 }
 
+/// A strong barrel lens.
+pub(super) const BARREL: Distortion = Distortion::OpenCv { k1: -0.28, k2: 0.07, k3: -0.01, p1: 0.004, p2: -0.003 };
+
+/// A fisheye of 120 degrees.
+pub(super) fn fisheye() -> View {
+    let mut view = view_at(DMat3::IDENTITY, DVec3::ZERO, [0.3, 0.4]);
+    view.camera.distortion = Distortion::Fisheye { k: [0.05, -0.02, 0.004, -0.0004] };
+    view
+}
+
 /// Every channel, over a background.
 pub(super) fn options() -> RenderOptions {
     RenderOptions {
@@ -114,6 +143,17 @@ pub(super) fn options_with(change: impl FnOnce(&mut RendererConstants)) -> Rende
     options
 }
 
+/// The default options of a case, antialiased.
+pub(super) fn antialiased() -> RenderOptions {
+    RenderOptions { mode: RasterMode::Antialiased, ..options() }
+}
+
+/// The default options of a case with the constants of diff-gaussian-rasterization.
+pub(super) fn inria() -> RenderOptions {
+    let constants = RendererConstants::named("inria").unwrap_or_else(|| unreachable!("a preset"));
+    RenderOptions { constants, ..options() }
+}
+
 /// A case with the default view and options.
 pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gaussians) -> HardCase {
     HardCase {
@@ -125,6 +165,7 @@ pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gau
         counts: None,
         bounds: ErrorBounds::default(),
         derivatives_need_f64: false,
+        image_in_f32: None,
     }
 }
 
@@ -145,6 +186,11 @@ impl HardCase {
     /// Marks a case whose gradients need geometry in f64.
     pub(super) fn with_gradients_in_f64_only(self) -> Self {
         Self { derivatives_need_f64: true, ..self }
+    }
+
+    /// Sets an image bound for geometry in f32, of which only finite gradients are required.
+    pub(super) fn with_image_bound_in_f32(self, image: f64) -> Self {
+        Self { image_in_f32: Some(image), derivatives_need_f64: true, ..self }
     }
 
     /// Sets a larger image bound.

@@ -2,7 +2,9 @@ use atsplat_camera::Distortion;
 use glam::{DMat3, DVec3};
 
 use super::HardCase;
-use super::scene::{BACKDROP, SAMPLE, Sample, case, gaussians, view, view_at, view_of_size, view_through};
+use super::scene::{
+    BACKDROP, BARREL, SAMPLE, Sample, case, fisheye, gaussians, view, view_at, view_of_size, view_through,
+};
 use crate::View;
 
 /// Gaussians along a diagonal of the view and beyond it.
@@ -13,15 +15,9 @@ fn row() -> Vec<Sample> {
 }
 
 pub(super) fn cases() -> Vec<HardCase> {
-    let barrel = Distortion::OpenCv { k1: -0.28, k2: 0.07, k3: -0.01, p1: 0.004, p2: -0.003 };
     let folding = Distortion::OpenCv { k1: -0.9, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     let all_round = DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2);
     let wide = |fx, fy| view_at(DMat3::IDENTITY, DVec3::ZERO, [fx, fy]);
-    let fisheye = {
-        let mut view = wide(0.3, 0.4);
-        view.camera.distortion = Distortion::Fisheye { k: [0.05, -0.02, 0.004, -0.0004] };
-        view
-    };
     let row_to_the_sides = (-6..=6).map(|n: i8| Sample { mean: [f32::from(n), 0.5, 1.5], ..SAMPLE });
     vec![
         case("one-pixel", "an image of one pixel", gaussians(row())).with_view(view_of_size(1, 1)),
@@ -29,9 +25,9 @@ pub(super) fn cases() -> Vec<HardCase> {
         case("one-column", "an image one pixel wide", gaussians(row())).with_view(view_of_size(1, 67)),
         case("no-whole-tile", "an image one pixel wider and higher than a tile", gaussians(row()))
             .with_view(view_of_size(33, 17)),
-        case("barrel-lens", "a strong barrel lens", gaussians(row())).with_view(view_through(barrel)),
+        case("barrel-lens", "a strong barrel lens", gaussians(row())).with_view(view_through(BARREL)),
         case("folding-lens", "a lens that folds inside the image", gaussians(row())).with_view(view_through(folding)),
-        case("fisheye", "a fisheye of 120 degrees", gaussians(row_to_the_sides.clone())).with_view(fisheye),
+        case("fisheye", "a fisheye of 120 degrees", gaussians(row_to_the_sides.clone())).with_view(fisheye()),
         case("telephoto", "a focal length of a thousand image widths", {
             let near =
                 |n: i8| Sample { mean: [0.0003 * f32::from(n), 0.0, 2.0], log_scales: [-9.0, -8.5, -8.0], ..SAMPLE };

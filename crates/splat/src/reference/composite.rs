@@ -55,11 +55,7 @@ pub(super) fn falloff(splat: &Splat, [column, row]: [u32; 2]) -> Option<(DVec2, 
         return None;
     }
     let offset = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) - splat.centre;
-    let exponent = 0.5 * (splat.conic.x * offset.x * offset.x + splat.conic.z * offset.y * offset.y)
-        + splat.conic.y * offset.x * offset.y;
-    // Negative only by rounding.
-    let exponent = if exponent < 0.0 { 0.0 } else { exponent };
-    Some((offset, (-exponent).exp()))
+    Some((offset, (-0.5 * splat.whitened(offset).length_squared()).exp()))
 }
 
 /// Composites one pixel into a rendering.

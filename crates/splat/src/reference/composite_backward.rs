@@ -11,6 +11,9 @@ use crate::rendering::PixelGradient;
 pub(crate) struct SplatGradient {
     pub(crate) centre: DVec2,
     pub(crate) conic: DVec3,
+    /// Moments `uu, uv, vv` of the gradient of the exponent over [`Splat::whitened`] offsets: what the conic has, without cancellation
+    /// far from the centre.
+    pub(crate) moments: DVec3,
     pub(crate) opacity: f64,
     pub(crate) rgb: DVec3,
     pub(crate) depth: f64,
@@ -53,8 +56,9 @@ pub(super) fn composite_backward(
         let DVec2 { x: dx, y: dy } = hit.offset;
         sum.opacity += hit.falloff * d_alpha;
         sum.conic += d_exponent * DVec3::new(0.5 * dx * dx, dx * dy, 0.5 * dy * dy);
-        let slope = DVec2::new(splat.conic.x * dx + splat.conic.y * dy, splat.conic.y * dx + splat.conic.z * dy);
-        sum.centre -= d_exponent * slope;
+        let (DVec2 { x: u, y: v }, whitener) = (splat.whitened(hit.offset), splat.whitener);
+        sum.moments += d_exponent * DVec3::new(u * u, u * v, v * v);
+        sum.centre -= d_exponent * DVec2::new(whitener.x * u, whitener.y * u + whitener.z * v);
     }
     (d_rgb * last).to_array()
 }

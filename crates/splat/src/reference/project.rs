@@ -18,6 +18,9 @@ pub(crate) struct Splat {
     pub(crate) centre: DVec2,
     /// Inverse 2D covariance, blur included: `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
     pub(crate) conic: DVec3,
+    /// Its Cholesky factor `(l₁₁, l₁₂, l₂₂)`: the same is `½((l₁₁·dx + l₁₂·dy)² + (l₂₂·dy)²)`, which does not cancel far from the
+    /// centre of a needle.
+    pub(crate) whitener: DVec3,
     /// After the sigmoid, the 3D filter and anti-aliasing.
     pub(crate) opacity: f64,
     pub(crate) rgb: DVec3,
@@ -26,6 +29,14 @@ pub(crate) struct Splat {
     /// Half-open range of columns, then rows, that it may reach.
     pub(crate) reach: [[u32; 2]; 2],
     pub(crate) parts: Intermediates,
+}
+
+impl Splat {
+    /// A vector in the image in standard deviations: half its square is the exponent.
+    pub(crate) fn whitened(&self, offset: DVec2) -> DVec2 {
+        let DVec3 { x: along, y: shear, z: down } = self.whitener;
+        DVec2::new(along * offset.x + shear * offset.y, down * offset.y)
+    }
 }
 
 /// Intermediate values for the backward pass.
@@ -116,6 +127,9 @@ pub(crate) fn project(
         return Err(Culled::Invalid);
     }
     let conic = DVec3::new(cov2d_blurred.y_axis.y, -cov2d_blurred.x_axis.y, cov2d_blurred.x_axis.x) / determinant;
+    let (xy, yy) = (cov2d_blurred.x_axis.y, cov2d_blurred.y_axis.y);
+    let along = (yy / determinant).sqrt();
+    let whitener = DVec3::new(along, -xy / yy * along, yy.sqrt().recip());
 
     let ratio = (inner_determinant / determinant).sqrt();
     let compensation = match options.mode {
@@ -160,7 +174,8 @@ pub(crate) fn project(
         raw_rgb,
     };
     let rgb = DVec3::from_array(raw_rgb.to_array().map(|value| if value < 0.0 { 0.0 } else { value }));
-    Ok(Box::new(Splat { position, depth: in_camera.z, centre, conic, opacity, rgb, scalar, reach, parts }))
+    let depth = in_camera.z;
+    Ok(Box::new(Splat { position, depth, centre, conic, whitener, opacity, rgb, scalar, reach, parts }))
 }
 
 /// `∂pixel/∂(x, y, z)` at a point `slope·z`: `A/z · [1 | −slope]`.
@@ -199,9 +214,9 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
     if !valid {
         return None;
     }
-    let own = scales * scales;
-    let total = own + DVec3::splat(filter_3d * filter_3d);
-    let unfiltered_share = if filter_3d == 0.0 { DVec3::ONE } else { own / total };
+    let variances = scales * scales;
+    let total = variances + DVec3::splat(filter_3d * filter_3d);
+    let unfiltered_share = if filter_3d == 0.0 { DVec3::ONE } else { variances / total };
     Some(Shape {
         mean: DVec3::from_array(mean),
         rotation: DMat3::from_quat(quaternion / norm),
@@ -220,10 +235,10 @@ fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &Re
     let basis = sh::basis(degree, direction.to_array());
     let add = |sum, (coefficient, value): ([f64; 3], f64)| sum + value * DVec3::from_array(coefficient);
     let stored = sh_coefficients(parts.sh_degree);
-    let own = &parts.sh[position * stored..][..sh_coefficients(degree)];
+    let used = &parts.sh[position * stored..][..sh_coefficients(degree)];
     let (first, upper) = match &options.harmonics {
         Some(packed) => packed.of(position)?,
-        None => (own[0], &own[1..]),
+        None => (used[0], &used[1..]),
     };
     let coefficients = std::iter::once(&first).chain(upper).map(|coefficient| coefficient.map(f64::from));
     let sum = coefficients.zip(basis).fold(DVec3::splat(0.5), add);

@@ -89,14 +89,14 @@ fn through_opacity(options: &RenderOptions, splat: &Splat, d_splat: &SplatGradie
     }
 }
 
-/// From conic to 2D covariance, then to rotation, scales and view rotation; returns the gradient of the Jacobian's
+/// From the exponent to 2D covariance, then to rotation, scales and view rotation; returns the gradient of the Jacobian's
 /// rows.
 fn through_covariance(optics: &Optics, splat: &Splat, d_splat: &SplatGradient, acc: &mut Accumulated) -> [DVec3; 2] {
-    let (parts, conic) = (&splat.parts, splat.conic);
-    let DVec3 { x: a, y: b, z: c } = d_splat.conic;
-    let d_inverse = DMat2::from_cols(DVec2::new(a, 0.5 * b), DVec2::new(0.5 * b, c));
-    let inverse = DMat2::from_cols(DVec2::new(conic.x, conic.y), DVec2::new(conic.y, conic.z));
-    let d_covariance = acc.cov2d - inverse * d_inverse * inverse;
+    let (parts, whitener, moments) = (&splat.parts, splat.whitener, d_splat.moments);
+    // The exponent is half the square of L d; its gradient with respect to the covariance is −½ Lᵀ (L d)(L d)ᵀ L.
+    let whitener = DMat2::from_cols(DVec2::new(whitener.x, 0.0), DVec2::new(whitener.y, whitener.z));
+    let moments = DMat2::from_cols(DVec2::new(moments.x, moments.y), DVec2::new(moments.y, moments.z));
+    let d_covariance = acc.cov2d - whitener.transpose() * moments * whitener * 0.5;
 
     // cov2d = V Vᵀ with V = J W R S.
     let axes = parts.rotation * DMat3::from_diagonal(parts.scales);

@@ -25,6 +25,9 @@ const FADED: f64 = 1e-12;
 /// `min_alpha` for f32 backends.
 const FADED_IN_F32: f64 = SMALLEST_MIN_ALPHA;
 
+/// Name of their errors.
+pub(super) const NAME: &str = "differences";
+
 /// Finite differences with respect to selected parameters.
 #[derive(Debug)]
 pub(super) struct Differences {
@@ -69,7 +72,7 @@ impl Differences {
         let options = smooth(&case.options, FADED_IN_F32);
         let gradients = renderer.backward(&case.gaussians, &case.view, &options, &self.images)?;
         let compared = self.of.len() as u64;
-        let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
+        let mut error = MeasuredError { name: NAME, absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
             let difference = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
             error.absolute = error.absolute.maximum_of(difference);
@@ -120,19 +123,19 @@ impl Scene<'_> {
         let step = |parameter: Parameter, depth: f64| match parameter {
             Parameter::Mean(..) => SMALL * pixel * depth,
             Parameter::Quaternion(at, _) => {
-                let own = gaussians.parts().quaternions[at];
-                SMALL * own.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt()
+                let quaternion = gaussians.parts().quaternions[at];
+                SMALL * quaternion.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt()
             }
             Parameter::Sh(at, _) => {
-                let own = gaussians.parts().sh[at];
-                SMALL * own.iter().map(|value| f64::from(value.abs())).fold(1.0, f64::maximum_of)
+                let coefficient = gaussians.parts().sh[at];
+                SMALL * coefficient.iter().map(|value| f64::from(value.abs())).fold(1.0, f64::maximum_of)
             }
             _ => SMALL,
         };
         let mut list: Vec<(Parameter, f64)> = Vec::new();
         for (position, depth) in &chosen {
-            let own = Parameter::of_gaussian(gaussians, *position);
-            list.extend(own.into_iter().map(|parameter| (parameter, step(parameter, *depth))));
+            let parameters = Parameter::of_gaussian(gaussians, *position);
+            list.extend(parameters.into_iter().map(|parameter| (parameter, step(parameter, *depth))));
         }
         let nearest = drawn.iter().map(|(_, depth)| *depth).fold(f64::INFINITY, f64::minimum_of);
         if nearest.is_finite() {

@@ -69,9 +69,20 @@ pub fn rows(case: &HardCase, renderers: &mut [RendererUnderTest]) -> Result<Vec<
     Ok(rows)
 }
 
-/// Findings for errors without any compared value, which is correct only if nothing is drawn.
+/// Findings for errors of too few compared values, which is correct only if nothing is drawn.
 fn uncompared(errors: &[MeasuredError]) -> impl Iterator<Item = String> {
-    errors.iter().filter(|error| error.compared == 0).map(|error| format!("{}: nothing was compared", error.name))
+    // Of differences, as many as a pose has parameters.
+    let least = |error: &MeasuredError| if error.name == differences::NAME { 6 } else { 1 };
+    let scarce = errors.iter().filter(move |error| error.compared < least(error));
+    scarce.map(move |error| {
+        format!("{}: {} values compared, expected at least {}", error.name, error.compared, least(error))
+    })
+}
+
+/// Whether any parameter of a Gaussian has a gradient: without, its errors say nothing.
+fn has_gradient(gradients: &Gradients<f64>) -> bool {
+    let of_gaussians = gradients.fields().into_iter().filter(|(field, _)| !["background", "pose"].contains(field));
+    of_gaussians.flat_map(|(_, values)| values).any(|value| value.abs() > 0.0)
 }
 
 /// The expected results of a hard case.
@@ -93,8 +104,10 @@ impl<'a> Expected<'a> {
     fn of(case: &'a HardCase, slack: f64) -> Result<Self, SplatError> {
         let HardCase { gaussians, view, options, .. } = case;
         let mut bounds = case.bounds.scaled(slack);
-        if case.derivatives_need_f64 && slack > 1.0 {
-            bounds.gradient = f64::INFINITY;
+        // Geometry in f32.
+        if slack > 1.0 {
+            bounds.image = case.image_in_f32.unwrap_or(bounds.image);
+            bounds.gradient = if case.derivatives_need_f64 { f64::INFINITY } else { bounds.gradient };
         }
         let jumps = reference::jumps(gaussians, view, options, bounds.band)?;
         let images = gradients::loss_gradients(view, &jumps);
@@ -134,6 +147,9 @@ impl<'a> Expected<'a> {
         row.errors.push(self.differences.error(self.case, renderer, self.bounds.gradient)?);
         if self.rendering.counts.drawn > 0 {
             row.findings.extend(uncompared(&row.errors));
+            if !has_gradient(&self.gradients) {
+                row.findings.push("gradient: no Gaussian is expected to have one".to_owned());
+            }
         }
         if let Some(counts) = counts
             && rendering.counts != *counts
@@ -147,11 +163,67 @@ impl<'a> Expected<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hard_cases::catalogue;
+    use crate::{RenderOptions, RendererConstants};
 
     #[test]
     fn reports_errors_without_compared_values() {
         let error = |name, compared| MeasuredError { name, absolute: 0.0, relative: 0.0, bound: 1.0, compared };
-        let found: Vec<String> = uncompared(&[error("image", 9), error("differences", 0)]).collect();
-        assert_eq!(found, ["differences: nothing was compared"]);
+        let of = |image, differences| -> Vec<String> {
+            uncompared(&[error("image", image), error("gradient", 1), error("differences", differences)]).collect()
+        };
+        assert_eq!(of(1, 6), [""; 0]);
+        assert_eq!(of(1, 5), ["differences: 5 values compared, expected at least 6"]);
+        assert_eq!(of(0, 9), ["image: 0 values compared, expected at least 1"]);
+    }
+
+    /// The background has a gradient whatever is drawn.
+    #[test]
+    fn gradients_of_gaussians_are_required_where_something_is_drawn() {
+        let background = Gradients { background: [1.0, 2.0, 3.0], scalars: vec![0.0, -0.0], ..Gradients::default() };
+        assert!(!has_gradient(&background));
+        assert!(has_gradient(&Gradients { scalars: vec![0.0, -1e-9], ..background }));
+        let case = catalogue().into_iter().find(|case| case.name == "no-blur-disc-edge-on").unwrap();
+        let mut expected = Expected::of(&case, 1.0).unwrap();
+        let row = expected.row(&mut ReferenceRenderer);
+        assert!(row.passes(), "{row:?}");
+        expected.gradients = Gradients::zero(&case.gaussians);
+        let row = expected.row(&mut ReferenceRenderer);
+        assert_eq!(row.findings, ["gradient: no Gaussian is expected to have one"]);
+    }
+
+    /// Bounds for geometry in f32 apply to no other renderer.
+    #[test]
+    fn bounds_depend_on_the_geometry() {
+        let case = catalogue().into_iter().find(|case| case.name == "centre-at-1e5-pixels").unwrap();
+        let bounds = |slack| Expected::of(&case, slack).unwrap().bounds;
+        assert_eq!(bounds(1.0), case.bounds);
+        let ErrorBounds { image, gradient, .. } = bounds(GPU_SLACK);
+        assert_eq!((Some(image), gradient), (case.image_in_f32, f64::INFINITY));
+    }
+
+    /// Gradients that pass clamps, other axes, extents and principal points.
+    #[test]
+    fn the_cpu_passes_every_case_under_the_constants_of_published_rasterizers() {
+        let mut cpu = CpuRenderer::default();
+        for preset in ["inria", "pixelsplat-family", "gsplat-1.6"] {
+            let mut drawn = 0;
+            for case in catalogue() {
+                let constants = RendererConstants::named(preset).unwrap();
+                let case = HardCase { options: RenderOptions { constants, ..case.options.clone() }, ..case };
+                let HardCase { gaussians, view, options, bounds, .. } = &case;
+                let jumps = reference::jumps(gaussians, view, options, bounds.band).unwrap();
+                let by = gradients::loss_gradients(view, &jumps);
+                let expected = reference::render(gaussians, view, options).unwrap();
+                let rendering = cpu.render(gaussians, view, options).unwrap();
+                let image = images::error(&case, &rendering, &expected, &jumps, bounds.image).unwrap();
+                drawn += u32::from(expected.counts.drawn > 0);
+                let expected = reference::backward(gaussians, view, options, &by.map(f64::from)).unwrap();
+                let found = cpu.backward(gaussians, view, options, &by).unwrap();
+                let gradient = gradients::error(&found, &expected, bounds.gradient).unwrap();
+                assert!(image.passes() && gradient.passes(), "{preset}, {}: {image:?}, {gradient:?}", case.name);
+            }
+            assert!(drawn > 70, "{preset}: {drawn} cases draw something");
+        }
     }
 }

@@ -73,10 +73,7 @@ impl fmt::Display for StressReport {
             self.rows.len()
         )?;
         if self.rows.iter().flat_map(|row| &row.errors).any(|error| !error.bound.is_finite()) {
-            writeln!(
-                f,
-                "* has no bound: the gradients of this case need geometry in f64; here they must only be finite."
-            )?;
+            writeln!(f, "* has no bound: this needs geometry in f64; of this renderer it must only be finite.")?;
         }
         Ok(())
     }

@@ -53,8 +53,8 @@ pub(crate) fn scene(poisoned: &[(usize, f32)]) -> Gaussians {
     let mut numbers: Vec<f32> = (0..COUNT)
         .flat_map(|n| {
             let shift = n as f32 * 0.1;
-            let own = [0.1 - shift, shift - 0.2, 2.0 + shift, 1.0, 0.2, -0.3, 0.1, -1.5, -2.0, -1.0, 0.5, 0.7, 0.02];
-            own.into_iter().chain((0..12).map(move |k| 0.2 - 0.05 * k as f32))
+            let values = [0.1 - shift, shift - 0.2, 2.0 + shift, 1.0, 0.2, -0.3, 0.1, -1.5, -2.0, -1.0, 0.5, 0.7, 0.02];
+            values.into_iter().chain((0..12).map(move |k| 0.2 - 0.05 * k as f32))
         })
         .collect();
     let length = numbers.len();
@@ -67,14 +67,14 @@ pub(crate) fn scene(poisoned: &[(usize, f32)]) -> Gaussians {
         filter_3d: Some(Vec::new()),
         ..GaussianParts::default()
     };
-    for own in numbers.as_chunks::<SLOTS>().0 {
-        parts.means.push([own[0], own[1], own[2]]);
-        parts.quaternions.push([own[3], own[4], own[5], own[6]]);
-        parts.log_scales.push([own[7], own[8], own[9]]);
-        parts.opacity_logits.push(own[10]);
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(own[11]));
-        parts.filter_3d.iter_mut().for_each(|filters| filters.push(own[12]));
-        parts.sh.extend_from_slice(own[13..].as_chunks::<3>().0);
+    for values in numbers.as_chunks::<SLOTS>().0 {
+        parts.means.push([values[0], values[1], values[2]]);
+        parts.quaternions.push([values[3], values[4], values[5], values[6]]);
+        parts.log_scales.push([values[7], values[8], values[9]]);
+        parts.opacity_logits.push(values[10]);
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(values[11]));
+        parts.filter_3d.iter_mut().for_each(|filters| filters.push(values[12]));
+        parts.sh.extend_from_slice(values[13..].as_chunks::<3>().0);
     }
     Gaussians::new(parts).unwrap()
 }

@@ -7,12 +7,12 @@ use super::*;
 fn each_gaussian_keeps_the_bands_that_it_needs() {
     let mut parts = scene(5, 0.0, -1.0, None).into_parts();
     let (flat, [first, second, third]) = (1e-4, [[0.2; 3], [0.0, 0.2, 0.0], [0.0, 0.0, -0.2]]);
-    for (at, own) in parts.sh.as_chunks_mut::<16>().0.iter_mut().enumerate() {
-        own[15] = [flat; 3];
+    for (at, sh) in parts.sh.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+        sh[15] = [flat; 3];
         match at {
-            1 => own[2] = first,
-            2 => own[7] = second,
-            3 => own[12] = third,
+            1 => sh[2] = first,
+            2 => sh[7] = second,
+            3 => sh[12] = third,
             _ => {}
         }
     }

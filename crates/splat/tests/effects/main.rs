@@ -25,16 +25,16 @@ fn view(distortion: Distortion) -> View {
 /// Gaussians of SH degree 3 with the given magnitude of coefficients above degree 0.
 fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> Gaussians {
     let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
-    let own = sh_coefficients(3);
+    let stored = sh_coefficients(3);
     let coefficient =
-        |n: usize| [0.0, 1.0, 2.0].map(|c| if n.is_multiple_of(own) { wave(n, c) } else { harmonics * wave(n, c) });
+        |n: usize| [0.0, 1.0, 2.0].map(|c| if n.is_multiple_of(stored) { wave(n, c) } else { harmonics * wave(n, c) });
     Gaussians::new(GaussianParts {
         means: (0..count).map(|n| [0.8 * wave(n, 0.0), 0.6 * wave(n, 1.0), 2.5 + 0.1 * n as f32]).collect(),
         quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)]).collect(),
         log_scales: (0..count).map(|n| [0.0, 0.4, -0.6].map(|s| log_scale + s * wave(n, 5.0))).collect(),
         opacity_logits: (0..count).map(|n| 2.0 * wave(n, 6.0)).collect(),
         sh_degree: 3,
-        sh: (0..count * own).map(coefficient).collect(),
+        sh: (0..count * stored).map(coefficient).collect(),
         scalars: scalars.map(|size| (0..count).map(|n| size * wave(n, 7.0)).collect()),
         filter_3d: None,
     })
@@ -87,7 +87,7 @@ fn largest_change(tolerance: f64, gaussians: &Gaussians, view: &View, options: &
     });
     let pairs = auto.rgb.as_flattened().iter().zip(all.rgb.as_flattened());
     let changes = pairs.map(|(a, b)| f64::from((a - b).abs()));
-    let largest = changes.fold(0.0, |most: f64, own| if own > most { own } else { most });
+    let largest = changes.fold(0.0, |most: f64, change| if change > most { change } else { most });
     assert_eq!(Rendering { rgb: all.rgb.clone(), ..auto }, all);
     largest
 }
@@ -299,8 +299,8 @@ fn an_infinite_change_has_no_bound() {
 #[test]
 fn invisible_sh_bands_are_removed() {
     let mut parts = scene(5, 0.3, -1.0, None).into_parts();
-    for own in parts.sh.as_chunks_mut::<16>().0 {
-        own[4..].iter_mut().flatten().for_each(|value| *value *= 1e-5);
+    for sh in parts.sh.as_chunks_mut::<16>().0 {
+        sh[4..].iter_mut().flatten().for_each(|value| *value *= 1e-5);
     }
     let gaussians = Gaussians::new(parts).unwrap();
     let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "auto");

@@ -3,9 +3,10 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::Uploaded;
 use atsplat_splat::{
-    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
-    RendererConstants, ShAxes, View, reference,
+    ClampedGradient, Exposure, Extent, GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RasterMode,
+    RenderOptions, Renderer, RendererConstants, ShAxes, View, reference,
 };
+use proptest::prelude::*;
 
 use crate::scenes::{cloud, everything, filtered, gpu, image_gradients, narrow, view};
 
@@ -93,6 +94,32 @@ fn gradients_match_for_every_lens() {
         let constants = without_thresholds(RendererConstants::default());
         let options = RenderOptions { constants, ..everything() };
         check(&cloud(500, 1, 23), &view, &options, &format!("{distortion:?}"));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    /// As on the CPU: image gradients near the limits of f32, bright Gaussians, a strong exposure.
+    #[test]
+    fn gradients_never_overflow(magnitude in prop_oneof![Just(3e38f32), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
+        let Some(mut gpu) = gpu() else { return Ok(()) };
+        let mut parts = cloud(60, 1, 92).into_parts();
+        if bright {
+            parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| value * 1e11));
+        }
+        let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(33, 21));
+        let exposure = Exposure { matrix: [[1e12; 3]; 3], offset: [0.0; 3] };
+        let options = RenderOptions { exposure: gain.then_some(exposure), ..everything() };
+        let images = ImageGradients {
+            rgb: vec![[magnitude, -magnitude, magnitude]; view.pixels()],
+            alpha: Some(vec![magnitude; view.pixels()]),
+            depth: Some(vec![-magnitude; view.pixels()]),
+            scalar: Some(vec![magnitude; view.pixels()]),
+        };
+        let gradients = gpu.backward(&gaussians, &view, &options, &images).unwrap();
+        prop_assert_eq!(gradients.non_finite(), 0);
+        prop_assert!(gradients.means.as_flattened().iter().any(|value| value.abs() > 0.0));
     }
 }
 

@@ -8,25 +8,25 @@ use atsplat_splat::gpu::{
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Renderer, SplatError, View};
 use glam::{DMat3, DVec3};
 
-use crate::scenes::{cloud, everything, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{cloud, everything, external_device, gpu, image_gradients, narrow, open, view};
 
 /// Each from elsewhere, through another lens.
 fn views(count: usize, width: u32, height: u32) -> Vec<View> {
     let moved = |at: usize| {
-        let mut own = view(width, height);
+        let mut turned = view(width, height);
         let turn = DMat3::from_rotation_y(0.05 * at as f64);
-        let pose = own.camera.camera_from_world;
-        own.camera.camera_from_world = atsplat_camera::CameraFromWorld::new(
+        let pose = turned.camera.camera_from_world;
+        turned.camera.camera_from_world = atsplat_camera::CameraFromWorld::new(
             turn * pose.rotation(),
             pose.translation() + DVec3::new(0.1 * at as f64, -0.07, 0.05 * at as f64),
         )
         .unwrap();
-        own.camera.distortion = match at % 3 {
+        turned.camera.distortion = match at % 3 {
             0 => Distortion::None,
             1 => Distortion::OpenCv { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.004, p2: -0.003 },
             _ => Distortion::Fisheye { k: [0.02, -0.01, 0.0, 0.0] },
         };
-        own
+        turned
     };
     (0..count).map(moved).collect()
 }
@@ -39,13 +39,13 @@ fn scenes(count: u32, gaussians: usize) -> Vec<Gaussians> {
 fn joined(scenes: &[Gaussians]) -> Gaussians {
     let mut all = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
     for scene in scenes {
-        let own = scene.parts();
-        all.means.extend(&own.means);
-        all.quaternions.extend(&own.quaternions);
-        all.log_scales.extend(&own.log_scales);
-        all.opacity_logits.extend(&own.opacity_logits);
-        all.sh.extend(&own.sh);
-        all.scalars.iter_mut().for_each(|scalars| scalars.extend(own.scalars.iter().flatten()));
+        let parts = scene.parts();
+        all.means.extend(&parts.means);
+        all.quaternions.extend(&parts.quaternions);
+        all.log_scales.extend(&parts.log_scales);
+        all.opacity_logits.extend(&parts.opacity_logits);
+        all.sh.extend(&parts.sh);
+        all.scalars.iter_mut().for_each(|scalars| scalars.extend(parts.scalars.iter().flatten()));
     }
     Gaussians::new(all).unwrap()
 }
@@ -63,16 +63,18 @@ fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradie
         gpu.queue().write_buffer(&buffer, 0, &bytes);
         buffer
     };
-    let pixels = |own: &ImageGradients<f32>| 0..own.rgb.len();
-    let colour = |own: &ImageGradients<f32>, at: usize| {
-        let [red, green, blue] = own.rgb[at];
-        [red, green, blue, own.alpha.as_ref().unwrap()[at]]
+    let pixels = |gradients: &ImageGradients<f32>| 0..gradients.rgb.len();
+    let colour = |gradients: &ImageGradients<f32>, at: usize| {
+        let [red, green, blue] = gradients.rgb[at];
+        [red, green, blue, gradients.alpha.as_ref().unwrap()[at]]
     };
-    let extra = |own: &ImageGradients<f32>, at: usize| {
-        [own.depth.as_ref().unwrap()[at], own.scalar.as_ref().unwrap()[at], 0.0, 0.0]
+    let extra = |gradients: &ImageGradients<f32>, at: usize| {
+        [gradients.depth.as_ref().unwrap()[at], gradients.scalar.as_ref().unwrap()[at], 0.0, 0.0]
     };
-    let colours = images.iter().flat_map(|own| pixels(own).map(|at| colour(own, at)).collect::<Vec<_>>());
-    let extras = images.iter().flat_map(|own| pixels(own).map(|at| extra(own, at)).collect::<Vec<_>>());
+    let colours =
+        images.iter().flat_map(|gradients| pixels(gradients).map(|at| colour(gradients, at)).collect::<Vec<_>>());
+    let extras =
+        images.iter().flat_map(|gradients| pixels(gradients).map(|at| extra(gradients, at)).collect::<Vec<_>>());
     let strip = GpuStripGradients { colours: buffer(colours.collect()), extras: Some(buffer(extras.collect())) };
     GpuImageGradients { strips: vec![strip] }
 }
@@ -92,24 +94,24 @@ fn a_batch_equals_its_views_one_by_one() {
     let mut drawn = 0;
     for (at, view) in views.iter().enumerate() {
         let alone = gpu.render(&scenes[at / 2], view, &everything()).unwrap();
-        let own = at * view.pixels()..(at + 1) * view.pixels();
-        assert!(batch.rgb[own.clone()] == alone.rgb, "view {at}");
-        assert!(batch.alpha[own.clone()] == alone.alpha, "view {at}");
-        assert!(batch.depth.as_ref().unwrap()[own.clone()] == *alone.depth.as_ref().unwrap(), "view {at}");
+        let pixels = at * view.pixels()..(at + 1) * view.pixels();
+        assert!(batch.rgb[pixels.clone()] == alone.rgb, "view {at}");
+        assert!(batch.alpha[pixels.clone()] == alone.alpha, "view {at}");
+        assert!(batch.depth.as_ref().unwrap()[pixels.clone()] == *alone.depth.as_ref().unwrap(), "view {at}");
         assert!(
-            batch.median_depth.as_ref().unwrap()[own.clone()] == *alone.median_depth.as_ref().unwrap(),
+            batch.median_depth.as_ref().unwrap()[pixels.clone()] == *alone.median_depth.as_ref().unwrap(),
             "view {at}"
         );
-        assert!(batch.scalar.as_ref().unwrap()[own] == *alone.scalar.as_ref().unwrap(), "view {at}");
+        assert!(batch.scalar.as_ref().unwrap()[pixels] == *alone.scalar.as_ref().unwrap(), "view {at}");
         assert!(alone.counts.drawn > 100 && alone.counts.outside_image > 0, "{:?}", alone.counts);
         drawn += alone.counts.drawn;
     }
     assert_eq!(batch.counts.drawn, drawn);
 
     let phases = |at: usize| {
-        let mut own = narrow(&image_gradients(&views[at]));
-        own.rgb.rotate_left(11 * at);
-        own
+        let mut gradients = narrow(&image_gradients(&views[at]));
+        gradients.rgb.rotate_left(11 * at);
+        gradients
     };
     let images: Vec<ImageGradients<f32>> = (0..6).map(phases).collect();
     let by_images = uploaded(&gpu, &images);
@@ -118,18 +120,18 @@ fn a_batch_equals_its_views_one_by_one() {
     for (scene, gaussians) in scenes.iter().enumerate() {
         let mut of_view = |at: usize| gpu.backward(gaussians, &views[at], &everything(), &images[at]).unwrap();
         let [first, second] = [of_view(2 * scene), of_view(2 * scene + 1)];
-        let own = scene * 500..(scene + 1) * 500;
+        let range = scene * 500..(scene + 1) * 500;
         let fields: [(&str, Field, usize); 6] = [
-            ("means", |own| own.means.as_flattened(), 3),
-            ("quaternions", |own| own.quaternions.as_flattened(), 4),
-            ("log scales", |own| own.log_scales.as_flattened(), 3),
-            ("opacity logits", |own| &own.opacity_logits, 1),
-            ("SH", |own| own.sh.as_flattened(), 12),
-            ("scalars", |own| &own.scalars, 1),
+            ("means", |gradients| gradients.means.as_flattened(), 3),
+            ("quaternions", |gradients| gradients.quaternions.as_flattened(), 4),
+            ("log scales", |gradients| gradients.log_scales.as_flattened(), 3),
+            ("opacity logits", |gradients| &gradients.opacity_logits, 1),
+            ("SH", |gradients| gradients.sh.as_flattened(), 12),
+            ("scalars", |gradients| &gradients.scalars, 1),
         ];
         for (name, of, each) in fields {
             let sum: Vec<f32> = of(&first).iter().zip(of(&second)).map(|(a, b)| a + b).collect();
-            assert!(of(&found)[own.start * each..own.end * each] == sum, "{name} of scene {scene}");
+            assert!(of(&found)[range.start * each..range.end * each] == sum, "{name} of scene {scene}");
             assert!(sum.iter().any(|value| value.abs() > 0.0) && of(&first) != of(&second), "{name}");
         }
     }
@@ -174,16 +176,37 @@ fn launches_do_not_grow_with_the_batch() {
     for (at, most) in [(0, 20), (1, 24)] {
         assert!(eight[at].dispatches <= four[at].dispatches + most, "{four:?} {eight:?}");
         assert!(sixteen[at].dispatches <= four[at].dispatches + most, "{four:?} {sixteen:?}");
-        let alike = [four[at], sixteen[at]].iter().all(|own| (own.submissions, own.waits) == (2, 1));
-        assert!(alike, "one, and one that reads the report: {four:?} {sixteen:?}");
+        let are_equal = [four[at], sixteen[at]].iter().all(|counts| (counts.submissions, counts.waits) == (2, 1));
+        assert!(are_equal, "one, and one that reads the report: {four:?} {sixteen:?}");
+    }
+}
+
+/// Some adapters have uniform buffers of 16 KiB, which hold 40 views.
+#[test]
+fn a_batch_has_as_many_views_as_the_uniform_buffers_of_the_device_hold() {
+    let lower = |limits: &mut wgpu::Limits| limits.max_uniform_buffer_binding_size = 16 << 10;
+    let (Some(mut gpu), Some((device, queue))) = (gpu(), external_device(lower)) else { return };
+    let mut small = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
+    let scenes = scenes(2, 300);
+    let views: Vec<View> = views(7, 20, 20).into_iter().cycle().take(42).collect();
+    let resident = small.upload(&joined(&scenes)).unwrap();
+    let crowd = small.render_batch(&resident, 2, &views, &everything()).unwrap_err();
+    let SplatError::Gpu(GpuError::TooLarge { what, needed, limit, .. }) = crowd else { panic!("{crowd}") };
+    assert_eq!((what, needed, limit), ("views of a batch", 42, 40));
+    let pending = small.render_batch(&resident, 2, &views[..40], &everything()).unwrap();
+    let batch = small.read(&pending).unwrap();
+    for at in [0, 19, 20, 39] {
+        let alone = gpu.render(&scenes[at / 20], &views[at], &everything()).unwrap();
+        assert!(batch.rgb[at * 400..(at + 1) * 400] == alone.rgb, "view {at}");
+        assert!(alone.counts.drawn > 20, "{:?}", alone.counts);
     }
 }
 
 #[test]
-fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
+fn batches_of_unequal_scenes_and_of_too_many_views_are_rejected() {
     let Some(mut gpu) = gpu() else { return };
     let resident = gpu.upload(&joined(&scenes(2, 100))).unwrap();
-    let mut refused = |scenes, views: &[View]| gpu.render_batch(&resident, scenes, views, &everything()).unwrap_err();
+    let mut rejection = |scenes, views: &[View]| gpu.render_batch(&resident, scenes, views, &everything()).unwrap_err();
     let fields = [
         (2, views(3, 20, 20)),
         (2, views(1, 20, 20)),
@@ -191,7 +214,7 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
         (2, [views(3, 20, 20), views(1, 20, 21)].concat()),
         (1, vec![]),
     ];
-    let found = fields.map(|(scenes, views)| match refused(scenes, &views) {
+    let found = fields.map(|(scenes, views)| match rejection(scenes, &views) {
         SplatError::Length { field, .. } => field,
         other => panic!("{other}"),
     });
@@ -203,7 +226,7 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
         "views",
     ];
     assert_eq!(found, expected);
-    let crowd = refused(2, &views(162, 20, 20));
+    let crowd = rejection(2, &views(162, 20, 20));
     assert!(matches!(crowd, SplatError::Gpu(GpuError::TooLarge { what: "views of a batch", .. })), "{crowd}");
 
     let Some(mut small) = open(GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() }) else { return };

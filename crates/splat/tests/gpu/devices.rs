@@ -17,6 +17,40 @@ fn reads_more_than_the_largest_buffer() {
 }
 
 #[test]
+fn a_device_of_the_caller_is_on_the_adapter_of_the_shared_renderer() {
+    let (Some(gpu), Some((device, queue))) = (gpu(), external_device(|_| ())) else { return };
+    let external = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
+    assert_eq!(external.adapter(), gpu.adapter());
+}
+
+#[test]
+fn rejects_uniform_buffers_below_what_adapters_guarantee() {
+    let lower = |limits: &mut wgpu::Limits| limits.max_uniform_buffer_binding_size = 8 << 10;
+    let (Some(_lock), Some((device, queue))) = (gpu(), external_device(lower)) else { return };
+    let outcome = GpuRenderer::with_device(device, queue, GpuOptions::default());
+    assert!(matches!(outcome, Err(GpuError::Unfit { what: "bytes of a uniform buffer", .. })), "{outcome:?}");
+}
+
+/// Without an error handler, wgpu panics for an error outside of a scope.
+#[test]
+fn errors_of_guarded_commands_are_returned_at_once() {
+    let (Some(_lock), Some((device, queue))) = (gpu(), external_device(|_| ())) else { return };
+    let mut gpu = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
+    let (gaussians, view) = (cloud(10, 0, 1), view(8, 8));
+    let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
+    let buffer = |size: u64, gpu: &GpuRenderer| {
+        let usage = wgpu::BufferUsages::STORAGE;
+        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+        gpu.guarded(|| Ok(gpu.device().create_buffer(&descriptor)))
+    };
+    let outcome = buffer(1 << 62, &gpu);
+    let is_typed = matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. } | GpuError::OutOfMemory { .. })));
+    assert!(is_typed, "{outcome:?}");
+    assert_eq!(buffer(48, &gpu).unwrap().size(), 48);
+    assert!(gpu.render(&gaussians, &view, &everything()).unwrap() == expected);
+}
+
+#[test]
 fn rejects_strips_of_invalid_sizes() {
     let Some(gpu) = gpu() else { return };
     for size in [[0, 3], [3, 0], [0, 0], [70_000, 3], [3, 70_000]] {

@@ -1,7 +1,8 @@
+use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
     GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
 };
-use atsplat_splat::{Gaussians, ImageGradients, Renderer, SplatError};
+use atsplat_splat::{Exposure, Gaussians, GradientReach, ImageGradients, RenderOptions, Renderer, SplatError};
 
 use crate::scenes::{cloud, everything, external_device, filtered, gpu, image_gradients, narrow, open, view};
 
@@ -25,13 +26,13 @@ fn resident_results_equal_host_results() {
     };
     // Uses the image as its own gradient, that of half its sum of squares.
     let gradients = gpu.backward_resident(&resident, &view, &everything(), &strips).unwrap();
-    let own = ImageGradients {
+    let by_image = ImageGradients {
         rgb: through_host.rgb,
         alpha: Some(through_host.alpha),
         depth: through_host.depth,
         scalar: through_host.scalar,
     };
-    let expected = gpu.backward(&gaussians, &view, &everything(), &own).unwrap();
+    let expected = gpu.backward(&gaussians, &view, &everything(), &by_image).unwrap();
     assert!(gpu.read_gradients(&gradients, &gaussians).unwrap() == expected);
     assert!(gpu.backward(&gaussians, &view, &everything(), &images).unwrap() != expected);
 }
@@ -63,6 +64,70 @@ fn reports_stage_timings() {
     assert!(gpu.name().starts_with("gpu, ") && gpu.name().contains(gpu.adapter()));
 }
 
+/// Gradients of a single strip on the device, from each pixel's red, green, blue and alpha, and its depth and scalar.
+fn on_device(gpu: &GpuRenderer, colours: &[[f32; 4]], extras: &[[f32; 4]]) -> GpuImageGradients {
+    let put = |values: &[[f32; 4]]| {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+        let size = 16 * values.len() as u64;
+        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+        let buffer = gpu.device().create_buffer(&descriptor);
+        gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
+        buffer
+    };
+    GpuImageGradients { strips: vec![GpuStripGradients { colours: put(colours), extras: Some(put(extras)) }] }
+}
+
+/// One gradient that is not a number, of the scalar's image: here only the gradient of the Gaussian's scalar depends on it.
+#[test]
+fn a_gradient_that_is_not_a_number_is_read_as_such() {
+    let Some(mut gpu) = gpu() else { return };
+    let (mut parts, view) = (cloud(1, 0, 19).into_parts(), view(21, 15));
+    (parts.means, parts.log_scales, parts.opacity_logits) = (vec![[0.0, 0.0, 3.0]], vec![[0.0; 3]], vec![1.0]);
+    let gaussians = Gaussians::new(parts).unwrap();
+    let gradients = GradientReach { scalar_stops: true, directions_stop: false };
+    let options = RenderOptions { gradients, ..everything() };
+    let resident = gpu.upload(&gaussians).unwrap();
+    let (colours, mut extras) =
+        (vec![[1.0, -0.5, 0.25, 0.5]; view.pixels()], vec![[0.5, 0.25, 0.0, 0.0]; view.pixels()]);
+    for (value, not_finite) in [(0.75, 0), (f32::NAN, 1)] {
+        extras[7 * 21 + 10][1] = value;
+        let images = on_device(&gpu, &colours, &extras);
+        let gradients = gpu.backward_resident(&resident, &view, &options, &images).unwrap();
+        let found = gpu.read_gradients(&gradients, &gaussians).unwrap();
+        assert_eq!(found.non_finite(), not_finite, "{value}: {found:?}");
+        assert!(not_finite == 0 || found.scalars[0].is_nan(), "{found:?}");
+    }
+}
+
+/// [`Renderer::backward`] passes gradients through the exposure on the host, these are passed on the device.
+#[test]
+fn gradients_pass_the_exposure_on_the_device() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(400, 1, 29), view(30, 20));
+    let matrix = [[1.8, -0.4, 0.1], [0.2, 0.7, -0.3], [-0.5, 0.3, 2.5]];
+    let options = RenderOptions { exposure: Some(Exposure { matrix, offset: [-0.2, 0.1, 0.05] }), ..everything() };
+    let images = narrow(&image_gradients(&view));
+    let expected = gpu.backward(&gaussians, &view, &options, &images).unwrap();
+    let plane = |image: &Option<Vec<f32>>, pixel: usize| image.as_ref().map_or(0.0, |image| image[pixel]);
+    let colours: Vec<[f32; 4]> = images
+        .rgb
+        .iter()
+        .enumerate()
+        .map(|(pixel, [red, green, blue])| [*red, *green, *blue, plane(&images.alpha, pixel)])
+        .collect();
+    let extras: Vec<[f32; 4]> =
+        (0..view.pixels()).map(|pixel| [plane(&images.depth, pixel), plane(&images.scalar, pixel), 0.0, 0.0]).collect();
+    let images = on_device(&gpu, &colours, &extras);
+    let resident = gpu.upload(&gaussians).unwrap();
+    let gradients = gpu.backward_resident(&resident, &view, &options, &images).unwrap();
+    let found = gpu.read_gradients(&gradients, &gaussians).unwrap().map(f64::from);
+    for ((name, found), (_, expected)) in found.fields().into_iter().zip(expected.map(f64::from).fields()) {
+        let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+        assert!(size > 0.0, "{name}");
+        Tolerance::absolute(1e-5 * size).assert(found.iter().copied(), expected.iter().copied(), name);
+    }
+}
+
 /// Only some strips have gradients of depth and scalar.
 #[test]
 fn splitting_into_parts_and_strips_changes_nothing() {
@@ -83,15 +148,16 @@ fn splitting_into_parts_and_strips_changes_nothing() {
     });
     let strips = GpuImageGradients { strips: strips.collect() };
     let gradients = limited.backward_resident(&resident, &view, &everything(), &strips).unwrap();
-    let mut own = ImageGradients { rgb: image.rgb, alpha: Some(image.alpha), depth: image.depth, scalar: image.scalar };
+    let mut by_image =
+        ImageGradients { rgb: image.rgb, alpha: Some(image.alpha), depth: image.depth, scalar: image.scalar };
     for (n, strip) in image_strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
         let [from, past] = [strip.first_row, strip.first_row + strip.rows].map(|row| (row * view.size.width) as usize);
-        for values in own.depth.iter_mut().chain(&mut own.scalar) {
+        for values in by_image.depth.iter_mut().chain(&mut by_image.scalar) {
             values[from..past].fill(0.0);
         }
         assert!(n % 2 == 0);
     }
-    let expected = gpu.backward(&gaussians, &view, &everything(), &own).unwrap();
+    let expected = gpu.backward(&gaussians, &view, &everything(), &by_image).unwrap();
     assert!(limited.read_gradients(&gradients, &gaussians).unwrap() == expected);
 }
 
@@ -227,7 +293,7 @@ fn some_parts_have_scalars_and_some_have_filters() {
     assert!(parts[0].scalars.is_none() && parts[1].scalars.is_some());
 }
 
-/// What lies on the device counts.
+/// What is on the device counts.
 #[test]
 fn resident_gaussians_count_towards_the_limit() {
     let Some(mut gpu) = gpu() else { return };

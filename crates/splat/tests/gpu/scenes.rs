@@ -4,9 +4,9 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, select};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, View};
-use atsplat_tests::skip_without_graphics;
+use atsplat_tests::{skip, skip_without_graphics};
 use glam::{DMat3, DVec3};
 
 pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
@@ -30,13 +30,22 @@ pub(crate) fn gpu() -> Option<MutexGuard<'static, GpuRenderer>> {
     Some(shared.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// A device not opened by this crate, with lowered limits.
+/// A device not opened by this crate, with lowered limits, on the adapter of [`gpu`]; `None` if that is OpenGL's.
 pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgpu::Device, wgpu::Queue)> {
     // wgpu panics if devices of two instances are mixed.
     static INSTANCE: OnceLock<wgpu::Instance> = OnceLock::new();
     let instance = INSTANCE.get_or_init(|| wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle()));
-    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    let adapter = adapters.into_iter().find(|adapter| adapter.get_info().backend != wgpu::Backend::Gl)?;
+    let (number, chosen) = select(&AdapterChoice::Automatic).ok()?;
+    if chosen.backend == "Gl" {
+        skip("external_device", "the adapter is OpenGL's");
+        return None;
+    }
+    // In the order in which this crate numbers them.
+    let backends = [wgpu::Backends::VULKAN, wgpu::Backends::METAL, wgpu::Backends::DX12, wgpu::Backends::GL];
+    let mut listed = backends.into_iter().flat_map(|one| pollster::block_on(instance.enumerate_adapters(one)));
+    let adapter = listed.nth(number).unwrap();
+    let info = adapter.get_info();
+    assert_eq!(format!("{} ({:?})", info.name, info.backend), chosen.to_string());
     let mut required_limits = adapter.limits();
     lower(&mut required_limits);
     // As this crate's own devices, which otherwise round gradients differently.

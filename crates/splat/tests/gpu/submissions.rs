@@ -15,7 +15,7 @@ fn counted<T>(gpu: &mut GpuRenderer, work: impl FnOnce(&mut GpuRenderer) -> T) -
     (made, gpu.counts() - before)
 }
 
-fn asked(counts: GpuCounts) -> [u64; 3] {
+fn requests(counts: GpuCounts) -> [u64; 3] {
     [counts.submissions, counts.waits, counts.repeats]
 }
 
@@ -27,14 +27,14 @@ fn a_resident_image_is_one_submission_and_reading_it_one_wait() {
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
 
     let (image, counts) = counted(&mut gpu, |gpu| gpu.render_resident(&resident, &view, &everything()).unwrap());
-    assert_eq!(asked(counts), [1, 0, 0], "{counts:?}");
+    assert_eq!(requests(counts), [1, 0, 0], "{counts:?}");
     assert!(counts.dispatches > 10 && counts.bytes_down == 0, "{counts:?}");
     assert!(counts.bytes_up < 64 << 10, "only uniform blocks: {counts:?}");
     let (read, counts) = counted(&mut gpu, |gpu| gpu.read(&image).unwrap());
-    assert_eq!((asked(counts), counts.dispatches), ([1, 1, 0], 0), "{counts:?}");
+    assert_eq!((requests(counts), counts.dispatches), ([1, 1, 0], 0), "{counts:?}");
     assert!(read == expected);
     let (of_gaussians, counts) = counted(&mut gpu, |gpu| gpu.settle(&image).unwrap().counts);
-    assert_eq!((asked(counts), of_gaussians), ([0, 0, 0], expected.counts), "known from reading");
+    assert_eq!((requests(counts), of_gaussians), ([0, 0, 0], expected.counts), "known from reading");
 
     let strip = &image.unsettled().strips[0];
     let images = GpuImageGradients {
@@ -44,9 +44,9 @@ fn a_resident_image_is_one_submission_and_reading_it_one_wait() {
     let first = backward(&mut gpu);
     gpu.settle(&first).unwrap();
     let (gradients, counts) = counted(&mut gpu, backward);
-    assert_eq!((asked(counts), counts.bytes_down), ([1, 0, 0], 0), "{counts:?}");
+    assert_eq!((requests(counts), counts.bytes_down), ([1, 0, 0], 0), "{counts:?}");
     let (_, counts) = counted(&mut gpu, |gpu| gpu.read_gradients(&gradients, &gaussians).unwrap());
-    assert_eq!(asked(counts), [1, 1, 0], "{counts:?}");
+    assert_eq!(requests(counts), [1, 1, 0], "{counts:?}");
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn an_image_for_the_host_is_one_submission_and_one_wait() {
     };
     both();
     let [image, gradients] = both();
-    assert_eq!([asked(image), asked(gradients)], [[1, 1, 0]; 2], "{image:?} {gradients:?}");
+    assert_eq!([requests(image), requests(gradients)], [[1, 1, 0]; 2], "{image:?} {gradients:?}");
     // Means, quaternions, scales, opacities, four coefficients, scalars; and uniform blocks.
     let uploaded = 4 * 3000 * (3 + 4 + 3 + 1 + 12 + 1);
     assert!((uploaded..uploaded + (64 << 10)).contains(&image.bytes_up), "{image:?}");
@@ -81,10 +81,10 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     for options in [short, GpuOptions { first_pairs: 0, entries_limit: 37, ..short }] {
         let Some(mut short) = open(options) else { return };
         let (read, counts) = counted(&mut short, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
-        assert_eq!(asked(counts), [2, 2, 1], "{counts:?}");
+        assert_eq!(requests(counts), [2, 2, 1], "{counts:?}");
         assert!(read == expected);
         let (read, counts) = counted(&mut short, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
-        assert_eq!((asked(counts), read == expected), ([1, 1, 0], true), "learnt: {counts:?}");
+        assert_eq!((requests(counts), read == expected), ([1, 1, 0], true), "learnt: {counts:?}");
         assert!(short.backward(&gaussians, &view, &everything(), &images).unwrap() == gradients);
     }
 
@@ -92,7 +92,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     let resident = short.upload(&gaussians).unwrap();
     let (images, counts) =
         counted(&mut short, |gpu| [(); 2].map(|()| gpu.render_resident(&resident, &view, &everything()).unwrap()));
-    assert_eq!(asked(counts), [2, 0, 0], "{counts:?}");
+    assert_eq!(requests(counts), [2, 0, 0], "{counts:?}");
     let (settled, counts) = counted(&mut short, |gpu| {
         let settled = gpu.settle_all(&[&images[0], &images[1]]).unwrap();
         settled.iter().map(|settled| (settled.was_repeated, settled.counts)).collect::<Vec<_>>()
@@ -106,10 +106,10 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
         let next = gpu.render_resident(&resident, &view, &everything()).unwrap();
         gpu.read(&next).unwrap()
     });
-    assert_eq!((asked(counts), next == expected), ([2, 1, 0], true), "{counts:?}");
+    assert_eq!((requests(counts), next == expected), ([2, 1, 0], true), "{counts:?}");
 }
 
-/// Whoever reads an image learns nothing of a repeat; whoever used its buffers asks later.
+/// A reader of an image need not know of a repeat; a user of its buffers checks for one later.
 #[test]
 fn an_image_that_was_repeated_when_it_was_read_says_so() {
     let Some(mut gpu) = open(GpuOptions { first_pairs: 100, ..GpuOptions::default() }) else { return };
@@ -125,7 +125,7 @@ fn an_image_that_was_repeated_when_it_was_read_says_so() {
 
 /// Converted on the device; of several strips, whose lengths are not whole words; after a repeat, too.
 #[test]
-fn images_are_read_in_the_format_asked_for() {
+fn images_are_read_in_the_requested_format() {
     let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
     let (Some(mut gpu), Some(mut limited)) = (gpu(), open(short)) else { return };
     let mut parts = cloud(2000, 0, 7).into_parts();
@@ -144,11 +144,11 @@ fn images_are_read_in_the_format_asked_for() {
             let (image, counts) = counted(gpu, |gpu| gpu.read_image(&rendering, format).unwrap());
             let colours = expected.rgb.iter().zip(&expected.alpha);
             let values: Vec<f32> =
-                colours.flat_map(|(rgb, own)| rgb.iter().copied().chain(alpha.then_some(*own))).collect();
+                colours.flat_map(|(rgb, opacity)| rgb.iter().copied().chain(alpha.then_some(*opacity))).collect();
             let bytes = image.bytes.as_slice();
             match numbers {
                 ImageNumbers::U8 => {
-                    // The nearest level, or either of two between which a value lies.
+                    // The nearest level, or either of two between which a value is.
                     let levels = values.iter().map(|value| 255.0 * f64::from(value.clamp(0.0, 1.0)));
                     Tolerance::absolute(0.5 + 1e-4).assert(bytes.iter().map(|byte| f64::from(*byte)), levels, "levels");
                 }
@@ -166,7 +166,7 @@ fn images_are_read_in_the_format_asked_for() {
             assert_eq!(image.counts, expected.counts);
             if counts.repeats == 0 {
                 let loads = counts.bytes_down.div_ceil(staging);
-                assert_eq!(asked(counts), [loads, loads, 0], "{counts:?}");
+                assert_eq!(requests(counts), [loads, loads, 0], "{counts:?}");
                 let length = bytes.len() as u64;
                 assert!((length..length + 64).contains(&counts.bytes_down), "{counts:?}, {length} bytes");
             }

@@ -26,17 +26,17 @@ impl TrainConfig {
     /// Every source with the path of its field: those of the training, then that of the evaluation.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
         let data = self.data.iter().enumerate().map(|(at, data)| (format!("data[{at}].source"), &data.source));
-        data.chain(self.evaluation.iter().map(|own| ("evaluation.source".to_owned(), &own.source)))
+        data.chain(self.evaluation.iter().map(|evaluation| ("evaluation.source".to_owned(), &evaluation.source)))
     }
 
     /// Checks that do not need the network or its files.
     pub(super) fn check_sources(&self) -> Result<(), TrainError> {
         if self.data.is_empty() {
-            return refuse("data".to_owned(), "at least one source", "none");
+            return invalid("data".to_owned(), "at least one source", "none");
         }
         for (at, DataConfig { share, source }) in self.data.iter().enumerate() {
             if !(*share > 0.0 && share.is_finite()) {
-                return refuse(format!("data[{at}].share"), "a positive number", share);
+                return invalid(format!("data[{at}].share"), "a positive number", share);
             }
             let kind = match source {
                 SourceConfig::Rooms(_) => "rooms",
@@ -45,14 +45,14 @@ impl TrainConfig {
             let warm_up = source.views().gaps.warm_up_steps;
             if warm_up > 0 && self.distinct.is_some() {
                 let field = format!("data[{at}].source.{kind}.views.gaps.warm-up-steps");
-                return refuse(field, "0 with `distinct`, because samples do not repeat while gaps grow", warm_up);
+                return invalid(field, "0 with `distinct`, because samples do not repeat while gaps grow", warm_up);
             }
         }
         for (field, source) in self.sources() {
             match source {
                 SourceConfig::Rooms(rooms) => check_rooms(&format!("{field}.rooms"), rooms)?,
                 SourceConfig::Dataset(_) if self.losses.distance_weight > 0.0 && field.starts_with("data") => {
-                    return refuse(
+                    return invalid(
                         field,
                         "simulated scenes, as losses.distance-weight needs exact distances",
                         "a dataset",
@@ -75,7 +75,7 @@ impl TrainConfig {
         let model = self.model.config()?;
         if !model.anchors.design.has_anchors() {
             let expected = "0 for a network without anchors";
-            return refuse("losses.distance-weight".to_owned(), expected, self.losses.distance_weight);
+            return invalid("losses.distance-weight".to_owned(), expected, self.losses.distance_weight);
         }
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
@@ -90,7 +90,7 @@ impl TrainConfig {
         self.distance_patch()?;
         if let Some(backbone) = self.model.backbone.as_ref().filter(|_| !model.backbone.is_frozen()) {
             let expected = "none, as the network has no frozen backbone";
-            return refuse("model.backbone".to_owned(), expected, backbone.display());
+            return invalid("model.backbone".to_owned(), expected, backbone.display());
         }
         Parameters::check_fresh(model, &self.model.fresh)?;
         let shorter = |size: ImageSize| size.height.min(size.width);
@@ -105,7 +105,7 @@ impl TrainConfig {
             // Inference resizes images to the scale of the model's resolution, so those of the training must have that scale too.
             if at < self.data.len() && shorter(size) != shorter(model.resolution) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
-                return refuse(field, &expected, size);
+                return invalid(field, &expected, size);
             }
         }
         let expansions = model.decoder.blocks.iter().filter_map(|block| block.expansion.as_ref());
@@ -113,7 +113,7 @@ impl TrainConfig {
         if self.micro_batch.get() > 1 && by_threshold > 0 {
             let expected =
                 "1 for a network that expands by thresholds, which select a different number of tokens in each sample";
-            return refuse("micro-batch".to_owned(), expected, self.micro_batch);
+            return invalid("micro-batch".to_owned(), expected, self.micro_batch);
         }
         Ok(())
     }
@@ -142,11 +142,31 @@ fn size_of(preset: &Preset) -> Option<ImageSize> {
     Some(size.into())
 }
 
+/// Whether the size of a source's images is known before one is read.
+pub(super) fn is_size_known(source: &SourceConfig) -> Result<bool, TrainError> {
+    Ok(sized("source", source)?.1.is_some())
+}
+
+/// Why a network does not train on images of this size: its patches do not divide them, or they have another scale than its
+/// resolution, to which inference resizes images.
+pub(crate) fn misfit(size: ImageSize, model: &ModelConfig) -> Option<String> {
+    let shorter = |size: ImageSize| size.height.min(size.width);
+    let expected = match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
+        Ok(_) if shorter(size) == shorter(model.resolution) => return None,
+        Ok(_) => format!("the shorter side of the model's resolution, {}", model.resolution),
+        Err(ModelError::Indivisible { branch, step, .. }) => {
+            format!("a height and width divisible by {step}, the side of the {branch} branch's patches")
+        }
+        Err(other) => return Some(other.to_string()),
+    };
+    Some(format!("size of the images: expected {expected}, found {size}"))
+}
+
 fn check_size(field: &str, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
     match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
         Err(ModelError::Indivisible { branch, step, found }) => {
             let expected = format!("a height and width divisible by {step}, the side of the {branch} branch's patches");
-            refuse(field.to_owned(), &expected, found)
+            invalid(field.to_owned(), &expected, found)
         }
         Err(other) => Err(other.into()),
         Ok(_) => Ok(()),
@@ -155,11 +175,11 @@ fn check_size(field: &str, size: ImageSize, model: &ModelConfig) -> Result<(), T
 
 fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     if !(1..=MAX_RAYS).contains(&rooms.samples) {
-        return refuse(format!("{field}.samples"), &format!("1 to {MAX_RAYS} rays a pixel"), rooms.samples);
+        return invalid(format!("{field}.samples"), &format!("1 to {MAX_RAYS} rays a pixel"), rooms.samples);
     }
     if rooms.first.checked_add(rooms.scenes.get() - 1).is_none() {
         let found = format!("{} scenes from {} on", rooms.scenes, rooms.first);
-        return refuse(format!("{field}.first"), &format!("scenes up to number {}", u32::MAX), found);
+        return invalid(format!("{field}.first"), &format!("scenes up to number {}", u32::MAX), found);
     }
     let views = format!("{field}.views");
     check_views(&views, &rooms.views)?;
@@ -172,14 +192,14 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
             if let Err(error) = try_draws(&rooms.views, context, offered, step) {
                 let expected =
                     format!("windows that fit into the {offered} frames of a clip at a stride of {}", rooms.stride);
-                return refuse(views, &expected, format!("{error}, for {context} context views at step {step}"));
+                return invalid(views, &expected, format!("{error}, for {context} context views at step {step}"));
             }
         }
     }
     Ok(())
 }
 
-/// Runs the sampler with so many context views on a camera that moves along a line; the error of the last draw if no draw
+/// Runs the sampler with this many context views on a camera that moves along a line; the error of the last draw if no draw
 /// gives a sample.
 fn try_draws(views: &ViewChoice, context: NonZeroUsize, frames: usize, step: u64) -> Result<(), NoEntry> {
     #[expect(clippy::expect_used, reason = "a camera without rotation, of unit focal length")]
@@ -191,14 +211,14 @@ fn try_draws(views: &ViewChoice, context: NonZeroUsize, frames: usize, step: u64
     let scene = SceneViews { key: "a line", cameras: &cameras };
     let mut random = SplitMix64::new(0);
     let mut draw = || views.draw_with(context, &scene, step, &mut random).map(drop);
-    (1..DRAWS).fold(draw(), |outcome, _| outcome.or_else(|_refused| draw()))
+    (1..DRAWS).fold(draw(), |outcome, _| outcome.or_else(|_error| draw()))
 }
 
 fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
     let [fewest, most] = views.context;
     if fewest.get() < 2 || fewest > most {
         let found = format!("{fewest} and {most}");
-        return refuse(format!("{field}.context"), "fewest and most context views, at least 2", found);
+        return invalid(format!("{field}.context"), "fewest and most context views, at least 2", found);
     }
     let gaps = views.gaps;
     let bounds = [
@@ -208,23 +228,23 @@ fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
     for (names, group, min, max, counts) in bounds {
         if counts && (min > max || max == 0) {
             let expected = format!("{names} in order, the larger at least 1");
-            return refuse(format!("{field}.{group}"), &expected, format!("{min} and {max}"));
+            return invalid(format!("{field}.{group}"), &expected, format!("{min} and {max}"));
         }
     }
     if gaps.warm_up_steps == 0 && (gaps.initial_min > 0 || gaps.initial_max > 0) {
         let expected = "a positive number if initial-min or initial-max is set";
-        return refuse(format!("{field}.gaps.warm-up-steps"), expected, gaps.warm_up_steps);
+        return invalid(format!("{field}.gaps.warm-up-steps"), expected, gaps.warm_up_steps);
     }
     match gaps.falling() {
         Some((names, initial, last)) => {
             let expected = format!("{names} in order, because windows grow during the warm-up");
-            refuse(format!("{field}.gaps"), &expected, format!("{initial} and {last}"))
+            invalid(format!("{field}.gaps"), &expected, format!("{initial} and {last}"))
         }
         None => Ok(()),
     }
 }
 
-fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, TrainError> {
+fn invalid<T>(field: String, expected: &str, found: impl ToString) -> Result<T, TrainError> {
     Err(TrainError::malformed(WHAT, field, expected, found))
 }
 
@@ -254,13 +274,13 @@ mod tests {
         assert!(error.contains("data[0].source.dataset.preset") && error.contains(expected), "{error}");
         // Whatever the last step is, if it brings any image to one size.
         let folder = tempfile::tempdir().unwrap();
-        let mut own = Preset::named("rooms-2v-128").unwrap();
+        let mut custom = Preset::named("rooms-2v-128").unwrap();
         for (name, last) in
             [("crop", Step::from(CentreCrop::new(512, 512))), ("resize", Step::from(Resize::new(512, 512)))]
         {
-            (own.preprocessing.expected_size, own.preprocessing.steps) = (None, vec![last]);
+            (custom.preprocessing.expected_size, custom.preprocessing.steps) = (None, vec![last]);
             let path = folder.path().join(format!("{name}.toml"));
-            std::fs::write(&path, own.to_toml().unwrap()).unwrap();
+            std::fs::write(&path, custom.to_toml().unwrap()).unwrap();
             let error = check("nano", &path.to_string_lossy()).unwrap_err();
             assert!(error.contains("256x256, found 512x512"), "{name}: {error}");
         }
@@ -302,7 +322,7 @@ mod tests {
         }
     }
 
-    /// 8 GiB hold 58254 samples of 3 views of 64×64 in three channels of f32, and a quarter of that at 128×128.
+    /// 8 GiB are enough for 58254 samples of 3 views of 64×64 in three channels of f32, and a quarter of that at 128×128.
     #[test]
     fn an_evaluation_fits_into_memory() {
         let check = |source: &str, samples: u64| {

@@ -35,11 +35,11 @@ fn are_disjoint(a: &SourceConfig, b: &SourceConfig, normalisation: &PoseNormalis
             let open = |config: &DatasetConfig| {
                 DatasetSource::open(config.clone(), normalisation.clone(), &mut Warnings::new()).ok()
             };
-            // Two folders may hold copies of one dataset: those with the same keys are recognised. Nothing is known of one that cannot be
+            // Two folders may contain copies of one dataset: those with the same keys are recognised. Nothing is known of one that cannot be
             // opened.
             open(a).zip(open(b)).is_some_and(|(a, b)| !a.shares_a_scene_with(&b))
         }
-        // A folder may hold simulated scenes.
+        // A folder may contain simulated scenes.
         (SourceConfig::Rooms(_), SourceConfig::Dataset(_)) | (SourceConfig::Dataset(_), SourceConfig::Rooms(_)) => {
             false
         }
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn datasets_differ_if_neither_folder_holds_the_other_and_no_scene_is_in_both() {
+    fn datasets_differ_if_neither_folder_contains_the_other_and_no_scene_is_in_both() {
         let folder = tempfile::tempdir().unwrap();
         for scene in ["train/aaa", "train/bbb", "test/ccc", "copy/bbb", "copy/ccc", "subset/1K/aaa"] {
             let scene = folder.path().join(scene);

@@ -70,7 +70,7 @@ impl Default for LossConfig {
     }
 }
 
-/// Share of the run after which [`LossConfig::late_perceptual_weight`] holds.
+/// Share of the run after which [`LossConfig::late_perceptual_weight`] applies.
 const LATE: f64 = 0.75;
 
 impl LossConfig {

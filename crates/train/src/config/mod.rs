@@ -14,12 +14,13 @@ use atsplat_model::network::MatmulPrecision;
 use atsplat_scene::Warnings;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use check::misfit;
 pub use losses::{LossConfig, PerceptualChoice};
 pub use model::ModelChoice;
 
 use crate::TrainError;
 use crate::optimiser::{AdamW, Schedule};
-use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, Source, ViewChoice};
+use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, SampleId, Source, ViewChoice};
 
 pub(crate) const WHAT: &str = "training configuration";
 
@@ -113,6 +114,9 @@ pub enum SourceConfig {
 pub struct EvaluationConfig {
     /// Steps between evaluations; the last step is always followed by one.
     pub every: NonZeroU64,
+    /// Seed of the samples; if absent, that of the run. With one, runs with several seeds are compared on the same samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Number of samples, the same in every evaluation. All are kept in memory, of which their images may need 8 GiB.
     pub samples: NonZeroU64,
     /// Their source.
@@ -209,9 +213,10 @@ impl TrainConfig {
     /// The whole configuration, which [`Self::from_toml`] reads back.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] for numbers that TOML cannot hold.
+    /// [`TrainError::Malformed`] for numbers that TOML cannot represent.
     pub fn to_toml(&self) -> Result<String, TrainError> {
-        toml::to_string(self).map_err(|error| TrainError::malformed(WHAT, "text", "values that TOML can hold", error))
+        toml::to_string(self)
+            .map_err(|error| TrainError::malformed(WHAT, "text", "values that TOML can represent", error))
     }
 
     fn validate(&self) -> Result<(), TrainError> {
@@ -254,17 +259,31 @@ impl TrainConfig {
     ///
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset folder from which the
-    /// reader would take test scenes; [`TrainError::Scene`] if its `train` or `test` cannot be opened.
+    /// reader would take test scenes; [`TrainError::Scene`] if its `train` or `test` cannot be opened; [`TrainError::NoSample`] with
+    /// the sizes if the configuration does not state that of a dataset's images, and the network does not train on it.
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
         for (at, data) in self.data.iter().enumerate() {
             if let SourceConfig::Dataset(dataset) = &data.source {
                 dataset.require_one_split(format!("data[{at}].source.dataset.path"))?;
             }
         }
-        let patch = self.distance_patch()?;
-        let sources =
-            self.data.iter().map(|data| Ok((data.share, data.source.open(&self.pose_normalisation, patch, warnings)?)));
-        Mixture::new(sources.collect::<Result<_, TrainError>>()?, self.flips, self.distinct.map(NonZeroU64::get))
+        let (patch, model) = (self.distance_patch()?, self.model.config()?);
+        let mut sources: Vec<(f64, Box<dyn Source>)> = Vec::new();
+        for DataConfig { share, source } in &self.data {
+            let opened: Box<dyn Source> = match source {
+                SourceConfig::Rooms(_) => source.open(&self.pose_normalisation, patch, warnings)?,
+                SourceConfig::Dataset(config) => {
+                    let opened = DatasetSource::open(config.clone(), self.pose_normalisation.clone(), warnings)?;
+                    Box::new(opened.for_network(model.clone()))
+                }
+            };
+            if !check::is_size_known(source)? {
+                // An error now rather than in the first step.
+                opened.sample(SampleId { seed: self.seed, number: 0, step: 0 })?;
+            }
+            sources.push((*share, opened));
+        }
+        Mixture::new(sources, self.flips, self.distinct.map(NonZeroU64::get))
     }
 }
 

@@ -24,10 +24,13 @@ pub struct ModelChoice {
     /// Fields of the model's configuration to be changed.
     #[serde(default)]
     pub changes: Table,
-    /// Parameters that are initialised although the run starts from given weights: their names, or the names of parts that hold
-    /// them, such as `head`. The given weights need not have them.
+    /// Parameters that are initialised although the run starts from given weights: their names, or the names of parts that contain
+    /// them, such as `head`. The given weights need not have them, but there must be some.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fresh: Vec<String>,
+    /// Whether the run must start from given weights.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub init: bool,
 }
 
 impl ModelChoice {

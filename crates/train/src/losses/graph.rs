@@ -1,5 +1,5 @@
 //! The losses as operations of burn's graph, on whatever device the images are: for graphics adapters, where copying images to
-//! the host takes longer than their losses. On the CPU, the closed forms beside this file are faster.
+//! the host takes longer than their losses. On the CPU, the closed forms in the other files here are faster.
 
 use atsplat_metrics::ssim::gaussian;
 use burn::Tensor;
@@ -9,6 +9,8 @@ const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 /// Subtracted from the images, so that their variances keep more digits.
 const GREY: f64 = 0.5;
+/// What rounding may add to variances and covariances before they are restricted, as in [`atsplat_metrics::DSsim`].
+const ROUNDING: f64 = 1e-6;
 
 /// The mean of each sample's values; samples follow each other along the first dimension, with equal numbers of values.
 pub fn means<const D: usize>(values: Tensor<D>, samples: usize) -> Tensor<1> {
@@ -78,12 +80,25 @@ impl DSsim {
         let [x, y] = [part(0, -GREY), part(1, -GREY)];
         let [squares, both] = [part(2, 2.0 * GREY * GREY), part(3, GREY * GREY)];
         let variances = squares - x.clone().square() - y.clone().square();
-        let covariance = both - x.clone() * y.clone();
+        let covariances = (both - x.clone() * y.clone()) * 2.0;
+        let (covariances, variances) = restricted(covariances, variances);
         let [x, y] = [x + GREY, y + GREY];
-        let similarity = (x.clone() * y.clone() * 2.0 + C1) * (covariance * 2.0 + C2)
+        let similarity = (x.clone() * y.clone() * 2.0 + C1) * (covariances + C2)
             / ((x.square() + y.square() + C1) * (variances + C2));
         similarity * -1.0 + 1.0
     }
+}
+
+/// Twice the covariances, and the sums of variances, within what they can be but for [`ROUNDING`]: of renders far brighter than
+/// white, rounding would make variances negative. Derivatives are those of the unrestricted values.
+fn restricted(covariances: Tensor<4>, variances: Tensor<4>) -> (Tensor<4>, Tensor<4>) {
+    let [covariance, variance] = [&covariances, &variances].map(|values| values.clone().detach());
+    // Constants that are 0 almost everywhere: adding them changes no bits there.
+    let missing = (variance.clone() * -1.0 - ROUNDING).clamp_min(0.0);
+    let most = variance + missing.clone() + 2.0 * ROUNDING;
+    let above = (covariance.clone() - most.clone()).clamp_min(0.0);
+    let below = (covariance * -1.0 - most).clamp_min(0.0);
+    (covariances - above + below, variances + missing)
 }
 
 /// The window around each of `side` pixels as a matrix, symmetric; zeros around the image are left out.

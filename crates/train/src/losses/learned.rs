@@ -42,7 +42,7 @@ struct Convolution {
 
 impl Learned {
     /// Reads a network's weights to a device with gradients, as the metric does: torchvision's state dict for LPIPS, the package's
-    /// own file for ST-LPIPS.
+    /// separate file for ST-LPIPS.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if a tensor is absent or of another shape.

@@ -22,7 +22,7 @@ pub(super) struct Group<'a> {
     runs: Vec<Run>,
     /// Losses that are part of the graph and have not been read.
     unread: Vec<GraphLoss>,
-    /// What the backward pass starts from. A loss that is computed beside the graph enters as `weight · image · gradient`, whose
+    /// What the backward pass starts from. A loss that is computed outside the graph enters as `weight · image · gradient`, whose
     /// derivative with respect to the image is that image's weighted gradient.
     pub(super) sum: Option<Tensor<1>>,
 }
@@ -132,8 +132,8 @@ impl<'a> Group<'a> {
         }
         let values = f32_values(depths.clone());
         let mut gradient = Vec::with_capacity(values.len());
-        let own = values.chunks(values.len() / self.samples.len().max(1));
-        for ((exact, predicted), terms) in exact.into_iter().zip(own).zip(&mut self.terms) {
+        let by_sample = values.chunks(values.len() / self.samples.len().max(1));
+        for ((exact, predicted), terms) in exact.into_iter().zip(by_sample).zip(&mut self.terms) {
             let loss = log_distance(predicted, &exact.distances);
             terms.distance = loss.value;
             terms.total += weight * loss.value;

@@ -52,7 +52,7 @@ impl Objective {
         stack: Stack,
         group: &mut Group<'_>,
     ) {
-        #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
+        #[expect(clippy::expect_used, reason = "the stack has at most all of the sample's targets")]
         let truth = group.samples[at].targets.images.get(..stack.samples()).expect("a prefix of the targets");
         let rgb = f32_values(images.rgb.clone());
         let dissimilarity = d_ssim(&rgb, truth, stack);

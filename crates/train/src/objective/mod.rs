@@ -113,7 +113,7 @@ impl Objective {
     pub fn gradients(&self, network: &Network, input: &GroupInput<'_>) -> Result<GroupGradients, SampleFault> {
         let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
-        let gradients = gradients.map(|own| network.gradients(&own)).unwrap_or_default();
+        let gradients = gradients.map(|gradients| network.gradients(&gradients)).unwrap_or_default();
         seconds.backward = clock.lap();
         let broken = gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
         let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(4).collect();
@@ -124,7 +124,7 @@ impl Objective {
         }
     }
 
-    /// [`Self::gradients`] as one tensor on the network's device; whether they are finite is for the caller to see.
+    /// [`Self::gradients`] as one tensor on the network's device; the caller has to check whether they are finite.
     ///
     /// # Errors
     /// [`SampleFault`] if the step cannot be used; nothing is changed.
@@ -142,16 +142,16 @@ impl Objective {
     fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFault> {
         let GroupInput { samples, features, call_seed, share } = *input;
         let mut clock = Clock::start();
-        let refused = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
+        let failed = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
         let views = |sample: &Sample| {
             finite_images(sample)?;
-            let views = features.map_or_else(|| sample.context.views(), |own| own.views(network, &sample.context));
-            views.map_err(|error| refused(&error))
+            let views = features.map_or_else(|| sample.context.views(), |cache| cache.views(network, &sample.context));
+            views.map_err(|error| failed(&error))
         };
         let views: Result<Vec<Views>, SampleFault> =
             samples.iter().map(|sample| views(sample).map_err(|what| sample.fault(what))).collect();
         let forward = network.forward(&views?, call_seed);
-        let forward = forward.map_err(|error| SampleFault { sample: names(samples), what: refused(&error) })?;
+        let forward = forward.map_err(|error| SampleFault { sample: names(samples), what: failed(&error) })?;
         let seconds = PartSeconds { forward: clock.lap(), ..PartSeconds::default() };
         let mut group = Group::new(samples, seconds, clock, network.device());
         let weight = self.config.distance_weight_at(share);
@@ -257,10 +257,10 @@ impl Objective {
     ) -> Result<RenderedTensors, SampleFault> {
         let scalars = scores.map(|scores| scalars(scores.clone().slice_dim(0, run.samples.clone()), gaussians));
         let options = self.options(scalars.is_some());
-        let own = &samples[run.samples.clone()];
-        let views: Vec<Vec<View>> = own.iter().map(|sample| target_views(sample, views)).collect();
+        let of_run = &samples[run.samples.clone()];
+        let views: Vec<Vec<View>> = of_run.iter().map(|sample| target_views(sample, views)).collect();
         let rendered = gaussians.scenes(run.samples.clone()).render_all(&views, &options, scalars);
-        rendered.map_err(|error| SampleFault { sample: names(own), what: FaultKind::Refused(error.to_string()) })
+        rendered.map_err(|error| SampleFault { sample: names(of_run), what: FaultKind::Refused(error.to_string()) })
     }
 
     fn options(&self, with_scalars: bool) -> RenderOptions {

@@ -63,11 +63,11 @@ pub struct PartSeconds {
     pub sample: f64,
     /// The network, forward.
     pub forward: f64,
-    /// The splatter, forward, all sets.
+    /// The renderer, forward, all sets.
     pub splat: f64,
     /// Losses and their gradients with respect to the images.
     pub losses: f64,
-    /// Splatter and network, backward.
+    /// Renderer and network, backward.
     pub backward: f64,
 }
 

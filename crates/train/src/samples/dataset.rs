@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_files::Sha256Digest;
-use atsplat_model::ImageSize;
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::exclude::scene_name;
 use super::{ExcludedScenes, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
-use crate::config::WHAT;
+use crate::config::{WHAT, misfit};
 use crate::error::Purpose;
 
 /// A dataset on disk with a protocol's preprocessing.
@@ -41,7 +41,7 @@ impl DatasetConfig {
     /// A path that ends in `test` is accepted.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] for such a folder; [`TrainError::Scene`] if one of its splits holds a dataset that cannot be
+    /// [`TrainError::Malformed`] for such a folder; [`TrainError::Scene`] if one of its splits is a dataset that cannot be
     /// opened, because its scenes are unknown then.
     pub(crate) fn require_one_split(&self, field: String) -> Result<(), TrainError> {
         let [train, test] = ["train", "test"].map(|split| self.path.join(split));
@@ -65,7 +65,7 @@ impl DatasetConfig {
     }
 }
 
-/// The dataset that a folder holds, if any.
+/// The dataset that a folder contains, if any.
 fn dataset_in(folder: &Path) -> Result<Option<Dataset>, SceneError> {
     match atsplat_scene::open(folder, &mut Warnings::new()) {
         Ok(dataset) => Ok(Some(dataset)),
@@ -81,6 +81,8 @@ pub struct DatasetSource {
     /// Of the scenes that may be drawn.
     keys: Vec<String>,
     recipe: TrialRecipe,
+    /// The network that trains on the samples, if they must have a size that it trains on.
+    network: Option<ModelConfig>,
     notices: Vec<String>,
     counted: Mutex<Counted>,
 }
@@ -131,7 +133,12 @@ impl DatasetSource {
             pose_normalisation: normalisation,
             ..TrialRecipe::of(&Preset::resolve(&config.preset)?, "ATSplat")
         };
-        Ok(Self { config, dataset, keys, recipe, notices, counted: Mutex::default() })
+        Ok(Self { config, dataset, keys, recipe, network: None, notices, counted: Mutex::default() })
+    }
+
+    /// The same source, which rejects draws whose images have a size that this network does not train on.
+    pub(crate) fn for_network(self, network: ModelConfig) -> Self {
+        Self { network: Some(network), ..self }
     }
 
     /// Keys of the scenes that may be drawn, in the dataset's order.
@@ -187,6 +194,9 @@ impl DatasetSource {
         let entry = self.config.views.draw(&SceneViews { key, cameras: &cameras }, step, random);
         let entry = entry.map_err(|error| format!("{key}: {error}"))?;
         let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
+        // Their scene was loaded with a warning, and their images may be fine.
+        let unposed = scene.frames.iter().enumerate().filter(|(_, frame)| !frame.has_pose());
+        let unposed: Vec<String> = unposed.map(|(at, _)| format!("frame {at} ")).collect();
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
         let one = Arc::new(OneScene::new(scene));
         let mut trials = Trials::new(one, &index, self.recipe.clone(), Prefetch::NONE);
@@ -195,7 +205,8 @@ impl DatasetSource {
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
             Some(Err(skipped)) => {
-                if skipped.reason == SkipReason::ImageUnreadable {
+                let has_pose = !unposed.iter().any(|frame| skipped.detail.starts_with(frame.as_str()));
+                if skipped.reason == SkipReason::ImageUnreadable && has_pose {
                     self.count_unreadable(key, &skipped.detail);
                 }
                 return Err(format!("{name}: {}", skipped.detail));
@@ -214,9 +225,12 @@ impl DatasetSource {
         };
         let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(unreadable)?);
         let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(unreadable)?);
-        match (context, targets) {
-            (Some(context), Some(targets)) => Ok(Sample { name, context, targets, distances: None }),
-            _ => Err(format!("{name}: expected images of one size")),
+        let (Some(context), Some(targets)) = (context, targets) else {
+            return Err(format!("{name}: expected images of one size"));
+        };
+        match self.network.as_ref().and_then(|network| misfit(context.size, network)) {
+            Some(why) => Err(format!("{name}: {why}")),
+            None => Ok(Sample { name, context, targets, distances: None }),
         }
     }
 }

@@ -7,7 +7,7 @@ impl Sample {
     /// A hash of all that the network and the losses see, to the bit: images, cameras and distances. The name is left out, because
     /// another version may word it differently.
     pub(crate) fn digest(&self) -> Sha256Digest {
-        let distances = self.distances.as_ref().map(|own| (own.columns, own.distances.as_slice()));
+        let distances = self.distances.as_ref().map(|distances| (distances.columns, distances.distances.as_slice()));
         let (columns, distances) = distances.unwrap_or_default();
         let parts = [of_images(&self.context), of_images(&self.targets), of_numbers(&[columns], distances)];
         digest_of_all(&parts)
@@ -45,7 +45,7 @@ fn add_camera(bytes: &mut Vec<u8>, camera: &Camera) {
     let numbers = rotation.into_iter().chain(camera_from_world.translation().to_array()).chain([fx, fy, cx, cy]);
     bytes.extend(numbers.flat_map(f64::to_le_bytes));
     if *distortion != Distortion::None {
-        #[expect(clippy::expect_used, reason = "JSON holds any numbers under fixed names")]
+        #[expect(clippy::expect_used, reason = "JSON can represent any numbers under fixed names")]
         let stored = serde_json::to_vec(distortion).expect("a lens as JSON");
         bytes.extend(stored);
     }

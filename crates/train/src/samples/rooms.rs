@@ -121,7 +121,7 @@ impl Clip {
         kept(&self.images[at], render).map(Vec::as_slice)
     }
 
-    /// Distances of an offered frame's patches of so many pixels a side.
+    /// Distances of an offered frame's patches of this many pixels a side.
     fn distances(&self, at: usize, patch: usize) -> Result<&[f32], TrainError> {
         let measure = || {
             let geometry = self.simulation.geometry(self.frames[at])?;
@@ -131,14 +131,14 @@ impl Clip {
     }
 }
 
-/// What a slot keeps, made when it is empty.
+/// The value of a slot, made when it is empty.
 fn kept<T>(slot: &OnceLock<T>, make: impl FnOnce() -> Result<T, TrainError>) -> Result<&T, TrainError> {
     if let Some(known) = slot.get() {
         return Ok(known);
     }
     // Another thread may make the same meanwhile.
-    let made = make()?;
-    Ok(slot.get_or_init(|| made))
+    let value = make()?;
+    Ok(slot.get_or_init(|| value))
 }
 
 impl RoomsSource {
@@ -147,7 +147,7 @@ impl RoomsSource {
         Self { config, normalisation, patch: None, cache: Mutex::default(), refused: Mutex::default() }
     }
 
-    /// Samples have the exact distances of context patches of so many pixels a side.
+    /// Samples have the exact distances of context patches of this many pixels a side.
     #[must_use]
     pub fn with_distances(self, patch: NonZeroUsize) -> Self {
         Self { patch: Some(patch.get()), ..self }

@@ -45,7 +45,7 @@ impl ViewChoice {
         self.draw_with(views, scene, step, random)
     }
 
-    /// Draws the frames of one sample with so many context views.
+    /// Draws the frames of one sample with this many context views.
     ///
     /// # Errors
     /// As [`Self::draw`].

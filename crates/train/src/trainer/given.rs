@@ -1,6 +1,6 @@
-//! What weights that a run starts from have in common with it: what differs is a notice, and kept in the run's provenance.
+//! How weights that a run starts from differ from it: a difference is a notice, and kept in the run's provenance.
 //!
-//! Fine-tuning changes settings on purpose, so a difference is no error; but weights mean something else to another network.
+//! Fine-tuning changes settings on purpose, so a difference is not an error; but weights mean something else to another network.
 
 use std::path::Path;
 
@@ -21,11 +21,11 @@ const DESCRIPTIVE: [&str; 6] = ["name", "title", "notes", "inferred", "views", "
 /// Tensors that a message names; the others are counted.
 const NAMED: usize = 4;
 
-/// In what the network and the training of given weights differ from a run, one sentence each: settings of the network, tensors that
+/// How the network and the training of given weights differ from those of a run, one sentence each: settings of the network, tensors that
 /// are not read, other than those of `model.fresh`, and the normalisation of poses, if the file states it.
 ///
 /// # Errors
-/// [`TrainError::Malformed`] for a setting that JSON cannot hold.
+/// [`TrainError::Malformed`] for a setting that JSON cannot represent.
 pub(super) fn differences(
     config: &TrainConfig,
     model: &ModelConfig,
@@ -36,9 +36,9 @@ pub(super) fn differences(
     if !settings.is_empty() {
         found.push(format!("initial weights: their network has other settings: {settings}"));
     }
-    let own = parameters(model);
+    let known = parameters(model);
     let is_used = |name: &str| {
-        own.iter().any(|parameter| parameter.name == name)
+        known.iter().any(|parameter| parameter.name == name)
             || config.model.fresh.iter().any(|part| is_within(name, part))
     };
     let given = &weights.tensors.tensors;
@@ -47,9 +47,9 @@ pub(super) fn differences(
         let (count, all, names) = (unused.len(), given.len(), first_names(&unused));
         found.push(format!("initial weights: {count} of their {all} tensors are in no part of this network: {names}"));
     }
-    let own = config.pose_normalisation.name();
-    if let Some(theirs) = weights.provenance.get(POSE_NORMALISATION).filter(|theirs| **theirs != own) {
-        found.push(format!("initial weights: trained with poses normalised by {theirs}, now {own}"));
+    let current = config.pose_normalisation.name();
+    if let Some(theirs) = weights.provenance.get(POSE_NORMALISATION).filter(|theirs| **theirs != current) {
+        found.push(format!("initial weights: trained with poses normalised by {theirs}, now {current}"));
     }
     Ok(found)
 }
@@ -63,7 +63,7 @@ pub(super) fn first_names(names: &[&str]) -> String {
     }
 }
 
-/// Refuses initial weights that the run could not write as its own.
+/// An error for initial weights that the run could not write itself.
 pub(super) fn require_f16(parameters: &Parameters, file: &Path) -> Result<(), TrainError> {
     let mut beyond = beyond_f16(parameters);
     for (name, tensor) in &parameters.frozen().tensors {
@@ -81,11 +81,11 @@ pub(super) fn require_f16(parameters: &Parameters, file: &Path) -> Result<(), Tr
 }
 
 /// The settings in which networks differ; up to four of each part, so that a part of which all is new hides no other.
-fn other_settings(given: &ModelConfig, own: &ModelConfig) -> Result<String, TrainError> {
-    let (given, own) = (settings(given)?, settings(own)?);
+fn other_settings(given: &ModelConfig, current: &ModelConfig) -> Result<String, TrainError> {
+    let (given, current) = (settings(given)?, settings(current)?);
     let mut found = Vec::new();
     for (part, theirs) in given.as_object().into_iter().flatten() {
-        let changed = changes(&json!({ part: theirs }), &json!({ part: own.get(part) })).map_err(not_json)?;
+        let changed = changes(&json!({ part: theirs }), &json!({ part: current.get(part) })).map_err(not_json)?;
         found.extend(Some(changed).filter(|text| !text.is_empty()));
     }
     Ok(found.join("; "))
@@ -101,16 +101,16 @@ fn settings(model: &ModelConfig) -> Result<Value, TrainError> {
         head.insert("frame".to_owned(), serde_json::to_value(model.head.frame).map_err(not_json)?);
     }
     let blocks = value.pointer_mut("/decoder/blocks").and_then(Value::as_array_mut).into_iter().flatten();
-    for (block, own) in blocks.zip(&model.decoder.blocks) {
+    for (block, configured) in blocks.zip(&model.decoder.blocks) {
         if let Some(fields) = block.as_object_mut() {
-            fields.insert("expand".to_owned(), Value::Bool(own.expand));
+            fields.insert("expand".to_owned(), Value::Bool(configured.expand));
         }
     }
     Ok(value)
 }
 
 fn not_json(error: serde_json::Error) -> TrainError {
-    TrainError::malformed("model configuration", "JSON", "a value that JSON can hold", error)
+    TrainError::malformed("model configuration", "JSON", "a value that JSON can represent", error)
 }
 
 #[cfg(test)]

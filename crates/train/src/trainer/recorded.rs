@@ -1,7 +1,7 @@
-//! Whether the samples of a resumed run are still those that its logs tell of.
+//! Whether the samples of a resumed run are still those in its logs.
 //!
-//! The logs hold a hash of the images, cameras and distances of every step's samples. To hash a whole dataset at each start would
-//! mean reading all of it, and sizes or headers of files would not tell other pixels of the same size. So a resumed run draws the
+//! The logs contain a hash of the images, cameras and distances of every step's samples. To hash a whole dataset at each start would
+//! mean reading all of it, and sizes or headers of files would not reveal other pixels of the same size. So a resumed run draws the
 //! samples of its latest steps again: that costs no more than a few steps, needs nothing from a dataset's format, and notices whatever
 //! reaches the network, a simulator or decoder that has changed included. A change to scenes that none of these samples shows is not
 //! noticed.
@@ -34,7 +34,7 @@ pub(super) struct Recorded<'a> {
 }
 
 impl Recorded<'_> {
-    /// Draws the samples of the latest steps again. Returns a notice if the log is gone or holds no hashes of them, or if samples
+    /// Draws the samples of the latest steps again. Returns a notice if the log is gone or has no hashes of them, or if samples
     /// differ after a change of processor.
     ///
     /// # Errors
@@ -108,7 +108,7 @@ impl Recorded<'_> {
         Err(TrainError::malformed(data, which, expected, found))
     }
 
-    /// That a log does not tell, although it has so many records of the run, and why.
+    /// That a log with this many records of the run has no hashes to compare, and why.
     fn unchecked(&self, log: &str, purpose: Purpose, records: usize) -> String {
         let why = match (records, purpose) {
             (0, _) if !self.folder.join(log).exists() => "the file is gone",

@@ -23,7 +23,7 @@ pub enum Start {
     /// From the weights in a file of this toolkit, in a folder without a run. A checkpoint at step 0 keeps them.
     Weights(TensorFile),
     /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice. A run whose checkpoints are gone is
-    /// refused.
+    /// an error.
     Resume,
 }
 
@@ -48,6 +48,24 @@ pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), 
     }
     let expected = "a run to resume; start one without `--resume`";
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
+}
+
+/// An error for a new run without weights whose configuration says that it starts from given ones.
+pub(super) fn require_weights(config: &TrainConfig, start: &Start) -> Result<(), TrainError> {
+    match start {
+        Start::Fresh => allow_new_weights(config),
+        Start::Weights(_) | Start::Resume => Ok(()),
+    }
+}
+
+/// An error if a run must not start from newly initialised weights.
+fn allow_new_weights(config: &TrainConfig) -> Result<(), TrainError> {
+    let field = match (config.model.init, config.model.fresh.is_empty()) {
+        (false, true) => return Ok(()),
+        (true, _) => "model.init",
+        (false, false) => "model.fresh",
+    };
+    Err(TrainError::malformed(WHAT, field, "a run that starts from given weights (`--init`)", "none"))
 }
 
 /// Locks the folder of a run, if there is one, before anything in it is read that another process may be writing.
@@ -114,6 +132,7 @@ pub(super) fn state(
             }
             if start.is_resumed() {
                 require_no_lost_checkpoint(folder, config)?;
+                allow_new_weights(config)?;
             }
             let parameters =
                 if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
@@ -128,10 +147,10 @@ pub(super) fn state(
 }
 
 /// That a checkpoint was computed on another type of processor; one of an earlier version does not state it.
-fn other_processor(recorded: Option<&str>, own: &str) -> Option<String> {
-    let recorded = recorded.filter(|recorded| *recorded != own)?;
+fn other_processor(recorded: Option<&str>, current: &str) -> Option<String> {
+    let recorded = recorded.filter(|recorded| *recorded != current)?;
     Some(format!(
-        "the checkpoint was computed on another type of processor, {recorded}, now {own}: the run may not end bit for \
+        "the checkpoint was computed on another type of processor, {recorded}, now {current}: the run may not end bit for \
          bit as it would have there"
     ))
 }
@@ -145,9 +164,9 @@ fn has_content(folder: &Path, name: &str) -> bool {
     folder.join(name).metadata().is_ok_and(|found| found.len() > 0)
 }
 
-/// Refuses to restart a run whose checkpoints are gone: newly initialised weights and a new log would replace what it has written. A
+/// An error for a run whose checkpoints are gone: newly initialised weights and a new log would replace what it has written. A
 /// run that was killed before its first checkpoint has no weights, its log ends before the step that a checkpoint follows, and it did
-/// not start from given weights, which a checkpoint at step 0 holds.
+/// not start from given weights, which a checkpoint at step 0 contains.
 fn require_no_lost_checkpoint(folder: &Path, config: &TrainConfig) -> Result<(), TrainError> {
     let logged: Vec<StepRecord> = journal::read(&folder.join(STEPS))?;
     let done = logged.last().map_or(0, |record| record.step + 1);
@@ -172,7 +191,7 @@ fn require_no_lost_checkpoint(folder: &Path, config: &TrainConfig) -> Result<(),
 
 /// Parameters before the first step.
 struct Initial {
-    /// Those of a run that resumes are without frozen ones, which its checkpoint may hold.
+    /// Those of a run that resumes are without frozen ones, which its checkpoint may contain.
     parameters: Parameters,
     /// Where they come from, if they are given.
     weights: Option<InitialWeights>,
@@ -215,22 +234,23 @@ fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<StoredTensors, Tr
     match &config.model.backbone {
         Some(path) => Ok(read_backbone(path, model, None)?.tensors),
         None if model.backbone.is_frozen() => {
-            let expected = "the file of the frozen backbone's weights, or a run from weights that hold them (`--init`)";
+            let expected =
+                "the file of the frozen backbone's weights, or a run from weights that contain them (`--init`)";
             Err(TrainError::malformed(WHAT, "model.backbone", expected, "none"))
         }
         None => Ok(StoredTensors::default()),
     }
 }
 
-/// Refuses given weights whose frozen tensors are not those of the backbone's file, exactly or rounded as weights files are.
+/// An error for given weights whose frozen tensors are not those of the backbone's file, exactly or rounded as weights files are.
 fn require_same(
     given: &StoredTensors,
     exact: &StoredTensors,
     (weights, backbone): (&Path, &Path),
 ) -> Result<(), TrainError> {
     let mut others = Vec::new();
-    for (name, own) in &given.tensors {
-        let is_same = exact.tensors.get(name).is_some_and(|exact| is_rounding_of(own, exact));
+    for (name, tensor) in &given.tensors {
+        let is_same = exact.tensors.get(name).is_some_and(|exact| is_rounding_of(tensor, exact));
         if !is_same {
             others.push(name.as_str());
         }

@@ -108,7 +108,7 @@ impl Trainer {
     fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), Fault> {
         let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
         let gradients = |micro_batch: &MicroBatch<'_>| {
-            // Each group has its own graph over the same weights, so groups run in parallel.
+            // Each group has a separate graph over the same weights, so groups run in parallel.
             let network = network.clone().fork(&network.device());
             let MicroBatch { samples, first, share, drawing } = *micro_batch;
             let input = GroupInput { samples, features, call_seed: first, share };

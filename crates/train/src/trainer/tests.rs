@@ -3,6 +3,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::WarningKind;
+use atsplat_scene::preprocess::PatchCrop;
 
 use super::*;
 
@@ -189,16 +190,6 @@ fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
     assert_eq!((resumed, recorded), (last, count.to_string()));
 }
 
-/// Eight steps of a warm-up of a thousand end at 8/1000 of 2e-4.
-#[test]
-fn a_warm_up_that_outlasts_the_run_is_reported() {
-    let mut config = TrainConfig::shortest();
-    let expected = "schedule.warm-up-steps: 1000 in a run of 8, whose last learning rate is 1.60e-6";
-    assert_eq!(unreached_rate(&config).as_deref(), Some(expected));
-    config.schedule.warm_up_steps = 8;
-    assert_eq!(unreached_rate(&config), None);
-}
-
 #[test]
 fn resuming_needs_a_log_or_checkpoints() {
     let folder = tempfile::tempdir().unwrap();
@@ -263,9 +254,9 @@ fn training_on_a_folder_with_test_scenes_alone_needs_its_name() {
     samples_of(&test).unwrap();
 }
 
-/// Its scenes are unknown, so they may be among those that would be drawn. A folder that holds no dataset is fine.
+/// Its scenes are unknown, so they may be among those that would be drawn. A folder without a dataset is fine.
 #[test]
-fn training_beside_a_test_folder_that_cannot_be_opened_is_refused() {
+fn training_next_to_a_test_folder_that_cannot_be_opened_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     write_chunks(folder.path(), &[Split::Train, Split::Test]);
     let (train, test) = (folder.path().join("train"), folder.path().join("test"));
@@ -284,7 +275,7 @@ fn training_beside_a_test_folder_that_cannot_be_opened_is_refused() {
     samples_of(&train).unwrap();
 }
 
-/// Chunks in the folder itself are what is read, whatever lies in `test`.
+/// Chunks in the folder itself are read, whatever is in `test`.
 #[test]
 fn training_on_chunks_beside_test_scenes_is_allowed() {
     let folder = tempfile::tempdir().unwrap();
@@ -294,12 +285,36 @@ fn training_on_chunks_beside_test_scenes_is_allowed() {
     samples_of(&train).unwrap();
 }
 
+/// A preset that keeps the size of images, which nobody knows before one is read.
+#[test]
+fn images_of_another_scale_than_the_networks_are_refused_before_the_first_step() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scenes(folder.path(), 1);
+    let mut preset = Preset::named("re10k-2v-256").unwrap();
+    (preset.preprocessing.expected_size, preset.preprocessing.steps) = (None, vec![PatchCrop::new(16).into()]);
+    let path = folder.path().join("preset.toml");
+    std::fs::write(&path, preset.to_toml().unwrap()).unwrap();
+    let data = folder.path().join("train").to_string_lossy().into_owned();
+    let config = CONFIG.replace("DATA", &data).replace("PRESET", &path.to_string_lossy());
+    let open = |side: u32| {
+        let config = config.replace("resolution = [32, 32]", &format!("resolution = [{side}, {side}]"));
+        let config = TrainConfig::from_toml(&config).unwrap();
+        let opened = Trainer::new(config, &folder.path().join(format!("run-{side}")), &Start::Fresh);
+        opened.map(drop).map_err(|error| error.to_string())
+    };
+    assert_eq!(open(32), Ok(()));
+    let refused = open(64).unwrap_err();
+    let expected = "size of the images: expected the shorter side of the model's resolution, 64x64, found 32x32";
+    assert!(refused.starts_with(&format!("training data: {data} under ")) && refused.ends_with(expected), "{refused}");
+    assert!(!folder.path().join("run-64").exists());
+}
+
 /// Simulated scenes of 12 frames as folders of images in `train`.
 fn write_scenes(folder: &Path, count: u32) {
     write_scenes_of(folder, count, 12, 1);
 }
 
-/// Simulated scenes of so many frames with so many rays per pixel.
+/// Simulated scenes with numbers of frames and of rays per pixel.
 fn write_scenes_of(folder: &Path, count: u32, frames: usize, samples: u32) {
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let scenes = (0..count).map(|number| {
@@ -337,7 +352,7 @@ fn samples_of(path: &Path) -> Result<(), TrainError> {
     TrainConfig::from_toml(&text).unwrap().samples(&mut Warnings::new()).map(drop)
 }
 
-/// Before the first and after the last step, with the scores of the evaluation's own sample, reported and logged.
+/// Before the first and after the last step, with the scores of the evaluation's sample, reported and logged.
 fn assert_evaluated_before_and_after(trainer: &Trainer, reported: &[EvaluationRecord], folder: &Path) {
     let [start, record] = reported else { panic!("{reported:?}") };
     let evaluation = trainer.evaluation().unwrap();
@@ -349,6 +364,6 @@ fn assert_evaluated_before_and_after(trainer: &Trainer, reported: &[EvaluationRe
     Tolerance::absolute(1e-6).assert([record.psnr], [psnr], "PSNR of the only target");
     assert_eq!((start.step, record.step, record.targets), (0, 6, 1));
     let logged: Vec<EvaluationRecord> = crate::journal::read(&folder.join("evaluations.jsonl")).unwrap();
-    let bits = |records: &[EvaluationRecord]| records.iter().map(|own| own.psnr.to_bits()).collect::<Vec<_>>();
+    let bits = |records: &[EvaluationRecord]| records.iter().map(|record| record.psnr.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&logged), bits(reported));
 }

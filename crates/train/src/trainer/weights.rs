@@ -18,7 +18,7 @@ impl Trainer {
     /// Writes a checkpoint and the weights; returns the checkpoint's path.
     ///
     /// # Errors
-    /// As [`crate::Checkpoints::write`]; [`TrainError::Diverged`] for weights that f16 does not hold: nothing is written then, so that
+    /// As [`crate::Checkpoints::write`]; [`TrainError::Diverged`] for weights beyond the range of f16: nothing is written then, so that
     /// the checkpoints before remain.
     pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
         let state = self.current_state()?;
@@ -51,13 +51,13 @@ impl Trainer {
         if let Some(adapter) = &self.state.adapter {
             provenance.insert("adapter".to_owned(), adapter.clone());
         }
-        let own = self.samples.name();
+        let samples = self.samples.name();
         let data = match &self.state.initial_weights {
-            None => vec![("data", own)],
-            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{own}; before: {before}"))],
+            None => vec![("data", samples)],
+            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{samples}; before: {before}"))],
             // From `data`, readers conclude what the network never saw.
             Some(InitialWeights { data: None, .. }) => {
-                vec![("data-of-this-run", own), ("data-before", "not stated".to_owned())]
+                vec![("data-of-this-run", samples), ("data-before", "not stated".to_owned())]
             }
         };
         provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
@@ -70,7 +70,7 @@ impl Trainer {
     }
 }
 
-/// The first parameter with a finite value that f16 does not hold, and the value.
+/// The first parameter with a finite value beyond the range of f16, and the value.
 pub(super) fn beyond_f16(parameters: &Parameters) -> Option<(String, f32)> {
     let mut all = parameters.list().iter().zip(parameters.values());
     all.find_map(|(parameter, values)| {
@@ -79,7 +79,7 @@ pub(super) fn beyond_f16(parameters: &Parameters) -> Option<(String, f32)> {
     })
 }
 
-/// The first finite value that f16 does not hold.
+/// The first finite value beyond the range of f16.
 pub(super) fn value_beyond_f16(values: &[f32]) -> Option<f32> {
     values.iter().copied().find(|value| value.is_finite() && value.abs() >= BEYOND_F16)
 }

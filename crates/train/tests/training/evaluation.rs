@@ -5,9 +5,10 @@ use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
 use atsplat_train::journal::EvaluationRecord;
 use atsplat_train::samples::{RoomsConfig, RoomsSource, Sample};
-use atsplat_train::{Evaluation, Parameters, TrainError};
+use atsplat_train::{Evaluation, Parameters, Start, TrainConfig, TrainError};
+use tempfile::tempdir;
 
-use crate::common::{Noise, SIZE, config, sample};
+use crate::common::{Noise, SIZE, config, sample, trainer};
 
 /// Values of an image.
 const LENGTH: usize = SIZE.height * SIZE.width * 3;
@@ -46,9 +47,9 @@ fn copies_of_context_views_are_counted_and_left_out_of_the_means() {
     );
 }
 
-/// The first sample tells the size of images that the configuration does not: 8 GiB hold 174762 samples of 4 views of 32×32.
+/// The first sample has the size of images that the configuration does not state: 8 GiB are enough for 174762 samples of 4 views of 32×32.
 #[test]
-fn an_evaluation_that_memory_cannot_hold_is_refused() {
+fn an_evaluation_that_does_not_fit_into_memory_is_an_error() {
     let open = |count| Evaluation::new(&Noise::CLEAN, 3, count, [0.0; 3]);
     assert_eq!(
         open(3).unwrap().samples().iter().map(|sample| &sample.name).collect::<Vec<_>>(),
@@ -57,6 +58,24 @@ fn an_evaluation_that_memory_cannot_hold_is_refused() {
     let error = open(1_000_000_000_000).unwrap_err().to_string();
     assert!(error.contains("evaluation.samples: expected at most 174762: "), "{error}");
     assert!(error.contains("4 views of 32x32") && error.ends_with("found 1000000000000"), "{error}");
+}
+
+#[test]
+fn runs_that_differ_in_their_seed_have_the_same_evaluation_by_a_seed_of_its_own() {
+    let digest = |seed: u64, of_evaluation: &str| {
+        let views = "views = { context = [2, 2], targets = 1, gaps = { min = 3, max = 4 }, inset = 1 }";
+        let rooms = "scenes-of = 'rooms', split = 'test', scenes = 2, size = [32, 32], samples = 1, stride = 10";
+        let source = format!("source = {{ rooms = {{ {rooms}, {views} }} }}");
+        let config = config(&format!("evaluation = {{ every = 4, samples = 3, {of_evaluation}{source} }}"));
+        let folder = tempdir().unwrap();
+        let trainer = trainer(TrainConfig { seed, ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
+        trainer.evaluation().unwrap().digest()
+    };
+    let [own, other] = [3, 4].map(|seed| digest(seed, "seed = 7, "));
+    assert_eq!(own, other);
+    let [own, other] = [3, 4].map(|seed| digest(seed, ""));
+    assert_ne!(own, other, "the samples of the run's seed");
+    assert_eq!(digest(4, "seed = 3, "), own);
 }
 
 #[test]

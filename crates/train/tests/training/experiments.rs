@@ -31,7 +31,8 @@ fn tiny(mut config: TrainConfig) -> TrainConfig {
             (rooms.size, rooms.samples, rooms.scenes) = (ImageSize::new(32, 32), 1, 1.try_into().unwrap());
         }
     }
-    config.evaluation = None;
+    // No given weights fit this network.
+    (config.evaluation, config.model.init) = (None, false);
     config
 }
 
@@ -79,8 +80,11 @@ fn the_embedded_weights_fit_the_experiments_networks() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
     for name in ["micro-rooms", "micro-yards"] {
         let weights = ModelWeights::read(&folder.join(format!("checkpoints/{name}.safetensors"))).unwrap();
-        let model =
-            TrainConfig::read(&folder.join(format!("experiments/{name}.toml"))).unwrap().model.config().unwrap();
+        let config = TrainConfig::read(&folder.join(format!("experiments/{name}.toml"))).unwrap();
+        let model = config.model.config().unwrap();
+        assert!(config.model.init, "{name}: goes on from weights");
+        let evaluation = config.evaluation.and_then(|evaluation| evaluation.seed);
+        assert_eq!(evaluation, Some(config.seed), "{name}: the samples so far");
         assert_eq!(weights.config.hash().unwrap(), model.hash().unwrap(), "{name}");
         assert_eq!((&weights.config.name, weights.config.resolution), (&name.to_owned(), model.resolution), "{name}");
         assert_eq!(weights.config.head.frame, HeadFrame::Patch, "{name}");
@@ -88,7 +92,7 @@ fn the_embedded_weights_fit_the_experiments_networks() {
 }
 
 /// The rows behind the paper's claims: each goes on from the embedded weights, and they differ in nothing but their model, the losses
-/// of straight-through scores, and what a model has anew.
+/// of straight-through scores, and the new parts of a model.
 #[test]
 fn rows_of_claims_start_from_the_embedded_weights() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
@@ -105,28 +109,28 @@ fn rows_of_claims_start_from_the_embedded_weights() {
         if name == "unified" || name.starts_with("separate-") {
             continue;
         }
-        let own = read(&name);
-        let model = own.model.config().unwrap();
-        Parameters::from_weights(&model, &weights.tensors, &own.model.fresh, own.seed).unwrap();
-        assert!(own.model.fresh.contains(&"head".to_owned()), "{name}: every row has a new head");
+        let row = read(&name);
+        let model = row.model.config().unwrap();
+        Parameters::from_weights(&model, &weights.tensors, &row.model.fresh, row.seed).unwrap();
+        assert!(row.model.fresh.contains(&"head".to_owned()), "{name}: every row has a new head");
         let expands = model.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count();
-        let new = own.model.fresh.iter().filter(|part| part.ends_with(".expansion")).count();
+        let new = row.model.fresh.iter().filter(|part| part.ends_with(".expansion")).count();
         assert_eq!(new, expands, "{name}: every expansion is new");
         let straight_through = matches!(model.expansion.selection, Selection::StraightThrough {});
-        assert_eq!(own.losses.uncertainty_weight == 0.0, straight_through, "{name}");
+        assert_eq!(row.losses.uncertainty_weight == 0.0, straight_through, "{name}");
         let times = match name.strip_suffix("-long") {
             None => 1,
-            Some(row) if row.starts_with("anchor-") => 2,
+            Some(short) if short.starts_with("anchor-") => 2,
             Some(_) => 3,
         };
-        assert_eq!(own.steps.get(), times * full.steps.get(), "{name}");
-        let mut alike = TrainConfig { title: full.title.clone(), steps: full.steps, model: full.model.clone(), ..own };
-        alike.losses.uncertainty_weight = full.losses.uncertainty_weight;
-        assert_eq!(alike, full, "{name}: the same samples and losses");
+        assert_eq!(row.steps.get(), times * full.steps.get(), "{name}");
+        let mut common = TrainConfig { title: full.title.clone(), steps: full.steps, model: full.model.clone(), ..row };
+        common.losses.uncertainty_weight = full.losses.uncertainty_weight;
+        assert_eq!(common, full, "{name}: the same samples and losses");
         names.push((name, model));
     }
     assert_eq!(names.len(), 29);
-    let model = |name: &str| names.iter().find(|(own, _)| own == name).map(|(_, model)| model).unwrap();
+    let model = |name: &str| names.iter().find(|(known, _)| known == name).map(|(_, model)| model).unwrap();
     let gaussians = |name: &str| budget(model(name), 2, ImageSize::new(64, 64)).unwrap().fixed().unwrap().gaussians;
     assert_eq!(gaussians("expansion-none-k45"), gaussians("full"));
     assert_eq!(gaussians("k-64"), 4 * gaussians("full"));
@@ -153,15 +157,15 @@ fn the_unified_network_sees_the_samples_of_the_separate_ones() {
     let separate = ["rooms", "yards-2v", "yards-4v", "yards-6v"].map(|name| read(&format!("separate-{name}")));
     let shares: Vec<f64> = unified.data.iter().map(|data| data.share).collect();
     Tolerance::F64.assert(shares, [1.0; 4], "equal shares");
-    assert_eq!(unified.steps.get(), separate.iter().map(|own| own.steps.get()).sum::<u64>());
-    for (own, data) in separate.into_iter().zip(&unified.data) {
-        assert_eq!(own.data, std::slice::from_ref(data), "{}", own.title);
-        assert!(own.model.fresh.is_empty() && unified.model.fresh.is_empty(), "{}", own.title);
+    assert_eq!(unified.steps.get(), separate.iter().map(|config| config.steps.get()).sum::<u64>());
+    for (config, data) in separate.into_iter().zip(&unified.data) {
+        assert_eq!(config.data, std::slice::from_ref(data), "{}", config.title);
+        assert!(config.model.fresh.is_empty() && unified.model.fresh.is_empty(), "{}", config.title);
         let name = unified.model.config().unwrap().name;
-        let model = atsplat_model::ModelConfig { name, ..own.model.config().unwrap() };
-        assert_eq!(model, unified.model.config().unwrap(), "{}", own.title);
+        let model = atsplat_model::ModelConfig { name, ..config.model.config().unwrap() };
+        assert_eq!(model, unified.model.config().unwrap(), "{}", config.title);
         let (title, steps, data) = (unified.title.clone(), unified.steps, unified.data.clone());
-        assert_eq!(TrainConfig { title, steps, data, model: unified.model.clone(), ..own }, unified);
+        assert_eq!(TrainConfig { title, steps, data, model: unified.model.clone(), ..config }, unified);
     }
 }
 
@@ -255,7 +259,7 @@ fn windows_that_hold_no_sample_name_file_and_field() {
             "data[0].source.rooms.views",
             "windows that fit into the 15 frames of a clip",
         ),
-        // Windows of nine frames hold ten context views, not eleven.
+        // Windows of nine frames allow ten context views, not eleven.
         (
             "context = [2, 2]",
             "context = [8, 12]",

@@ -122,7 +122,7 @@ fn a_new_network_needs_the_file_of_its_frozen_backbone() {
     assert!(!run.exists());
 }
 
-/// The file of given weights may be gone when their run resumes: its checkpoints hold the frozen backbone.
+/// The file of given weights may be gone when their run resumes: its checkpoints contain the frozen backbone.
 #[test]
 fn a_run_from_given_weights_resumes_with_their_backbone() {
     let folder = tempdir().unwrap();
@@ -143,7 +143,7 @@ fn a_run_from_given_weights_resumes_with_their_backbone() {
     assert!(bits(&resumed) == expected);
 }
 
-/// Weights files hold the backbone rounded to f16; the exact one is used if the configuration names it, and resumed without its file.
+/// Weights files contain the backbone rounded to f16; the exact one is used if the configuration names it, and resumed without its file.
 #[test]
 fn a_backbone_next_to_given_weights_is_used_and_has_to_be_theirs() {
     let folder = tempdir().unwrap();
@@ -179,9 +179,9 @@ fn a_backbone_next_to_given_weights_is_used_and_has_to_be_theirs() {
     assert!(error.ends_with(&format!("others in {}: {name}", other.display())), "{error}");
 }
 
-/// Weights files hold the frozen tensors too.
+/// Weights files contain the frozen tensors too.
 #[test]
-fn a_backbone_beyond_f16_is_refused() {
+fn a_backbone_beyond_f16_is_an_error() {
     let folder = tempdir().unwrap();
     let (path, run) = (folder.path().join("backbone.safetensors"), folder.path().join("run"));
     let mut config = with_dino();

@@ -47,9 +47,35 @@ fn weights_of_another_network_are_noted_and_recorded() {
     assert_eq!((again, &provenance[KEY]), (Vec::new(), &notices.join("; ")), "noted once, and recorded for good");
 }
 
+/// A title may say so, but it is nothing that a run would notice.
+#[test]
+fn a_run_that_goes_on_from_weights_does_not_start_without_them() {
+    let folder = tempdir().unwrap();
+    let [first, second] = ["first", "second"].map(|name| folder.path().join(name));
+    run(&config(""), &first, &Start::Fresh, 1);
+    let weights = Start::Weights(TensorFile::open(&first.join("weights.safetensors")).unwrap());
+    for (field, init, fresh) in [("model.init", true, Vec::new()), ("model.fresh", false, vec!["head".to_owned()])] {
+        let mut config = config("");
+        (config.model.init, config.model.fresh) = (init, fresh);
+        let opened = |start: &Start| {
+            let opened = Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &second, start);
+            opened.map(drop).map_err(|error| error.to_string())
+        };
+        let expected = format!("{field}: expected a run that starts from given weights (`--init`), found none");
+        let refused = opened(&Start::Fresh).unwrap_err();
+        assert!(refused.ends_with(&expected) && !second.exists(), "{refused}");
+        opened(&weights).unwrap();
+        opened(&Start::Resume).unwrap();
+        std::fs::remove_dir_all(second.join("checkpoints")).unwrap();
+        let refused = opened(&Start::Resume).unwrap_err();
+        assert!(refused.ends_with(&expected), "without its checkpoint: {refused}");
+        std::fs::remove_dir_all(&second).unwrap();
+    }
+}
+
 /// As f16, 65519 is 65504 and 65520 infinite. The run could not write its weights.
 #[test]
-fn weights_beyond_f16_are_refused_before_a_checkpoint() {
+fn weights_beyond_f16_are_an_error_before_a_checkpoint() {
     const TENSOR: &str = "coarse.fuse.weight";
     let folder = tempdir().unwrap();
     let [first, second, path] = ["first", "second", "large.safetensors"].map(|name| folder.path().join(name));

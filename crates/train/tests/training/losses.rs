@@ -92,6 +92,27 @@ fn losses_in_the_graph_agree_with_pytorch() {
     }
 }
 
+/// Where rounding exceeds the variances, the divisor would be 0 or negative; the closed form's test has exact values.
+#[test]
+fn far_brighter_than_white_the_graph_agrees_with_the_closed_form() {
+    let stack = Stack { views: 1, height: 23, width: 37 };
+    let render: Vec<f32> = (0..stack.samples()).map(|at| 80.0 + 1e-4 * (at / 3 % stack.width) as f32).collect();
+    let truth: Vec<f32> = (0..stack.samples()).map(|at| 0.6 + 0.1 * (at % 3) as f32).collect();
+    let known = d_ssim(&render, &truth, stack);
+    let device = Device::flex().autodiff();
+    let images = |values: &[f32]| {
+        Tensor::<4>::from_data(TensorData::new(values.to_vec(), [1, stack.height, stack.width, 3]), &device)
+    };
+    let tensor = images(&render).require_grad();
+    let map = graph::DSsim::new([stack.height, stack.width], &device).map(tensor.clone(), images(&truth));
+    let gradient = f32_values(tensor.grad(&map.clone().mean().backward()).unwrap());
+    let largest = |values: &[f32]| values.iter().map(|value| f64::from(value.abs())).fold(0.0, f64::maximum_of);
+    let (found, expected) = (largest(&gradient), largest(&known.loss.gradient));
+    assert!((0.25 * expected..2.0 * expected).contains(&found), "largest gradient: {found:e} for {expected:e}");
+    let map = f32_values(map.mean_dim(1).squeeze_dim::<3>(1)).into_iter().map(f64::from);
+    Tolerance::absolute(0.03).assert(map, known.map.iter().copied().map(f64::from), "map");
+}
+
 /// Sky with any prediction, NaN nowhere hidden, and both directions.
 #[test]
 fn distances_in_the_graph_are_those_beside_it() {

@@ -164,9 +164,9 @@ fn an_image_that_is_not_finite_is_named() {
     }
 }
 
-/// Three samples at once, every loss switched on: each has its own terms to the bit, and the gradients are sums.
+/// Three samples at once, every loss switched on: each has the same terms as alone, to the bit, and the gradients are sums.
 #[test]
-fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
+fn samples_together_have_their_terms_and_the_sum_of_their_gradients() {
     let mut model = config("").model.config().unwrap();
     model.expansion.selection = atsplat_model::config::Selection::Random { seed: 1 };
     let parameters = Parameters::fresh(&model, 5, StoredTensors::default());
@@ -183,10 +183,11 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
     let together = of(&samples, 40);
     let alone: Vec<GroupGradients> =
         samples.iter().zip(40..).map(|(sample, seed)| of(std::slice::from_ref(sample), seed)).collect();
-    assert_eq!(together.terms, alone.iter().map(|own| own.terms[0]).collect::<Vec<_>>());
+    assert_eq!(together.terms, alone.iter().map(|group| group.terms[0]).collect::<Vec<_>>());
     assert!(together.gradients.keys().eq(alone[0].gradients.keys()));
     for (name, found) in &together.gradients {
-        let sums = (0..found.len()).map(|at| alone.iter().map(|own| f64::from(own.gradients[name][at])).sum::<f64>());
+        let sums =
+            (0..found.len()).map(|at| alone.iter().map(|group| f64::from(group.gradients[name][at])).sum::<f64>());
         let largest = found.iter().fold(0.0f64, |most, value| most.maximum_of(f64::from(value.abs())));
         Tolerance::absolute(2e-5 * largest).assert(found.iter().copied().map(f64::from), sums, name);
     }
@@ -197,7 +198,7 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
 }
 
 /// Three samples in one group, the last with one target less, every term switched on: losses in the graph give the terms and
-/// gradients of those beside it.
+/// gradients of those outside it.
 #[test]
 fn losses_in_the_graph_have_the_same_terms_and_gradients() {
     let mut samples = [sample(6), sample(7), sample(8)];
@@ -219,17 +220,17 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
         ..LossConfig::default()
     };
     let input = GroupInput::new(&samples);
-    let beside = Objective::new(losses.clone()).unwrap().gradients(&network, &input).unwrap();
+    let outside = Objective::new(losses.clone()).unwrap().gradients(&network, &input).unwrap();
     let inside = Objective::in_graph(losses, &network.device()).unwrap();
     let named = inside.gradients(&network, &input).unwrap();
-    for (found, expected) in named.terms.iter().zip(&beside.terms) {
+    for (found, expected) in named.terms.iter().zip(&outside.terms) {
         for ((name, found), (_, expected)) in found.named().into_iter().zip(expected.named()) {
             Tolerance::relative(1e-5).assert([found], [expected], name);
         }
     }
-    assert_ne!(beside.terms[0], beside.terms[1]);
-    assert_eq!(named.gradients.keys().collect::<Vec<_>>(), beside.gradients.keys().collect::<Vec<_>>());
-    for (name, expected) in &beside.gradients {
+    assert_ne!(outside.terms[0], outside.terms[1]);
+    assert_eq!(named.gradients.keys().collect::<Vec<_>>(), outside.gradients.keys().collect::<Vec<_>>());
+    for (name, expected) in &outside.gradients {
         let largest = expected.iter().map(|value| f64::from(value.abs())).fold(0.0, f64::maximum_of);
         let found = named.gradients[name].iter().copied().map(f64::from);
         Tolerance::absolute(1e-4 * largest).assert(found, expected.iter().copied().map(f64::from), name);

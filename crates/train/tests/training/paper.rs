@@ -1,12 +1,13 @@
 //! The configurations at the paper's scale (`eval/experiments/paper/`): each reads, stands for a row of a table, keeps test
 //! scenes out, and does two steps on images of its shape with a network that a test has time for.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::ImageSize;
 use atsplat_files::Sha256Digest;
 use atsplat_model::config::{AnchorDesign, Selection};
+use atsplat_model::parameters::parameters;
 use atsplat_protocol::{KNOWN_INDICES, Preset};
 use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
@@ -77,6 +78,29 @@ fn every_row_of_the_papers_tables_has_a_configuration() {
     }
 }
 
+/// Rows of DL3DV go on from the same row of RealEstate10K, whose weights have all of their parameters but those that are new.
+#[test]
+fn rows_of_dl3dv_start_from_the_weights_of_realestate10k() {
+    let mut ablations = 0;
+    for name in names() {
+        let row = config(&name);
+        let expected = name.starts_with("dl3dv-") || name.ends_with("-dl3dv");
+        assert_eq!(row.model.init, expected, "{name}: whether the run needs weights");
+        let Some(same) = name.strip_suffix("-dl3dv") else { continue };
+        ablations += 1;
+        let trained = |config: &TrainConfig| {
+            let all = parameters(&config.model.config().unwrap()).into_iter().filter(|parameter| parameter.trained);
+            all.map(|parameter| (parameter.name, parameter.shape)).collect::<BTreeMap<_, _>>()
+        };
+        let given = trained(&config(same));
+        let new = trained(&row).into_iter().filter(|(name, shape)| given.get(name) != Some(shape));
+        let new: Vec<String> = new.map(|(name, _)| name).collect();
+        assert_eq!(new, row.model.fresh, "{name}");
+    }
+    assert_eq!(ablations, 7);
+    assert_eq!(config("ablation-anchor-learnable-dl3dv").model.fresh, ["anchors.tokens"]);
+}
+
 /// The indices that its protocols are published with are excluded, under the hashes that they are known by.
 #[test]
 fn test_scenes_are_excluded_by_the_hash_of_their_index() {
@@ -109,6 +133,8 @@ fn every_setting_does_two_steps_on_images_of_its_shape() {
             stand_in.model.changes.insert(key, value);
         }
         (stand_in.model.backbone, stand_in.losses.perceptual) = (None, PerceptualChoice::DSsim);
+        // No given weights fit this network.
+        stand_in.model.init = false;
         stand_in.batch = 1.try_into().unwrap();
         for (number, data) in stand_in.data.iter_mut().enumerate() {
             let SourceConfig::Dataset(dataset) = &mut data.source else { panic!("{name}: not a dataset") };

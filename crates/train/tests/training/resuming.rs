@@ -58,7 +58,7 @@ fn a_run_whose_checkpoints_are_gone_is_not_restarted() {
     std::fs::rename(whole.join("elsewhere"), &checkpoints).unwrap();
     assert_eq!(resume(&whole).unwrap().state().step, 6);
 
-    // Without weights, the log tells: a checkpoint follows its fourth step.
+    // Without weights, the log decides: a checkpoint follows its fourth step.
     std::fs::remove_dir_all(&checkpoints).unwrap();
     std::fs::remove_file(&weights).unwrap();
     refused(&whole, "found none, but steps.jsonl up to step 6");
@@ -83,7 +83,8 @@ fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
         (names, contents(folder.path()))
     };
     let mut diverged = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let place = diverged.state().parameters.list().iter().position(|own| own.name == "coarse.fuse.weight").unwrap();
+    let place =
+        diverged.state().parameters.list().iter().position(|parameter| parameter.name == "coarse.fuse.weight").unwrap();
     diverged.state_mut().parameters.values_mut()[place][3] = 65520.0;
     let error = diverged.write_checkpoint().unwrap_err().to_string();
     assert!(error.contains("by step 0: ") && error.ends_with("no checkpoint was written"), "{error}");
@@ -97,7 +98,7 @@ fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
     assert!(matches!(error, TrainError::Diverged { step: 9, last_checkpoint: Some(4), .. }), "{error}");
     let text = error.to_string();
     for expected in [
-        "training diverged by step 9: coarse.fuse.weight holds -70000, and weights are written as f16",
+        "training diverged by step 9: coarse.fuse.weight contains -70000, and weights are written as f16",
         "lower schedule.learning-rate or clip; checkpoints up to step 4 remain",
     ] {
         assert!(text.contains(expected), "{text}");

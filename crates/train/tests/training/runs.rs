@@ -40,7 +40,7 @@ fn notices(trainer: &mut Trainer, steps: u64) -> Vec<String> {
 }
 
 fn position(trainer: &Trainer, parameter: &str) -> usize {
-    trainer.state().parameters.list().iter().position(|own| own.name == parameter).unwrap()
+    trainer.state().parameters.list().iter().position(|known| known.name == parameter).unwrap()
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn a_weight_that_is_not_finite_is_named_and_never_written() {
     let place = position(&broken, "coarse.fuse.weight");
     broken.state_mut().parameters.values_mut()[place][7] = f32::NAN;
     let text = run(&mut broken, None).unwrap_err().to_string();
-    assert!(text.contains("coarse.fuse.weight holds 1 value"), "{text}");
+    assert!(text.contains("coarse.fuse.weight contains 1 value"), "{text}");
     let text = broken.write_checkpoint().unwrap_err().to_string();
     assert!(text.contains("coarse.fuse.weight") && text.contains("finite weights"), "{text}");
     drop(broken);
@@ -257,14 +257,14 @@ fn another_type_of_processor_is_reported() {
     let path = folder.path().join("checkpoints/step-00000004.safetensors");
     let mut stored = TensorFile::open(&path).unwrap().stored;
     // As in earlier versions, which state neither.
-    let [_, own] = ["metadata-sha256", "processor"].map(|key| stored.metadata.remove(key).unwrap());
-    for recorded in [None, Some(own.clone()), Some("an older one".to_owned())] {
+    let [_, current] = ["metadata-sha256", "processor"].map(|key| stored.metadata.remove(key).unwrap());
+    for recorded in [None, Some(current.clone()), Some("an older one".to_owned())] {
         stored.metadata.extend(recorded.clone().map(|recorded| ("processor".to_owned(), recorded)));
         stored.write(&path).unwrap();
         let noticed = notices(&mut trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN), 4);
-        let expected = format!("another type of processor, an older one, now {own}: ");
+        let expected = format!("another type of processor, an older one, now {current}: ");
         let found = noticed.iter().any(|notice| notice.contains(&expected));
-        assert_eq!(found, recorded.is_some_and(|recorded| recorded != own), "{noticed:?}");
+        assert_eq!(found, recorded.is_some_and(|recorded| recorded != current), "{noticed:?}");
     }
 }
 
@@ -272,7 +272,7 @@ fn another_type_of_processor_is_reported() {
 #[test]
 fn a_run_does_not_resume_with_another_model_in_the_same_file() {
     let (mut config, folder) = (config(""), tempdir().unwrap());
-    let (model, run) = (folder.path().join("own.toml"), folder.path().join("run"));
+    let (model, run) = (folder.path().join("model.toml"), folder.path().join("run"));
     let text = ModelConfig::text_of("nano").unwrap();
     std::fs::write(&model, text).unwrap();
     config.model.base = model.to_string_lossy().into_owned();

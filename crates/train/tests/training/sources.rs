@@ -54,7 +54,7 @@ fn a_sample_is_a_function_of_its_draw() {
     }
 }
 
-/// What one context view shows at its exact distances lies, seen from the other view, where that view's distances say.
+/// What one context view shows at its exact distances is, seen from the other view, where that view's distances say.
 #[test]
 fn distances_of_both_views_agree_about_the_scene() {
     let source = rooms(3, "").with_distances(NonZeroUsize::MIN);
@@ -256,7 +256,29 @@ fn unreadable_images_of_a_dataset_are_counted_once_each() {
     assert_eq!(found, keys.map(|key| (key, true)));
 }
 
-/// Other scenes take the place of one that no window fits, and it is counted.
+/// The scene's loading warns of it; its image can be read.
+#[test]
+fn a_frame_without_a_pose_is_not_counted_as_an_unreadable_image() {
+    let folder = tempdir().unwrap();
+    let config = rooms_on_disk(folder.path());
+    let trajectory = config.path.join("rooms-train-00000000.txt");
+    let text = std::fs::read_to_string(&trajectory).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let line = lines.iter_mut().nth_back(6).unwrap();
+    let fields = line.split(' ').take(7).chain(["NaN"; 12]);
+    *line = fields.collect::<Vec<_>>().join(" ");
+    std::fs::write(&trajectory, lines.join("\n")).unwrap();
+    let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
+    for number in 0..40 {
+        source.sample(id(number)).unwrap();
+    }
+    let warnings = source.warnings();
+    let counts = [WarningKind::BadCamera, WarningKind::UnreadableImage].map(|kind| warnings.count(kind));
+    assert_eq!(counts, [1, 0], "{:?}", warnings.kept());
+    assert!(source.refused().scenes.contains_key("rooms-train-00000000"), "{}", source.refused());
+}
+
+/// Other scenes replace one that no window fits, and it is counted.
 #[test]
 fn draws_of_scenes_with_too_few_frames_are_counted() {
     let folder = tempdir().unwrap();
@@ -279,7 +301,7 @@ fn rooms_on_disk(folder: &Path) -> DatasetConfig {
     rooms_of(folder, [12, 12])
 }
 
-/// Two scenes of so many frames each.
+/// Two scenes with this many frames each.
 fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
     let (data, preset) = (folder.join("data"), folder.join("tiny.toml"));
     write_rooms(&data, frames);

@@ -128,7 +128,7 @@ fn change(stage: Stage, then: &[f64], now: &[f64], same_machine: bool) -> StageC
         _ if same_machine => Tolerance::EXACT,
         Stage::Data | Stage::Decode | Stage::Resize => Tolerance::EXACT,
         Stage::Model => Tolerance::absolute(1e-3 * size),
-        Stage::Splatter => Tolerance::absolute(1e-4),
+        Stage::Renderer => Tolerance::absolute(1e-4),
         Stage::Metric => Tolerance::relative(1e-9),
     };
     let pairs = || then.iter().zip(now);

@@ -1,6 +1,6 @@
 //! A probe: one tiny trial with the outputs of all stages stored in a baseline, to trace a changed number to its stage.
 //!
-//! Five stages turn [`Inputs`] into scores: decode, resize, model, splatter, metric. A baseline holds each stage's output
+//! Five stages turn [`Inputs`] into scores: decode, resize, model, renderer, metric. A baseline contains each stage's output
 //! ([`Outputs`]); [`attribute`] runs the current stages on the baseline's outputs. The inputs are stored in the baseline, so
 //! the probe does not cover the data; [`super::DataComparison`] compares it by the rows of the runs.
 
@@ -40,24 +40,25 @@ pub enum Stage {
     Resize,
     /// Reconstructs Gaussians from context views.
     Model,
-    /// Renders Gaussians.
-    Splatter,
+    /// Renders Gaussians; `splatter` in files.
+    #[serde(rename = "splatter")]
+    Renderer,
     /// Scores a render against the ground truth.
     Metric,
 }
 
 impl Stage {
     /// The stages of a probe, in pipeline order.
-    pub const PROBED: [Self; 5] = [Self::Decode, Self::Resize, Self::Model, Self::Splatter, Self::Metric];
+    pub const PROBED: [Self; 5] = [Self::Decode, Self::Resize, Self::Model, Self::Renderer, Self::Metric];
 
-    /// The name in files.
+    /// The name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Data => "data",
             Self::Decode => "decode",
             Self::Resize => "resize",
             Self::Model => "model",
-            Self::Splatter => "splatter",
+            Self::Renderer => "renderer",
             Self::Metric => "metric",
         }
     }
@@ -76,7 +77,7 @@ pub trait Stages {
     fn resize(&self, view: &View) -> Result<View, DriftError>;
     /// [`Stage::Model`].
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError>;
-    /// [`Stage::Splatter`]: renders the view of `target`, whose image is ignored.
+    /// [`Stage::Renderer`]: renders the view of `target`, whose image is ignored.
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
     /// [`Stage::Metric`]: finite scores by id.
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError>;

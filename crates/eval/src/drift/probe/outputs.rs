@@ -22,9 +22,9 @@ pub struct Outputs {
     pub views: Vec<View>,
     /// Output of [`Stage::Model`].
     pub gaussians: Gaussians,
-    /// Output of [`Stage::Splatter`] for each target.
+    /// Output of [`Stage::Renderer`] for each target.
     pub renders: Vec<Image>,
-    /// Output of [`Stage::Splatter`] for [`Inputs::sheet`], which is not scored.
+    /// Output of [`Stage::Renderer`] for [`Inputs::sheet`], which is not scored.
     pub sheet: Image,
     /// Output of [`Stage::Metric`] for each target.
     pub scores: Vec<BTreeMap<String, f64>>,
@@ -104,7 +104,7 @@ impl Outputs {
         container::read(bytes)
     }
 
-    /// Serialises to safetensors: every stage's values under its name in their own type.
+    /// Serialises to safetensors: every stage's values under its name, in their type.
     ///
     /// # Errors
     /// [`DriftError::Invalid`] if the format cannot represent the values.
@@ -129,7 +129,7 @@ impl Outputs {
             Stage::Decode => of_images(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Splatter => of_renders(&self.renders, &self.sheet),
+            Stage::Renderer => of_renders(&self.renders, &self.sheet),
             Stage::Metric => of_scores(&self.scores),
         }
     }

@@ -12,7 +12,7 @@ use atsplat_splat::{Gaussians, RenderOptions, RendererConstants};
 
 use super::{ProbeWeights, Recipe, Stage, Stages, View};
 use crate::drift::DriftError;
-use crate::network_views;
+use crate::reconstruct::network_views;
 
 /// The current implementation of the stages, on the CPU.
 #[derive(Debug)]
@@ -100,10 +100,10 @@ impl Stages for Pipeline {
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
         let view = atsplat_splat::View { camera: target.camera, size: target.size() };
         let rendering = CpuRenderer::default().render(gaussians, &view, &self.options);
-        let rendering = rendering.map_err(|error| Stage::Splatter.failed()(&error))?;
+        let rendering = rendering.map_err(|error| Stage::Renderer.failed()(&error))?;
         let samples = rendering.rgb.as_flattened().to_vec();
         Image::new(rendering.size.width, rendering.size.height, samples)
-            .map_err(|error| Stage::Splatter.failed()(&error))
+            .map_err(|error| Stage::Renderer.failed()(&error))
     }
 
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {

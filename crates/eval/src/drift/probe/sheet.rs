@@ -9,7 +9,7 @@ use crate::drift::DriftError;
 /// Side of the sheet's image in pixels; the focal length equals the side.
 const SIDE: u32 = 64;
 
-/// A sheet of synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's own Gaussians may
+/// A sheet of synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's Gaussians may
 /// reach none of them: an untrained one's never reach the largest alpha. Changing any of these constants by a thousandth
 /// changes a pixel.
 pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftError> {
@@ -44,7 +44,7 @@ pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftErr
             }
         }
     }
-    let failed = |error| Stage::Splatter.failed()(&error);
+    let failed = |error| Stage::Renderer.failed()(&error);
     Gaussians::new(sheet.0).map_err(failed)
 }
 
@@ -53,10 +53,10 @@ pub(super) fn sheet_view() -> Result<View, DriftError> {
     let image = ImageU8::new(SIDE, SIDE, vec![0; (SIDE * SIDE * 3) as usize]);
     let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5);
     Ok(View {
-        image: image.map_err(|error| Stage::Splatter.failed()(&error))?,
+        image: image.map_err(|error| Stage::Renderer.failed()(&error))?,
         camera: Camera::pinhole(
             CameraFromWorld::IDENTITY,
-            intrinsics.map_err(|error| Stage::Splatter.failed()(&error))?,
+            intrinsics.map_err(|error| Stage::Renderer.failed()(&error))?,
         ),
     })
 }

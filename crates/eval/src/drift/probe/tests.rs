@@ -58,10 +58,10 @@ fn the_probe_has_nontrivial_outputs() {
 }
 
 #[test]
-fn a_thousandth_of_a_renderer_constant_is_attributed_to_the_splatter() {
+fn a_thousandth_of_a_renderer_constant_is_attributed_to_the_renderer() {
     let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
     pipeline.options.constants.blur *= 1.001;
-    assert_only(&attribution(&pipeline), Stage::Splatter);
+    assert_only(&attribution(&pipeline), Stage::Renderer);
 }
 
 /// Independently of the network's Gaussians.
@@ -176,7 +176,7 @@ fn several_changes_are_all_found_and_their_effects_sum_up() {
     pipeline.options.constants.min_alpha *= 2.0;
     let stages = vec![Stage::Decode, Stage::Model, Stage::Metric];
     let found = attribution(&Changed { pipeline, stages });
-    assert_eq!(changed(&found), [Stage::Decode, Stage::Model, Stage::Splatter, Stage::Metric], "{found:?}");
+    assert_eq!(changed(&found), [Stage::Decode, Stage::Model, Stage::Renderer, Stage::Metric], "{found:?}");
     assert_eq!((found.first(), found.stages[2].values_now * 2), (Some(Stage::Decode), found.stages[2].values));
     for metric in &found.metrics {
         let sum: f64 = metric.effects.iter().sum();
@@ -193,7 +193,7 @@ fn another_machine_may_round_differently() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     // The scores must belong to the modified render.
     outputs.scores = vec![pipeline.score(&outputs.renders[0], &outputs.views[2].image).unwrap()];
-    assert_eq!(attribute(&pipeline, &outputs, true).unwrap().first(), Some(Stage::Splatter));
+    assert_eq!(attribute(&pipeline, &outputs, true).unwrap().first(), Some(Stage::Renderer));
     assert_eq!(attribute(&pipeline, &outputs, false).unwrap().first(), None);
 }
 

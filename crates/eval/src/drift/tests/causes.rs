@@ -1,4 +1,4 @@
-//! Changes that are no method's: renders that become identical to the truth, and metrics with other weights.
+//! Changes that no method causes: renders that become identical to the truth, and metrics with other weights.
 
 use super::*;
 
@@ -68,7 +68,7 @@ fn a_metric_with_other_weights_is_named_as_the_cause() {
     let baseline = Baseline::new(&with("a", 0.0, 0.0), &[], acceptance("first"));
     let unchanged = probe::Attribution { stages: Vec::new(), metrics: Vec::new() };
     let said = |run: &Results| compare(run, &baseline).with_attribution(Ok(unchanged.clone())).to_string();
-    let (cause, elsewhere) = ("The weights file of lpips is not the baseline's", "a method's own files");
+    let (cause, elsewhere) = ("The weights file of lpips is not the baseline's", "the method's files");
     let weights = said(&with("b", 0.03, 0.0));
     assert!(weights.contains(cause) && !weights.contains(elsewhere), "{weights}");
     let both = said(&with("b", 0.03, -1.0));
@@ -91,7 +91,7 @@ fn an_acceptance_names_metrics_whose_weights_are_not_the_published_ones() {
         });
         base.provenance.metrics = metrics.to_vec();
         let baseline = Baseline::new(&base, &[], acceptance("first"));
-        AcceptanceReport::new(std::path::Path::new("b.json"), baseline, acceptance("first"), None).to_string()
+        summary(&base, baseline)
     };
     let warning = "warning: the weights of a learned metric are not the published ones: ";
     let found = text("a0");
@@ -110,15 +110,15 @@ fn an_acceptance_warns_of_limits_that_hide_changes() {
     };
     let text = |by: f64| {
         let baseline = Baseline::new(&run(0.0), &[run(by)], acceptance("first"));
-        AcceptanceReport::new(std::path::Path::new("b.json"), baseline, acceptance("first"), None).to_string()
+        summary(&run(0.0), baseline)
     };
     let wide = text(1.0);
-    assert!(
-        wide.contains("psnr may vary by 4 dB, from 2 runs\nwarning: that is 400 times the least limit: "),
-        "{wide}"
-    );
+    let limits = "psnr may vary by 4 dB, from 2 runs; the mean of a scene by 4 dB\n";
+    let warning = "warning: its mean may vary by 400 times the least limit: ";
+    assert!(wide.contains(&format!("{limits}{warning}")), "{wide}");
     let narrow = text(0.02);
-    assert!(narrow.contains("may vary by 0.08 dB, from 2 runs") && !narrow.contains("warning"), "{narrow}");
+    let least = "may vary by 0.08 dB, from 2 runs; the mean of a scene by 0.5 dB\n";
+    assert!(narrow.contains(least) && !narrow.contains("warning"), "{narrow}");
 }
 
 /// A target that one of the repeated runs renders as the truth must not widen the limit by the cap of PSNR.

@@ -83,10 +83,7 @@ fn images_without_a_digest_are_counted_as_unknown() {
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
     let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
     assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
-    assert!(
-        report.to_string().contains("No image of the dataset could be compared; stages were not probed."),
-        "{report}"
-    );
+    assert!(report.to_string().contains("No image of the dataset could be compared; no probe was run."), "{report}");
 }
 
 #[test]
@@ -138,7 +135,7 @@ fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
         (&[Stage::Decode], Stage::Decode),
         (&[Stage::Resize, Stage::Metric], Stage::Resize),
         (&[Stage::Model], Stage::Data),
-        (&[Stage::Splatter, Stage::Metric], Stage::Data),
+        (&[Stage::Renderer, Stage::Metric], Stage::Data),
     ] {
         assert_eq!(first(&now, changed), Some(expected), "{changed:?}");
     }

@@ -113,9 +113,17 @@ fn a_scene_that_is_destroyed_is_drift_whatever_the_others_do() {
         [0.5, 0.02],
         "without repeats",
     );
-    let noisy =
-        [scene_limit("psnr", Some(0.5), 16), scene_limit("psnr", Some(0.01), 16), scene_limit("ssim", Some(0.01), 9)];
-    Tolerance::F64.assert(noisy, [4.0, 0.5, 0.06], "twice the noise of the mean times the root of the scenes");
+    let of = |metric: &str, limit: f64, runs: u64, scene: Option<f64>, scenes: u64| {
+        let [preset, method, metric] = ["p", "m", metric].map(str::to_owned);
+        let known = Limit { preset, method, metric, limit, runs, scene };
+        scene_limit(&known.metric, Some(&known), scenes)
+    };
+    let estimated = [of("psnr", 0.5, 2, None, 16), of("psnr", 0.02, 2, None, 16), of("ssim", 0.01, 2, None, 9)];
+    Tolerance::F64.assert(estimated, [4.0, 0.5, 0.06], "twice the noise of the mean times the root of the scenes");
+    let quiet = [of("psnr", 0.01, 2, None, 6474), of("psnr", 0.5, 1, None, 16)];
+    Tolerance::EXACT.assert(quiet, [0.5, 0.5], "neither the least limit of a mean nor one run is noise");
+    let measured = [of("psnr", 0.5, 2, Some(0.7), 16), of("psnr", 0.5, 2, Some(0.1), 16)];
+    Tolerance::EXACT.assert(measured, [0.7, 0.5], "what the runs showed of a scene");
 }
 
 /// A single scene has no interval, so the difference decides.

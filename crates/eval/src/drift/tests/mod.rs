@@ -6,9 +6,12 @@ use super::*;
 use crate::sample_rows::{PRESET, results};
 use crate::{MethodRecord, PresetRecord, Results, TargetStatus, TrialStatus};
 
+mod accepted;
 mod causes;
 mod data;
 mod directions;
+mod grouping;
+mod machines;
 mod planted;
 mod repetition;
 
@@ -46,6 +49,12 @@ fn moved(by: f64) -> Results {
     base
 }
 
+/// What accepting results as the first baseline prints.
+fn summary(results: &Results, baseline: Baseline) -> String {
+    let accepted = acceptance("first");
+    AcceptanceReport::new(std::path::Path::new("b.json"), baseline, accepted, results, None).to_string()
+}
+
 fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
     report.findings.iter().map(|finding| (finding.kind, finding.verdict, finding.count)).collect()
 }
@@ -71,7 +80,7 @@ fn an_acceptance_names_targets_without_a_score() {
     let mut base = store(true, 2, 0.0, 1);
     let text = |results: &Results| {
         let baseline = Baseline::new(results, &[], acceptance("first"));
-        AcceptanceReport::new(std::path::Path::new("b.json"), baseline, acceptance("first"), None).to_string()
+        summary(results, baseline)
     };
     let whole = text(&base);
     assert!(whole.starts_with("b.json: 6 targets of 2 trials, accepted on ") && !whole.contains("warning"), "{whole}");
@@ -216,6 +225,7 @@ fn reports_have_human_readable_numbers() {
         metric: "psnr".to_owned(),
         limit: least_limit("psnr"),
         runs: 1,
+        scene: None,
     };
     assert_eq!(limit.to_string(), "p, m: psnr may vary by 0.01 dB, from 1 run");
     for part in ["21.97 dB", "21.84 dB", "-0.125 dB", "largest change 0.12 dB at scene 000 0 frame 0", "DRIFTED, worse"]
@@ -264,7 +274,7 @@ fn noise_is_not_drift_and_a_shift_is() {
 }
 
 #[test]
-fn results_without_scores_and_unfinished_runs_are_no_baseline() {
+fn results_without_scores_and_unfinished_runs_cannot_become_a_baseline() {
     let whole = store(true, 4, 0.0, 1);
     acceptable(&whole).unwrap();
     let mut killed = whole.clone();
@@ -370,7 +380,7 @@ fn history_limits_are_those_of_the_previous_baseline() {
     assert_eq!(found.runs.len(), 1, "a missing number has no current run");
 }
 
-/// Rows from the probe's own stages, their baseline on disk, and a renderer constant increased by a thousandth: the number has
+/// Rows from the probe's stages, their baseline on disk, and a renderer constant increased by a thousandth: the number has
 /// drifted, and the stage is named.
 #[test]
 fn a_changed_number_is_traced_to_its_stage() {
@@ -397,11 +407,13 @@ fn a_changed_number_is_traced_to_its_stage() {
     pipeline.options.constants.blur *= 1.001;
     let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
     let attribution = report.attribution.as_ref().unwrap();
-    assert_eq!((report.verdict, attribution.first()), (Verdict::Drifted, Some(Stage::Splatter)), "{report}");
+    assert_eq!((report.verdict, attribution.first()), (Verdict::Drifted, Some(Stage::Renderer)), "{report}");
     let effect = attribution.metrics.iter().find(|metric| metric.metric == "psnr").unwrap();
     let difference = report.comparisons[0].paired.as_ref().unwrap().difference;
-    Tolerance::absolute(1e-9).assert([effect.effects[3]], [difference], "the splatter's effect is the whole of it");
-    assert!(report.to_string().contains("The first stage that changed is the splatter."), "{report}");
+    Tolerance::absolute(1e-9).assert([effect.effects[3]], [difference], "the renderer's effect is the whole of it");
+    assert!(report.to_string().contains("The first stage that changed is the renderer."), "{report}");
+    let json = serde_json::to_value(attribution).unwrap();
+    assert_eq!(json["stages"][3]["stage"], "splatter", "as in older files");
 
     std::fs::write(Baseline::probe_path(&path), run(&pipeline, &inputs).unwrap().to_bytes().unwrap()).unwrap();
     assert!(matches!(baseline.read_probe(&path), Err(DriftError::Malformed(_))), "another run's values");
@@ -409,7 +421,7 @@ fn a_changed_number_is_traced_to_its_stage() {
 
 /// The file of values is another one although every stage has the same values, as after a kill between the two files.
 #[test]
-fn a_probe_that_was_not_accepted_with_its_baseline_is_refused() {
+fn a_probe_that_was_not_accepted_with_its_baseline_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
     let ([(first, values), (second, others)], outputs) = probed_twice();

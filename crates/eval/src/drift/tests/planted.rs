@@ -51,7 +51,7 @@ impl Stages for Planted<'_> {
 
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
         let render = self.pipeline.splat(gaussians, target)?;
-        let by = if self.stage == Some(Stage::Splatter) { self.amount } else { 0.0 };
+        let by = if self.stage == Some(Stage::Renderer) { self.amount } else { 0.0 };
         let samples = render.samples().iter().map(|sample| sample + by).collect();
         Ok(Image::new(render.width(), render.height(), samples).unwrap())
     }

@@ -1,4 +1,4 @@
-//! What is taken for a repetition of a run.
+//! What is taken for a repetition of a run, and the limits of a scene's mean that repetitions give.
 
 use super::*;
 
@@ -48,4 +48,41 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
     part.targets.remove(4);
     let error = check_repetition(&part, &run).unwrap_err().to_string();
     assert!(error.ends_with("target 1 of m on sampled, scene \"scene 001\", entry 0, which the run lacks"), "{error}");
+}
+
+/// The least limit of the mean over many scenes is not the noise of one: twice that limit times the root of 700 is 0.53 dB.
+#[test]
+fn an_equal_repetition_does_not_loosen_the_limit_of_a_scene() {
+    let names: Vec<String> = (0..700).map(|scene| format!("scene {scene:03}")).collect();
+    let rows: Vec<_> = names.iter().map(|name| (name.as_str(), 0, vec![20.0])).collect();
+    let mut run = results("m", "psnr", &rows);
+    add_method(&mut run, false);
+    let baseline = Baseline::new(&run, std::slice::from_ref(&run), acceptance("first"));
+    for (by, expected) in [(-0.515, Verdict::Drifted), (0.515, Verdict::Drifted), (-0.485, Verdict::Within)] {
+        let mut now = run.clone();
+        now.targets[7].scores.values_mut().for_each(|score| *score += by);
+        let report = compare(&now, &baseline);
+        assert_eq!((report.verdict, report.comparisons[0].basis), (expected, Basis::Interval), "{by}: {report}");
+    }
+}
+
+/// Two runs whose scenes differ by 0.1 dB, but one by 0.4 dB.
+#[test]
+fn the_limit_of_a_scene_is_four_times_the_largest_difference_of_one() {
+    let change = |scene: usize, by: f64, others: f64| {
+        let mut run = store(false, 8, 0.0, 1);
+        for (at, row) in run.targets.iter_mut().enumerate() {
+            row.scores.values_mut().for_each(|score| *score += if at / 3 == scene { by } else { others });
+        }
+        run
+    };
+    let baseline = Baseline::new(&change(0, 0.0, 0.0), &[change(3, 0.4, -0.1)], acceptance("first"));
+    let [limit] = &baseline.limits[..] else { panic!("{:?}", baseline.limits) };
+    Tolerance::absolute(1e-9).assert(limit.scene, [1.6], "four times 0.4 dB");
+    assert!(limit.to_string().ends_with("from 2 runs; the mean of a scene by 1.6 dB"), "{limit}");
+    for (by, expected) in [(1.5, Verdict::Within), (-1.7, Verdict::Drifted), (1.7, Verdict::Drifted)] {
+        let report = compare(&change(5, by, 0.0), &baseline);
+        assert_eq!(report.verdict, expected, "{by}: {report}");
+    }
+    assert_eq!(Baseline::new(&change(0, 0.0, 0.0), &[], acceptance("first")).limits[0].scene, None, "one run");
 }

@@ -1,4 +1,4 @@
-//! The files that atsplat and a method's process exchange for one trial: a folder of its own, removed afterwards.
+//! The files that atsplat and a method's process exchange for one trial, in a folder that is removed afterwards.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn a_pipe_is_no_answer() {
+    fn a_pipe_is_not_an_answer() {
         let parent = tempfile::tempdir().unwrap();
         let trial_folder = TrialFolder(parent.path().join("trial-1"));
         fs::create_dir(&trial_folder.0).unwrap();

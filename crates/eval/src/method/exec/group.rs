@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use crate::timing::{processor_secs_of_stat, status_bytes};
 
-/// The command in a group of its own. On Linux with util-linux's `setpriv` the kernel kills the process when the calling
+/// The command in a new group. On Linux with util-linux's `setpriv` the kernel kills the process when the calling
 /// thread ends, however it ends; elsewhere the process sees its standard input end. For those that it starts, see [`Guard`].
 pub(super) fn ending_with_this_thread(command: Command) -> Command {
     let mut command = if has_setpriv() { with_setpriv(&command) } else { command };
@@ -39,7 +39,7 @@ fn has_setpriv() -> bool {
 /// Kills all processes of a group; does nothing where there are no groups.
 pub(super) fn kill(group: u32) {
     if cfg!(unix) {
-        // The shell's own `kill`: the standard library can only kill the first process.
+        // The shell's `kill`: the standard library can only kill the first process.
         let mut shell = Command::new("sh");
         shell.args(["-c", "kill -s KILL -- \"-$0\"", &group.to_string()]);
         shell.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status().ok();
@@ -47,7 +47,7 @@ pub(super) fn kill(group: u32) {
 }
 
 /// Kills all processes of a group when this process ends, however it ends: a shell waits for the end of a pipe that no other
-/// process holds open. A process that left its group is not found. When this is dropped, nothing is killed.
+/// process has open. A process that left its group is not found. When this is dropped, nothing is killed.
 #[derive(Debug)]
 pub(super) struct Guard(Child);
 
@@ -56,7 +56,7 @@ impl Guard {
     pub(super) fn of(group: u32) -> Option<Self> {
         let mut shell = Command::new("sh");
         shell.args(["-c", "read -r line || kill -s KILL -- \"-$0\"", &group.to_string()]);
-        // In a group of its own, out of reach of the terminal's signals.
+        // In another group, which the terminal's signals do not reach.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut shell, 0);
         let shell = shell.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
@@ -97,7 +97,7 @@ fn members(group: u32) -> Vec<(PathBuf, String)> {
     processes.filter_map(member).collect()
 }
 
-/// The group in `/proc/PID/stat`, the fifth field; the name in parentheses may hold anything (`proc_pid_stat(5)`).
+/// The group in `/proc/PID/stat`, the fifth field; the name in parentheses may contain anything (`proc_pid_stat(5)`).
 fn group_of(stat: &str) -> Option<u32> {
     let (_, fields) = stat.rsplit_once(')')?;
     fields.split_whitespace().nth(2)?.parse().ok()

@@ -1,4 +1,4 @@
-//! Runs any method as a separate process, in an environment of its own.
+//! Runs any method as a separate process, in another environment.
 
 mod command;
 mod files;
@@ -76,10 +76,10 @@ impl Exec {
         let words = command::words(&command)?;
         // Before the start: what is edited while the process loads is not what it runs.
         let files = command::files(&words)?;
-        let refused = |why| EvalError::NoMethod { command: command.clone(), why };
-        let (process, hello) = start(&words, 0, limit).map_err(refused)?;
+        let no_method = |why| EvalError::NoMethod { command: command.clone(), why };
+        let (process, hello) = start(&words, 0, limit).map_err(no_method)?;
         let name = MethodSpec::name_of(name.as_deref().unwrap_or(&hello.name))
-            .map_err(|error| refused(format!("the method's name: {error}; NAME=exec:… gives it another")))?;
+            .map_err(|error| no_method(format!("the method's name: {error}; NAME=exec:… gives it another")))?;
         let record = record(name, &command, &files, &hello, opacities_as_stored, &splatting);
         let temporary = std::env::temp_dir();
         let folder =
@@ -97,13 +97,13 @@ impl Exec {
         let secs = begin.elapsed().as_secs_f64();
         match line.and_then(|line| Answer::parse(&line, request.trial)) {
             Ok((answer, stages)) => {
-                let own_peak_bytes = group::peak_bytes(process.id());
-                tracing::debug!(method = self.record.name, request.trial, secs, ?stages, own_peak_bytes, "answered");
+                let peak_bytes = group::peak_bytes(process.id());
+                tracing::debug!(method = self.record.name, request.trial, secs, ?stages, peak_bytes, "answered");
                 process.has_answered(&request.label());
                 slot.process = Some(process);
                 check_seconds(&stages, secs)
                     .map_err(|why| MethodError::Failed(format!("the method's answer: {why}")))?;
-                Ok((answer, Cost { stages, own_peak_bytes, ..Cost::default() }))
+                Ok((answer, Cost { stages, process_peak_bytes: peak_bytes, ..Cost::default() }))
             }
             Err(why) => Err(MethodError::Failed(with_stderr_tail(&why, &process.kill()))),
         }
@@ -207,7 +207,7 @@ impl Method for Exec {
         Timed { encoding: true, rendering: self.hello.gives == OutputKind::Gaussians }
     }
 
-    fn own_processor_secs(&self) -> Option<f64> {
+    fn process_secs(&self) -> Option<f64> {
         let each = self.pool.of_idle(|process| group::processor_secs(process.id()));
         each.into_iter().flatten().reduce(|sum, secs| sum + secs)
     }

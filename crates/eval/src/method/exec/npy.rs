@@ -5,13 +5,10 @@ use std::path::Path;
 
 use atsplat_pixels::{Image, ImageU8};
 
-use crate::method::range::check_range;
+use crate::method::range::{check_bytes, check_range};
 
 /// What every file begins with, before the two bytes of its version.
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// As the Python package says it (`_arrays.py`).
-const CAST: &str = "expected uint8 from 0 to 255, found only 0 and 1, as floats that were cast: multiply them by 255 before, or give \
-                    floats in [0, 1]";
 /// The header ends at a multiple of this many bytes.
 const ALIGNMENT: usize = 64;
 
@@ -65,9 +62,8 @@ fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
     if data.len() != count * each * bytes_each {
         return Err(format!("expected {} bytes of data, found {}", count * each * bytes_each, data.len()));
     }
-    // Of the images themselves, only black ones are bytes like these.
-    if bytes_each == 1 && data.iter().max() == Some(&1) {
-        return Err(CAST.to_owned());
+    if bytes_each == 1 {
+        check_bytes(data)?;
     }
     let [width, height] = [width, height].map(|side| u32::try_from(side).map_err(|error| error.to_string()));
     let (width, height) = (width?, height?);
@@ -155,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn floats_in_another_range_are_refused() {
+    fn floats_in_another_range_are_rejected() {
         let of = |sample: fn(f32) -> f32| {
             let values = (0..12u8).map(|at| if at < 6 { 0.0 } else { sample(f32::from(at) / 16.0) });
             let data: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
@@ -168,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn floats_that_were_cast_to_bytes_are_refused_and_black_stays() {
+    fn floats_that_were_cast_to_bytes_are_rejected_and_black_stays() {
         let of = |bytes: [u8; 12]| images(&file("|u1", "False", "(2, 1, 2, 3)", &bytes), [2, 1, 2, 3]);
         let mut bytes = [0; 12];
         assert!(of(bytes).unwrap().iter().flat_map(Image::samples).all(|sample| sample.to_bits() == 0), "black");
@@ -182,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn other_files_are_refused_with_what_was_found() {
+    fn other_files_are_rejected_with_what_was_found() {
         let refused = |bytes: &[u8], shape| images(bytes, shape).unwrap_err();
         let four = [0; 4 * 6];
         let cases = [

@@ -116,7 +116,7 @@ impl Process {
         format!("expected no line without a request, found an extra line after {}: {found}", self.said)
     }
 
-    /// Whether it has ended on its own.
+    /// Whether it has ended.
     pub(super) fn has_ended(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
@@ -128,7 +128,7 @@ impl Process {
         self.line(limit)
     }
 
-    /// Waits for its next line. If it has ended, those that it started are killed: they may hold its output open.
+    /// Waits for its next line. If it has ended, those that it started are killed: they may keep its output open.
     pub(super) fn line(&mut self, limit: Duration) -> Result<String, Fault> {
         let begin = Instant::now();
         loop {
@@ -192,7 +192,7 @@ impl Drop for Process {
     }
 }
 
-/// The command of a process that ends with this one where the system allows it, in a group of its own.
+/// The command of a process that ends with this one where the system allows it, in a new group.
 fn command(words: &[String], number: usize) -> Command {
     let mut words = words.iter();
     let mut command = Command::new(words.next().map_or("", String::as_str));
@@ -281,7 +281,7 @@ impl StderrTail {
     }
 
     fn take(&self) -> Vec<String> {
-        // A child of the process may hold standard error open.
+        // A child of the process may keep standard error open.
         self.end.recv_timeout(END_TIMEOUT).ok();
         self.lines.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
     }

@@ -70,9 +70,9 @@ mod tests {
         let others = [left("atsplat-method-y", "notes"), left("project", LOCK)];
         let [first, second] = [(); 2].map(|()| Scratch::new_in(parent.path()).unwrap());
         assert!(!killed.exists() && others.iter().all(|folder| folder.is_dir()), "only what is known to be abandoned");
-        let own = [first.path(), second.path()].map(Path::to_owned);
-        assert!(own.iter().all(|folder| folder.is_dir()), "the first is in use");
+        let used = [first.path(), second.path()].map(Path::to_owned);
+        assert!(used.iter().all(|folder| folder.is_dir()), "the first is in use");
         drop((first, second));
-        assert!(!own.iter().any(|folder| folder.exists()));
+        assert!(!used.iter().any(|folder| folder.exists()));
     }
 }

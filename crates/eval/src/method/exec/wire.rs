@@ -236,7 +236,7 @@ impl Answer {
     }
 }
 
-/// Refuses stages that take longer than their answer, which took `wall_secs`; they do not overlap.
+/// Rejects stages that take longer than their answer, which took `wall_secs`; they do not overlap.
 pub(super) fn check_seconds(stages: &BTreeMap<String, f64>, wall_secs: f64) -> Result<(), String> {
     let longest = wall_secs * (1.0 + CLOCK_TOLERANCE) + CLOCK_TOLERANCE_SECS;
     let (names, secs) = match stages.iter().find(|(_, secs)| **secs > longest) {
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_that_take_longer_than_their_answer_are_refused() {
+    fn stages_that_take_longer_than_their_answer_are_rejected() {
         let check = |stages: &[(&str, f64)], wall_secs: f64| {
             check_seconds(&stages.iter().map(|(name, secs)| ((*name).to_owned(), *secs)).collect(), wall_secs)
         };

@@ -132,5 +132,5 @@ fn slopes_have_their_nominal_coverage() {
         let [low, high] = along_overlap(&store, &query("m")).unwrap().interval.unwrap();
         held += u32::from(low <= 4.0 && 4.0 <= high);
     }
-    assert!((52..=60).contains(&held), "{held} of {samples} intervals hold the slope");
+    assert!((52..=60).contains(&held), "{held} of {samples} intervals contain the slope");
 }

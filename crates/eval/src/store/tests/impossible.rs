@@ -31,14 +31,14 @@ const CASES: [(Change, &str, &str); 6] = [
 ];
 
 #[test]
-fn impossible_numbers_in_tables_are_refused_by_file_column_and_row() {
+fn impossible_numbers_in_tables_are_rejected_by_file_column_and_row() {
     for (change, file, expected) in CASES {
         let folder = tempfile::tempdir().unwrap();
         filled(folder.path(), &["a"]).finish().unwrap();
-        let (mut own, mut rows) = (trial("a"), targets("a"));
-        change(&mut own, &mut rows);
+        let (mut changed, mut rows) = (trial("a"), targets("a"));
+        change(&mut changed, &mut rows);
         table::write(&folder.path().join(TARGETS), targets::columns(&rows).frame()).unwrap();
-        table::write(&folder.path().join(TRIALS), trials::columns(&[own]).frame()).unwrap();
+        table::write(&folder.path().join(TRIALS), trials::columns(&[changed]).frame()).unwrap();
         let error = Results::read(folder.path()).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains(file), "{expected}: {error}");
     }
@@ -49,14 +49,14 @@ fn impossible_numbers_are_neither_written_to_parts_nor_read_from_them() {
     for (change, _, expected) in CASES {
         let folder = tempfile::tempdir().unwrap();
         let store = filled(folder.path(), &["b"]);
-        let (mut own, mut rows) = (trial("a"), targets("a"));
-        change(&mut own, &mut rows);
+        let (mut changed, mut rows) = (trial("a"), targets("a"));
+        change(&mut changed, &mut rows);
         let (column, why) = expected.trim_start_matches("column ").split_once(", row ").unwrap();
         let (_, why) = why.split_once(": ").unwrap();
-        let refused = store.append(&own, &rows).unwrap_err().to_string();
-        assert!(refused.ends_with(&format!("entry 0: {column}: {why}")), "{refused}");
+        let rejected = store.append(&changed, &rows).unwrap_err().to_string();
+        assert!(rejected.ends_with(&format!("entry 0: {column}: {why}")), "{rejected}");
         assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "nothing was written");
-        parts::write(folder.path(), &own, &rows).unwrap();
+        parts::write(folder.path(), &changed, &rows).unwrap();
         let error = Results::read(folder.path()).unwrap_err().to_string();
         assert!(error.contains(&format!("field {column} of t")) && error.contains(why), "{error}");
     }

@@ -124,6 +124,7 @@ fn only_methods_with_a_row_were_interrupted() {
     let found: Vec<_> = found.iter().map(|run| (run.preset.as_str(), run.method.as_str(), run.entries)).collect();
     assert_eq!(found, [("p", "m", 1), ("q", "n", 1)]);
     assert_eq!(results.unfinished().len(), 5, "the other pairs have no row");
+    assert_eq!(results.cut_off(), results.interrupted(), "each protocol and each method has a row");
 }
 
 /// Each shard ran `m` under `p` and `n` under `q` into one store, as sweeps do.
@@ -152,6 +153,12 @@ fn shards_of_several_runs_are_done_when_each_run_is() {
     assert!(merged.results.provenance.shard.is_some());
     let merged = Results::merge(vec![cut_off, part(2, "b"), part(1, "a")]).unwrap();
     assert_eq!((merged.why_incomplete(), merged.results.provenance.shard), (Vec::new(), None));
+    // Both shards were killed before the second run.
+    let first_run = |number, scene| Results { trials: vec![row("p", "m", scene)], ..part(number, scene) };
+    let merged = Results::merge(vec![first_run(1, "a"), first_run(2, "b")]).unwrap();
+    let said = merged.why_incomplete();
+    assert!(said.contains(&"shard 2 of 2 is not done: 0 of 1 entries of q under n".to_owned()), "{said:?}");
+    assert!(merged.results.provenance.shard.is_some());
 }
 
 #[test]

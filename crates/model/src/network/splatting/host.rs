@@ -10,12 +10,12 @@ use burn::backend::tensor::{Device, FloatTensor};
 use burn::backend::{Backend, Flex, TensorMetadata};
 use burn::tensor::{Shape, TensorData, try_read_sync};
 
-use super::{INPUTS, Inputs, Request, Splatter};
+use super::{INPUTS, Inputs, RenderBackend, Request};
 
 /// One recording per view; those of a scene share its Gaussians.
 pub(super) type Recorded = Arc<Mutex<Vec<Recording<Arc<Gaussians>>>>>;
 
-impl Splatter for Flex {
+impl RenderBackend for Flex {
     type Recorded = Recorded;
 
     fn render(inputs: Inputs<Self>, request: &Request) -> FloatTensor<Self> {
@@ -86,11 +86,11 @@ pub(super) fn differentiate<B: Backend>(
     let mut all: [Vec<f32>; INPUTS] = Default::default();
     let mut failed = recordings.is_empty() || pixels.is_none();
     let pixels = pixels.unwrap_or_default();
-    let mut own = recordings.iter_mut().zip(pixels.chunks_exact(per_view));
+    let mut recorded_views = recordings.iter_mut().zip(pixels.chunks_exact(per_view));
     for views in request.views_by_scene() {
         let mut sums: [Vec<f32>; INPUTS] = Default::default();
         // Views are summed in their order.
-        for (recording, pixels) in own.by_ref().take(views.len()) {
+        for (recording, pixels) in recorded_views.by_ref().take(views.len()) {
             match recording.backward(&request.image_gradients(pixels)) {
                 Ok(gradients) => add(&mut sums, gradients),
                 Err(_) => failed = true,

@@ -18,7 +18,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Flex, TensorMetadata, backend_extension};
 use burn::tensor::Shape;
 #[cfg(feature = "gpu-network")]
-pub(super) use device::{counts, is_shared, refusal, share};
+pub(super) use device::{counts, is_shared, render_error, share};
 
 /// Number of inputs: means, quaternions, log scales, opacity logits, spherical harmonics, scalars.
 const INPUTS: usize = 6;
@@ -40,8 +40,8 @@ pub(super) trait Splatting: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// Forward and backward rendering of a backend's own tensors.
-pub(super) trait Splatter: Backend {
+/// A backend whose tensors are rendered, forward and backward.
+pub(super) trait RenderBackend: Backend {
     /// What the backward pass needs.
     type Recorded: Clone + std::fmt::Debug + Send + 'static;
 
@@ -125,7 +125,7 @@ without_gradients!(Flex);
 #[cfg(feature = "gpu-network")]
 without_gradients!(Cube);
 
-impl<B: Splatter, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
+impl<B: RenderBackend, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
     fn splat(
         means: FloatTensor<Self>,
         quaternions: FloatTensor<Self>,
@@ -152,7 +152,7 @@ impl<B: Splatter, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
 
 /// What the backward pass needs.
 #[derive(Clone, Debug)]
-struct State<B: Splatter> {
+struct State<B: RenderBackend> {
     recorded: B::Recorded,
     shapes: [Shape; INPUTS],
     request: Arc<Request>,
@@ -161,7 +161,7 @@ struct State<B: Splatter> {
 #[derive(Debug)]
 struct Splat;
 
-impl<B: Splatter> Backward<B, INPUTS> for Splat {
+impl<B: RenderBackend> Backward<B, INPUTS> for Splat {
     type State = State<B>;
 
     fn backward(self, ops: Ops<Self::State, INPUTS>, grads: &mut Graph, _: &mut Checkpointer) {

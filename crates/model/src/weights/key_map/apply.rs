@@ -22,7 +22,7 @@ type Fault = (MismatchReason, String);
 
 impl KeyMap {
     /// Finds the network's parameters in a file, with a report on every tensor and parameter. Tensors keep the file's element
-    /// type; those that are not floating-point, or hold NaN or infinite values, are mismatches.
+    /// type; those that are not floating-point, or contain NaN or infinite values, are mismatches.
     pub fn apply(&self, stored: &StoredTensors, expected: &[Parameter]) -> (StoredTensors, ImportReport) {
         let mut report = ImportReport { key_map: self.name.clone(), ..ImportReport::default() };
         let mut candidates: IndexMap<&str, Candidate> =

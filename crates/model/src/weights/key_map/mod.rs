@@ -28,7 +28,7 @@ mod pattern;
 
 use std::path::Path;
 
-use atsplat_files::malformed_toml;
+use atsplat_files::{Embedded, is_toml_path, malformed_toml};
 use serde::Deserialize;
 
 use crate::ModelError;
@@ -38,12 +38,12 @@ const WHAT: &str = "key map";
 
 macro_rules! texts {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../key-maps/", $name, ".toml")))),*]
+        Embedded(&[$(($name, include_str!(concat!("../../../key-maps/", $name, ".toml")))),*])
     };
 }
 
-/// Name and text of the embedded maps.
-const BUILT_IN: &[(&str, &str)] = texts!["identity", "dinov2-official", "dinov2-hugging-face"];
+/// The TOML texts of the maps in `key-maps/`.
+const TEXTS: Embedded = texts!["identity", "dinov2-official", "dinov2-hugging-face"];
 
 /// A map from a file's tensor names to parameter names.
 #[derive(Clone, Debug)]
@@ -90,7 +90,7 @@ struct RuleText {
 impl KeyMap {
     /// Names of the built-in maps.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        BUILT_IN.iter().map(|(name, _)| *name)
+        TEXTS.names()
     }
 
     /// A built-in map, or the one in a TOML file: a name that ends in `.toml` is a path.
@@ -98,13 +98,12 @@ impl KeyMap {
     /// # Errors
     /// [`ModelError::Malformed`] for an unknown name, and as [`Self::from_toml`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ModelError> {
-        let path = Path::new(name_or_path);
-        if path.extension().is_some_and(|extension| extension == "toml") {
+        if is_toml_path(name_or_path) {
+            let path = Path::new(name_or_path);
             let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
             return Self::from_toml(&text).map_err(|error| error.in_file(path));
         }
-        let found = BUILT_IN.iter().find(|(known, _)| *known == name_or_path);
-        let (_, text) = found.ok_or_else(|| {
+        let text = TEXTS.text(name_or_path).ok_or_else(|| {
             let known: Vec<&str> = Self::names().collect();
             let expected = format!("one of {}, or a path that ends in .toml", known.join(", "));
             ModelError::malformed(WHAT, "name", expected, format!("{name_or_path:?}"))

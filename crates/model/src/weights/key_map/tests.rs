@@ -194,7 +194,8 @@ fn mismatches_are_counted_by_reason() {
     let expected = ["good", "shape", "turned1", "infinite", "integers", "parts"].map(|name| parameter(name, &[2]));
     let error = map.import(&file, &expected).unwrap_err().to_string();
     let (_, report) = map.apply(&file, &expected);
-    let reasons: Vec<_> = report.mismatched.iter().map(|own| (own.parameter.as_str(), own.reason)).collect();
+    let reasons: Vec<_> =
+        report.mismatched.iter().map(|mismatch| (mismatch.parameter.as_str(), mismatch.reason)).collect();
     let [shape, wrong_type, not_finite, parts] =
         [MismatchReason::Shape, MismatchReason::Type, MismatchReason::NotFinite, MismatchReason::Parts];
     let expected =

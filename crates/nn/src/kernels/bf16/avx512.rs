@@ -49,9 +49,9 @@ impl Kernel for Vectors {
 fn multiply_strip(rows: &[Tile], first: usize, columns: [&[Tile]; 2], out: &mut [f32], row_stride: usize, add: bool) {
     let mut sums: [[__m512; 2]; ROWS] = if add {
         array::from_fn(|row| {
-            let own = &out[row * row_stride..][..BLOCK];
+            let numbers = &out[row * row_stride..][..BLOCK];
             // SAFETY: 16 numbers are read from each half of a slice of 32.
-            unsafe { [_mm512_loadu_ps(own.as_ptr()), _mm512_loadu_ps(own.as_ptr().add(LANES))] }
+            unsafe { [_mm512_loadu_ps(numbers.as_ptr()), _mm512_loadu_ps(numbers.as_ptr().add(LANES))] }
         })
     } else {
         [[_mm512_setzero_ps(); 2]; ROWS]
@@ -70,11 +70,11 @@ fn multiply_strip(rows: &[Tile], first: usize, columns: [&[Tile]; 2], out: &mut 
         }
     }
     for (row, sums) in sums.into_iter().enumerate() {
-        let own = &mut out[row * row_stride..][..BLOCK];
+        let numbers = &mut out[row * row_stride..][..BLOCK];
         // SAFETY: 16 numbers are written to each half of a slice of 32.
         unsafe {
-            _mm512_storeu_ps(own.as_mut_ptr(), sums[0]);
-            _mm512_storeu_ps(own.as_mut_ptr().add(LANES), sums[1]);
+            _mm512_storeu_ps(numbers.as_mut_ptr(), sums[0]);
+            _mm512_storeu_ps(numbers.as_mut_ptr().add(LANES), sums[1]);
         }
     }
 }

@@ -107,8 +107,8 @@ pub(super) fn multiply<K: Kernel>(
     let rows = |(at, out): (usize, Output<'_>)| {
         // Rows are packed where they are used, so that they are still in the cache.
         let first = at * BLOCK;
-        let mut own = Buffer::take(2 * right.depth);
-        let (upper, lower) = own.split_at_mut(right.depth);
+        let mut packed = Buffer::take(2 * right.depth);
+        let (upper, lower) = packed.split_at_mut(right.depth);
         pack(left, first, Order::Lanes, upper);
         pack(left, first + LANES, Order::Lanes, lower);
         multiply_rows(&K::begin(), out, [upper, lower], &right, write);
@@ -155,17 +155,17 @@ fn multiply_rows<K: Kernel>(kernel: &K, mut out: Output<'_>, rows: [&[Tile]; 2],
             kernel.multiply(factors, &mut out.data[first_column..], out.row_stride, add);
             continue;
         }
-        // A block at the edge is computed beside the matrix.
+        // A block at the edge is computed outside the matrix.
         let mut block = [0.0; BLOCK * BLOCK];
-        let own_rows = |out: &mut Output<'_>, copy: &mut dyn FnMut(usize, &mut [f32])| {
+        let for_each_row = |out: &mut Output<'_>, copy: &mut dyn FnMut(usize, &mut [f32])| {
             for row in 0..out.rows {
                 copy(row, &mut out.data[row * out.row_stride + first_column..][..columns]);
             }
         };
         if add {
-            own_rows(&mut out, &mut |row, own| block[row * BLOCK..][..columns].copy_from_slice(own));
+            for_each_row(&mut out, &mut |row, numbers| block[row * BLOCK..][..columns].copy_from_slice(numbers));
         }
         kernel.multiply(factors, &mut block, BLOCK, add);
-        own_rows(&mut out, &mut |row, own| own.copy_from_slice(&block[row * BLOCK..][..columns]));
+        for_each_row(&mut out, &mut |row, numbers| numbers.copy_from_slice(&block[row * BLOCK..][..columns]));
     }
 }

@@ -33,7 +33,7 @@ impl Tile {
 /// Which of a tile's indices comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Order {
-    /// Rows of the left matrix: each holds all its pairs of terms.
+    /// Rows of the left matrix: each has all its pairs of terms.
     Lanes,
     /// Columns of the right matrix: all of them for one pair of terms, then for the next.
     Pairs,
@@ -46,7 +46,7 @@ pub(super) fn has_instructions() -> bool {
 }
 
 /// Rounds 16 lanes of a matrix (rows of the left one; columns of the right one, given transposed) into tiles, one for each 32 terms.
-/// What lies outside the matrix is 0.
+/// Numbers outside the matrix are 0.
 ///
 /// # Panics
 /// Without [`has_instructions`].
@@ -147,7 +147,7 @@ fn transpose(tile: &mut Tile) {
         let [a, b] = [pairs[base + half], pairs[base + 2 + half]];
         if at & 1 == 0 { _mm512_unpacklo_epi64(a, b) } else { _mm512_unpackhi_epi64(a, b) }
     });
-    // `fours[4 g + c]` holds columns c, 4 + c, 8 + c, 12 + c of rows 4 g to 4 g + 3.
+    // `fours[4 g + c]` has columns c, 4 + c, 8 + c, 12 + c of rows 4 g to 4 g + 3.
     for column in 0..4 {
         let [a, b, c, d] = [0, 4, 8, 12].map(|group| fours[group + column]);
         let [even_ab, odd_ab] = [_mm512_shuffle_i32x4::<0x88>(a, b), _mm512_shuffle_i32x4::<0xdd>(a, b)];

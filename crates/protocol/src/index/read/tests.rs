@@ -53,8 +53,8 @@ fn reads_the_estimator_of_an_overlap() {
         (index.scenes["k"][0].overlap.clone(), index.overlap_estimators())
     };
     let measured = Overlap { value: 0.5, estimator: Some("epipolar-ray".to_owned()) };
-    let own = r#", "overlap_estimator": "epipolar-ray", "overlap": 0.5"#;
-    assert_eq!(overlap(own), (Some(measured), vec!["epipolar-ray".to_owned()]));
+    let recorded = r#", "overlap_estimator": "epipolar-ray", "overlap": 0.5"#;
+    assert_eq!(overlap(recorded), (Some(measured), vec!["epipolar-ray".to_owned()]));
     assert_eq!(overlap(r#", "overlap": 0.5"#), (Some(0.5.into()), Vec::new()));
     let alone = message(&json(r#", "overlap_estimator": "epipolar-ray""#));
     assert!(

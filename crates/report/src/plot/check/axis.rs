@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use super::super::shape::{Extent, Role};
 use super::{FaultKind, PlotFault, Printed, fault};
 
-/// How far a tick may lie from where its rounded label says, in pixels.
+/// How far a tick may be from where its rounded label says, in pixels.
 const OFF: f64 = 3.0;
 
 /// Axes without a title, and ticks whose labels are not plain numbers at the places of these numbers.
@@ -30,9 +30,9 @@ fn of_axis(ticks: &[&Printed<'_>], title: Option<&str>) -> Option<String> {
     }
     let across = |at: usize| {
         let places = || values.iter().map(move |(_, place)| place[at]);
-        places().fold(0.0f64, |most, own| {
-            let apart = values.first().map_or(0.0, |(_, first)| (own - first[at]).abs());
-            if apart > most { apart } else { most }
+        places().fold(0.0f64, |most, place| {
+            let distance = values.first().map_or(0.0, |(_, first)| (place - first[at]).abs());
+            if distance > most { distance } else { most }
         })
     };
     // Up and to the right is more.

@@ -10,8 +10,9 @@ const BETWEEN: usize = 2;
 /// A missing title, and a heading without the protocol or data, or without their number.
 pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     let texts_of = |wanted: Role| -> Vec<&str> {
-        let own = drawing.items.iter().filter(move |item| item.role == wanted);
-        own.filter_map(|item| if let Shape::Text(text) = &item.shape { Some(text.text.as_str()) } else { None })
+        let items = drawing.items.iter().filter(move |item| item.role == wanted);
+        items
+            .filter_map(|item| if let Shape::Text(text) = &item.shape { Some(text.text.as_str()) } else { None })
             .collect()
     };
     let (title, subtitle) = (texts_of(Role::Title).join(" "), texts_of(Role::Subtitle).join(" "));

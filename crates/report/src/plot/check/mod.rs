@@ -32,13 +32,13 @@ pub enum FaultKind {
     Truncated,
     /// A text over another text, a mark, a line or an image.
     Overprinted,
-    /// A text in a size of its own.
+    /// A text in another size than all others.
     Font,
     /// Two series of one colour, a legend of another colour than its series, or a colour outside the palette.
     Colour,
     /// A series without an entry in the legend.
     Unexplained,
-    /// A tick with a unit of its own, out of order, or at a wrong place.
+    /// A tick with a unit, out of order, or at a wrong place.
     Axis,
     /// An interval where there is no point.
     Band,
@@ -92,7 +92,7 @@ impl Drawing {
             }
         }
         for item in self.items.iter().filter(|item| !matches!(item.shape, Shape::Text(_))) {
-            if !bounds(item).is_some_and(|own| page.contains(own)) {
+            if !bounds(item).is_some_and(|extent| page.contains(extent)) {
                 faults.push(fault(FaultKind::Outside, format!("a shape of {:?} at {:?}", item.role, bounds(item))));
             }
         }
@@ -122,16 +122,16 @@ fn texts(drawing: &Drawing) -> Vec<Printed<'_>> {
 fn bounds(item: &Item) -> Option<Extent> {
     let around = |points: &[[f64; 2]]| {
         let first = points.first()?;
-        let mut own = Extent::new(first[0], first[1], first[0], first[1]);
+        let mut extent = Extent::new(first[0], first[1], first[0], first[1]);
         for [x, y] in points {
-            own = Extent::new(
-                if *x < own.left { *x } else { own.left },
-                if *y < own.top { *y } else { own.top },
-                if *x > own.right { *x } else { own.right },
-                if *y > own.bottom { *y } else { own.bottom },
+            extent = Extent::new(
+                if *x < extent.left { *x } else { extent.left },
+                if *y < extent.top { *y } else { extent.top },
+                if *x > extent.right { *x } else { extent.right },
+                if *y > extent.bottom { *y } else { extent.bottom },
             );
         }
-        points.iter().flatten().all(|at| at.is_finite()).then_some(own)
+        points.iter().flatten().all(|at| at.is_finite()).then_some(extent)
     };
     match &item.shape {
         Shape::Line { points, .. } => around(points),

@@ -22,7 +22,7 @@ pub(super) fn faults(drawing: &Drawing, texts: &[Printed<'_>]) -> Vec<PlotFault>
     faults
 }
 
-/// Whether a shape that must stay free of text lies under a text.
+/// Whether a shape that must stay free of text is under a text.
 fn covers(item: &Item, ink: Extent, text: &Role) -> bool {
     match (&item.shape, &item.role) {
         (Shape::Text(_), _) => false,
@@ -35,7 +35,7 @@ fn covers(item: &Item, ink: Extent, text: &Role) -> bool {
                 let near = [x.clamp(ink.left, ink.right), y.clamp(ink.top, ink.bottom)];
                 (near[0] - x).hypot(near[1] - y) < radius - 0.5
             }
-            _ => bounds(item).is_some_and(|own| own.shared(ink) > TOUCH),
+            _ => bounds(item).is_some_and(|extent| extent.shared(ink) > TOUCH),
         },
         _ => false,
     }

@@ -26,10 +26,10 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     }
     let mut owners: BTreeMap<[u8; 3], &str> = BTreeMap::new();
     for (name, items) in &data {
-        let mut own: Vec<RGBColor> = items.iter().filter_map(|item| colour_of(item)).collect();
-        own.sort_by_key(|colour| rgb(*colour));
-        own.dedup();
-        for colour in &own {
+        let mut colours: Vec<RGBColor> = items.iter().filter_map(|item| colour_of(item)).collect();
+        colours.sort_by_key(|colour| rgb(*colour));
+        colours.dedup();
+        for colour in &colours {
             if let Some(other) = owners.insert(rgb(*colour), name) {
                 faults.push(fault(FaultKind::Colour, format!("“{other}” and “{name}” are both {colour:?}")));
             }
@@ -40,9 +40,12 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
         match keys.get(name) {
             None => faults.push(fault(FaultKind::Unexplained, format!("“{name}”"))),
             Some(key) => {
-                let wrong = key.iter().filter_map(|item| colour_of(item)).find(|colour| !own.contains(colour));
+                let wrong = key.iter().filter_map(|item| colour_of(item)).find(|colour| !colours.contains(colour));
                 faults.extend(wrong.map(|colour| {
-                    fault(FaultKind::Colour, format!("the legend shows “{name}” as {colour:?}, the plot as {own:?}"))
+                    fault(
+                        FaultKind::Colour,
+                        format!("the legend shows “{name}” as {colour:?}, the plot as {colours:?}"),
+                    )
                 }));
             }
         }
@@ -51,7 +54,7 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
         let edges = edges(item);
         edges.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>()
     });
-    let least = steps.fold(f64::INFINITY, |least, own| if own < least { own } else { least });
+    let least = steps.fold(f64::INFINITY, |least, step| if step < least { step } else { least });
     faults.extend(drawing.items.iter().filter_map(|item| band(item, &data, least)));
     faults
 }
@@ -92,7 +95,7 @@ fn places(all: impl Iterator<Item = f64>) -> Vec<f64> {
     places
 }
 
-/// Where a mark lies.
+/// Where a mark is.
 fn mark(item: &Item) -> Option<f64> {
     match &item.shape {
         Shape::Disc { centre, .. } | Shape::Ring { centre, .. } => Some(centre[0]),
@@ -108,8 +111,8 @@ fn colour_of(item: &Item) -> Option<RGBColor> {
     }
 }
 
-fn in_palette(own: RGBColor) -> bool {
-    own == GREY || (0..3 * COLOURS.len()).any(|at| colour(at) == own)
+fn in_palette(wanted: RGBColor) -> bool {
+    wanted == GREY || (0..3 * COLOURS.len()).any(|at| colour(at) == wanted)
 }
 
 fn rgb(RGBColor(r, g, b): RGBColor) -> [u8; 3] {

@@ -94,7 +94,7 @@ fn a_text_over_anything_is_found() {
         _ => None,
     });
     assert_eq!(over([85.0, bottom.unwrap()]), [FaultKind::Overprinted], "the axis");
-    assert_eq!(over([400.0, 30.0]), [], "beside everything");
+    assert_eq!(over([400.0, 30.0]), [], "next to everything");
     let bar = |role: Role| {
         kinds(move |plot| {
             plot.data(SERIES[0], |plot| plot.rectangle(Extent::new(420.0, 20.0, 500.0, 60.0), Fill::solid(COLOURS[0])));
@@ -123,15 +123,15 @@ fn wrong_colours_are_found() {
             }
         })
     };
-    let data = |role: &Role, name: &str| matches!(role, Role::Data(own) if &**own == name);
-    let key = |role: &Role, name: &str| matches!(role, Role::Key(own) if &**own == name);
-    let all = |role: &Role, name: &str| matches!(role, Role::Data(own) | Role::Key(own) if &**own == name);
+    let data = |role: &Role, name: &str| matches!(role, Role::Data(series) if &**series == name);
+    let key = |role: &Role, name: &str| matches!(role, Role::Key(series) if &**series == name);
+    let all = |role: &Role, name: &str| matches!(role, Role::Data(series) | Role::Key(series) if &**series == name);
     assert_eq!(recoloured("two", all, COLOURS[0]), [FaultKind::Colour], "two series of one colour");
     assert_eq!(recoloured("two", key, COLOURS[4]), [FaultKind::Colour], "a legend of another colour");
     assert_eq!(recoloured("two", data, COLOURS[4]), [FaultKind::Colour], "a series of another colour");
     let red = plotters::style::RGBColor(255, 0, 0);
     assert_eq!(recoloured("two", all, red), [FaultKind::Colour], "a colour outside the palette");
-    assert_eq!(recoloured("two", all, COLOURS[4]), [], "any colour of its own");
+    assert_eq!(recoloured("two", all, COLOURS[4]), [], "any other colour");
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn an_unexplained_line_is_found() {
 fn ticks_that_do_not_agree_with_their_axis_are_found() {
     // The second axis is the horizontal one.
     let tick = |change: fn(&mut TextLine)| kinds(move |plot| retext(plot, &Role::Tick(2), change));
-    assert_eq!(tick(|text| text.text.push_str(" ms")), [FaultKind::Axis], "a unit of its own");
+    assert_eq!(tick(|text| text.text.push_str(" ms")), [FaultKind::Axis], "a unit after the number");
     assert_eq!(tick(|text| text.text = "0.9".to_owned()), [FaultKind::Axis], "out of order");
     assert_eq!(tick(|text| text.text = "0.1".to_owned()), [FaultKind::Axis], "another value than its place");
     assert_eq!(tick(|text| text.at[0] += 9.0), [FaultKind::Axis], "another place than its value");
@@ -162,8 +162,8 @@ fn ticks_that_do_not_agree_with_their_axis_are_found() {
 fn intervals_without_points_are_found() {
     let mark_at = |plot: &Drawing, nth: usize| {
         let is_mark = |shape: &Shape| matches!(shape, Shape::Disc { .. });
-        let own = |role: &Role| matches!(role, Role::Data(name) if &**name == "one");
-        let marks = plot.items.iter().enumerate().filter(|(_, item)| own(&item.role) && is_mark(&item.shape));
+        let is_of_one = |role: &Role| matches!(role, Role::Data(name) if &**name == "one");
+        let marks = plot.items.iter().enumerate().filter(|(_, item)| is_of_one(&item.role) && is_mark(&item.shape));
         marks.map(|(at, _)| at).nth(nth).unwrap()
     };
     let without = |nth| {
@@ -201,10 +201,10 @@ fn intervals_without_points_are_found() {
 #[test]
 fn headings_without_protocol_or_count_are_found() {
     let subtitle =
-        |text: &'static str| kinds(move |plot| retext(plot, &Role::Subtitle, |own| own.text = text.to_owned()));
+        |text: &'static str| kinds(move |plot| retext(plot, &Role::Subtitle, |line| line.text = text.to_owned()));
     assert_eq!(subtitle("../shared/index.json"), [FaultKind::Heading], "a path");
     assert_eq!(subtitle("RealEstate10K, 2 views; means"), [FaultKind::Heading], "views are not scenes");
     assert_eq!(subtitle("8 scenes"), [FaultKind::Heading], "of what?");
     assert_eq!(subtitle("Simulated rooms; 24 simulated scenes"), []);
-    assert_eq!(kinds(|plot| retext(plot, &Role::Title, |own| own.text.clear())), [FaultKind::Heading]);
+    assert_eq!(kinds(|plot| retext(plot, &Role::Title, |line| line.text.clear())), [FaultKind::Heading]);
 }

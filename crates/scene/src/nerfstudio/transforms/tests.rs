@@ -77,7 +77,7 @@ fn file_name(image: &FrameImage) -> &str {
 #[test]
 fn opengl_axes_are_converted_and_the_world_is_unchanged() {
     let scene = parse(&transforms(|_| ())).unwrap();
-    let pose = scene.frames[0].world_from_camera;
+    let pose = scene.frames[0].world_from_camera.clone().unwrap();
     assert_eq!(pose.centre(), DVec3::new(1.0, 2.0, 3.0));
     assert_eq!(pose.forward(), DVec3::NEG_Z);
     assert_eq!(pose.down(), DVec3::NEG_Y);
@@ -111,7 +111,11 @@ fn intrinsics_of_a_frame_override_the_global_ones() {
     let (scene, _) = load(&root, &[], ImageFolder::Listed).unwrap();
     let [a, b] = [0, 1].map(|at: usize| scene.frames[at].camera.intrinsics);
     Tolerance::F64.assert([a.fx, a.fy, a.cx], [0.5, 1.1, 0.5], "global");
-    Tolerance::F64.assert([b.fx, b.fy, b.cx], [0.25, 0.5, 0.4], "own fl_x for both axes, own cx, global cy");
+    Tolerance::F64.assert(
+        [b.fx, b.fy, b.cx],
+        [0.25, 0.5, 0.4],
+        "the frame's fl_x for both axes, the frame's cx, global cy",
+    );
 }
 
 #[test]
@@ -121,11 +125,11 @@ fn nerfstudios_list_of_coefficients_is_read() {
     let list = json!([0.1, 0.02, 0.003, 0.0, 0.001, -0.002]);
     let expected = Distortion::OpenCv { k1: 0.1, k2: 0.02, k3: 0.003, p1: 0.001, p2: -0.002 };
     assert_eq!(lens(&listed(list.clone())), expected);
-    let own = transforms(|root| {
+    let of_frame = transforms(|root| {
         root["k1"] = json!(0.5);
         root["frames"][0]["distortion_params"] = list.clone();
     });
-    assert_eq!(lens(&own), expected, "the frame's own");
+    assert_eq!(lens(&of_frame), expected, "the frame's coefficients");
     for (wrong, found) in [(json!([0.1, 0.2]), "a list of 2"), (json!([0, 0, 0, 0, 0, "x"]), "\"x\"")] {
         let error = message(&listed(wrong));
         assert!(error.contains("distortion_params") && error.contains(found), "{error}");
@@ -174,10 +178,11 @@ fn an_unknown_image_size_is_an_error() {
     assert!(downscaled.is_err(), "a downscaled image does not have the listed size");
 }
 
-/// The image's own height may be that of a scaled copy of the width that is stated.
+/// The height in the image's file may be that of a scaled copy of the width that is stated.
 #[test]
 fn half_a_size_is_not_completed_from_an_image() {
-    for (side, missing) in [("w", "frames[0]: h: expected a height"), ("h", "frames[0]: w: expected a width")] {
+    for (side, missing) in [("w", "frames[0]: h: expected both w and h"), ("h", "frames[0]: w: expected both w and h")]
+    {
         let root = json!({ side: 640, "fl_x": 500, "frames": [frame("images/a.png")] });
         let error = load(&root, &["images/a.png"], ImageFolder::Listed).unwrap_err().to_string();
         assert!(error.contains(missing), "{error}");
@@ -242,7 +247,7 @@ fn images_with_another_extension_are_found_and_missing_ones_keep_their_position(
     assert!(matches!(scene.frames[1].image, FrameImage::Missing(_)));
     assert_eq!(file_name(&scene.frames[2].image), "c.JPG");
     let counts: Vec<_> = warnings.counts().collect();
-    assert_eq!(counts, [(WarningKind::MissingImage, 1), (WarningKind::ImageElsewhere, 1)]);
+    assert_eq!(counts, [(WarningKind::MissingImage, 1), (WarningKind::ImageAtOtherPath, 1)]);
 }
 
 #[test]
@@ -251,7 +256,7 @@ fn without_the_listed_folder_the_largest_copy_is_used_and_reported() {
         load(&transforms(|_| ()), &["images_8/f_1.png", "images_4/f_1.png"], ImageFolder::Listed).unwrap();
     let FrameImage::File(path) = &scene.frames[0].image else { panic!("{:?}", scene.frames[0].image) };
     assert!(path.ends_with("images_4/f_1.png"), "{}", path.display());
-    assert_eq!(warnings.count(WarningKind::ImageElsewhere), 1);
+    assert_eq!(warnings.count(WarningKind::ImageAtOtherPath), 1);
     assert_eq!(scene.frames[0].stated_size, Some(ImageSize { width: 200, height: 100 }));
 }
 
@@ -267,7 +272,7 @@ fn paths_outside_the_scene_are_errors() {
 #[test]
 fn messages_name_the_field() {
     type Change = fn(&mut Value);
-    let cases: [(&str, Change); 12] = [
+    let cases: [(&str, Change); 11] = [
         ("frames[0].file_path: expected an image's path, found nothing", |r| {
             r["frames"][0].as_object_mut().unwrap().remove("file_path");
         }),
@@ -283,9 +288,6 @@ fn messages_name_the_field() {
         }),
         ("frames[0].transform_matrix[3]: expected the row 0 0 0 1, found 0 0 0 2", |r| {
             r["frames"][0]["transform_matrix"][3][3] = json!(2);
-        }),
-        ("frames[0].transform_matrix: rotation: expected orthonormal rows", |r| {
-            r["frames"][0]["transform_matrix"][0][0] = json!(-1);
         }),
         ("frames: expected at least one frame", |r| r["frames"] = json!([])),
         ("frames: expected a list, found an object", |r| r["frames"] = json!({})),

@@ -19,6 +19,56 @@ fn the_number_of_lanes_does_not_change_results() {
     }
 }
 
+/// Needles of every direction, most of them slanted, in every instruction set.
+#[test]
+fn gradients_of_needles_are_identical_for_every_number_of_lanes() {
+    let view = view(83, 67);
+    let mut parts = cloud(600, 1, 39).into_parts();
+    parts.log_scales.iter_mut().for_each(|logs| *logs = [logs[0] + 3.0, -7.0, -7.0]);
+    let gaussians = Gaussians::new(parts).unwrap();
+    let (portable, fused) =
+        (gradients(&gaussians, &view, SimdLevel::Portable), gradients(&gaussians, &view, SimdLevel::best()));
+    for simd in [SimdLevel::Lanes4, SimdLevel::Lanes16] {
+        assert!(gradients(&gaussians, &view, simd) == portable, "{simd:?}");
+    }
+    for simd in SimdLevel::with_fma() {
+        assert!(gradients(&gaussians, &view, simd) == fused, "{simd:?}");
+    }
+    let mut renderer = CpuRenderer::default();
+    renderer.render(&gaussians, &view, &everything()).unwrap();
+    let frame = renderer.spare.first().unwrap();
+    let drawn = &frame.splats[..frame.runs[0].positions.len()];
+    let slanted = drawn.iter().filter(|splat| project::is_slanted(splat.whitener)).count();
+    assert!(slanted > 100 && drawn.len() - slanted > 50, "{slanted} of {}", drawn.len());
+}
+
+/// Needles through the image whose centres are far outside of it: terms that are large in f32 cancel.
+#[test]
+fn distant_centres_match_the_reference_in_tiles_of_any_size() {
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let view = View { camera: Camera { camera_from_world: pose, ..view(131, 77).camera }, ..view(131, 77) };
+    for pixels in [3e5f32, 3e6, 3e7] {
+        for step in 0..8u8 {
+            let (what, angle) = (format!("{pixels} pixels, step {step}"), 0.2 + 0.37 * f32::from(step));
+            // A focal length of 104.8 pixels.
+            let distance = pixels / 104.8;
+            let mut parts = cloud(1, 0, 82).into_parts();
+            parts.means = vec![[-distance * angle.cos(), -distance * angle.sin(), 1.0]];
+            parts.quaternions = vec![[(0.5 * angle).cos(), 0.0, 0.0, (0.5 * angle).sin()]];
+            parts.log_scales = vec![[(0.5 * distance).ln(), -3.5, -9.0]];
+            parts.opacity_logits = vec![3.0];
+            let gaussians = Gaussians::new(parts).unwrap();
+            let of = |tile| rendered(&gaussians, &view, &everything(), CpuOptions { tile, ..CpuOptions::default() });
+            let found = of(TileSize::Pixels32);
+            assert!(of(TileSize::Pixels16) == found && of(TileSize::Pixels64) == found, "{what}: tiles");
+            let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+            assert!(expected.alpha.iter().any(|alpha| *alpha > 0.1), "{what}: nothing to see");
+            let (_, largest) = beyond(&found.alpha, &expected.alpha, 0.0);
+            assert!(largest < 2e-5, "{what}: {largest}");
+        }
+    }
+}
+
 fn bits(values: [f32; 3]) -> [u32; 3] {
     values.map(f32::to_bits)
 }
@@ -48,7 +98,7 @@ fn culled_gaussians_do_not_affect_gradients() {
     {
         let found = gradients(&with, &view, SimdLevel::best());
         assert_eq!(shared(&found), shared(&expected));
-        let own = |at: usize| {
+        let position = |at: usize| {
             if first > 0 {
                 at + first
             } else if past > 0 && at >= past {
@@ -58,7 +108,7 @@ fn culled_gaussians_do_not_affect_gradients() {
             }
         };
         let of_one = |gradients: &Gradients<f32>, at: usize| [gradients.means[at], gradients.sh[at]].map(bits);
-        assert!((0..3000).all(|at| of_one(&found, own(at)) == of_one(&expected, at)));
+        assert!((0..3000).all(|at| of_one(&found, position(at)) == of_one(&expected, at)));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Exposure;
+use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use proptest::prelude::*;
 
@@ -77,6 +78,31 @@ fn rejects_non_finite_image_gradients() {
     images.depth.iter_mut().flatten().for_each(|value| *value = f32::INFINITY);
     let outcome = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images);
     assert!(matches!(outcome, Err(SplatError::NonFinite { image: "depth gradient", pixel: 0, .. })), "{outcome:?}");
+}
+
+/// Half a pixel wide and across a large image: sums of squares of columns and rows do not tell, in f32, how far pixels are from its
+/// axis.
+#[test]
+fn gradients_of_a_needle_across_a_large_image_match_the_reference() {
+    let mut parts = cloud(1, 0, 96).into_parts();
+    parts.means = vec![[0.0, 0.0, 2.0]];
+    parts.quaternions = vec![[0.92388, 0.0, 0.0, 0.38268]];
+    parts.log_scales = vec![[1.36, -7.04, -7.04]];
+    parts.opacity_logits = vec![0.5];
+    let gaussians = Gaussians::new(parts).unwrap();
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+    let view = View { camera, size: ImageSize { width: 512, height: 512 } };
+    let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
+    let options = RenderOptions { constants, ..RenderOptions::default() };
+    let rgb = (0..view.pixels()).map(|pixel| [(0.7 * pixel as f64).sin(); 3]).collect();
+    let images = ImageGradients { rgb, alpha: None, depth: None, scalar: None };
+    let expected = reference::backward(&gaussians, &view, &options, &images).unwrap();
+    for simd in SimdLevel::available().into_iter().chain([SimdLevel::Lanes4, SimdLevel::Lanes16]) {
+        let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+        let actual = renderer.backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
+        assert_gradients_close(&actual, &expected, &format!("{simd:?}"));
+    }
 }
 
 /// An opacity that f64 rounds to 1 still has a gradient with respect to its logit, if clamps let it pass.

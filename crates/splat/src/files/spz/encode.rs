@@ -106,7 +106,7 @@ fn check(parts: &GaussianParts) -> Result<(), Malformed> {
         if is_present {
             return Err(Malformed::new(
                 "Gaussians",
-                format!("no {field}, which SPZ cannot hold"),
+                format!("no {field}, which SPZ cannot store"),
                 format!("{field} for each"),
             ));
         }

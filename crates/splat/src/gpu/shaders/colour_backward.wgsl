@@ -9,6 +9,14 @@
 @group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
 @group(0) @binding(8) var<storage, read_write> d_scalars: array<f32>;
 
+// Far beyond any real gradient. What may overflow f32 is cut off there, so that nothing computed from it overflows: the difference of
+// two infinities would be NaN.
+const LARGEST: f32 = 1e34;
+
+fn bounded(value: vec3<f32>) -> vec3<f32> {
+    return clamp(value, vec3(-LARGEST), vec3(LARGEST));
+}
+
 @compute @workgroup_size(64)
 fn main(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -57,10 +65,10 @@ fn main(
             var d_direction = vec3(0.0);
             for (var k = 1u; k < coefficients; k++) {
                 let n = first + 3u * k;
-                d_direction += gradients[k] * dot(vec3(sh[n], sh[n + 1u], sh[n + 2u]), d_rgb);
+                d_direction += gradients[k] * dot(bounded(vec3(sh[n], sh[n + 1u], sh[n + 2u]) * d_rgb), vec3(1.0));
             }
             let tangential = (d_direction - direction.xyz * dot(direction.xyz, d_direction)) / direction.w;
-            d_mean = select(tangential, tangential.yzx, has(E3NN));
+            d_mean = bounded(select(tangential, tangential.yzx, has(E3NN)));
         }
     } else {
         for (var k = 0u; k < 3u * view.part.z; k++) {

@@ -1,5 +1,6 @@
-// A batch: image after image, each with a splat of every Gaussian of its scene. As many views as `uniforms.rs` has.
-@group(0) @binding(0) var<uniform> views: array<View, 160>;
+// A batch: image after image, each with a splat of every Gaussian of its scene. `VIEWS` are as many as the adapter's uniform
+// buffers hold, up to a limit; see `uniforms.rs`.
+@group(0) @binding(0) var<uniform> views: array<View, VIEWS>;
 
 var<private> view: View;
 

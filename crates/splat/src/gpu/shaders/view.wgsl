@@ -70,13 +70,13 @@ fn are_finite(value: vec3<f32>) -> bool {
     return is_finite(value.x) && is_finite(value.y) && is_finite(value.z);
 }
 
-// The nearest finite number; NaN becomes 0.
+// The nearest finite number; NaN stays NaN. Tests the bits, as above.
 fn saturated(value: f32) -> f32 {
     let bits = bitcast<u32>(value);
-    if (bits & 0x7f800000u) != 0x7f800000u {
+    if (bits & 0x7fffffffu) != 0x7f800000u {
         return value;
     }
-    return select(0.0, bitcast<f32>(0x7f7fffffu | (bits & 0x80000000u)), (bits & 0x007fffffu) == 0u);
+    return bitcast<f32>(0x7f7fffffu | (bits & 0x80000000u));
 }
 
 fn saturated3(value: vec3<f32>) -> vec3<f32> {

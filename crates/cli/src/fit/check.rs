@@ -1,0 +1,99 @@
+//! What is checked before anything is read: options, inputs that would be overwritten, outputs that cannot be written.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, ensure};
+use atsplat_fit::Fit;
+use atsplat_scene::Frame;
+
+use super::Args;
+use crate::output_lock::OutputFiles;
+use crate::overwrite::{Input, check_output, check_outputs, photos};
+use crate::parse;
+use crate::paths::{PendingFile, canonical_path};
+use crate::print::note;
+
+/// The files of --plots.
+const PLOTS: [&str; 3] = ["learning-curve.svg", "learning-curve.png", "contact-sheet.png"];
+
+impl Args {
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        self.start.check()?;
+        self.check_results()?;
+        self.check_inputs()?;
+        self.check_checkpoint()
+    }
+
+    /// Next to the Gaussians.
+    pub(super) fn record_file(&self) -> PathBuf {
+        self.out.with_added_extension("json")
+    }
+
+    /// Rejects results that would overwrite the checkpoint.
+    fn check_results(&self) -> anyhow::Result<()> {
+        let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
+        let kept = canonical_path(checkpoint)?;
+        for file in [&self.out, &self.record_file()] {
+            if canonical_path(file)? == kept {
+                let (checkpoint, file) = (checkpoint.display(), file.display());
+                let text =
+                    format!("--checkpoint {checkpoint}: --out writes {file}; choose another file for the checkpoint");
+                return Err(parse::usage_error(text).into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Rejects outputs that would overwrite the dataset or the start.
+    fn check_inputs(&self) -> anyhow::Result<()> {
+        let start = self.start.path().map(|start| match start {
+            folder if folder.is_dir() => Input::Dataset(folder),
+            file => Input::File("start", file),
+        });
+        let weights = self.start.refine.as_deref().map(|weights| Input::File("weights file", weights));
+        let inputs: Vec<Input<'_>> =
+            [Input::Dataset(&self.input.data)].into_iter().chain(start).chain(weights).collect();
+        check_output("--out", &self.out, &inputs)?;
+        check_output("--out", &self.record_file(), &inputs)?;
+        let checkpoint = self.checkpoint.as_deref();
+        checkpoint.map_or(Ok(()), |file| check_output("--checkpoint", file, &inputs))
+    }
+
+    /// Rejects a checkpoint that would overwrite a file of another kind.
+    fn check_checkpoint(&self) -> anyhow::Result<()> {
+        let Some(checkpoint) = self.checkpoint.as_deref() else { return Ok(()) };
+        let shown = checkpoint.display();
+        if !checkpoint.is_file() {
+            if self.resume {
+                note(&format!("--resume: no checkpoint at {shown}; starting from step 0"));
+            }
+            return Ok(());
+        }
+        let is_checkpoint =
+            Fit::is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
+        ensure!(
+            is_checkpoint,
+            "--checkpoint: {shown} is not a checkpoint written by `atsplat fit`; choose another file"
+        );
+        Ok(())
+    }
+
+    /// Fails before long work if a file cannot be written, or another process writes it. None stays open meanwhile: a run that is
+    /// interrupted leaves no part of one.
+    pub(super) fn lock_outputs(&self) -> anyhow::Result<OutputFiles> {
+        let plot = self.plots.as_deref().map(|folder| folder.join(PLOTS[0]));
+        let mut outputs = OutputFiles::default();
+        for file in [Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()].into_iter().flatten() {
+            outputs.add(file)?;
+        }
+        drop(PendingFile::open(&self.record_file())?);
+        Ok(outputs)
+    }
+
+    /// Rejects plots that would overwrite photos.
+    pub(super) fn check_photos(&self, photographed: &[Frame]) -> anyhow::Result<()> {
+        let folder = self.plots.as_deref();
+        let plots = folder.into_iter().flat_map(|folder| PLOTS.map(|name| folder.join(name)));
+        check_outputs("--plots", plots, photos(photographed))
+    }
+}

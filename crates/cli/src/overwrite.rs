@@ -1,0 +1,221 @@
+//! Outputs that would overwrite what a command reads.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io::Result as IoResult;
+use std::path::{Component, Path, PathBuf, absolute};
+
+use anyhow::{Context as _, bail};
+use atsplat_scene::Frame;
+
+use crate::parse::is_toml;
+use crate::paths::canonical_path;
+
+/// What a command reads, for [`check_output`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Input<'a> {
+    /// What it is, such as "index", and its path. Without a file there, it is the name of something embedded, or reading it
+    /// will fail.
+    File(&'static str, &'a Path),
+    /// What it is, and a name or a path that ends in `.toml`.
+    Toml(&'static str, &'a str),
+    /// A dataset, a file or a folder, or a folder of depth maps or points.
+    Dataset(&'a Path),
+}
+
+/// Rejects an output that would overwrite an input, or be read as a file of an input dataset. `option` names the argument for
+/// the message.
+pub(crate) fn check_output(option: &str, out: &Path, inputs: &[Input<'_>]) -> anyhow::Result<()> {
+    let shown = out.display();
+    let places = places(out).with_context(|| format!("{option} {shown}"))?;
+    let is_at = |path: &Path| path.canonicalize().is_ok_and(|path| places[0] == path);
+    let overwrites = |what: &str| format!("would overwrite the input {what}; choose another file");
+    for input in inputs {
+        let fault = match *input {
+            Input::File(what, path) if is_at(path) => overwrites(what),
+            Input::Toml(what, name) if is_toml(name) && is_at(Path::new(name)) => overwrites(what),
+            Input::Dataset(data) if is_read_with(data, &places) => {
+                format!("would be read as part of the dataset {}; choose a path outside it", data.display())
+            }
+            _ => continue,
+        };
+        bail!("{option}: {shown} {fault}");
+    }
+    Ok(())
+}
+
+/// Where a file is: its canonical path, and those that a link in a dataset has, as a file and as a folder.
+fn places(file: &Path) -> IoResult<[PathBuf; 3]> {
+    let canonical = canonical_path(file)?;
+    let Some((folder, name)) = file.parent().zip(file.file_name()) else {
+        return Ok([canonical.clone(), canonical.clone(), canonical]);
+    };
+    let (link, absolute) = (canonical_path(folder)?.join(name), absolute(file)?);
+    let goes_up = absolute.components().any(|part| part == Component::ParentDir);
+    let as_given = if goes_up { canonical.clone() } else { absolute };
+    Ok([canonical, link, as_given])
+}
+
+/// Whether the file at these places is the dataset, or would be read with it. A dataset may be elsewhere, or missing.
+fn is_read_with(data: &Path, places: &[PathBuf]) -> bool {
+    let Ok(canonical) = data.canonicalize() else { return false };
+    let mut named = places.iter().filter(|place| is_name_of_dataset(place));
+    if data.is_dir() {
+        let as_given = absolute(data).unwrap_or_else(|_unknown| canonical.clone());
+        return named.any(|place| place.starts_with(&canonical) || place.starts_with(&as_given));
+    }
+    places.contains(&canonical) || named.any(|place| place.parent() == canonical.parent())
+}
+
+/// Whether a format of datasets reads files of this name: cameras and points by their names alone, images and depth maps if
+/// they exist.
+fn is_name_of_dataset(place: &Path) -> bool {
+    const IMAGES: [&str; 5] = ["jpg", "jpeg", "png", "webp", "exr"];
+    let text = |part: Option<&OsStr>| part.map(|part| part.to_string_lossy().into_owned()).unwrap_or_default();
+    let (name, extension) = (text(place.file_name()), text(place.extension()));
+    match (name.as_str(), extension.as_str()) {
+        ("transforms.json" | "render.json" | "cameras.bin" | "images.bin" | "points3D.bin", _)
+        | (_, "txt" | "torch") => true,
+        ("index.json", _) => place.parent().is_some_and(contains_chunks),
+        (_, extension) => place.is_file() && IMAGES.iter().any(|image| image.eq_ignore_ascii_case(extension)),
+    }
+}
+
+/// Whether pixelSplat's chunks are in the folder: their index is next to them.
+fn contains_chunks(folder: &Path) -> bool {
+    let is_chunk = |path: PathBuf| path.extension().is_some_and(|extension| extension == "torch");
+    folder.read_dir().is_ok_and(|entries| entries.flatten().any(|entry| is_chunk(entry.path())))
+}
+
+/// An input file, and what it is, such as "photo".
+pub(crate) type InputFile<'a> = (&'static str, &'a Path);
+
+/// Rejects outputs that would overwrite input files. `option` names the argument for the message.
+pub(crate) fn check_outputs<'a>(
+    option: &str,
+    outputs: impl IntoIterator<Item = PathBuf>,
+    inputs: impl IntoIterator<Item = InputFile<'a>>,
+) -> anyhow::Result<()> {
+    // Files that do not exist yet overwrite nothing.
+    let existing = outputs.into_iter().filter(|file| file.symlink_metadata().is_ok());
+    let existing: BTreeMap<PathBuf, PathBuf> = existing.filter_map(|file| Some((entry(&file)?, file))).collect();
+    if existing.is_empty() {
+        return Ok(());
+    }
+    for (what, file) in inputs {
+        // A link is overwritten, not what it leads to.
+        let mut places = [entry(file), file.canonicalize().ok()].into_iter().flatten();
+        if let Some(output) = places.find_map(|place| existing.get(&place)) {
+            let (output, file) = (output.display(), file.display());
+            bail!("{option}: {output} would overwrite the input {what} {file}; choose another folder or name");
+        }
+    }
+    Ok(())
+}
+
+/// The image files of these frames.
+pub(crate) fn photos(frames: &[Frame]) -> impl Iterator<Item = InputFile<'_>> {
+    frames.iter().filter_map(|frame| Some(("photo", frame.image.file()?)))
+}
+
+/// Where a file has its name, also if that is a link.
+fn entry(file: &Path) -> Option<PathBuf> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    Some(canonical_path(folder).ok()?.join(file.file_name()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    /// A dataset in `data`, and what is allowed and rejected next to its files.
+    #[test]
+    fn outputs_that_overwrite_inputs_are_errors() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |path: &str| root.path().join(path);
+        fs::create_dir_all(at("data/test")).unwrap();
+        for file in ["data/transforms.json", "data/0.PNG", "data/test/000.torch", "index", "map.toml", "map"] {
+            fs::write(at(file), "").unwrap();
+        }
+        let (data, index, map) = (at("data"), at("index"), at("map.toml"));
+        let name = map.to_string_lossy().into_owned();
+        let inputs = [Input::File("index", &index), Input::Toml("key map", &name), Input::Dataset(&data)];
+        let check = |path: &str| check_output("--out", &at(path), &inputs).map_err(|error| error.to_string());
+        for (path, expected) in [
+            ("index", "index would overwrite the input index; choose another file"),
+            ("data/../index", "would overwrite the input index"),
+            ("new/../index", "would overwrite the input index"),
+            ("map.toml", "map.toml would overwrite the input key map; choose another file"),
+            ("data/transforms.json", "transforms.json would be read as part of the dataset "),
+            ("data/new/../sparse/0/cameras.bin", "part of the dataset "),
+            ("data/scene.txt", "part of the dataset "),
+            ("data/0.PNG", "part of the dataset "),
+            ("data/test/index.json", "part of the dataset "),
+        ] {
+            let error = check(path).unwrap_err();
+            assert!(error.starts_with("--out: ") && error.contains(expected), "{path}: {error}");
+        }
+        for path in
+            ["index.json", "map", "data/index.json", "data/1.PNG", "data/fitted.ply", "transforms.json", "data2/a.txt"]
+        {
+            assert_eq!(check(path), Ok(()), "{path}");
+        }
+        let file = at("data/transforms.json");
+        let of_file = |path: &str| check_output("--out", &at(path), &[Input::Dataset(&file)]).is_ok();
+        assert!(!of_file("data/transforms.json") && !of_file("data/images.txt") && of_file("data/test/images.txt"));
+        assert_eq!(check_output("--out", &at("new"), &[Input::File("weights", Path::new("micro"))]).ok(), Some(()));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_are_found_behind_links() {
+        use std::os::unix::fs::symlink;
+
+        let root = tempfile::tempdir().unwrap();
+        let at = |path: &str| root.path().join(path);
+        fs::create_dir(at("data")).unwrap();
+        symlink(at("data"), at("link")).unwrap();
+        check_output("--out", &at("link/transforms.json"), &[Input::Dataset(&at("data"))]).unwrap_err();
+        check_output("--out", &at("link/a/b.txt"), &[Input::Dataset(&at("data"))]).unwrap_err();
+        check_output("--out", &at("link/a.json"), &[Input::Dataset(&at("data"))]).unwrap();
+        // A file and a folder of a dataset that are elsewhere.
+        fs::create_dir(at("elsewhere")).unwrap();
+        fs::write(at("elsewhere/blob"), "").unwrap();
+        symlink(at("elsewhere"), at("data/scene")).unwrap();
+        symlink(at("elsewhere/blob"), at("data/transforms.json")).unwrap();
+        check_output("--out", &at("data/transforms.json"), &[Input::Dataset(&at("data"))]).unwrap_err();
+        check_output("--out", &at("data/scene/transforms.json"), &[Input::Dataset(&at("data"))]).unwrap_err();
+        check_output("--out", &at("elsewhere/transforms.json"), &[Input::Dataset(&at("data"))]).unwrap();
+    }
+
+    #[test]
+    fn inputs_are_not_overwritten_under_any_of_their_names() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |path: &str| root.path().join(path);
+        fs::create_dir(at("data")).unwrap();
+        for file in ["data/0.png", "data/1.png"] {
+            fs::write(at(file), "").unwrap();
+        }
+        let check = |output: &str, input: &str| {
+            check_outputs("--out", [at(output)], [("photo", at(input).as_path())]).map_err(|error| error.to_string())
+        };
+        let error = check("data/../data/0.png", "data/0.png").unwrap_err();
+        assert!(error.starts_with("--out: ") && error.contains("0.png would overwrite the input photo "), "{error}");
+        assert_eq!(check("data/1.png", "data/0.png"), Ok(()));
+        assert_eq!(check("data/2.png", "data/2.png"), Ok(()), "neither exists");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::symlink;
+            symlink(at("data"), at("link")).unwrap();
+            symlink(at("data/0.png"), at("data/here.png")).unwrap();
+            for (output, input) in
+                [("link/0.png", "data/0.png"), ("data/0.png", "data/here.png"), ("data/here.png", "data/here.png")]
+            {
+                assert!(check(output, input).is_err(), "{output} {input}");
+            }
+            assert_eq!(check("data/here.png", "data/0.png"), Ok(()), "only the link is overwritten");
+        }
+    }
+}

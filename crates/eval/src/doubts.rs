@@ -1,0 +1,34 @@
+//! How the notes of trials begin whose scores are probably those of a mistake, and what tables say about such trials.
+
+pub use crate::method::{BROKEN, DRAWN_CLASSIC};
+
+/// Every opacity of a PLY file is a possible probability.
+pub const OPACITIES: &str = "every opacity of the file lies in [0, 1]";
+/// Renders are grey.
+pub const NO_COLOUR: &str = "renders without colour: ";
+/// A change would bring most renders far closer to the ground truth.
+pub const RESEMBLES: &str = "renders would be closer to the truth ";
+/// All imported images are equal.
+pub const REPEATED: &str = "one image for all targets: ";
+/// No render is better than one colour.
+pub const FLAT: &str = "no better than one flat colour: ";
+/// Every log-scale of a PLY file is a possible scale.
+pub const LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
+/// Every coefficient of a PLY file is a possible colour.
+pub const COLOURS: &str = "every coefficient of the file lies in [0, 1]";
+
+/// How a doubtful note begins, and what to say of the trials that have it, before "in 2 of 4 trials".
+pub const DOUBTS: [(&str, &str); 9] = [
+    (BROKEN, "broken Gaussians were skipped or repaired"),
+    (DRAWN_CLASSIC, "Gaussians of antialiased training or with 3D filters were drawn in the classic mode"),
+    (OPACITIES, "opacities were read as logits that may be none"),
+    (LOG_SCALES, "scales were read as logarithms that may be none"),
+    (COLOURS, "colours were read as coefficients that may be none"),
+    (NO_COLOUR, "renders have no colour"),
+    (
+        RESEMBLES,
+        "renders seem to have other channels, another encoding, other sides or another order than the ground truth",
+    ),
+    (REPEATED, "all targets have the same image"),
+    (FLAT, "no render is better than one flat colour"),
+];

@@ -1,0 +1,194 @@
+use std::fs::{self, File};
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+
+use atsplat_files::PARTIAL;
+use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
+
+use super::kept_images::WorstSoFar;
+use super::scored::hash_of_bytes;
+use crate::file_name::file_name;
+use crate::store::disk;
+use crate::{EvalError, TargetRow, TrialKey};
+
+/// The method name under which ground-truth images are stored.
+pub const TRUTH: &str = "truth";
+/// The method name under which context images are stored.
+pub const CONTEXT: &str = "context";
+
+/// Bytes of a PNG file before its first chunk after the header.
+const HEADER: usize = 33;
+/// The keyword of a PNG text with the hash of an image's samples.
+const KEYWORD: &[u8] = b"atsplat-samples\0";
+
+/// Which images a store keeps in addition to its rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum KeepImages {
+    /// None.
+    #[default]
+    Nothing,
+    /// Those of each method's six trials with the lowest and two with the highest mean PSNR, and of the two nearest to the median
+    /// among eight random ones; also the other methods' images of these trials, where they were rendered.
+    Worst,
+    /// All.
+    All,
+}
+
+/// Path of an image in a store: `images/<preset>/<method>/<scene>-<entry>/<frame>.png`, with `truth` or `context` instead of the
+/// method for ground-truth and context images. Names that are invalid as file names or differ only in case are changed, so that
+/// no two keys share a path.
+pub fn image_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
+    folder(store, key).join(format!("{frame:06}.png"))
+}
+
+/// Whether a store's PNG file is the image of a row with this hash: [`TargetRow::render_hash`], [`TargetRow::truth_hash`] or
+/// one of [`crate::TrialRow::context_hashes`]. Files say which hash they belong to, because in object storage a writer that is
+/// killed between two uploads leaves old images next to new rows. Files of older versions do not say it and are accepted.
+pub fn is_image_of(png: &[u8], hash: Option<&str>) -> bool {
+    stated_hash(png).is_none_or(|stated| hash.map(str::as_bytes) == Some(stated))
+}
+
+fn stated_hash(png: &[u8]) -> Option<&[u8]> {
+    let (length, chunk) = png.get(HEADER..)?.split_first_chunk::<4>()?;
+    let text = chunk.strip_prefix(b"tEXt")?.get(..u32::from_be_bytes(*length) as usize)?;
+    text.strip_prefix(KEYWORD)
+}
+
+/// Whether a store has the image of a row with this hash.
+pub(super) fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
+    /// The beginning of a file, with its hash.
+    const BEGINNING: u64 = 256;
+    let mut bytes = Vec::new();
+    let file = File::open(image_path(store, key, frame));
+    file.and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes)).is_ok() && is_image_of(&bytes, hash)
+}
+
+/// Folder of a trial's images.
+pub(super) fn folder(store: &Path, key: &TrialKey) -> PathBuf {
+    folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", file_name(&key.scene), key.entry))
+}
+
+/// Folder of a method's images.
+pub(super) fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
+    store.join("images").join(file_name(preset)).join(file_name(method))
+}
+
+/// Decides which images are stored, and where.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ImageSink<'a> {
+    pub(super) keep: KeepImages,
+    pub(super) store: &'a Path,
+    pub(super) worst: &'a WorstSoFar,
+}
+
+impl<'a> ImageSink<'a> {
+    /// The store, if it keeps all images.
+    pub(super) fn all(self) -> Option<&'a Path> {
+        (self.keep == KeepImages::All).then_some(self.store)
+    }
+
+    /// The store, if it keeps the worst trials' images and a trial with these rows is among them so far.
+    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
+        (self.keep == KeepImages::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
+    }
+}
+
+/// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
+/// is not stored.
+pub(super) fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(), EvalError> {
+    let path = image_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
+    match render.to_u8(Rounding::Nearest) {
+        Ok(image) => write(&path, &image, row.render_hash.as_deref()),
+        Err(_non_finite) => Ok(()),
+    }
+}
+
+/// Gives the renders of a trial their names, after its rows were stored: a run that is killed before leaves no image next to the
+/// rows of an earlier one.
+pub(super) fn publish(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
+    for path in disk::files(&folder(store, key))? {
+        if path.extension().is_some_and(|extension| extension == PARTIAL) {
+            fs::rename(&path, path.with_extension("")).map_err(EvalError::io("storing an image", &path))?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a trial's images, if there are any.
+pub(super) fn remove(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
+    let folder = folder(store, key);
+    match fs::remove_dir_all(&folder) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(EvalError::io("removing images", &folder)(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Stores an 8-bit image.
+pub(super) fn write_image(store: &Path, key: &TrialKey, frame: u64, image: &ImageU8) -> Result<(), EvalError> {
+    write(&image_path(store, key, frame), image, Some(&hash_of_bytes(image)))
+}
+
+fn write(path: &Path, image: &ImageU8, hash: Option<&str>) -> Result<(), EvalError> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(EvalError::io("creating a folder for images", folder))?;
+    let png = encode_png(image);
+    let png = png.map_err(|error| EvalError::malformed(path, "image", "one that PNG can store", error))?;
+    match hash {
+        Some(hash) => disk::write_unsynced(path, &with_hash(&png, hash)),
+        None => disk::write_unsynced(path, &png),
+    }
+}
+
+/// A PNG file with the hash that it belongs to in a text chunk.
+fn with_hash(png: &[u8], hash: &str) -> Vec<u8> {
+    let chunk = [&b"tEXt"[..], KEYWORD, hash.as_bytes()].concat();
+    #[expect(clippy::cast_possible_truncation, reason = "a keyword and a hash")]
+    let length = (KEYWORD.len() + hash.len()) as u32;
+    let (header, rest) = png.split_at(HEADER.min(png.len()));
+    let (length, checksum) = (length.to_be_bytes(), crc32fast::hash(&chunk).to_be_bytes());
+    [header, &length[..], chunk.as_slice(), &checksum[..], rest].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_pixels::{DecodeLimits, decode};
+
+    use super::*;
+    use crate::sample_rows;
+
+    #[test]
+    fn an_image_says_which_row_it_belongs_to() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key("m", "x", 0);
+        let image = ImageU8::new(1, 1, vec![10, 20, 30]).unwrap();
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let png = fs::read(image_path(root.path(), &key, 4)).unwrap();
+        assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), image);
+        let stated = hash_of_bytes(&image);
+        let is_of = |hash: Option<&str>| (is_image_of(&png, hash), is_stored(root.path(), &key, 4, hash));
+        assert_eq!(is_of(Some(&stated)), (true, true));
+        assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
+        assert!(!is_stored(root.path(), &key, 5, Some(&stated)));
+        assert!(is_image_of(&encode_png(&image).unwrap(), Some("another")), "older versions do not say it");
+    }
+
+    #[test]
+    fn a_render_has_its_name_once_the_rows_are_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let [key, other] = ["x", "y"].map(|scene| sample_rows::key("m", scene, 0));
+        let render = |samples: [f32; 3]| Image::new(1, 1, samples.to_vec()).unwrap();
+        let path = image_path(root.path(), &key, 7);
+        let row = |frame| TargetRow { frame, ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0) };
+        write_render(root.path(), &row(7), &render([0.0, 0.5, 1.0])).unwrap();
+        write_render(root.path(), &row(8), &render([f32::NAN; 3])).unwrap();
+        assert!(!path.exists());
+        publish(root.path(), &other).unwrap();
+        assert!(!path.exists(), "another trial's");
+        publish(root.path(), &key).unwrap();
+        assert_eq!(disk::files(&folder(root.path(), &key)).unwrap(), std::slice::from_ref(&path));
+        remove(root.path(), &other).unwrap();
+        assert!(path.is_file(), "nothing of the other trial was stored");
+        remove(root.path(), &key).unwrap();
+        assert!(!folder(root.path(), &key).exists());
+    }
+}

@@ -1,0 +1,98 @@
+//! What readers of results must know about an index: irregularities of its file, and what a generated index leaves out.
+
+use std::collections::BTreeMap;
+
+use atsplat_protocol::extrapolation::ExtrapolationReport;
+use atsplat_protocol::{BuiltIndex, IndexNotices};
+use atsplat_scene::{WarningKind, Warnings};
+
+/// Prefix of warning kinds for published entries that the derived split drops.
+pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
+
+const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
+const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
+const REPEATED_IMAGE: &str = "frames that repeat an earlier frame's image file, which are not sampled";
+const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
+const NOT_READ: &str = "scenes that are not read, and not sampled";
+
+/// Prefixes of warning kinds for scenes and frames of the data that the sampled index leaves out.
+pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
+
+/// Irregularities of an index of one kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IndexNotice {
+    /// How often it occurs in the whole index.
+    pub count: u64,
+    /// The first of them.
+    pub example: String,
+    /// What a run misses because of them.
+    pub missing: Missing,
+}
+
+/// What a run misses because of a notice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// Nothing.
+    Nothing,
+    /// Entries of a published index that have no trial.
+    Entries,
+    /// Scenes or frames of the data that a sampled index leaves out.
+    Data,
+}
+
+/// Notices by kind.
+pub(super) type Notices = BTreeMap<String, IndexNotice>;
+
+/// Irregularities of an index file.
+pub(super) fn of_file(notices: &IndexNotices) -> Notices {
+    let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
+    let notice = |count, example| IndexNotice { count, example, missing: Missing::Nothing };
+    found.map(|found| (found.kind, notice(found.count, found.example))).collect()
+}
+
+/// Entries that a split drops from an index, by reason.
+pub(super) fn of_split(split: &ExtrapolationReport, is_published: bool) -> Notices {
+    let (kind, missing) = if is_published {
+        (DROPPED_BY_SPLIT, Missing::Entries)
+    } else {
+        ("sampled entries that have no place in the split", Missing::Nothing)
+    };
+    let notice = |(why, scenes): (&str, &[String])| {
+        let example = scenes.first()?.clone();
+        Some((format!("{kind}: {why}"), IndexNotice { count: scenes.len() as u64, example, missing }))
+    };
+    split.drops().into_iter().filter_map(notice).collect()
+}
+
+/// What a rule left out: scenes and frames that it could not use, and entries that it rejects by itself.
+pub(super) fn of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str) -> Notices {
+    let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
+    let nulls = first_null.map(|(key, _)| {
+        let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
+        (WITHOUT_ENTRY, IndexNotice { count, example, missing: Missing::Data })
+    });
+    let others = [
+        ("sampled entries rejected for their overlap", built.refused_entries as u64, Missing::Nothing),
+        (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
+        (REPEATED_IMAGE, built.repeated_images as u64, Missing::Nothing),
+        (UNREADABLE_IMAGE, unreadable_images, Missing::Data),
+    ]
+    .map(|(kind, count, missing)| (kind, IndexNotice { count, example: rule.to_owned(), missing }));
+    let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
+    found.map(|(kind, notice)| (kind.to_owned(), notice)).collect()
+}
+
+/// Scenes that were not read when the data were opened, by the warnings of opening: a sampler did not see them.
+pub(super) fn of_unread(opening: &Warnings) -> Notices {
+    const UNREAD: [WarningKind; 3] =
+        [WarningKind::UnreadableScene, WarningKind::SceneNotFound, WarningKind::IgnoredScene];
+    let unread = opening.summary().filter(|(kind, ..)| UNREAD.contains(kind));
+    let notice = |count, example| IndexNotice { count, example, missing: Missing::Data };
+    unread.map(|(kind, count, first)| (format!("{NOT_READ}: {kind}"), notice(count, first.to_string()))).collect()
+}
+
+/// Numbers of scenes without an entry, by reason.
+pub(super) fn reasons(built: &BuiltIndex) -> String {
+    let reasons: Vec<String> = built.nulls.iter().map(|(reason, scenes)| format!("{scenes} {reason}")).collect();
+    reasons.join(", ")
+}

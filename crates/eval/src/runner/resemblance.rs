@@ -1,0 +1,382 @@
+//! Renders that fit the ground truth far better after a change that is easily made when images are written, and renders that
+//! fit it no better than one colour.
+//!
+//! On real frames, methods of 19 to 30 dB have at least 22 times their error after any of these changes, and images with one of
+//! them have at most 0.05 times their error after undoing it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_pixels::{Image, ImageU8};
+
+use crate::doubts::{FLAT, REPEATED, RESEMBLES};
+use crate::{TargetRow, TargetStatus};
+
+/// Columns and rows of a thumbnail, at most.
+const SIDE: usize = 32;
+/// A change is noted if it leaves less than this share of the mean squared error,
+const LEFT: f64 = 0.25;
+/// and less than this much of it,
+const CLOSE: f64 = 0.01;
+/// unless there was hardly an error before.
+const HARDLY: f64 = 1e-5;
+/// Mean squared difference of two ground truths that cannot be confused, and of one and a flat colour.
+const DISTINCT: f64 = 0.002;
+
+/// A change that would undo a mistake.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Change {
+    RedAndBlue,
+    ToSrgb,
+    ToLinear,
+    LeftToRight,
+    TopToBottom,
+    HalfTurn,
+    Transposed,
+    /// The image belongs to another target of the trial.
+    Reordered,
+}
+
+impl Change {
+    /// Those of a single image.
+    const OF_IMAGE: [Self; 7] = [
+        Self::RedAndBlue,
+        Self::ToSrgb,
+        Self::ToLinear,
+        Self::LeftToRight,
+        Self::TopToBottom,
+        Self::HalfTurn,
+        Self::Transposed,
+    ];
+
+    /// How a note goes on.
+    const fn text(self) -> &'static str {
+        match self {
+            Self::RedAndBlue => "with red and blue exchanged",
+            Self::ToSrgb => "encoded as sRGB, as if they were linear light",
+            Self::ToLinear => "decoded from sRGB, as if they were encoded twice",
+            Self::LeftToRight => "mirrored left to right",
+            Self::TopToBottom => "mirrored top to bottom",
+            Self::HalfTurn => "rotated by 180°",
+            Self::Transposed => "with rows and columns exchanged",
+            Self::Reordered => "of other targets, as if they were in another order",
+        }
+    }
+}
+
+/// An image of box means, at most [`SIDE`] × [`SIDE`].
+#[derive(Clone, Debug)]
+struct Thumbnail {
+    columns: usize,
+    /// Whether the image itself is square.
+    is_square: bool,
+    /// Row-major, in [0, 1].
+    pixels: Vec<[f64; 3]>,
+}
+
+impl Thumbnail {
+    fn of(width: u32, height: u32, pixels: impl Iterator<Item = [f32; 3]>) -> Self {
+        let [width, height] = [width as usize, height as usize];
+        let [columns, rows] = [width, height].map(|side| side.min(SIDE));
+        let mut sums = vec![([0.0; 3], 0.0); columns * rows];
+        for (at, pixel) in pixels.enumerate() {
+            let cell = at / width * rows / height * columns + at % width * columns / width;
+            if let Some((sum, count)) = sums.get_mut(cell) {
+                *sum = added(*sum, pixel.map(|sample| f64::from(sample.clamp(0.0, 1.0))));
+                *count += 1.0;
+            }
+        }
+        let pixels = sums.into_iter().map(|(sum, count)| sum.map(|sum| sum / count)).collect();
+        Self { columns, is_square: width == height, pixels }
+    }
+
+    /// The pixels after a change of a single image; `None` if it would change the image's size.
+    fn after(&self, change: Change) -> Option<Vec<[f64; 3]>> {
+        let rows = || self.pixels.chunks_exact(self.columns.max(1));
+        let pixels = self.pixels.iter().copied();
+        Some(match change {
+            Change::RedAndBlue => pixels.map(|[red, green, blue]| [blue, green, red]).collect(),
+            Change::ToSrgb => pixels.map(|pixel| pixel.map(encoded)).collect(),
+            Change::ToLinear => pixels.map(|pixel| pixel.map(decoded)).collect(),
+            Change::LeftToRight => rows().flat_map(|row| row.iter().rev().copied()).collect(),
+            Change::TopToBottom => rows().rev().flatten().copied().collect(),
+            Change::HalfTurn => pixels.rev().collect(),
+            Change::Transposed if self.is_square => {
+                (0..self.columns).flat_map(|column| rows().filter_map(move |row| row.get(column).copied())).collect()
+            }
+            Change::Transposed | Change::Reordered => return None,
+        })
+    }
+}
+
+fn added(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    let ([a0, a1, a2], [b0, b1, b2]) = (a, b);
+    [a0 + b0, a1 + b1, a2 + b2]
+}
+
+/// Linear light as sRGB.
+fn encoded(value: f64) -> f64 {
+    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// sRGB as linear light.
+fn decoded(value: f64) -> f64 {
+    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Mean squared difference; NaN without pixels.
+fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    let squares = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b));
+    squares.sum::<f64>() / a.as_flattened().len() as f64
+}
+
+/// What is kept of a scored render and its ground truth until the trial is finished.
+#[derive(Clone, Debug)]
+pub(super) struct Compared {
+    render: Thumbnail,
+    truth: Thumbnail,
+    /// Whether the target is a context frame too.
+    is_leaked: bool,
+    /// Whether the best flat colour has no larger error.
+    is_no_better_than_flat: bool,
+}
+
+impl Compared {
+    /// Of two images of one size.
+    pub(super) fn of(render: &Image, truth: &ImageU8, is_leaked: bool) -> Self {
+        let (width, height) = (truth.width(), truth.height());
+        let shown = || render.samples().as_chunks::<3>().0.iter().copied();
+        let pixel_of = |pixel: &[u8; 3]| pixel.map(|sample| f32::from(sample) / 255.0);
+        let seen = || truth.samples().as_chunks::<3>().0.iter().map(pixel_of);
+        let (mut error, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
+        for (shown, seen) in shown().zip(seen()) {
+            let [shown, seen] = [shown, seen].map(|pixel| pixel.map(f64::from));
+            error += difference(&[shown], &[seen]);
+            sum = added(sum, seen);
+            squares = added(squares, seen.map(|sample| sample * sample));
+        }
+        let count = f64::from(width) * f64::from(height);
+        let mean_squares = sum.map(|sum| (sum / count) * (sum / count)).iter().sum::<f64>();
+        let variance = (squares.iter().sum::<f64>() / count - mean_squares) / 3.0;
+        Self {
+            render: Thumbnail::of(width, height, shown()),
+            truth: Thumbnail::of(width, height, seen()),
+            is_leaked,
+            is_no_better_than_flat: variance >= DISTINCT && error / count >= variance,
+        }
+    }
+
+    fn error(&self) -> f64 {
+        difference(&self.render.pixels, &self.truth.pixels)
+    }
+
+    /// Each change after which the render is far closer to its ground truth, with the error that is left.
+    fn changes(&self) -> Vec<(Change, f64)> {
+        let before = self.error();
+        if before < HARDLY {
+            return Vec::new();
+        }
+        let left = |change| Some((change, difference(&self.render.after(change)?, &self.truth.pixels)));
+        let changes = Change::OF_IMAGE.into_iter().filter_map(left);
+        changes.filter(|(_, after)| *after < LEFT * before && *after < CLOSE).collect()
+    }
+
+    /// The position among `all` of the ground truth that the render resembles far more than its own, with the error that is
+    /// left. Not that of a context frame, which methods that copy one resemble rightly.
+    fn other(&self, all: &[Self]) -> Option<(usize, f64)> {
+        let before = self.error();
+        // Without this much, no distinct truth can be so much closer.
+        if before < DISTINCT / 3.0 {
+            return None;
+        }
+        let left = |(at, other): (usize, &Self)| {
+            let after = difference(&self.render.pixels, &other.truth.pixels);
+            let is_far = || difference(&self.truth.pixels, &other.truth.pixels) >= DISTINCT;
+            (!other.is_leaked && after < LEFT * before && after < CLOSE && is_far()).then_some((at, after))
+        };
+        all.iter().enumerate().filter_map(left).min_by(|(_, a), (_, b)| a.total_cmp(b))
+    }
+}
+
+/// The change that brings most of a trial's `targets` renders far closer to the ground truth, and how many.
+fn change(compared: &[Compared], targets: usize) -> Option<(Change, usize)> {
+    let mut found: BTreeMap<Change, (usize, f64)> = BTreeMap::new();
+    let of_images = compared.iter().flat_map(Compared::changes);
+    // Renders that resemble one and the same truth are those of a method that copies one view.
+    let mut others = BTreeSet::new();
+    let reordered = compared.iter().filter_map(|target| target.other(compared));
+    let reordered = reordered.filter(|(at, _)| others.insert(*at)).map(|(_, after)| (Change::Reordered, after));
+    for (change, after) in of_images.chain(reordered) {
+        let (count, error) = found.entry(change).or_default();
+        (*count, *error) = (*count + 1, *error + after);
+    }
+    let of_most = found.into_iter().filter(|(_, (count, _))| 2 * count > targets);
+    let best = of_most.min_by(|(_, (a, left)), (_, (b, right))| b.cmp(a).then(left.total_cmp(right)));
+    best.map(|(change, (count, _))| (change, count))
+}
+
+/// Whether a method's images come from files or another program, which may have written others than it meant.
+pub(super) fn is_checked(kind: &str) -> bool {
+    ["renders", "ply", "exec", "python"].contains(&kind)
+}
+
+/// The note on a trial with these rows of a method of this kind, of which `compared` are the scored ones. With `are_noted`, its
+/// renders are known to be suspicious for another reason.
+pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: &str, are_noted: bool) -> Option<String> {
+    let targets = rows.len();
+    if let Some((change, count)) = change(compared, targets) {
+        return Some(format!("{RESEMBLES}{}: {count} of {targets}", change.text()));
+    }
+    if kind == "renders" && is_one_image(rows) {
+        return Some(format!("{REPEATED}{targets} of {targets} renders are equal, and the ground truth differs"));
+    }
+    let is_flat =
+        targets > 0 && compared.len() == targets && compared.iter().all(|target| target.is_no_better_than_flat);
+    (is_flat && !are_noted).then(|| format!("{FLAT}{targets} of {targets} (wrong poses, scale or axes?)"))
+}
+
+/// Whether all renders are equal although no two ground truths are.
+fn is_one_image(rows: &[TargetRow]) -> bool {
+    let renders: BTreeSet<_> = rows.iter().map(|row| &row.render_hash).collect();
+    let truths: BTreeSet<_> = rows.iter().filter_map(|row| row.truth_hash.as_ref()).collect();
+    let is_scored = |row: &TargetRow| row.status == TargetStatus::Scored || row.status == TargetStatus::Identical;
+    rows.len() > 1 && rows.iter().all(is_scored) && renders.len() == 1 && truths.len() == rows.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDES: (u32, u32) = (48, 48);
+
+    /// A scene without symmetries, from the `at`-th of several places.
+    fn truth(at: u8, (width, height): (u32, u32)) -> ImageU8 {
+        let pixel = |index: u32| {
+            let (x, y) = (f64::from(index % width) / f64::from(width), f64::from(index / width) / f64::from(height));
+            let shift = 0.25 * f64::from(at);
+            [0.2 + 0.6 * x * y, 0.1 + 0.5 * (x + shift).fract(), 0.3 * y * y + 0.15 * (3.0 * x + shift).sin().abs()]
+        };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours lie in [0, 1]")]
+        let samples = (0..width * height).flat_map(|index| pixel(index).map(|value| (255.0 * value).round() as u8));
+        ImageU8::new(width, height, samples.collect()).unwrap()
+    }
+
+    /// A method's render: with an error of about 0.02.
+    fn render(truth: &ImageU8) -> Image {
+        let samples = Image::from_u8(truth).into_samples().into_iter().enumerate();
+        let samples = samples.map(|(at, sample)| sample + if at % 7 < 3 { 0.02 } else { -0.02 });
+        Image::new(truth.width(), truth.height(), samples.collect()).unwrap()
+    }
+
+    fn changed(image: &Image, change: impl Fn(&Image, u32, u32) -> [f32; 3]) -> Image {
+        let (width, height) = (image.width(), image.height());
+        let pixels = (0..width * height).flat_map(|at| change(image, at % width, at / width));
+        Image::new(width, height, pixels.collect()).unwrap()
+    }
+
+    fn row(at: u32, render: &str) -> TargetRow {
+        let (render_hash, truth_hash) = (Some(render.to_owned()), Some(at.to_string()));
+        TargetRow { truth_hash, render_hash, ..crate::sample_rows::target("m", "a", 0, at, "psnr", 20.0) }
+    }
+
+    /// The note of a trial with these renders, by the truth that they are compared with.
+    fn noted(images: &[(Image, ImageU8, bool)], are_noted: bool) -> String {
+        let compared: Vec<Compared> =
+            images.iter().map(|(render, truth, leaked)| Compared::of(render, truth, *leaked)).collect();
+        let rows: Vec<TargetRow> = (0u32..).zip(images).map(|(at, _)| row(at, &at.to_string())).collect();
+        note(&compared, &rows, "renders", are_noted).unwrap_or_default()
+    }
+
+    fn of_all(change: impl Fn(&Image) -> Image) -> String {
+        let image = |at| (change(&render(&truth(at, SIDES))), truth(at, SIDES), false);
+        noted(&[0, 1, 2].map(image), false)
+    }
+
+    #[test]
+    fn each_mistake_in_writing_images_is_noted_once() {
+        let at = |image: &Image, x: u32, y: u32| image.pixel(x, y).unwrap();
+        let gamma = |curve: fn(f64) -> f64| {
+            move |image: &Image| {
+                #[expect(clippy::cast_possible_truncation, reason = "a colour")]
+                let sample = |value: f32| curve(f64::from(value).clamp(0.0, 1.0)) as f32;
+                Image::new(image.width(), image.height(), image.samples().iter().map(|v| sample(*v)).collect()).unwrap()
+            }
+        };
+        let said = |text: &str| format!("renders would be closer to the truth {text}: 3 of 3");
+        assert_eq!(of_all(Image::clone), "", "correct renders");
+        let swapped = of_all(|image| {
+            changed(image, |image, x, y| {
+                let [red, green, blue] = at(image, x, y);
+                [blue, green, red]
+            })
+        });
+        assert_eq!(swapped, said("with red and blue exchanged"));
+        assert_eq!(of_all(gamma(decoded)), said("encoded as sRGB, as if they were linear light"));
+        assert_eq!(of_all(gamma(encoded)), said("decoded from sRGB, as if they were encoded twice"));
+        let last = SIDES.0 - 1;
+        let moved = |from: fn(u32, u32, u32) -> (u32, u32)| {
+            of_all(|image| {
+                changed(image, |image, x, y| {
+                    let (x, y) = from(x, y, last);
+                    at(image, x, y)
+                })
+            })
+        };
+        assert_eq!(moved(|x, y, last| (last - x, y)), said("mirrored left to right"));
+        assert_eq!(moved(|x, y, last| (x, last - y)), said("mirrored top to bottom"));
+        assert_eq!(moved(|x, y, last| (last - x, last - y)), said("rotated by 180°"));
+        assert_eq!(moved(|x, y, _| (y, x)), said("with rows and columns exchanged"));
+    }
+
+    #[test]
+    fn images_in_another_order_are_noted_but_not_copies_of_one_view() {
+        let truths = [0, 1, 2].map(|at| truth(at, SIDES));
+        let shown = |order: [usize; 3], leaked: [bool; 3]| {
+            let image = |at: usize| (render(&truths[order[at]]), truths[at].clone(), leaked[at]);
+            noted(&[0, 1, 2].map(image), true)
+        };
+        let reordered =
+            "renders would be closer to the truth of other targets, as if they were in another order: 3 of 3";
+        assert_eq!(shown([0, 1, 2], [false; 3]), "");
+        assert_eq!(shown([1, 2, 0], [false; 3]), reordered);
+        assert_eq!(shown([0, 0, 0], [false; 3]), "", "one image for all is not another order");
+        assert_eq!(shown([1, 2, 0], [true; 3]), "", "context frames");
+    }
+
+    #[test]
+    fn one_file_for_all_targets_is_noted_for_imported_images() {
+        let rows = [row(0, "x"), row(1, "x"), row(2, "x")];
+        let said = "one image for all targets: 3 of 3 renders are equal, and the ground truth differs";
+        assert_eq!(note(&[], &rows, "renders", false).as_deref(), Some(said));
+        assert_eq!(note(&[], &rows, "exec", false), None, "the nearest view, for example");
+        assert_eq!(note(&[], &[row(0, "x"), row(1, "x"), row(2, "y")], "renders", false), None);
+        let still = TargetRow { truth_hash: rows[0].truth_hash.clone(), ..row(1, "x") };
+        assert_eq!(note(&[], &[row(0, "x"), still], "renders", false), None, "a camera that does not move");
+        assert_eq!(note(&[], &rows[..1], "renders", false), None);
+    }
+
+    #[test]
+    fn renders_that_show_no_more_than_a_flat_colour_are_noted() {
+        let flat = |at| {
+            let truth = truth(at, SIDES);
+            // Of another place, neither the scene nor any change of it.
+            let colours = [[0.9, 0.1, 0.8], [0.1, 0.8, 0.0]];
+            let wrong = changed(&render(&truth), |_, x, y| colours[usize::from((x / 6 + y / 6) % 2 == 1)]);
+            (wrong, truth, false)
+        };
+        let said = "no better than one flat colour: 2 of 2 (wrong poses, scale or axes?)";
+        assert_eq!(noted(&[flat(0), flat(1)], false), said);
+        assert_eq!(noted(&[flat(0), flat(1)], true), "", "empty renders have their own note");
+        let good = (render(&truth(1, SIDES)), truth(1, SIDES), false);
+        assert_eq!(noted(&[flat(0), good], false), "", "one target is better");
+    }
+
+    /// A render of one grey value on a scene of one: nothing distinguishes any change.
+    #[test]
+    fn symmetric_scenes_are_not_noted() {
+        let plain = ImageU8::new(40, 30, [90, 90, 90].repeat(1200)).unwrap();
+        let darker = Image::new(40, 30, vec![0.3; 3600]).unwrap();
+        assert_eq!(noted(&[(darker, plain, false)], false), "");
+        let wide = truth(0, (64, 40));
+        assert_eq!(noted(&[(render(&wide), wide, false)], false), "", "an image that is not square");
+    }
+}

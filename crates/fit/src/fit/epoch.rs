@@ -1,0 +1,51 @@
+//! What changes from step to step: the order of views, the background, the check that an epoch saw anything.
+
+use super::Fit;
+use crate::random::{Purpose, stream, uniform};
+use crate::{Background, Fault, FitError};
+
+impl Fit {
+    /// The view of a step: a random permutation of all views in each epoch.
+    pub(super) fn view_of(&self, step: u64) -> usize {
+        let count = self.views.len() as u64;
+        let (epoch, position) = ((step - 1) / count, (step - 1) % count);
+        let order = stream(self.config.seed, Purpose::Order, epoch).permutation(self.views.len());
+        #[expect(clippy::expect_used, reason = "a remainder is below the number of views")]
+        usize::try_from(position)
+            .ok()
+            .and_then(|position| order.get(position).copied())
+            .expect("a position of the order")
+    }
+
+    /// The background of a step; for `None` that of other renders, black instead of a random one.
+    pub(super) fn background(&self, step: Option<u64>) -> [f64; 3] {
+        match (self.config.background, step) {
+            (Background::White, _) => [1.0; 3],
+            (Background::Colour(rgb), _) => rgb,
+            (Background::Random, Some(step)) => {
+                let mut random = stream(self.config.seed, Purpose::Background, step);
+                std::array::from_fn(|_| uniform(&mut random))
+            }
+            (Background::Black, _) | (Background::Random, None) => [0.0; 3],
+        }
+    }
+
+    /// Whether `step` ends an epoch in which no Gaussian was drawn. One view may see none of them; if none does, no step changes
+    /// anything.
+    pub(super) fn sees_nothing(&mut self, step: u64) -> bool {
+        let epoch = self.views.len() as u64;
+        if step % epoch == 1 % epoch {
+            self.empty_steps = 0;
+        }
+        self.empty_steps += u64::from(self.derivative.screen.drawn.is_empty());
+        self.empty_steps == epoch
+    }
+
+    /// Fails a run that ended before its first epoch did and saw nothing until then.
+    pub(crate) fn check_short_run(&self) -> Result<(), FitError> {
+        if self.step == 0 || self.empty_steps < self.step {
+            return Ok(());
+        }
+        Err(self.stopped(self.step, self.view_of(self.step), Fault::Unseen { near: self.options.constants.near }))
+    }
+}

@@ -1,0 +1,83 @@
+use atsplat_splat::Exposure;
+use pulp::Arch;
+use rayon::prelude::*;
+
+use super::Fit;
+use crate::corrections::CorrectionGradients;
+use crate::density::ViewGradients;
+use crate::device::{Derivative, Job};
+use crate::loss::Terms;
+use crate::optimised_gaussians::narrowed;
+use crate::view::TrainingView;
+use crate::{Fault, FitError};
+
+/// Gradients that are checked at once.
+const CHUNK: usize = 1 << 14;
+
+impl Fit {
+    /// Forward and backward pass of one training view.
+    pub(super) fn differentiate(&mut self, number: usize) -> Result<(Terms, CorrectionGradients), FitError> {
+        let exposure = self.exposure(number);
+        let Self { views, scene, options, renderer, loss, derivative, density, config, .. } = self;
+        #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
+        let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
+        let view = &self.corrections.view(number, view)?;
+        scene.with_gaussians(|gaussians| {
+            let absolute = config.absolute_gradients;
+            let job = Job { gaussians, view, options, absolute };
+            let (terms, d_exposure) = renderer.differentiate(job, derivative, |rendered, slopes| {
+                let exposed = exposure.map(|exposure| exposed(&exposure, rendered));
+                let shown = exposed.as_deref().unwrap_or(rendered);
+                let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, slopes);
+                let d_exposure = exposure.map(|_| Exposure::gradient(rendered, slopes)).transpose()?;
+                if let Some(exposure) = exposure {
+                    for slope in slopes.iter_mut() {
+                        *slope = before_exposure(&exposure, *slope);
+                    }
+                }
+                Ok((terms, d_exposure))
+            })?;
+            let Derivative { gradients, screen, .. } = derivative;
+            if terms.total.is_finite() {
+                let means_2d = if absolute { &screen.absolute_2d } else { &gradients.means_2d };
+                let size = [f64::from(view.size.width), f64::from(view.size.height)];
+                density.observe(&ViewGradients { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
+            }
+            Ok((terms, CorrectionGradients { pose: gradients.pose, exposure: d_exposure }))
+        })
+    }
+
+    /// The first parameter with gradients that are not finite.
+    pub(super) fn broken_gradient(&self) -> Option<Fault> {
+        let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
+        let fields = self.derivative.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
+        fields.into_iter().find_map(|(parameter, values)| {
+            let broken = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
+            let count =
+                values.par_chunks(CHUNK).map(|values| if all_finite(values) { 0 } else { broken(values) }).sum();
+            (count > 0).then_some(Fault::Gradients { parameter, count })
+        })
+    }
+}
+
+/// The image as an exposure shows it.
+fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(narrowed)).collect()
+}
+
+/// The gradient with respect to a pixel before exposure.
+fn before_exposure(exposure: &Exposure, slope: [f32; 3]) -> [f32; 3] {
+    let [a, b, c] = exposure.matrix;
+    let column = |at: usize| {
+        let rows = [a, b, c].into_iter().zip(slope);
+        rows.map(|(row, slope)| row[at] * f64::from(slope)).sum::<f64>()
+    };
+    [column(0), column(1), column(2)].map(narrowed)
+}
+
+/// Whether all values are finite: infinities and NaN have the largest exponents.
+fn all_finite(values: &[f32]) -> bool {
+    const MAGNITUDE: u32 = u32::MAX >> 1;
+    let largest = |most: u32, value: &f32| most.max(value.to_bits() & MAGNITUDE);
+    Arch::new().dispatch(|| values.iter().fold(0, largest)) < f32::INFINITY.to_bits()
+}

@@ -1,0 +1,45 @@
+use atsplat_eval::drift::{HistoricRun, NumberHistory, Verdict};
+use atsplat_metrics::definition;
+
+use crate::counted;
+use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, QualityMetric};
+
+/// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
+pub fn drift_plot(history: &NumberHistory) -> Option<Drawing> {
+    let NumberHistory { preset, method, metric, runs, unknown, verdict } = history;
+    let quality: QualityMetric = definition(metric)?.into();
+    let verdict = match verdict {
+        Verdict::Same => "no number moved",
+        Verdict::Within => "within limits",
+        Verdict::Nothing => "nothing compared",
+        Verdict::Drifted => "drifted",
+    };
+    let gap = match *unknown {
+        0 => String::new(),
+        more => format!("; {} without it", counted(more as u64, "acceptance")),
+    };
+    let count = counted(runs.len() as u64, "run");
+    let plot = DriftHistory {
+        title: format!("{} over accepted runs", quality.name),
+        subtitle: format!("{method} on {preset}; {count}; now: {verdict}{gap}"),
+        quality,
+        runs: runs.iter().map(|run| drift_run(run, quality)).collect(),
+    };
+    Some(plot.draw())
+}
+
+fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
+    let moved = |by: f64| {
+        let sign = if by < 0.0 { "−" } else { "+" };
+        let digits = if by.abs() < 0.005 { format!("{:.1e}", by.abs()) } else { format!("{:.3}", by.abs()) };
+        format!("{sign}{digits} {}", quality.unit).trim_end().to_owned()
+    };
+    let drifted = run.verdict == Some(Verdict::Drifted);
+    let reasons: Vec<String> = [run.moved.map(moved), run.why.clone()].into_iter().flatten().collect();
+    DriftRun {
+        label: run.label.clone(),
+        quality: Estimate { value: run.mean, interval: run.interval },
+        limits: run.limits,
+        drift: drifted.then(|| reasons.join(": ")),
+    }
+}

@@ -1,0 +1,224 @@
+mod overlap;
+mod time;
+
+use std::collections::BTreeSet;
+
+use atsplat_eval::statistics::{
+    Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
+};
+use atsplat_eval::{MethodRecord, PresetRecord, Results};
+use atsplat_metrics::Definition;
+
+use super::first_metric;
+use super::subject::{given_targets, subject, title_of, unfinished};
+use crate::file_names::plain;
+use crate::plot::{
+    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, ScatterPanel, ScatterPoint, SceneScatter,
+};
+use crate::table::{Source, has_trials};
+use crate::{ReportError, counted};
+
+/// The plots of each protocol in a store, by name: the first computed metric by overlap, by distance from the window and
+/// by scene, and the time.
+///
+/// # Errors
+/// [`ReportError::Store`] for an invalid protocol in the store.
+pub fn store_plots(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportError> {
+    let mut plots = Vec::new();
+    for preset in &source.results.provenance.presets {
+        let protocol = ProtocolResults { results: source.results, preset };
+        let name = |kind: &str| format!("{}-{}-{kind}", plain(source.label), plain(&preset.name));
+        if let Some(metric) = protocol.metric() {
+            plots.extend(protocol.overlap(metric)?.map(|plot| (name("overlap"), plot)));
+            plots.extend(protocol.extrapolation(metric).map(|plot| (name("extrapolation"), plot)));
+            plots.extend(protocol.scatter(metric).map(|plot| (name("scenes"), plot)));
+        }
+        plots.extend(protocol.time().map(|plot| (name("time"), plot)));
+    }
+    Ok(plots)
+}
+
+/// The results of one protocol in a store.
+struct ProtocolResults<'a> {
+    results: &'a Results,
+    preset: &'a PresetRecord,
+}
+
+impl<'a> ProtocolResults<'a> {
+    fn query(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
+        let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+        MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked, identical }
+    }
+
+    fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {
+        let ran = |method: &&MethodRecord| has_trials(self.results, &self.preset.name, &method.name);
+        self.results.provenance.methods.iter().filter(ran)
+    }
+
+    fn title(&self, method: &MethodRecord) -> String {
+        title_of(self.results, method)
+    }
+
+    fn metric(&self) -> Option<&'static Definition> {
+        first_metric(self.results, &self.preset.name)
+    }
+
+    /// Protocol, scenes, and what the store lacks of its run: what every plot of the protocol is about.
+    fn subject(&self) -> String {
+        let lacking = unfinished(self.results, |preset, _| preset == self.preset.name);
+        let lacking: String = lacking.into_iter().map(|text| format!("; {text}")).collect();
+        format!("{}{lacking}", subject(self.results, self.preset))
+    }
+
+    /// What a plot of means is about.
+    fn subject_of_means(&self) -> String {
+        format!("{}{}", self.subject(), given_targets([(self.results, self.preset.name.as_str())]))
+    }
+
+    fn extrapolation(&self, metric: &'static Definition) -> Option<Drawing> {
+        let targets = self.results.targets.iter().filter(|row| row.key.preset == self.preset.name);
+        let distances = targets.map(|row| row.signed_distance).filter(|distance| *distance != 0);
+        let distances: BTreeSet<i64> = distances.collect();
+        let step = step_of(&distances)?;
+        let series = |method: &'a MethodRecord| ExtrapolationSeries {
+            label: self.title(method),
+            points: by_distance_steps(self.results, &self.query(&method.name, metric), step)
+                .iter()
+                .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
+                .collect(),
+        };
+        let together = if step > 1 { format!("{step} distances together, ") } else { String::new() };
+        let plot = ExtrapolationDecay {
+            title: format!("{} outside the window", metric.name),
+            subtitle: format!("{}; {together}means over scenes", self.subject_of_means()),
+            quality: metric.into(),
+            step: f64::from(step),
+            series: self.methods().map(series).filter(|series| !series.points.is_empty()).collect(),
+        };
+        (!plot.series.is_empty()).then(|| plot.draw())
+    }
+
+    /// The first ATSplat method, or else the first method, against each of the others.
+    fn scatter(&self, metric: &'static Definition) -> Option<Drawing> {
+        const NAMED: usize = 3;
+        let methods: Vec<&MethodRecord> = self.methods().collect();
+        let first = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
+        let against = |other: &&'a MethodRecord| {
+            let queries = [first, other].map(|method| self.query(&method.name, metric));
+            let pair = paired(self.results, &queries[0], &queries[1])?;
+            let decimals = if metric.unit == "dB" { 2 } else { 3 };
+            let signed = |value: f64| format!("{value:+.decimals$}").replace('-', "−");
+            let interval = pair.interval.map(|ends| ends.map(signed));
+            let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
+            let x = self.title(other);
+            let difference = format!(
+                "{}{interval} to {x}; better in {} of {}, sign test p {}",
+                signed(pair.difference),
+                pair.wins,
+                counted(pair.scenes, "scene"),
+                p_value(pair.sign_test)
+            );
+            let means = paired_scene_means(self.results, &queries[0], &queries[1]);
+            let points: Vec<ScatterPoint> =
+                means.into_iter().map(|(scene, [y, x])| ScatterPoint { scene, x, y }).collect();
+            (!points.is_empty()).then_some((ScatterPanel { x, difference, points }, pair.interval.is_some()))
+        };
+        let others = methods.iter().filter(|other| other.name != first.name);
+        let (panels, has_interval): (Vec<ScatterPanel>, Vec<bool>) = others.filter_map(against).unzip();
+        let intervals = if has_interval.contains(&true) { " with their 95 % intervals over scenes" } else { "" };
+        let plot = SceneScatter {
+            title: format!("{} scene by scene: {} against the others", metric.name, self.title(first)),
+            subtitle: format!("{}; mean differences{intervals}", self.subject_of_means()),
+            quality: metric.into(),
+            y: self.title(first),
+            panels,
+            named: NAMED,
+        };
+        (!plot.panels.is_empty()).then(|| plot.draw())
+    }
+}
+
+fn estimate(summary: &Summary) -> Option<Estimate> {
+    Some(Estimate { value: summary.mean?, interval: summary.interval })
+}
+
+/// How many distances share a point, a round number, so that each side has at most ten points; `None` without distances.
+fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
+    const MOST: u64 = 10;
+    let farthest = distances.iter().map(|distance| distance.unsigned_abs()).max()?;
+    let round = (0..9).flat_map(|power| [1, 2, 5].map(|digit| digit * 10u32.pow(power)));
+    round.into_iter().find(|step| farthest.div_ceil(u64::from(*step)) <= MOST)
+}
+
+/// A probability of three decimals after its relation; none is printed as zero.
+fn p_value(probability: f64) -> String {
+    if probability < 0.001 { "< 0.001".to_owned() } else { format!("= {probability:.3}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{atsplat, floor, preset, results, results_over};
+
+    #[test]
+    fn trainings_of_one_title_are_told_apart() {
+        let results = results(vec![preset("re10k-2v-256")], ["one", "two"].map(|name| atsplat(name, |_| ())).to_vec());
+        let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+        assert!(plots.len() > 2, "distances, scenes and times");
+        for (name, plot) in plots {
+            let texts = plot.texts().collect::<Vec<_>>().join("\n");
+            assert!(["ATSplat (one)", "ATSplat (two)"].iter().all(|title| texts.contains(title)), "{name}: {texts}");
+        }
+    }
+
+    /// ATSplat is 3 dB worse, and its SSIM is 3 / 32 less, in the three scenes on which it did not fail.
+    #[test]
+    fn a_difference_has_the_decimals_of_its_metric_and_a_title_keeps_its_hyphens() {
+        let other = MethodRecord { title: "re-render".to_owned(), ..floor() };
+        let mut results = results(vec![preset("re10k-2v-256")], vec![other, atsplat("atsplat", |_| ())]);
+        for difference in ["−3.00", "−0.094"] {
+            let expected = format!("{difference} to re-render; better in 0 of 3 scenes");
+            let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+            let (_, scenes) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
+            assert!(scenes.texts().any(|text| text.starts_with(&expected)), "{:?}", scenes.texts().collect::<Vec<_>>());
+            results.targets.iter_mut().for_each(|row| row.scores.retain(|metric, _| metric != "psnr"));
+        }
+    }
+
+    /// All scenes but the one that failed are worse: of 10, with a probability of 2⁻⁹; of 12, of 2⁻¹¹.
+    #[test]
+    fn no_probability_is_printed_as_zero() {
+        for (scenes, expected) in [(10, "sign test p = 0.002"), (12, "sign test p < 0.001")] {
+            let methods = vec![floor(), atsplat("atsplat", |_| ())];
+            let results = results_over(vec![preset("re10k-2v-256")], methods, scenes + 1);
+            let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+            let (_, plot) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
+            let texts = plot.texts().collect::<Vec<_>>();
+            let said = format!("better in 0 of {scenes} scenes, {expected}");
+            assert!(texts.iter().any(|text| text.ends_with(&said)), "{said}: {texts:?}");
+        }
+        assert_eq!([0.0, 0.000_999, 0.001, 1.0].map(p_value), ["< 0.001", "< 0.001", "= 0.001", "= 1.000"]);
+    }
+
+    #[test]
+    fn far_distances_go_together_in_round_steps() {
+        let step = |distances: &[i64]| step_of(&distances.iter().copied().collect());
+        assert_eq!([step(&[]), step(&[-10, 4]), step(&[-11]), step(&[35, -42])], [None, Some(1), Some(2), Some(5)]);
+    }
+
+    /// With four scenes there is no interval.
+    #[test]
+    fn intervals_are_promised_where_they_are_drawn() {
+        let says = |scenes, kind: &str| {
+            let methods = vec![atsplat("atsplat", |_| ()), floor()];
+            let results = results_over(vec![preset("re10k-2v-256")], methods, scenes);
+            let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+            let (_, plot) = plots.iter().find(|(name, _)| *name == format!("run-re10k-2v-256-{kind}")).unwrap();
+            let texts = plot.texts().collect::<Vec<_>>().join("\n");
+            assert!(texts.contains("; 1 of "), "context frames: {texts}");
+            texts.contains("95 % intervals over scenes")
+        };
+        assert_eq!([4, 8].map(|scenes| says(scenes, "scenes")), [false, true]);
+        assert_eq!([4, 8].map(|scenes| says(scenes, "extrapolation")), [false, true]);
+    }
+}

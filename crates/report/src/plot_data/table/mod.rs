@@ -1,0 +1,264 @@
+mod ablation;
+mod costs;
+
+use std::ops::Range;
+
+use atsplat_eval::Results;
+use atsplat_metrics::Definition;
+
+use super::subject::given_targets;
+use crate::counted;
+use crate::definition::{PlotKind, Quantity, TableDefinition, has_thresholds};
+use crate::plot::{
+    BudgetHistogram, BudgetSeries, Drawing, Estimate, KPoint, KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
+};
+use crate::table::{Cell, CellIndex, Group, INFERENCE_ONLY, Row, Source, StoreProtocol, Table, distinct};
+use ablation::ablation;
+use costs::frontiers;
+
+/// The plots of a measured table, by name.
+pub fn table_plots(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
+    let Some(kind) = definition.plot.filter(|_| table.is_measured()) else { return Vec::new() };
+    match kind {
+        PlotKind::Frontier => frontiers(table, sources),
+        PlotKind::Ablation => ablation(definition, table, sources).into_iter().collect(),
+        PlotKind::KScaling => k_scaling(table, sources).into_iter().collect(),
+        PlotKind::OverlapBins => overlap_bins(table, sources).into_iter().collect(),
+        PlotKind::BudgetHistogram => budget_histogram(table, sources).into_iter().collect(),
+    }
+}
+
+/// The first metric of a group of columns, with its position.
+fn metric_of(group: &Group) -> Option<(usize, &'static Definition)> {
+    group.columns.iter().enumerate().find_map(|(at, column)| match column.quantity {
+        Quantity::Metric(metric) => Some((at, metric)),
+        _ => None,
+    })
+}
+
+/// Position of the column with a quantity.
+fn column_of(group: &Group, quantity: Quantity) -> Option<usize> {
+    group.columns.iter().position(|column| column.quantity == quantity)
+}
+
+fn estimate(cell: &Cell) -> Option<Estimate> {
+    Some(Estimate { value: cell.value.number()?, interval: cell.interval })
+}
+
+fn shown(table: &Table) -> impl Iterator<Item = &Row> {
+    table.rows.iter().filter(|row| !row.without_leaked)
+}
+
+/// The printed labels, with a sign for the longest remark.
+fn name(row: &Row) -> String {
+    let remarks = row.remarks.iter().map(String::as_str).filter(|remark| *remark != INFERENCE_ONLY);
+    let labels: Vec<&str> = row.names().into_iter().chain(remarks).collect();
+    format!("{}{}", labels.join(", "), if row.inference_only { " ¶" } else { "" })
+}
+
+/// What the sign in names stands for, if a row has it.
+fn explained<'a>(mut rows: impl Iterator<Item = &'a Row>) -> String {
+    if rows.any(|row| row.inference_only) { format!("; ¶ {INFERENCE_ONLY}") } else { String::new() }
+}
+
+/// What is drawn of a table, from these of its groups of columns; `group` is their heading.
+fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
+    let scenes = table
+        .rows
+        .iter()
+        .filter(|row| row.origin == Origin::Measured)
+        .flat_map(|row| row.cells.get(drawn.clone()).unwrap_or_default().iter().flatten())
+        .filter_map(|cell| cell.counts)
+        .map(|counts| counts.scenes)
+        .max();
+    let place = group.measured_on.as_ref().map_or_else(String::new, |name| format!(" on {name}"));
+    let scenes =
+        scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {}", counted(scenes, "scene")));
+    let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
+    format!("{}{group}{scenes}", table.title)
+}
+
+/// How many of the measured targets of these groups of columns are context frames.
+fn given(table: &Table, drawn: Range<usize>, sources: &[Source<'_>]) -> String {
+    let measured = drawn.flat_map(|group| shown(table).flat_map(move |row| row.measured(group)));
+    let protocols = distinct(measured.map(|protocol| (protocol.store.as_str(), protocol.preset.as_str())));
+    given_targets(protocols.into_iter().filter_map(|(store, preset)| {
+        let source = sources.iter().find(|source| source.label == store)?;
+        Some((source.results, preset))
+    }))
+}
+
+/// The results that the first group of a measured row was computed from, and the name of the protocol in them.
+fn measured_from<'a>(sources: &[Source<'a>], row: &'a Row) -> Option<(&'a Results, &'a str)> {
+    let StoreProtocol { store, preset, .. } = row.protocol(0)?;
+    let source = sources.iter().find(|source| source.label == store)?;
+    Some((source.results, preset.as_str()))
+}
+
+/// What a reader must know of a plot without names.
+const MEANS: &str = "Each training is a point, and so is their mean.";
+
+fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let group = table.groups.first()?;
+    let (quality, metric) = metric_of(group)?;
+    let gaussians = column_of(group, Quantity::Gaussians);
+    let point = |row: &Row| {
+        let cell = |column: usize| row.cell(CellIndex { group: 0, column });
+        let digits: String = row.labels.first()?.chars().take_while(char::is_ascii_digit).collect();
+        Some(KPoint {
+            k: digits.parse().ok()?,
+            quality: estimate(cell(quality))?,
+            gaussians: gaussians.and_then(|column| cell(column).value.number()),
+            origin: row.origin,
+        })
+    };
+    let points: Vec<KPoint> = shown(table).filter_map(point).collect();
+    let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
+    let plot = KScaling {
+        title: format!("{} against K", metric.name),
+        subtitle: format!("{}{}", subtitle(table, group, 0..1), given(table, 0..1, sources)),
+        quality: metric.into(),
+        points,
+        note: if shown(table).any(Row::is_over_trainings) { MEANS.to_owned() } else { String::new() },
+    };
+    (measured > 1).then(|| (table.name.clone(), plot.draw()))
+}
+
+fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let bins: Vec<(CellIndex, &Group, &'static Definition)> = table
+        .groups
+        .iter()
+        .enumerate()
+        .filter_map(|(at, group)| {
+            let (column, metric) = metric_of(group)?;
+            Some((CellIndex { group: at, column }, group, metric))
+        })
+        .collect();
+    let (_, first, metric) = bins.first()?;
+    let series = |row: &Row| OverlapBinSeries {
+        label: format!("{}{}", name(row), if row.origin == Origin::Published { " (paper)" } else { "" }),
+        means: bins.iter().map(|(index, ..)| estimate(row.cell(*index))).collect(),
+        origin: row.origin,
+    };
+    let plot = OverlapBinMeans {
+        title: format!("{} by overlap", metric.name),
+        subtitle: format!(
+            "{}{}{}",
+            subtitle(table, &Group { title: String::new(), ..(*first).clone() }, 0..table.groups.len()),
+            given(table, 0..table.groups.len(), sources),
+            explained(shown(table))
+        ),
+        quality: (*metric).into(),
+        bins: bins.iter().map(|(_, group, _)| group.title.clone()).collect(),
+        // A mean over trainings has no numbers for single bins.
+        series: shown(table).map(series).filter(|series| series.means.iter().any(Option::is_some)).collect(),
+    };
+    let measured = plot.series.iter().any(|series| series.origin == Origin::Measured);
+    measured.then(|| (table.name.clone(), plot.draw()))
+}
+
+fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let group = table.groups.first()?;
+    let series = |row: &Row| {
+        let (results, preset) = measured_from(sources, row)?;
+        let method = row.method.as_deref()?;
+        let counts = results.trials_of(preset, method).filter_map(|trial| trial.gaussians);
+        let gaussians: Vec<f64> = counts.map(|count| count as f64).collect();
+        let by_thresholds = results.provenance.method(method).is_some_and(has_thresholds);
+        let series = BudgetSeries { label: row.printed_labels().join(", "), gaussians };
+        (!series.gaussians.is_empty()).then_some((series, by_thresholds))
+    };
+    let rows: Vec<(BudgetSeries, bool)> =
+        shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
+    let level = |series: &BudgetSeries| series.gaussians.windows(2).all(|pair| pair[0].total_cmp(&pair[1]).is_eq());
+    if rows.iter().all(|(series, _)| level(series)) {
+        return None;
+    }
+    // Thresholds may give every scene the same number too.
+    let (moving, fixed): (Vec<_>, Vec<_>) =
+        rows.into_iter().partition(|(series, by_thresholds)| *by_thresholds || !level(series));
+    let fixed = fixed.first().and_then(|(series, _)| series.gaussians.first().copied());
+    let plot = BudgetHistogram {
+        title: "Gaussians per scene".to_owned(),
+        subtitle: subtitle(table, group, 0..1),
+        series: moving.into_iter().map(|(series, _)| series).collect(),
+        fixed,
+    };
+    Some((table.name.clone(), plot.draw()))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::{MethodRecord, TrainingRecord, TrialKey};
+
+    use super::*;
+    use crate::sample::{SCENES, atsplat, preset, results_over};
+    use crate::table::{Mixing, tables};
+
+    /// The first thresholds give every scene as many Gaussians as the ratios, the second other numbers.
+    #[test]
+    fn thresholds_that_give_equal_numbers_are_no_fixed_ratios() {
+        let by = |values: [f64; 3]| {
+            atsplat(&format!("{values:?}"), |config| *config = config.with_thresholds(&values).unwrap())
+        };
+        let texts = |more: Vec<MethodRecord>| {
+            let methods = [by([0.1, 0.1, 0.4]), by([0.05, 0.05, 0.2])].into_iter().chain(more).collect();
+            let mut results = results_over(vec![preset("rooms-2v-128")], methods, 4);
+            let second = results.trials.iter_mut().filter(|trial| trial.key.method.contains("0.05"));
+            for (at, trial) in (0..).zip(second) {
+                trial.gaussians = Some(30_000 + 1000 * at);
+            }
+            let definition = TableDefinition::named("dynamic_budget").unwrap();
+            let sources = [Source { label: "run", results: &results }];
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let (_, plot) = table_plots(&definition, &table, &sources).swap_remove(0);
+            plot.texts().map(str::to_owned).collect::<Vec<_>>().join("\n")
+        };
+        let thresholds = texts(Vec::new());
+        assert!(!thresholds.contains("fixed ratios") && thresholds.contains("0.1 / 0.1 / 0.4"), "{thresholds}");
+        let all = texts(vec![atsplat("atsplat", |_| ())]);
+        assert!(all.contains("fixed ratios, 23K") && all.contains("0.1 / 0.1 / 0.4"), "{all}");
+    }
+
+    /// Eight scenes with two views, three with four.
+    #[test]
+    fn a_plot_of_one_group_counts_the_scenes_of_this_group() {
+        let presets = ["yards-2v-128x224", "yards-4v-128x224"].map(preset).to_vec();
+        let mut results = results_over(presets, vec![atsplat("atsplat", |_| ())], 8);
+        let is_left_out =
+            |key: &TrialKey| key.preset == "yards-4v-128x224" && !SCENES[..3].contains(&key.scene.as_str());
+        results.trials.retain(|trial| !is_left_out(&trial.key));
+        results.targets.retain(|target| !is_left_out(&target.key));
+        let definition = TableDefinition::named("dl3dv").unwrap();
+        let source = Source { label: "run", results: &results };
+        let table = tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0);
+        let said = |at: usize, drawn| subtitle(&table, &table.groups[at], drawn);
+        assert!(said(0, 0..1).contains("over 8 scenes"), "{}", said(0, 0..1));
+        assert!(said(1, 1..2).contains("over 3 scenes"), "{}", said(1, 1..2));
+        assert!(said(0, 0..3).contains("over 8 scenes"), "{}", said(0, 0..3));
+    }
+
+    /// The mean over two trainings has no numbers for bins, and the first training is random.
+    #[test]
+    fn a_legend_names_what_is_drawn_with_its_remarks() {
+        let trained = |seed: &str| MethodRecord {
+            weights_sha256: Some(seed.repeat(16)),
+            untrained: seed == "1",
+            training: Some(TrainingRecord { data: "RE10K".to_owned(), seed: Some(seed.to_owned()) }),
+            ..atsplat(seed, |_| ())
+        };
+        let results = results_over(vec![preset("re10k-overlap")], vec![trained("1"), trained("2")], 8);
+        let definition = TableDefinition::named("re10k_overlap").unwrap();
+        let sources = [Source { label: "run", results: &results }];
+        let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+        assert!(table.rows.iter().any(Row::is_over_trainings));
+        let (_, plot) = table_plots(&definition, &table, &sources).swap_remove(0);
+        assert_eq!(plot.faults(), []);
+        let texts: Vec<&str> = plot.texts().collect();
+        for expected in ["ATSplat (1), untrained", "ATSplat (2)"] {
+            assert!(texts.contains(&expected), "{expected}: {texts:?}");
+        }
+        assert!(!texts.iter().any(|text| text.contains("mean of 2 trainings")), "{texts:?}");
+        assert!(texts.iter().any(|text| text.ends_with("; 1 of 24 targets is a context frame")), "{texts:?}");
+    }
+}

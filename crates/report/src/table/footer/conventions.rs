@@ -1,0 +1,179 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_metrics::{Definition, Measure};
+
+use super::super::comparable::{ComparableResults, MethodRun, Part};
+use super::super::labels::{name, short};
+use super::super::{Cell, Counts, NoteKind, Table, Value};
+use super::Notes;
+use crate::counted;
+use crate::definition::Quantity;
+
+/// The stores behind each hash of a learned metric's weights.
+type WeightsOfStores<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
+
+impl Notes {
+    pub(super) fn protocols(&mut self, table: &Table, results: &ComparableResults<'_>) {
+        for part in &results.parts {
+            self.protocol(part);
+            let difference = part.difference(&part.methods_in(&table.rows));
+            for difference in difference.iter().chain(&part.unfinished) {
+                self.add(NoteKind::Setting, format!("not the published setting: {difference}"));
+            }
+            if let Some(why) = part.forced_overlaps().filter(|_| results.forced) {
+                self.add(NoteKind::Forced, format!("{why}; they are binned nevertheless because of --force"));
+            }
+            self.warnings(part);
+            self.skipped(part);
+        }
+        self.renderers(results);
+        self.renderers_of_settings(table, results);
+    }
+
+    fn protocol(&mut self, part: &Part<'_>) {
+        let preset = part.preset;
+        let index = preset.index_name.as_deref().unwrap_or(&preset.index);
+        let (hash, index_hash) = (short(&preset.hash), short(&preset.index_sha256));
+        let text = format!("{}: protocol {hash}, index {index} {index_hash}, data {}", preset.name, preset.dataset);
+        self.add(NoteKind::Convention, text);
+    }
+
+    fn warnings(&mut self, part: &Part<'_>) {
+        let preset = &part.preset.name;
+        for warning in part.source.results.provenance.warnings.iter().filter(|warning| warning.preset == *preset) {
+            let text = format!("{preset}: {} {}: {}", warning.count, warning.kind, warning.example);
+            self.add(NoteKind::Counts, text);
+        }
+    }
+
+    fn skipped(&mut self, part: &Part<'_>) {
+        let preset = &part.preset.name;
+        let skipped = part.source.results.provenance.skipped.iter().filter(|entry| entry.preset == *preset);
+        // Methods with other poses may give other reasons for one entry.
+        let entries: BTreeSet<(&str, u32)> = skipped.clone().map(|entry| (entry.scene.as_str(), entry.entry)).collect();
+        if entries.is_empty() {
+            return;
+        }
+        let reasons = counts_of_each(skipped.map(|entry| entry.reason.as_str()));
+        let text = format!("{preset}: {} skipped ({reasons})", counted(entries.len() as u64, "index entry"));
+        self.add(NoteKind::Counts, text);
+    }
+
+    fn renderers(&mut self, results: &ComparableResults<'_>) {
+        let methods = results.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
+        let renderers: BTreeSet<(&str, &str)> = methods
+            .filter_map(|method| {
+                Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("not recorded")))
+            })
+            .collect();
+        for (constants, backend) in renderers {
+            self.add(NoteKind::Convention, format!("renderer: constants {constants}, backend {backend}"));
+        }
+    }
+
+    /// Methods that are rendered as the protocol lists for the published method whose setting they name.
+    fn renderers_of_settings(&mut self, table: &Table, results: &ComparableResults<'_>) {
+        const OF_PRESET: &str = "of the preset";
+        for MethodRun { part, record } in results.methods_in(table) {
+            let parameter = |name: &str| record.parameters.get(name).and_then(|value| value.as_str());
+            let is_listed = |setting: &&str| part.protocol.renderer_overrides_of(setting).is_some();
+            let Some(setting) = parameter("setting").filter(is_listed) else { continue };
+            if record.constants.as_deref() == Some(OF_PRESET) {
+                let renderer = part.protocol.renderer_for(setting);
+                let background = parameter("background").filter(|chosen| *chosen == OF_PRESET);
+                let background = background.map_or_else(String::new, |_| format!(", on {:?}", renderer.background));
+                let (preset, rasteriser) = (&part.preset.name, &renderer.rasteriser);
+                let text =
+                    format!("{} is rendered as {preset} lists for {setting}: {rasteriser}{background}", record.title);
+                self.add(NoteKind::Convention, text);
+            }
+        }
+    }
+
+    /// The convention of each metric with its learned weights, then the scores that were not computed.
+    pub(super) fn metrics(&mut self, table: &Table, results: &ComparableResults<'_>) {
+        for (_, column) in table.columns() {
+            if let Quantity::Metric(metric) = column.quantity {
+                let weights = weights_of(metric, results);
+                let hashes: Vec<String> = weights.keys().map(|hash| short(hash)).collect();
+                let text = if hashes.is_empty() { String::new() } else { format!("; weights {}", hashes.join(", ")) };
+                self.add(NoteKind::Convention, format!("{}: {}{text}", metric.name, metric.convention));
+                self.differing_weights(metric, &weights);
+            }
+        }
+        self.not_computed(table);
+    }
+
+    /// Weights that are not the published ones, or not the same in all stores: a file of the published name may contain any.
+    fn differing_weights(&mut self, metric: &Definition, weights: &WeightsOfStores<'_>) {
+        let Measure::Perceptual { network, .. } = metric.measure else { return };
+        for hash in weights.keys().filter(|hash| network.is_published(hash) == Some(false)) {
+            let text = format!(
+                "{}: the weights {} are not those of the published {}: not comparable with published numbers",
+                metric.name,
+                short(hash),
+                network.file()
+            );
+            self.add(NoteKind::Setting, text);
+        }
+        if weights.len() > 1 {
+            let stores = |(hash, stores): (&&str, &BTreeSet<&str>)| {
+                format!("{} in {}", short(hash), stores.iter().copied().collect::<Vec<_>>().join(", "))
+            };
+            let all = weights.iter().map(stores).collect::<Vec<_>>().join("; ");
+            let text =
+                format!("{}: the weights differ between stores, whose rows are not comparable: {all}", metric.name);
+            self.add(NoteKind::Setting, text);
+        }
+    }
+
+    fn not_computed(&mut self, table: &Table) {
+        for (index, column) in table.columns() {
+            for row in &table.rows {
+                let Cell { value, counts, not_computed: Some(reason), .. } = row.cell(index) else { continue };
+                let text = match (value, counts) {
+                    (Value::Number(_), Some(Counts { targets, uncomputed, .. })) => format!(
+                        "{} of {}: not computed for {uncomputed} of {}, and not ranked: {reason}",
+                        table.heading(index),
+                        name(row),
+                        counted(targets + uncomputed, "target")
+                    ),
+                    _ => format!("n/c {}: not computed: {reason}", column.title),
+                };
+                self.add(NoteKind::NotComputed, text);
+            }
+        }
+    }
+
+    /// The training data of the networks in the table.
+    pub(super) fn trained_on(&mut self, table: &Table, results: &ComparableResults<'_>) {
+        for MethodRun { record, .. } in results.methods_in(table) {
+            if let Some(training) = &record.training {
+                self.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
+            }
+        }
+    }
+}
+
+/// `missing-frame 1, baseline 2`, in the order of their first occurrence.
+fn counts_of_each<'a>(values: impl Iterator<Item = &'a str>) -> String {
+    let mut counts: Vec<(&str, u64)> = Vec::new();
+    for value in values {
+        match counts.iter_mut().find(|(known, _)| *known == value) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((value, 1)),
+        }
+    }
+    counts.iter().map(|(value, count)| format!("{value} {count}")).collect::<Vec<_>>().join(", ")
+}
+
+fn weights_of<'a>(metric: &Definition, results: &'a ComparableResults<'a>) -> WeightsOfStores<'a> {
+    let mut weights = WeightsOfStores::new();
+    for Part { source, .. } in &results.parts {
+        let records = source.results.provenance.metrics.iter().filter(|record| record.id == metric.id);
+        for hash in records.filter_map(|record| record.weights_sha256.as_deref()) {
+            weights.entry(hash).or_default().insert(source.label);
+        }
+    }
+    weights
+}

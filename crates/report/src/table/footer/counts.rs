@@ -1,0 +1,136 @@
+use atsplat_eval::TrialRow;
+use atsplat_eval::doubts::DOUBTS;
+use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES};
+
+use super::super::comparable::ComparableResults;
+use super::super::labels::name;
+use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value, distinct};
+use super::Notes;
+use crate::counted;
+use crate::definition::Quantity;
+
+impl Notes {
+    /// Scenes and targets of a row, and its targets outside all bins; groups of columns with equal counts are listed together.
+    pub(super) fn counts(&mut self, table: &Table, row: &Row) {
+        let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
+        for (group, cells) in table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_slope(group)) {
+            let Some(text) = counts_of(cells) else { continue };
+            let title = if group.title.is_empty() { "all" } else { group.title.as_str() };
+            match by_text.iter_mut().find(|(_, known)| *known == text) {
+                Some((titles, _)) => titles.push(title),
+                None => by_text.push((vec![title], text)),
+            }
+        }
+        let mut parts: Vec<String> = match by_text.as_slice() {
+            [(_, text)] => vec![text.clone()],
+            several => several.iter().map(|(titles, text)| format!("{}: {text}", titles.join(", "))).collect(),
+        };
+        // The same for each bin.
+        let outside = row.cells.iter().flatten().filter_map(|cell| cell.counts).map(|counts| counts.outside_bins).max();
+        if let Some(outside) = outside.filter(|outside| *outside > 0) {
+            parts.push(format!("{} outside all bins of overlap", counted(outside, "target")));
+        }
+        if !parts.is_empty() {
+            self.add(NoteKind::Counts, format!("{}: {}", name(row), parts.join("; ")));
+        }
+    }
+
+    /// Trials that count in a row's means although their renders show nothing, or have a note that doubts them.
+    pub(super) fn doubtful(&mut self, row: &Row, results: &ComparableResults<'_>) {
+        // The trials of a mean over trainings, and of a row without leaked targets, are those of other rows.
+        if row.without_leaked || row.is_over_trainings() {
+            return;
+        }
+        let trials = trials_of(row, results);
+        let all = trials.len();
+        let with_note =
+            |kind: &str| trials.iter().filter(|trial| trial.notes.iter().any(|note| note.starts_with(kind))).count();
+        let undrawn = trials.iter().filter(|trial| trial.renders_nothing()).count();
+        let mut parts = Vec::new();
+        if undrawn > 0 {
+            parts.push(format!(
+                "no Gaussian is rendered in {undrawn} of {all} trials, whose images show the background"
+            ));
+        }
+        for (beginning, what) in DOUBTS {
+            let count = with_note(beginning);
+            if count > 0 {
+                parts.push(format!("{what} in {count} of {all} trials"));
+            }
+        }
+        if !parts.is_empty() {
+            self.add(NoteKind::Counts, format!("{}: {}; not left out of the mean", name(row), parts.join("; ")));
+        }
+    }
+
+    pub(super) fn intervals(&mut self, table: &Table, row: &Row) {
+        let mut groups: Vec<String> = Vec::new();
+        for (group, cells) in table.groups.iter().zip(&row.cells) {
+            let intervals: Vec<String> =
+                group.columns.iter().zip(cells).filter_map(|(column, cell)| interval_of(column, cell)).collect();
+            if !intervals.is_empty() {
+                let title = if group.title.is_empty() { String::new() } else { format!("{}: ", group.title) };
+                groups.push(format!("{title}{}", intervals.join(", ")));
+            }
+        }
+        if !groups.is_empty() {
+            let percent = CONFIDENCE * 100.0;
+            self.add(NoteKind::Interval, format!("{percent:.0} % over scenes, {}: {}", name(row), groups.join("; ")));
+        }
+    }
+
+    /// Numbers without intervals, because their scenes are too few.
+    pub(super) fn few_scenes(&mut self, table: &Table) {
+        let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
+        let mut counts = cells.filter(|cell| cell.value.number().is_some()).filter_map(|cell| cell.counts);
+        if counts.any(|counts| counts.scenes < MIN_SCENES) {
+            self.add(NoteKind::LeftOut, format!("no interval with fewer than {MIN_SCENES} scenes"));
+        }
+    }
+
+    /// Renders that are identical to the truth.
+    pub(super) fn left_out(&mut self, table: &Table) {
+        let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
+        if cells.filter_map(|cell| cell.counts).any(|counts| counts.identical > 0) {
+            let text = "renders that are identical to the truth, whose PSNR is infinite, are counted and left out of all \
+                        means";
+            self.add(NoteKind::LeftOut, text.to_owned());
+        }
+    }
+}
+
+/// A slope is over the targets of other columns, which would be listed twice.
+fn is_slope(group: &Group) -> bool {
+    group.columns.iter().all(|column| matches!(column.quantity, Quantity::Slope(..)))
+}
+
+/// Columns of a group have the same targets: the counts of the first computed metric hold for all.
+fn counts_of(cells: &[Cell]) -> Option<String> {
+    let with_counts: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
+    let (cell, counts) = with_counts.iter().find(|(_, counts)| counts.targets > 0).or(with_counts.first())?;
+    let mut text = cell.counts_in_words()?;
+    if with_counts.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
+        text.push_str(", metrics over different targets");
+    }
+    Some(text)
+}
+
+/// The trials behind a row.
+fn trials_of<'a>(row: &Row, results: &'a ComparableResults<'a>) -> Vec<&'a TrialRow> {
+    let mut trials: Vec<&TrialRow> = Vec::new();
+    for protocol in distinct(row.protocols.iter().flatten()) {
+        if let Some(part) = results.parts.iter().find(|part| part.is(protocol)) {
+            trials.extend(part.source.results.trials_of(&protocol.preset, &protocol.method));
+        }
+    }
+    trials
+}
+
+/// `PSNR 21.25 [19.10, 23.40]`; `None` where there is no interval, or the cell prints it.
+fn interval_of(column: &Column, cell: &Cell) -> Option<String> {
+    let (Value::Number(_), Some(ends)) = (&cell.value, cell.interval.filter(|_| !column.intervals)) else {
+        return None;
+    };
+    let [low, high] = ends.map(|end| column.format(end));
+    Some(format!("{} {} [{low}, {high}]", column.title, cell.print(column)))
+}

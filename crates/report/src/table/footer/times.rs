@@ -1,0 +1,51 @@
+use super::super::labels::name;
+use super::super::time_scope::was_busy;
+use super::super::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
+use super::Notes;
+use crate::counted;
+
+impl Notes {
+    /// Machines, what the marks of times mean, devices, then each time with its spread, and why some are unreliable.
+    pub(super) fn times(&mut self, table: &Table) {
+        for timing in table.rows.iter().flat_map(timings) {
+            let machine =
+                format!("Time: {}; separate timing pass, nothing else running in the process", timing.machine);
+            self.add(NoteKind::Convention, machine);
+        }
+        for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
+            self.add(NoteKind::TimeScope, scope.explained());
+        }
+        for row in &table.rows {
+            for device in timings(row).filter_map(|timing| timing.device.as_ref()) {
+                self.add(NoteKind::Convention, format!("Time of {}: {device}", name(row)));
+            }
+        }
+        for row in &table.rows {
+            for timing in timings(row) {
+                self.add(NoteKind::Interval, spread(&name(row), timing));
+            }
+        }
+        let busy = table.rows.iter().flat_map(timings).filter(|timing| timing.busy);
+        if let Some(others) = busy.filter_map(|timing| timing.others).max_by(f64::total_cmp) {
+            let why = was_busy(others);
+            self.add(NoteKind::Busy, format!("{BUSY} {why}: such times are unreliable and not ranked"));
+        }
+    }
+}
+
+fn timings(row: &Row) -> impl Iterator<Item = &CellTiming> {
+    row.cells.iter().flatten().filter_map(|cell| cell.timing.as_ref())
+}
+
+fn spread(name: &str, timing: &CellTiming) -> String {
+    let CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } = timing;
+    let [low, high] = spread.quartiles;
+    let all = if trials == trials_there && *trials < 3 { " (all)" } else { "" };
+    format!(
+        "time, {name}: median {:.4} s, MAD {:.4}, quartiles {low:.4} to {high:.4}; {repetitions} repetitions of {}{all}, \
+         {warm_up} warm-up",
+        spread.median,
+        spread.mad,
+        counted(*trials, "trial"),
+    )
+}

@@ -1,0 +1,123 @@
+use atsplat_eval::statistics::{
+    Leaked, MIN_SCENES, Trend, along_setting, cost, lead_along_distance, lead_along_overlap, scene_means,
+};
+use atsplat_metrics::Definition;
+
+use super::super::comparable::{ComparableResults, MethodRun};
+use super::super::labels::name;
+use super::super::{NoteKind, Row, Table};
+use super::Notes;
+use crate::counted;
+use crate::definition::{ColumnGroup, PlotKind, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
+use crate::plot::Origin;
+
+impl Notes {
+    /// The slope over the number of Gaussians, in tables whose rows are budgets of one protocol.
+    pub(super) fn trend_over_gaussians(
+        &mut self,
+        table: &Table,
+        definition: &TableDefinition,
+        results: &ComparableResults<'_>,
+    ) {
+        if let Some(text) = trend_over_gaussians(table, definition, results) {
+            self.add(NoteKind::Trend, text);
+        }
+    }
+
+    /// For every slope in a table of a protocol: how the difference of the network to each other method changes, paired by target.
+    /// Two slopes whose intervals overlap can differ nevertheless, because both methods find the same scenes hard.
+    pub(super) fn trends_of_differences(
+        &mut self,
+        table: &Table,
+        definition: &TableDefinition,
+        results: &ComparableResults<'_>,
+    ) {
+        for group in &definition.groups {
+            for column in &group.columns {
+                if let Quantity::Slope(metric, along) = column.quantity {
+                    for text in trends_of_differences(table, results, group, metric, along) {
+                        self.add(NoteKind::Trend, text);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn trend_over_gaussians(
+    table: &Table,
+    definition: &TableDefinition,
+    results: &ComparableResults<'_>,
+) -> Option<String> {
+    let has_budgets = matches!(definition.plot, Some(PlotKind::KScaling | PlotKind::BudgetHistogram));
+    let preset = definition.groups.first().filter(|_| has_budgets)?.preset.as_deref()?;
+    let metric = table.columns().find_map(|(_, column)| match column.quantity {
+        Quantity::Metric(metric) => Some(metric),
+        _ => None,
+    })?;
+    let settings = measured(table).filter_map(|row| {
+        let run = results.method(preset, row)?;
+        let gaussians = cost(run.results(), run.preset_name(), run.method()).gaussians?;
+        let (stored, query) = run.over_all_targets(metric);
+        Some((gaussians.log2(), scene_means(stored, &query)))
+    });
+    let settings: Vec<_> = settings.collect();
+    let Trend { slope, interval, scenes } = along_setting(&settings)?;
+    Some(format!(
+        "trend: {} changes by {slope:+.3} {} per doubling of Gaussians, over {} settings and {}",
+        metric.name,
+        interval_in_words(interval),
+        settings.len(),
+        counted(scenes, "scene")
+    ))
+}
+
+fn trends_of_differences(
+    table: &Table,
+    results: &ComparableResults<'_>,
+    group: &ColumnGroup,
+    metric: &'static Definition,
+    along: SlopeOver,
+) -> Vec<String> {
+    let Some(preset) = group.preset.as_deref() else { return Vec::new() };
+    let trained = measured(table).filter(|row| !row.untrained);
+    let rows: Vec<(&Row, MethodRun<'_>)> =
+        trained.filter_map(|row| Some((row, results.method(preset, row)?))).collect();
+    let Some((network, network_run)) = rows.iter().find(|(_, run)| is_full(run.record)) else { return Vec::new() };
+    let is_other = |run: &MethodRun<'_>| !is_full(run.record) && !is_ablation(run.record);
+    let others = rows.iter().filter(|(_, run)| is_other(run));
+    let text = |(row, run): &(&Row, MethodRun<'_>)| {
+        let change = change_of_difference([*network_run, *run], metric, along)?;
+        Some(format!("difference: {} of {} minus that of {} {change}", metric.name, name(network), name(row)))
+    };
+    others.filter_map(text).collect()
+}
+
+/// `changes by +1.000 [+0.800, +1.200] per frame outside, over 8 scenes, leaked targets excluded`: the first method minus the
+/// second.
+fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, along: SlopeOver) -> Option<String> {
+    // Copies of context frames would be most of the trend of a method that copies.
+    let [first, second] = runs.map(|run| (run.results(), run.query(metric, Leaked::Excluded)));
+    let pair = ((first.0, &first.1), (second.0, &second.1));
+    let (found, unit, per) = match along {
+        SlopeOver::Overlap => (lead_along_overlap(pair.0, pair.1), 0.1, "0.1 of overlap"),
+        SlopeOver::Distance => (lead_along_distance(pair.0, pair.1), 1.0, "frame outside"),
+    };
+    let Trend { slope, interval, scenes } = found?;
+    let interval = interval_in_words(interval.map(|ends| ends.map(|end| end * unit)));
+    let (slope, scenes) = (slope * unit, counted(scenes, "scene"));
+    Some(format!("changes by {slope:+.3} {interval} per {per}, over {scenes}, leaked targets excluded"))
+}
+
+/// Measured rows over all of their targets.
+fn measured(table: &Table) -> impl Iterator<Item = &Row> {
+    table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked)
+}
+
+/// The interval of a slope in a sentence.
+fn interval_in_words(interval: Option<[f64; 2]>) -> String {
+    match interval {
+        Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
+        None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
+    }
+}

@@ -1,0 +1,20 @@
+//! Names of rows and short forms of hashes.
+
+use super::Row;
+
+/// The printed labels of a row as one name: `ATSplat, untrained`.
+pub(super) fn name(row: &Row) -> String {
+    let labels = row.printed_labels();
+    labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect::<Vec<_>>().join(", ")
+}
+
+/// The first 12 characters of a hash.
+pub(crate) fn short(hash: &str) -> String {
+    hash.chars().take(12).collect()
+}
+
+/// The first 12 characters of a commit, and the mark of uncommitted changes, if there is one.
+pub(crate) fn short_commit(commit: &str) -> String {
+    let changes = commit.split_once('+').map_or_else(String::new, |(_, changes)| format!("+{changes}"));
+    short(commit) + &changes
+}

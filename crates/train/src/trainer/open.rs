@@ -1,0 +1,205 @@
+//! Opens a run: the processor that computes it, its data, and what its folder contains of it.
+
+use std::path::Path;
+
+use atsplat_files::Sha256Digest;
+use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
+use atsplat_model::{ModelConfig, ModelError};
+use atsplat_scene::Warnings;
+
+use super::recorded::Recorded;
+use super::start::{self, Opened, Start, require_run_to_resume};
+use super::{EVALUATIONS, STEPS, Trainer};
+use crate::checkpoint::{Checkpoints, State};
+use crate::device_state::DeviceState;
+use crate::evaluation::Evaluation;
+use crate::journal::{EvaluationRecord, Journal, StepRecord};
+use crate::objective::Objective;
+use crate::samples::Source;
+use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
+
+impl Trainer {
+    pub(super) fn open(
+        processor: Processor,
+        config: TrainConfig,
+        samples: Box<dyn Source>,
+        folder: &Path,
+        start: &Start,
+    ) -> Result<Self, TrainError> {
+        require_run_to_resume(folder, start)?;
+        start::require_weights(&config, start)?;
+        let model = config.model.config()?;
+        config.check_model(&model)?;
+        let environment = Environment::open(processor, &config, &model)?;
+        let mut opening_warnings = Warnings::new();
+        let evaluated = evaluation_source(&config, &mut opening_warnings)?;
+        let resolved = Resolved::new(&config, &model, &environment.objective)?;
+        let resolved = resolved.with_scenes(samples.as_ref(), evaluated.as_deref());
+        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
+        let existing_lock = start::lock_existing(folder)?;
+        let opened = start::state(&config, &model, start, (folder, &checkpoints), environment.adapter.clone())?;
+        let Opened { state, mut notices, has_moved } = opened;
+        let recorded = Recorded { folder, done: state.step, has_moved };
+        notices.extend(recorded.check_training(&config, samples.as_ref())?);
+        let features = environment.features(&config, &model, &state)?;
+        notices.extend(slow_products(&config));
+        notices.extend(unreached_rate(&config));
+        notices.extend(samples.notices());
+        let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
+        notices.extend(recorded.check_evaluation(evaluation.as_ref())?);
+        let device_state = environment.device_state(&state)?;
+        // Not earlier: what fails before leaves no folder.
+        let lock = existing_lock.map_or_else(|| start::lock_new(folder), Ok)?;
+        if start.file().is_some() {
+            // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
+            checkpoints.write(&state, &config)?;
+        }
+        let (steps, evaluations) = logs(folder, state.step, &mut notices)?;
+        let Environment { device, template, objective, .. } = environment;
+        Ok(Self {
+            // Those of the check are not the run's.
+            refused_draws: samples.refused().count,
+            config,
+            model,
+            samples,
+            objective,
+            features,
+            evaluation,
+            device,
+            template,
+            checkpoints,
+            steps,
+            evaluations,
+            state,
+            device_state,
+            faults: Vec::new(),
+            notices,
+            opening_warnings,
+            reported_warnings: Warnings::new(),
+            reported_refusals: 0,
+            folder: folder.to_owned(),
+            _lock: lock,
+        })
+    }
+}
+
+/// What computes the steps of a run.
+struct Environment {
+    processor: Processor,
+    device: Device,
+    template: Network,
+    objective: Objective,
+    /// The graphics adapter with its driver; `None` for the CPU.
+    adapter: Option<String>,
+}
+
+impl Environment {
+    fn open(processor: Processor, config: &TrainConfig, model: &ModelConfig) -> Result<Self, TrainError> {
+        let device = rendering_device(processor)?;
+        let template = Network::new(model, &device.clone().autodiff())?;
+        let objective = match processor {
+            Processor::Cpu => Objective::new(config.losses.clone()),
+            // Losses are part of the graph: images do not leave the adapter.
+            Processor::Wgpu(_) => Objective::in_graph(config.losses.clone(), &template.device()),
+        }?;
+        let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
+        Ok(Self { processor, device, template, objective, adapter })
+    }
+
+    /// The cache of a frozen backbone's features, if the configuration has one; each adapter has a separate folder.
+    fn features(
+        &self,
+        config: &TrainConfig,
+        model: &ModelConfig,
+        state: &State,
+    ) -> Result<Option<FeatureCache>, TrainError> {
+        let Some(folder) = &config.model.feature_cache else { return Ok(None) };
+        let of_adapter =
+            self.adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
+        let folder = of_adapter.as_ref().unwrap_or(folder);
+        Ok(Some(FeatureCache::open(folder, model, state.parameters.frozen(), config.matmul_precision)?))
+    }
+
+    fn device_state(&self, state: &State) -> Result<Option<DeviceState>, TrainError> {
+        match self.processor {
+            Processor::Cpu => Ok(None),
+            Processor::Wgpu(_) => DeviceState::new(state, &self.template).map(Some),
+        }
+    }
+}
+
+/// The device of a processor that renders.
+fn rendering_device(processor: Processor) -> Result<Device, TrainError> {
+    let device = processor.open()?;
+    match processor.render_error() {
+        None => Ok(device),
+        Some(why) => Err(ModelError::Processor { processor, why: format!("it cannot render: {why}") }.into()),
+    }
+}
+
+/// The source of the evaluation's samples, if the configuration has an evaluation.
+fn evaluation_source(config: &TrainConfig, warnings: &mut Warnings) -> Result<Option<Box<dyn Source>>, TrainError> {
+    let Some(settings) = &config.evaluation else { return Ok(None) };
+    let source = settings.source.open(&config.pose_normalisation, None, warnings);
+    source.map(Some).map_err(TrainError::of_evaluation)
+}
+
+/// The evaluation on fixed samples, if the configuration has one.
+fn evaluation_of(
+    config: &TrainConfig,
+    source: Option<&dyn Source>,
+    notices: &mut Vec<String>,
+    warnings: &mut Warnings,
+) -> Result<Option<Evaluation>, TrainError> {
+    let (Some(settings), Some(source)) = (&config.evaluation, source) else { return Ok(None) };
+    let background = config.losses.background;
+    let seed = settings.seed.unwrap_or(config.seed);
+    let evaluation = Evaluation::new(source, seed, settings.samples.get(), background)?;
+    warnings.merge(source.warnings());
+    let refused = Some(source.refused()).filter(|refused| refused.count > 0);
+    let of_source = source.notices().into_iter().chain(refused.map(|refused| refused.to_string()));
+    notices.extend(of_source.map(|notice| format!("evaluation: {notice}")));
+    Ok(Some(evaluation))
+}
+
+fn slow_products(config: &TrainConfig) -> Option<String> {
+    let is_slow = config.matmul_precision != MatmulPrecision::F32 && !config.matmul_precision.is_fast();
+    is_slow.then(|| {
+        "matrix products take longer in bfloat16 than in f32 on this processor, which has no instructions for bfloat16"
+            .to_owned()
+    })
+}
+
+/// That the run ends before its learning rate has risen to the configuration's.
+fn unreached_rate(config: &TrainConfig) -> Option<String> {
+    let (warm_up, steps) = (config.schedule.warm_up_steps, config.steps.get());
+    let last = config.schedule.rate(steps - 1, steps);
+    (warm_up > steps).then(|| {
+        format!("schedule.warm-up-steps: {warm_up} in a run of {steps}, whose last learning rate is {last:.2e}")
+    })
+}
+
+/// The logs of steps and evaluations, up to the number of steps done.
+fn logs(folder: &Path, done: u64, notices: &mut Vec<String>) -> Result<(Journal, Journal), TrainError> {
+    let (steps, logged) = Journal::open::<StepRecord>(&folder.join(STEPS), done)?;
+    if (logged.len() as u64) < done {
+        notices.push(format!("{STEPS}: expected the {done} steps so far, found {}", logged.len()));
+    }
+    let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join(EVALUATIONS), done)?;
+    Ok((steps, evaluations))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Eight steps of a warm-up of a thousand end at 8/1000 of 2e-4.
+    #[test]
+    fn a_warm_up_that_outlasts_the_run_is_reported() {
+        let mut config = TrainConfig::shortest();
+        let expected = "schedule.warm-up-steps: 1000 in a run of 8, whose last learning rate is 1.60e-6";
+        assert_eq!(unreached_rate(&config).as_deref(), Some(expected));
+        config.schedule.warm_up_steps = 8;
+        assert_eq!(unreached_rate(&config), None);
+    }
+}
