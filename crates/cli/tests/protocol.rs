@@ -160,7 +160,7 @@ fn a_strict_build_refuses_missing_and_unreadable_images() {
     let help = succeed(here, &["protocol", "build", "--help"]);
     // Lines are wrapped at the terminal width.
     let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(help.contains("Exit with code 4 if a scene has no entry, or images are missing"), "{help}");
+    assert!(help.contains("Exit with code 4 if a scene has no entry, or frames lack an image"), "{help}");
 }
 
 /// A leak, a repetition or another protocol's index fails under `--strict`; what the protocol has published does not.
