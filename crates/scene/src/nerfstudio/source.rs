@@ -60,7 +60,7 @@ pub(crate) struct SceneFile {
 
 impl NerfstudioScenes {
     /// Finds the scenes without reading them. Of two scenes with one key the first is used, with a warning. Subsets whose folders
-    /// cannot be listed are left out, see [`crate::ignored`].
+    /// cannot be listed are left out; [`crate::open()`] counts them as unreadable scenes.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
