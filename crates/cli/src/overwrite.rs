@@ -6,9 +6,9 @@ use std::io::Result as IoResult;
 use std::path::{Component, Path, PathBuf, absolute};
 
 use anyhow::{Context as _, bail};
+use atsplat_files::is_toml_path;
 use atsplat_scene::Frame;
 
-use crate::parse::is_toml;
 use crate::paths::canonical_path;
 
 /// What a command reads, for [`check_output`].
@@ -33,7 +33,7 @@ pub(crate) fn check_output(option: &str, out: &Path, inputs: &[Input<'_>]) -> an
     for input in inputs {
         let fault = match *input {
             Input::File(what, path) if is_at(path) => overwrites(what),
-            Input::Toml(what, name) if is_toml(name) && is_at(Path::new(name)) => overwrites(what),
+            Input::Toml(what, name) if is_toml_path(name) && is_at(Path::new(name)) => overwrites(what),
             Input::Dataset(data) if is_read_with(data, &places) => {
                 format!("would be read as part of the dataset {}; choose a path outside it", data.display())
             }

@@ -1,10 +1,10 @@
 //! Parsers of command-line arguments.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
-use atsplat_files::malformed_toml;
+use atsplat_files::{is_toml_path, malformed_toml};
 use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
@@ -95,7 +95,7 @@ pub(crate) fn background(text: &str) -> Result<[f64; 3], String> {
 
 /// The name or path of a preset of renderer constants.
 pub(crate) fn constants_name(text: &str) -> Result<String, String> {
-    if is_toml(text) || RendererConstants::named(text).is_some() {
+    if is_toml_path(text) || RendererConstants::named(text).is_some() {
         return Ok(text.to_owned());
     }
     let names = RendererConstants::PRESETS.join(", ");
@@ -136,11 +136,6 @@ pub(crate) fn folder(text: &str) -> Result<PathBuf, String> {
     if path.is_dir() { Ok(path) } else { Err(format!("expected an existing folder, found {text:?}")) }
 }
 
-/// Whether the text is a path rather than a name.
-pub(crate) fn is_toml(text: &str) -> bool {
-    Path::new(text).extension().is_some_and(|extension| extension == "toml")
-}
-
 /// The name or path of a protocol preset.
 pub(crate) fn preset(text: &str) -> Result<String, ProtocolError> {
     name_or_path(text, Preset::resolve)
@@ -153,7 +148,7 @@ pub(crate) fn sampler(text: &str) -> Result<String, ProtocolError> {
 
 /// Accepts paths as they are; names must resolve.
 pub(crate) fn name_or_path<T, E>(text: &str, resolve: impl Fn(&str) -> Result<T, E>) -> Result<String, E> {
-    if !is_toml(text) {
+    if !is_toml_path(text) {
         resolve(text)?;
     }
     Ok(text.to_owned())

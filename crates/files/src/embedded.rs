@@ -17,8 +17,8 @@ impl Embedded {
 }
 
 /// Whether an argument that may be a name or the path of a TOML file is a path: whether it ends in `.toml`.
-pub fn is_toml_path(name_or_path: &str) -> bool {
-    Path::new(name_or_path).extension().is_some_and(|extension| extension == "toml")
+pub fn is_toml_path(name_or_path: impl AsRef<Path>) -> bool {
+    name_or_path.as_ref().extension().is_some_and(|extension| extension == "toml")
 }
 
 #[cfg(test)]

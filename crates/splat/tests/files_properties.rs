@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{Encoding, Format, Output, parse, read, write};
+use atsplat_splat::files::{Encoding, Format, Import, Output, parse, read, write};
 use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 use proptest::prelude::*;
 
@@ -431,14 +431,16 @@ fn rows_that_begin_like_gzip_are_rows() {
     assert_eq!(import.format, Format::Spz(2), "whatever it is called");
 }
 
+/// What reading a PLY file of these two rows finds.
+fn imported(rows: &[String; 2]) -> Import {
+    parse((ply_header("ascii") + &rows.concat()).as_bytes(), Path::new("f.ply")).unwrap().1
+}
+
 /// Opacities written by pixelSplat look like logits of opacities between 0.5 and 0.73.
 #[test]
 fn detects_opacities_that_may_not_be_logits() {
     let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
-    let suspected = |first: &str, second: &str| {
-        let text = ply_header("ascii") + &row(first) + &row(second);
-        parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.opacities_may_be_no_logits
-    };
+    let suspected = |first: &str, second: &str| imported(&[row(first), row(second)]).opacities_may_be_no_logits;
     assert!(suspected("0.25", "1"));
     assert!(!suspected("0.25", "1.5"));
     assert!(!suspected("-0.25", "0.5"));
@@ -447,14 +449,10 @@ fn detects_opacities_that_may_not_be_logits() {
 /// As coefficients, colours are never darker than middle grey.
 #[test]
 fn detects_colours_that_may_not_be_coefficients() {
-    let doubts = |first: &str, second: &str| {
-        let row = |colour: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 2 {colour}\n");
-        let text = ply_header("ascii") + &row(first) + &row(second);
-        parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.doubts().concat()
-    };
-    assert!(
-        doubts("0.25 0 1", "0.5 0.75 0.1").starts_with("every coefficient of the file lies in [0, 1], without view")
-    );
+    let row = |colour: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 2 {colour}\n");
+    let doubts = |first: &str, second: &str| imported(&[row(first), row(second)]).doubts().concat();
+    let doubted = doubts("0.25 0 1", "0.5 0.75 0.1");
+    assert!(doubted.starts_with("every coefficient of the file lies in [0, 1], without view"), "{doubted}");
     assert_eq!(doubts("0.25 0 1", "0.5 -0.75 0.1"), "");
     assert_eq!(doubts("0.25 0 1.5", "0.5 0.75 0.1"), "");
     assert_eq!(doubts("0.5 0.5 0.5", "0.5 0.5 0.5"), "", "one grey");

@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use anyhow::bail;
+use atsplat_files::is_toml_path;
 use atsplat_splat::scene_file::SceneFile;
 use atsplat_splat::{Channels, Gaussians, MAX_SH_DEGREE, RasterMode, RenderOptions, RendererConstants};
 use clap::ValueEnum;
@@ -49,7 +50,7 @@ pub(super) enum ChannelArg {
 impl RenderSettingsArgs {
     /// The file of the constants, if they are in one.
     pub(super) fn constants_file(&self) -> Option<&Path> {
-        parse::is_toml(&self.constants).then(|| Path::new(&self.constants))
+        is_toml_path(&self.constants).then(|| Path::new(&self.constants))
     }
 
     /// The constants; overrides are appended to their name.

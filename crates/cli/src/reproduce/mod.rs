@@ -15,6 +15,7 @@ use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
 use atsplat_eval::weights_list::WeightsList;
 use atsplat_eval::{ComputeDevice, Results};
+use atsplat_files::is_toml_path;
 use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_report::definition::TableDefinition;
@@ -175,9 +176,7 @@ fn networks(weights: Option<&Path>, device: ComputeDevice) -> anyhow::Result<Tra
     let tables = TableDefinition::presets_by_name()?;
     let list = match weights {
         None => embedded::by_protocol(&tables)?,
-        Some(path) if path.extension().is_some_and(|extension| extension == "toml") => {
-            WeightsList::read(path, &tables, &embedded::NAMES)?
-        }
+        Some(path) if is_toml_path(path) => WeightsList::read(path, &tables, &embedded::NAMES)?,
         Some(path) => WeightsList::one(path.to_owned()),
     };
     Ok(TrainedNetworks::new(list, device, |path| embedded::trained(Some(path))))

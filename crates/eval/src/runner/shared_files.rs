@@ -25,7 +25,7 @@ impl Findings {
                 others().find_map(|other| {
                     let theirs = other.index.index.scenes.get(scene)?;
                     let at =
-                        entries.iter().zip(theirs).position(|(own, other)| are_shared(own, other, is_of_frames))?;
+                        entries.iter().zip(theirs).position(|(entry, other)| are_shared(entry, other, is_of_frames))?;
                     let [here, there] = [entries, theirs].map(|all| all.get(at).map(frames).unwrap_or_default());
                     Some(format!("{scene}, entry {at}: frames {here}, and {there} under {}", other.name))
                 })
@@ -40,10 +40,10 @@ impl Findings {
 }
 
 /// Whether a file of one entry is also one of the other, which has other context views.
-fn are_shared(own: &IndexEntry, other: &IndexEntry, is_of_frames: bool) -> bool {
+fn are_shared(entry: &IndexEntry, other: &IndexEntry, is_of_frames: bool) -> bool {
     let views = |entry: &IndexEntry| entry.context.iter().copied().collect::<BTreeSet<_>>();
-    let has_shared_target = || own.target.iter().any(|frame| other.target.contains(frame));
-    views(own) != views(other) && (!is_of_frames || has_shared_target())
+    let has_shared_target = || entry.target.iter().any(|frame| other.target.contains(frame));
+    views(entry) != views(other) && (!is_of_frames || has_shared_target())
 }
 
 fn frames(entry: &IndexEntry) -> String {
@@ -61,14 +61,14 @@ mod tests {
             target: target.to_vec(),
             overlap: None,
         };
-        let own = entry(&[0, 4], &[5, 6]);
+        let here = entry(&[0, 4], &[5, 6]);
         for (other, of_frames, of_scenes) in [
             (entry(&[0, 2, 4], &[6, 7]), true, true),
             (entry(&[0, 2, 4], &[7]), false, true),
             (entry(&[4, 0], &[5, 6]), false, false),
-            (own.clone(), false, false),
+            (here.clone(), false, false),
         ] {
-            assert_eq!([true, false].map(|is| are_shared(&own, &other, is)), [of_frames, of_scenes], "{other:?}");
+            assert_eq!([true, false].map(|is| are_shared(&here, &other, is)), [of_frames, of_scenes], "{other:?}");
         }
     }
 }

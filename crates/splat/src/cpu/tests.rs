@@ -201,6 +201,8 @@ fn threads_and_tiles_do_not_change_gradients() {
 
 #[path = "../../tests/common/cloud.rs"]
 mod cloud;
+#[path = "../../tests/common/extreme.rs"]
+mod extreme;
 mod invariance;
 mod limits;
 mod magnitudes;

@@ -3,11 +3,12 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::Uploaded;
 use atsplat_splat::{
-    ClampedGradient, Exposure, Extent, GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RasterMode,
-    RenderOptions, Renderer, RendererConstants, ShAxes, View, reference,
+    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
+    RendererConstants, ShAxes, View, reference,
 };
 use proptest::prelude::*;
 
+use crate::extreme::extreme;
 use crate::scenes::{cloud, everything, filtered, gpu, image_gradients, narrow, view};
 
 /// Lowers `min_alpha`, so that rounding cannot cross the threshold and only arithmetic is compared.
@@ -104,19 +105,7 @@ proptest! {
     #[test]
     fn gradients_never_overflow(magnitude in prop_oneof![Just(3e38f32), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
         let Some(mut gpu) = gpu() else { return Ok(()) };
-        let mut parts = cloud(60, 1, 92).into_parts();
-        if bright {
-            parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| value * 1e11));
-        }
-        let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(33, 21));
-        let exposure = Exposure { matrix: [[1e12; 3]; 3], offset: [0.0; 3] };
-        let options = RenderOptions { exposure: gain.then_some(exposure), ..everything() };
-        let images = ImageGradients {
-            rgb: vec![[magnitude, -magnitude, magnitude]; view.pixels()],
-            alpha: Some(vec![magnitude; view.pixels()]),
-            depth: Some(vec![-magnitude; view.pixels()]),
-            scalar: Some(vec![magnitude; view.pixels()]),
-        };
+        let (gaussians, view, options, images) = extreme(magnitude, bright, gain);
         let gradients = gpu.backward(&gaussians, &view, &options, &images).unwrap();
         prop_assert_eq!(gradients.non_finite(), 0);
         prop_assert!(gradients.means.as_flattened().iter().any(|value| value.abs() > 0.0));

@@ -11,6 +11,8 @@ mod cloud;
 #[path = "../common/poison.rs"]
 mod common;
 mod devices;
+#[path = "../common/extreme.rs"]
+mod extreme;
 mod forward;
 mod limits;
 mod lists;

@@ -1,7 +1,7 @@
 //! Image gradients of any magnitude.
 
+use super::extreme::extreme;
 use super::*;
-use crate::Exposure;
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use proptest::prelude::*;
@@ -40,19 +40,7 @@ proptest! {
 
     #[test]
     fn gradients_never_overflow(magnitude in prop_oneof![Just(3e38f32), Just(2e38), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
-        let mut parts = cloud(60, 1, 92).into_parts();
-        if bright {
-            parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| value * 1e11));
-        }
-        let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(33, 21));
-        let exposure = Exposure { matrix: [[1e12; 3]; 3], offset: [0.0; 3] };
-        let options = RenderOptions { exposure: gain.then_some(exposure), ..everything() };
-        let images = ImageGradients {
-            rgb: vec![[magnitude, -magnitude, magnitude]; view.pixels()],
-            alpha: Some(vec![magnitude; view.pixels()]),
-            depth: Some(vec![-magnitude; view.pixels()]),
-            scalar: Some(vec![magnitude; view.pixels()]),
-        };
+        let (gaussians, view, options, images) = extreme(magnitude, bright, gain);
         let gradients = CpuRenderer::default().backward(&gaussians, &view, &options, &images).unwrap();
         prop_assert_eq!(gradients.non_finite(), 0);
         let most = gradients.means.as_flattened().iter().fold(0.0f32, |most, value| most.maximum_of(value.abs()));
