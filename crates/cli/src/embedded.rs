@@ -7,6 +7,8 @@ use atsplat_eval::EvalError;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_eval::weights_list::WeightsList;
 use atsplat_model::weights::{TensorError, TensorFile};
+use atsplat_protocol::Preset;
+use atsplat_report::definition::TableDefinition;
 use atsplat_scene::SharedBytes;
 
 /// Trained on simulated rooms with two views.
@@ -43,6 +45,12 @@ pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> 
     TrainedNetwork::new(&file, format!("{}{origin}", path.display()))
 }
 
+/// The embedded network for a protocol: that of its list entry, otherwise the one trained on rooms.
+pub(crate) fn for_protocol(preset: &Preset) -> anyhow::Result<TrainedNetwork> {
+    let list = by_protocol(&TableDefinition::presets_by_name()?)?;
+    Ok(trained(list.network(preset))?)
+}
+
 /// What was expected where neither a file nor embedded weights have the given name.
 pub(crate) fn or_a_file(file: &str) -> String {
     format!("{}, embedded in the binary, or {file}", NAMES.join(" or "))
@@ -63,8 +71,6 @@ pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Ten
 mod tests {
     use super::*;
     use atsplat_model::weights::ModelWeights;
-    use atsplat_protocol::Preset;
-    use atsplat_report::definition::TableDefinition;
 
     #[test]
     fn every_embedded_file_is_complete_and_names_its_network() {
@@ -95,6 +101,7 @@ mod tests {
         ] {
             let network = list.network(&Preset::named(preset).unwrap());
             assert_eq!(network, Some(Path::new(expected)), "{preset}");
+            assert_eq!(for_protocol(&Preset::named(preset).unwrap()).unwrap().config.name, expected, "{preset}");
         }
     }
 

@@ -10,7 +10,7 @@ use atsplat_scene::Warnings;
 
 use crate::embedded;
 use crate::model_args::ConfigOverrideArgs;
-use crate::objects::RemoteData;
+use crate::objects::check_reading;
 use crate::print::{print_json, print_report, warn};
 use crate::progress::Progress;
 use crate::run::protocols::ProtocolArgs;
@@ -27,7 +27,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     protocols: ProtocolArgs,
 
-    /// Weights with their configuration; by default micro-rooms, which is embedded in the binary.
+    /// Weights with their configuration; by default micro-rooms, or micro-yards for protocols on yards and DL3DV, which are
+    /// embedded in the binary.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 
@@ -53,15 +54,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 }
 
 fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<bool> {
-    let trained = embedded::trained(args.weights.as_deref())?;
-    let config = args.changes.applied(&trained.config)?;
-    let network = trained.network_for(&config)?;
+    args.protocols.check()?;
+    let given = args.weights.as_deref().map(|file| embedded::trained(Some(file))).transpose()?;
     let (mut complete, mut reports) = (true, Vec::new());
     let remote = args.protocols.remote()?;
     let selection = Selection { limit: args.limit, shard: None };
     for dataset in args.protocols.open(remote.as_ref(), warnings)? {
+        let by_default;
+        let trained = if let Some(given) = &given {
+            given
+        } else {
+            by_default = embedded::for_protocol(&dataset.preset)?;
+            &by_default
+        };
+        let config = args.changes.applied(&trained.config)?;
+        let network = trained.network_for(&config)?;
         let (trials, gaps) = trials_of(&network, &dataset, selection, warnings);
-        RemoteData::check(remote.as_ref())?;
+        check_reading()?;
         if trials.is_empty() {
             bail!("{}: none of its trials can be read: {}", dataset.name, why_none(&dataset, &gaps));
         }

@@ -56,6 +56,11 @@ const EVERYWHERE: &str = "Every command";
 const REPORT_STRICT: &str = "Exit with code 4 if a store is incomplete (scenes are missing, entries were skipped, trials failed, \
                              renders are not finite, the run was interrupted) or a table of --tables has no results";
 
+const REPRODUCE_STRICT: &str = "Exit with code 4 if the results are incomplete: scenes are missing, entries were \
+                                skipped, a trial failed or rendered no Gaussian, data below --data do not fit a \
+                                protocol, or a film or plot of expansion could not be made. Protocols that a list of \
+                                --weights leaves out do not count";
+
 const RENDER_STRICT: &str = "Exit with code 4 if a frame could not be written or rendered no Gaussian";
 
 /// Evaluates feed-forward 3D Gaussian Splatting, from a dataset's bytes to a paper's table.
@@ -77,6 +82,7 @@ struct Cli {
 enum Command {
     /// Run everything that can run here and write the full report: every table and plot, measured next to published
     /// numbers.
+    #[command(mut_arg("strict", |strict| strict.help(REPRODUCE_STRICT)))]
     Reproduce(WithStrict<reproduce::Args>),
     /// Inspect, convert, simulate and undistort datasets.
     #[command(subcommand)]
@@ -129,7 +135,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return arguments::print(&error),
     };
-    match run(&cli) {
+    match run(&cli).and_then(|exit| objects::check_reading().map(|()| exit)) {
         Ok(exit) => exit.into(),
         Err(error) if error.is::<clap::Error>() => {
             print::print_status(&error.to_string());

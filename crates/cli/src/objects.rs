@@ -14,6 +14,16 @@ use crate::print::{note, print_status};
 /// The copies of this process, as a path and the URL that it stands for. Only messages and texts of records depend on them.
 static COPIES: Mutex<Vec<(String, String)>> = Mutex::new(Vec::new());
 
+/// Why a dataset of this process could not be fetched, if that has happened.
+static FAILURE: Mutex<Option<ObjectError>> = Mutex::new(None);
+
+/// Fails if object storage failed while a dataset was read: readers report what could not be fetched as unreadable scenes, although
+/// the data may be fine. To be called before a result is written.
+pub(crate) fn check_reading() -> anyhow::Result<()> {
+    let failure = FAILURE.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    failure.map_or(Ok(()), |error| Err(error.into()))
+}
+
 /// Text with URLs in place of the paths of their copies.
 pub(crate) fn with_urls(text: &str) -> String {
     let copies = COPIES.lock().unwrap_or_else(PoisonError::into_inner);
@@ -99,11 +109,6 @@ impl RemoteData {
         self.0.path()
     }
 
-    /// Fails if an image or scene could not be fetched, which commands would otherwise report as unreadable data.
-    pub(crate) fn check(remote: Option<&Arc<Self>>) -> anyhow::Result<()> {
-        remote.and_then(|remote| remote.failure()).map_or(Ok(()), |error| Err(error.into()))
-    }
-
     /// Why an image or scene could not be fetched, if one could not: the storage failed, the data may be fine.
     pub(crate) fn failure(&self) -> Option<ObjectError> {
         self.0.failure()
@@ -112,7 +117,10 @@ impl RemoteData {
 
 impl Fetch for RemoteData {
     fn fetch(&self, paths: &[PathBuf]) -> io::Result<()> {
-        self.0.fetch(paths).map_err(io::Error::other)
+        self.0.fetch(paths).map_err(|error| {
+            FAILURE.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| error.clone());
+            io::Error::other(error)
+        })
     }
 }
 

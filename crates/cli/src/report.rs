@@ -3,7 +3,7 @@
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
@@ -25,7 +25,7 @@ pub(crate) struct Args {
     stores: Vec<PathBuf>,
 
     /// Folder for `tables/`, `plots/` and `index.html`; the files of an earlier report there are replaced.
-    #[arg(long, value_name = "DIR", default_value = "reports/latest")]
+    #[arg(long, short, value_name = "DIR", default_value = "reports/latest")]
     out: PathBuf,
 
     /// Which of the paper's tables; by default all for which the stores have results, and one for every protocol.
@@ -118,6 +118,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
     let report = Report::new(&args.request(), &stores)?;
+    if report.tables.is_empty() {
+        let tables = args.tables.join(", ");
+        ensure!(args.tables.is_empty(), "--tables: the stores have no results for any of these tables: {tables}");
+        bail!("the stores have no results: {}", labels.join(", "));
+    }
     let Written { files, removed, others } = report.replace(&args.out)?;
     args.page.warn_of_size(&report);
     if args.json {
@@ -205,9 +210,6 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
     let terminal = terminal();
     for table in &report.tables {
         print_text(&format!("{}\n", terminal.write(table)))?;
-    }
-    if report.tables.is_empty() {
-        return print_text("These stores have no results.\n");
     }
     for table in report.tables.iter().filter(|table| table.is_published()) {
         print_text(&format!("{}: {}\n", table.title, verdict(table)))?;

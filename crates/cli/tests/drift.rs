@@ -218,8 +218,15 @@ fn plots_the_history_over_acceptances() {
     assert!(!svg.contains("the first numbers"), "nothing moved then");
     succeed(at, &["drift", "b", "--baseline", "quick.json", "--history", "b.png", "--method", "coarse"]);
     assert!(std::fs::read(at.join("b.png")).unwrap().starts_with(b"\x89PNG"));
-    let outcome = atsplat(at, &[&args[..], &["--metric", "beauty"]].concat());
-    assert!(outcome.code == 1 && outcome.stderr.contains("psnr of fine under p"), "{}", outcome.stderr);
+    let unknown = atsplat(at, &[&args[..], &["--metric", "beauty"]].concat());
+    assert!(unknown.code == 2 && unknown.stderr.contains("expected one of "), "{}", unknown.stderr);
+    // A plot that cannot be drawn hides no drift; without drift, it is an error.
+    let renamed = atsplat(at, &[&args[..], &["--method", "other"]].concat());
+    assert!(renamed.code == 3 && renamed.stdout.contains("DRIFTED"), "{}: {}", renamed.code, renamed.stdout);
+    assert!(renamed.stderr.contains("warning: --history: ") && renamed.stderr.contains("psnr of fine under p"));
+    let calm = atsplat(at, &["drift", "b", "--baseline", "quick.json", "--history", "c.svg", "--method", "other"]);
+    assert!(calm.code == 1 && calm.stdout.contains("Verdict: same"), "{}: {}", calm.code, calm.stdout);
+    assert!(!at.join("c.svg").exists());
     assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
 }
 

@@ -448,6 +448,8 @@ fn only_commands_that_can_skip_have_strict() {
         &["run"][..],
         &["score"],
         &["reproduce"],
+        &["merge"],
+        &["expansion"],
         &["report"],
         &["render"],
         &["tradeoff", "sweep"],

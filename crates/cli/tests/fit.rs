@@ -408,6 +408,7 @@ fn an_interrupted_run_leaves_no_incomplete_file() {
     let locks = if cfg!(unix) { &["fitted.ply.lock", "photos", "state", "state.lock"][..] } else { &[] };
     assert!(names == ["photos", "state"] || names == locks, "{names:?}");
     // The locks of a killed process hold nobody up, and go with the next run.
+    std::fs::remove_file(here.join("state")).unwrap();
     succeed(here, &[&FIT_TO[..], &["fitted.ply", "--steps", "1", "--checkpoint", "state"]].concat());
     assert!(!here.join("fitted.ply.lock").exists() && !here.join("state.lock").exists());
 }
@@ -428,7 +429,7 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
     }
     for (more, expected) in [
         (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
-        (&["other.ply", "--steps", "1", "--checkpoint", "state"], "state is being written by process "),
+        (&["other.ply", "--steps", "1", "--checkpoint", "state", "--resume"], "state is being written by process "),
     ] {
         let refused = atsplat(here, &[&FIT_TO[..], more].concat());
         assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
@@ -475,6 +476,14 @@ fn options_that_nothing_reads_are_usage_errors() {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];
         let refused = atsplat(here, &[&fit[..], more].concat());
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    for (data, more, expected) in [
+        ("photos", "--absolute-gradients", "--absolute-gradients requires --strategy 3dgs or mip-splatting"),
+        ("s3://bucket/photos", "--start=points", "--start points requires DATA on this machine"),
+    ] {
+        let fit = ["fit", data, "--views", "..", "--strategy", "mcmc", "--steps", "2", "--out", "fitted.ply", more];
+        let refused = atsplat(here, &fit);
+        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more}: {}", refused.stderr);
     }
     assert_eq!(std::fs::read_dir(here).unwrap().count(), 0, "nothing was written");
 }

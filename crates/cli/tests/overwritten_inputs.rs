@@ -140,10 +140,11 @@ fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     let run = |text: &str| drop(succeed(here, &text.split(' ').collect::<Vec<_>>()));
     run(&state("state"));
     let first = fs::read(here.join("state")).unwrap();
-    // A checkpoint of another run is a checkpoint.
-    run(&state("state").replace("--steps 2", "--steps 3"));
-    assert!(fs::read(here.join("state")).unwrap() != first);
-    // Safetensors of another kind are not.
+    let of_a_run = "--checkpoint: state is the state of a run; --resume continues it, otherwise choose another file";
+    refuses(here, &[(&state("state"), of_a_run), (&state("state").replace("--steps 2", "--steps 3"), of_a_run)]);
+    run(&format!("{} --resume", state("state")));
+    assert!(fs::read(here.join("state")).unwrap() == first);
+    // Safetensors of another kind.
     fs::rename(here.join("state"), here.join("other")).unwrap();
     let bytes = fs::read(here.join("other")).unwrap();
     let place = bytes.windows(11).position(|window| window == b"atsplat.fit").unwrap();
@@ -273,4 +274,29 @@ fn reconstructions_and_fits_overwrite_neither_photos_nor_weights() {
             ),
         ],
     );
+}
+
+/// The key of a capture is its folder's name.
+#[cfg(feature = "opencv")]
+#[test]
+fn undistorted_scenes_do_not_replace_their_captures() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "1", "--size", "16x16", "--out", "made"]);
+    fs::create_dir_all(here.join("data/scene/images")).unwrap();
+    fs::copy(here.join("made/000000.png"), here.join("data/scene/images/0.png")).unwrap();
+    let frame = r#"{ "file_path": "images/0.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]] }"#;
+    let text = format!(r#"{{ "fl_x": 16, "cx": 8, "cy": 8, "w": 16, "h": 16, "k1": 0.01, "frames": [{frame}] }}"#);
+    fs::write(here.join("data/scene/transforms.json"), text).unwrap();
+    let cameras = "--out: data/scene/transforms.json would be read as part of the dataset data";
+    refuses(
+        here,
+        &[
+            ("data undistort data/scene --out data", &format!("{cameras}/scene; choose a path outside it")),
+            ("data undistort data/scene/transforms.json --out data", cameras),
+            ("data undistort data -o data", &format!("{cameras}; choose a path outside it")),
+        ],
+    );
+    succeed(here, &["data", "undistort", "data/scene", "--out", "straight"]);
+    assert!(here.join("straight/scene/images/0.png").is_file());
 }

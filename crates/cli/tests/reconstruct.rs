@@ -119,10 +119,13 @@ fn uses_a_gpu_or_reports_that_there_is_none() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let args = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu"]);
+    let args = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu", "--renders", "renders"]);
     let outcome = atsplat(here, &args);
     if outcome.code == 0 {
-        assert!(cfg!(feature = "gpu-network") && record(here)["device"] == "wgpu");
+        let record = record(here);
+        assert!(cfg!(feature = "gpu-network") && record["device"] == "wgpu");
+        let renderer = record["renders"]["backend"].as_str().unwrap();
+        assert!(!renderer.starts_with("cpu"), "{renderer}");
         let (ours, theirs) = (gaussians(&here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
         let wide =
             |scene: &Gaussians| scene.parts().means.as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();

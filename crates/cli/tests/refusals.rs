@@ -55,6 +55,18 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&renders, &["--background", "white"], "--background requires --ply"),
         (&renders, &["--ply-frame", "trial"], "--ply-frame requires --ply"),
         (&baseline, &["--warm-up", "2"], "--warm-up requires --timing"),
+        (&baseline, &["tiny.toml"], "the protocols: tiny.toml is given twice"),
+        (&optimised, &["--max-gaussians", "3"], "--max-gaussians"),
+        (
+            &optimised,
+            &["--device", "wgpu", "--backend", "cpu"],
+            "--device requires a method with a network, or no --backend",
+        ),
+        (
+            &baseline,
+            &["--method", "atsplat", "--weights", "random:1", "--context-size", "given"],
+            "--context-size requires --weights with a file",
+        ),
     ] {
         let refused = atsplat(here, &[&args[..], more].concat());
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);

@@ -325,7 +325,7 @@ fn errors_name_unreadable_and_unwritable_files() {
     fs::write(here.join("exposure.json"), br#"{"0": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}"#).unwrap();
     let odd = RendererConstants { max_alpha: 1.5, ..RendererConstants::default() };
     fs::write(here.join("odd.toml"), toml::to_string(&odd).unwrap()).unwrap();
-    let cases: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 12] = [
         (&["scene.ply", "--orbit", "--constants", "odd.toml", "--out", "out"], "odd.toml: constants: max-alpha"),
         (&["scene.ply", "--cameras", "cut.json", "--out", "out"], "cut.json: expected JSON"),
         (
@@ -341,12 +341,13 @@ fn errors_name_unreadable_and_unwritable_files() {
         (&["scene.ply", "--cameras", "broken.json", "--out", "out"], "camera 0"),
         (&["scene.ply", "--cameras", "path.txt", "--out", "out"], "--size"),
         (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "positions below 12"),
-        (&["scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"], "near plane"),
     ];
     for (args, expected) in cases {
         let outcome = atsplat(here, &[&["render"], args].concat());
         assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
         assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
     }
+    let planes = atsplat(here, &["render", "scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"]);
+    assert!(planes.code == 2 && planes.stderr.contains("--near, --far: expected a near plane"), "{}", planes.stderr);
     assert!(!here.join("out").exists(), "a record belongs to images that were written, and a folder to its files");
 }

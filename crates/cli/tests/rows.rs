@@ -123,9 +123,9 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     std::os::unix::fs::symlink(here.join("part-1"), here.join("linked")).unwrap();
     for again in ["part-1", "./part-1/", "linked"] {
         let refused = atsplat(here, &["merge", "part-1", "part-2", again, "--out", "merged"]);
-        assert!(refused.code == 1 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
+        assert!(refused.code == 2 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
         let refused = atsplat(here, &["report", "part-1", again, "--out", "page"]);
-        assert!(refused.code == 1 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
+        assert!(refused.code == 2 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
     }
     assert!(!here.join("page").exists());
     let copied = Command::new("cp").args(["-r", "part-1", "copy"]).current_dir(here).status().unwrap();
@@ -169,4 +169,22 @@ fn rejects_weights_with_an_edited_configuration() {
     assert!(TensorFile::open(&edited).is_ok(), "its tensors are as they were");
     let message = succeed(here, &["weights", "verify", "earlier.safetensors"]);
     assert!(message.contains("no hash recorded") && !message.contains("whole"), "{message}");
+}
+
+#[test]
+fn a_report_without_results_is_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    succeed(here, &RUN);
+    let results = Results { trials: Vec::new(), targets: Vec::new(), ..results(here, "store") };
+    results.write(&here.join("bare")).unwrap();
+    for (args, expected) in [
+        (&["store", "--tables", "dl3dv"][..], "--tables: the stores have no results for any of these tables: dl3dv"),
+        (&["bare"], "the stores have no results: bare"),
+    ] {
+        let refused = atsplat(here, &[&["report"], args, &["-o", "page"]].concat());
+        assert!(refused.code == 1 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
+        assert!(!here.join("page/index.html").exists(), "{args:?}");
+    }
 }

@@ -50,6 +50,31 @@ fn a_slurm_array_numbers_its_parts() {
     assert!(code == Some(2) && message.contains("WORLD_SIZE"), "{message}");
 }
 
+/// One of two parts has a target without its image, so that its trial has a failed target.
+#[test]
+fn a_merge_counts_what_failed_in_its_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 2);
+    assert_eq!(run_with(here, &[], &["--out", "all", "--keep-images", "all"]).0, Some(0));
+    let renders = "all/images/tiny/nearest-view";
+    let images = fs::read_dir(here.join(renders).join("scene-01-0")).unwrap().map(|file| file.unwrap().path());
+    let mut images = images.filter(|file| file.extension().is_some_and(|found| found == "png"));
+    fs::remove_file(images.next().unwrap()).unwrap();
+    for (shard, out, code) in [("1/2", "one", 0), ("2/2", "two", 4)] {
+        let score = ["score", "tiny.toml", "--data", "data", "--renders", renders, "--name", "mine", "--strict"];
+        let scored = atsplat(here, &[&score[..], &["--shard", shard, "--out", out]].concat());
+        assert_eq!(scored.code, code, "{shard}: {}", scored.stderr);
+    }
+    let merged = atsplat(here, &["merge", "one", "two", "--out", "merged", "--strict", "--json"]);
+    assert_eq!(merged.code, 4, "{}", merged.stderr);
+    let report: serde_json::Value = serde_json::from_str(&merged.stdout).unwrap();
+    assert_eq!(report["partial"], serde_json::json!([]), "{report}");
+    let part = succeed(here, &["merge", "one", "--out", "part", "--partial", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&part).unwrap();
+    assert_eq!(report["partial"], serde_json::json!(["shard 2 is missing"]), "{report}");
+}
+
 /// Two scenes, of which the first of three parts gets none; the other two have no renders of one of them.
 #[test]
 fn a_part_without_trials_is_done() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::PoseNormalisation;
-use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
+use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
 use atsplat_eval::runner::{KeepImages, Summary, current_provenance, image_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
@@ -253,6 +253,39 @@ fn a_wrong_number_of_images_fails_the_trial_with_both_numbers() {
     let store = tempfile::tempdir().unwrap();
     let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(FixedCount(2))]).unwrap();
     assert_eq!(results.gaps(), []);
+}
+
+/// A method whose optimisation reproduces the context views.
+#[derive(Debug)]
+struct Exact;
+
+impl Method for Exact {
+    fn record(&self) -> MethodRecord {
+        record("exact")
+    }
+
+    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(Exact))
+    }
+}
+
+impl Prediction for Exact {
+    fn cost(&self) -> Cost {
+        Cost { context_psnr: Some(f64::INFINITY), ..Cost::default() }
+    }
+
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        targets.iter().map(|_| Ok(grey())).collect()
+    }
+}
+
+#[test]
+fn an_infinite_psnr_on_the_context_views_is_a_note() {
+    let store = tempfile::tempdir().unwrap();
+    let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(Exact)]).unwrap();
+    let trial = &results.trials[0];
+    assert_eq!((trial.status, trial.context_psnr), (TrialStatus::Done, None));
+    assert!(trial.notes.iter().any(|note| note == "the PSNR on the context views is inf"), "{:?}", trial.notes);
 }
 
 /// Images that another method wrote are data too.

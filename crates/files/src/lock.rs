@@ -11,7 +11,7 @@ use thiserror::Error;
 
 use crate::{FileError, date, unix_seconds, write_unsynced};
 
-/// The locked file. It stays behind, empty: removing it would let two writers lock two different files of that name.
+/// The locked file. It stays behind, empty, in a folder that something was written to.
 const LOCK: &str = "run.lock";
 /// Describes the lock's holder; a separate file, since a locked file is not readable on every system.
 const HOLDER: &str = "run.json";
@@ -19,7 +19,9 @@ const HOLDER: &str = "run.json";
 /// Exclusive right to write to a folder, until dropped.
 #[derive(Debug)]
 pub struct FolderLock {
+    path: PathBuf,
     holder: PathBuf,
+    leaves_nothing: bool,
     _file: File,
 }
 
@@ -65,39 +67,24 @@ impl FolderLock {
         folder.join(LOCK).is_file()
     }
 
-    /// A file that a lock of the folder would replace, although no lock wrote it.
-    pub fn would_replace(folder: &Path) -> Option<PathBuf> {
-        let holder = folder.join(HOLDER);
-        let is_of_lock = match fs::read(&holder) {
-            Ok(bytes) => serde_json::from_slice::<Holder>(&bytes).is_ok(),
-            Err(error) => error.kind() == io::ErrorKind::NotFound,
-        };
-        (!is_of_lock).then_some(holder)
-    }
-
-    /// Removes what a lock left behind in a folder that nothing was written to; a lock that stays is locked again by the next writer.
-    pub fn remove_from(folder: &Path) {
-        fs::remove_file(folder.join(LOCK)).ok();
-    }
-
     /// Locks a folder, creating it if needed.
     ///
     /// # Errors
-    /// [`LockError::InUse`] if another writer has the lock, [`LockError::Io`].
+    /// [`LockError::InUse`] if another writer has the lock; [`LockError::Io`], also for a `run.json` that no lock wrote.
     pub fn of(folder: &Path) -> Result<Self, LockError> {
-        let path = folder.join(LOCK);
+        let (path, holder) = (folder.join(LOCK), folder.join(HOLDER));
         fs::create_dir_all(folder).map_err(during("creating a folder", folder))?;
-        let file = File::options().create(true).truncate(false).write(true).open(&path);
-        let file = file.map_err(during("opening the lock of a folder", &path))?;
-        let holder = folder.join(HOLDER);
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(in_use(folder, &holder)),
-            Err(TryLockError::Error(source)) => return Err(during("locking a folder", &path)(source)),
-        }
+        // A lock writes it whole, so that it is never half a description. Before anything is created in a folder of the user.
+        require_holder(&holder).map_err(during("locking a folder", &holder))?;
+        let file = locked(&path)?.ok_or_else(|| in_use(folder, &holder))?;
         let json = serde_json::to_vec(&Holder::current()).map_err(io::Error::from);
         json.and_then(|json| write_unsynced(&holder, &json)).map_err(during("locking a folder", &holder))?;
-        Ok(Self { holder, _file: file })
+        Ok(Self { path, holder, leaves_nothing: false, _file: file })
+    }
+
+    /// Unlocks a folder that nothing was written to, and leaves no file in it where that is possible.
+    pub fn remove(mut self) {
+        self.leaves_nothing = cfg!(unix);
     }
 }
 
@@ -105,6 +92,41 @@ impl Drop for FolderLock {
     fn drop(&mut self) {
         // A file that stays behind is overwritten by the next writer and not read before.
         fs::remove_file(&self.holder).ok();
+        // Last, and while it is locked: a process that has opened it meanwhile finds that it is gone.
+        if self.leaves_nothing {
+            fs::remove_file(&self.path).ok();
+        }
+    }
+}
+
+/// An error for a file in the place of a holder's description that no lock wrote.
+fn require_holder(path: &Path) -> io::Result<()> {
+    match fs::read(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        outcome => require_description(&outcome?),
+    }
+}
+
+fn require_description(bytes: &[u8]) -> io::Result<()> {
+    if serde_json::from_slice::<Holder>(bytes).is_ok() {
+        return Ok(());
+    }
+    let found = "expected a lock, found a file of another kind: move it away, or choose another folder";
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, found))
+}
+
+/// The file at a path, created if it is missing, and locked; `None` if another writer has the lock.
+fn locked(path: &Path) -> Result<Option<File>, LockError> {
+    loop {
+        let file = File::options().create(true).truncate(false).read(true).write(true).open(path);
+        let file = file.map_err(during("opening a lock", path))?;
+        match file.try_lock() {
+            Ok(()) if is_at(&file, path) => return Ok(Some(file)),
+            // The last holder has removed it after it was opened.
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Ok(None),
+            Err(TryLockError::Error(source)) => return Err(during("locking", path)(source)),
+        }
     }
 }
 
@@ -116,19 +138,9 @@ impl FileLock {
     /// wrote.
     pub fn of(target: &Path) -> Result<Self, LockError> {
         let path = target.with_added_extension("lock");
-        loop {
-            let file = File::options().create(true).truncate(false).read(true).write(true).open(&path);
-            let mut file = file.map_err(during("opening the lock of a file", &path))?;
-            match file.try_lock() {
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Err(in_use(target, &path)),
-                Err(TryLockError::Error(source)) => return Err(during("locking a file", &path)(source)),
-            }
-            if is_at(&file, &path) {
-                describe(&mut file).map_err(during("locking a file", &path))?;
-                return Ok(Self { path, _file: file });
-            }
-        }
+        let mut file = locked(&path)?.ok_or_else(|| in_use(target, &path))?;
+        describe(&mut file).map_err(during("locking a file", &path))?;
+        Ok(Self { path, _file: file })
     }
 }
 
@@ -158,8 +170,8 @@ fn is_at(_: &File, _: &Path) -> bool {
 fn describe(file: &mut File) -> io::Result<()> {
     let mut before = Vec::new();
     file.read_to_end(&mut before)?;
-    if !before.is_empty() && serde_json::from_slice::<Holder>(&before).is_err() {
-        return Err(io::Error::new(io::ErrorKind::AlreadyExists, "expected a lock, found a file of another kind"));
+    if !before.is_empty() {
+        require_description(&before)?;
     }
     file.set_len(0)?;
     file.rewind()?;
@@ -250,25 +262,59 @@ mod tests {
         assert_eq!(fs::read(&left).unwrap(), b"of the user");
     }
 
-    /// A process that waits between opening and locking must not lock a file that is gone.
+    #[test]
+    fn a_file_of_the_user_is_neither_replaced_nor_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join(HOLDER);
+        fs::write(&file, br#"{ "pid": 7 }"#).unwrap();
+        let error = FolderLock::of(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("found a file of another kind") && error.contains(HOLDER), "{error}");
+        assert_eq!(fs::read(&file).unwrap(), br#"{ "pid": 7 }"#);
+        assert!(!FolderLock::was_taken(folder.path()), "nothing was written");
+        fs::write(&file, br#"{ "pid": 7, "host": "a", "since": 1 }"#).unwrap();
+        drop(FolderLock::of(folder.path()).unwrap());
+        assert!(!file.exists(), "left by a process that was killed");
+    }
+
+    /// Whoever has opened the lock of a folder that is given back must not lock it, next to a file that is new.
+    #[test]
+    fn a_lock_that_was_removed_cannot_be_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let lock = FolderLock::of(folder.path()).unwrap();
+        let opened = File::open(folder.path().join(LOCK)).unwrap();
+        lock.remove();
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), usize::from(!cfg!(unix)));
+        assert_eq!(is_at(&opened, &folder.path().join(LOCK)), cfg!(not(unix)));
+    }
+
     #[test]
     fn one_of_many_has_the_lock_of_a_file() {
-        use std::sync::atomic::{AtomicBool, Ordering};
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("scene.ply");
+        one_of_many_has(&file.with_added_extension("lock"), || FileLock::of(&file), drop);
+    }
+
+    #[test]
+    fn one_of_many_has_the_lock_of_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        one_of_many_has(&folder.path().join(LOCK), || FolderLock::of(folder.path()), FolderLock::remove);
+    }
+
+    /// A process that waits between opening and locking must not lock a file that is gone.
+    fn one_of_many_has<T>(path: &Path, lock: impl Fn() -> Result<T, LockError> + Sync, unlock: impl Fn(T) + Sync) {
+        use std::sync::atomic::{AtomicBool, Ordering};
         let held = AtomicBool::new(false);
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
                     for _ in 0..200 {
                         // Without the wait for the holder's description.
-                        let path = file.with_added_extension("lock");
-                        let is_free = File::open(&path).is_ok_and(|open| open.try_lock().is_ok()) || !path.exists();
-                        let Some(lock) = is_free.then(|| FileLock::of(&file).ok()).flatten() else { continue };
+                        let is_free = File::open(path).is_ok_and(|open| open.try_lock().is_ok()) || !path.exists();
+                        let Some(lock) = is_free.then(|| lock().ok()).flatten() else { continue };
                         assert!(!held.swap(true, Ordering::SeqCst), "two holders");
                         std::thread::yield_now();
                         held.store(false, Ordering::SeqCst);
-                        drop(lock);
+                        unlock(lock);
                     }
                 });
             }

@@ -80,7 +80,7 @@ impl Budget {
 /// Number of tokens that enter the decoder.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] if patches do not divide the image.
+/// [`ModelError::Indivisible`] if patches do not divide the image.
 pub fn initial_tokens(config: &ModelConfig, views: usize, image: ImageSize) -> Result<usize, ModelError> {
     let patches = config.coarse_grid(image)?.len().saturating_mul(views);
     Ok(match config.anchors.design {
@@ -92,7 +92,7 @@ pub fn initial_tokens(config: &ModelConfig, views: usize, image: ImageSize) -> R
 /// Numbers of tokens and Gaussians for `views` views of this size.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] if patches do not divide the image.
+/// [`ModelError::Indivisible`] if patches do not divide the image.
 pub fn budget(config: &ModelConfig, views: usize, image: ImageSize) -> Result<BudgetRange, ModelError> {
     let initial = initial_tokens(config, views, image)?;
     config.fine_grid(image)?;

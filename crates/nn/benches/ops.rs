@@ -32,18 +32,18 @@ fn forward(criterion: &mut Criterion) {
     });
     let packed = random::<3>([1, 514, 3 * 768], &device);
     group.bench_function("self-attention, 514 tokens, 12 heads of 64", |bencher| {
-        bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12, None));
+        bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12));
     });
     group.bench_function("self-attention, 514 tokens, 12 heads of 64, in bfloat16", |bencher| {
-        MatmulPrecision::Bf16.scope(|| bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12, None)));
+        MatmulPrecision::Bf16.scope(|| bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12)));
     });
     let (queries, keys_values) = (random::<3>([1, 2048, 768], &device), random::<3>([1, 8192, 1536], &device));
     group.bench_function("cross-attention, 2048 queries, 8192 keys", |bencher| {
-        bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 12, None));
+        bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 12));
     });
     let (queries, keys_values) = (random::<3>([1, 2048, 192], &device), random::<3>([1, 8192, 384], &device));
     group.bench_function("cross-attention, 2048 queries, 8192 keys, 6 heads of 32", |bencher| {
-        bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 6, None));
+        bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 6));
     });
     let rows = Tensor::<1, Int>::arange(0..8192, &device).reshape([1, 512, 16]).remainder_scalar(512);
     let features = random::<3>([1, 512, 768], &device);

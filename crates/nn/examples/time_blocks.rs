@@ -17,7 +17,7 @@ fn main() -> std::io::Result<()> {
 
     let wide = block(768, 12, &device).no_grad();
     let tokens = Tensor::<3>::random([1, 514, 768], Distribution::Normal(0.0, 1.0), &device);
-    cases.insert("forward-768", Box::new(move || drop(wide.forward(tokens.clone(), None))));
+    cases.insert("forward-768", Box::new(move || drop(wide.forward(tokens.clone()))));
 
     let tracked = device.clone().autodiff();
     let narrow = block(192, 6, &tracked);
@@ -25,7 +25,7 @@ fn main() -> std::io::Result<()> {
     cases.insert(
         "training-192",
         Box::new(move || {
-            let out = narrow.forward(tokens.clone(), None);
+            let out = narrow.forward(tokens.clone());
             let gradients = (out.clone() * out).mean().backward();
             drop(narrow.mlp.fc1.weight.val().grad(&gradients));
         }),

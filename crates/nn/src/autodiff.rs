@@ -5,9 +5,10 @@ use burn::backend::TensorMetadata;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
+use burn::backend::tensor::{FloatTensor, IntTensor};
 
-use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, KeyMask, Parameter};
+use crate::MatmulPrecision;
+use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, Parameter};
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 
@@ -35,7 +36,8 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
         let (x, weight) = (x.primitive().clone(), weight.primitive().clone());
         let has_bias = bias.is_some();
         let out = B::affine(x.clone(), weight.clone(), bias);
-        finish!(Linear, nodes, (x, weight, has_bias), out)
+        let state = LinearState { x, weight, has_bias, precision: MatmulPrecision::current() };
+        finish!(Linear, nodes, state, out)
     }
 
     fn fused_gelu(x: FloatTensor<Self>) -> FloatTensor<Self> {
@@ -65,8 +67,7 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
         finish!(Norm, nodes, (x, gamma, has_beta, segments), out)
     }
 
-    fn fused_attention(inputs: AttentionInputs<Self>, mask: KeyMask<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
-        let mask = mask.into_option();
+    fn fused_attention(inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
         let (inputs, nodes) = match inputs {
             AttentionInputs::Together(packed) => {
                 (AttentionInputs::Together(packed.primitive().clone()), [packed.node(), packed.node()])
@@ -77,8 +78,8 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
                 (AttentionInputs::Apart { queries, keys_values }, nodes)
             }
         };
-        let (out, log_sums) = B::attend(inputs.clone(), mask.clone(), sizes);
-        let state = AttentionState { inputs, mask, out: out.clone(), log_sums, sizes };
+        let (out, log_sums) = B::attend(inputs.clone(), sizes);
+        let state = AttentionState { inputs, out: out.clone(), log_sums, sizes, precision: MatmulPrecision::current() };
         finish!(Attention, nodes, state, out)
     }
 
@@ -98,21 +99,30 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
 #[derive(Debug)]
 struct Linear;
 
+#[derive(Clone, Debug)]
+struct LinearState<B: Kernels> {
+    x: FloatTensor<B>,
+    weight: FloatTensor<B>,
+    has_bias: bool,
+    /// That of the forward pass.
+    precision: MatmulPrecision,
+}
+
 impl<B: Kernels> Backward<B, 3> for Linear {
-    type State = (FloatTensor<B>, FloatTensor<B>, bool);
+    type State = LinearState<B>;
 
     fn backward(self, ops: Ops<Self::State, 3>, grads: &mut Gradients, _: &mut Checkpointer) {
         let [x_node, weight_node, bias_node] = ops.parents;
-        let (x, weight, has_bias) = ops.state;
+        let LinearState { x, weight, has_bias, precision } = ops.state;
         let grad = grads.consume::<B>(&ops.node);
         if let Some(node) = bias_node.filter(|_| has_bias) {
             grads.register::<B>(node.id, B::affine_bias_gradient(grad.clone()));
         }
         if let Some(node) = weight_node {
-            grads.register::<B>(node.id, B::affine_weight_gradient(x, grad.clone()));
+            grads.register::<B>(node.id, precision.scope(|| B::affine_weight_gradient(x, grad.clone())));
         }
         if let Some(node) = x_node {
-            grads.register::<B>(node.id, B::affine_input_gradient(grad, weight));
+            grads.register::<B>(node.id, precision.scope(|| B::affine_input_gradient(grad, weight)));
         }
     }
 }
@@ -161,10 +171,11 @@ struct Attention;
 #[derive(Clone, Debug)]
 struct AttentionState<B: Kernels> {
     inputs: AttentionInputs<B>,
-    mask: Option<BoolTensor<B>>,
     out: FloatTensor<B>,
     log_sums: FloatTensor<B>,
     sizes: AttentionSizes,
+    /// That of the forward pass.
+    precision: MatmulPrecision,
 }
 
 impl<B: Kernels> Backward<B, 2> for Attention {
@@ -172,12 +183,12 @@ impl<B: Kernels> Backward<B, 2> for Attention {
 
     fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _: &mut Checkpointer) {
         let [first_node, second_node] = ops.parents;
-        let AttentionState { inputs, mask, out, log_sums, sizes } = ops.state;
+        let AttentionState { inputs, out, log_sums, sizes, precision } = ops.state;
         let grad = grads.consume::<B>(&ops.node);
         if first_node.is_none() && second_node.is_none() {
             return;
         }
-        match B::attend_backward(inputs, mask, out, log_sums, grad, sizes) {
+        match precision.scope(|| B::attend_backward(inputs, out, log_sums, grad, sizes)) {
             AttentionInputs::Together(packed) => {
                 if let Some(node) = first_node {
                     grads.register::<B>(node.id, packed);

@@ -2,7 +2,7 @@
 
 #[cfg(feature = "gpu-network")]
 use burn::backend::Cube;
-use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
+use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, ExtensionType, Flex, backend_extension};
 
 use crate::generic;
@@ -37,22 +37,6 @@ impl<B: Backend> Parameter<B> {
     }
 }
 
-/// Mask of ignored keys, `[batch, keys]`.
-#[derive(Clone, Debug, ExtensionType)]
-pub(crate) enum KeyMask<B: Backend> {
-    Ignored(BoolTensor<B>),
-    Absent,
-}
-
-impl<B: Backend> KeyMask<B> {
-    pub(crate) fn into_option(self) -> Option<BoolTensor<B>> {
-        match self {
-            Self::Ignored(mask) => Some(mask),
-            Self::Absent => None,
-        }
-    }
-}
-
 /// The operations, differentiable on `Autodiff`.
 #[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
 pub(crate) trait FusedOps: Backend {
@@ -71,11 +55,7 @@ pub(crate) trait FusedOps: Backend {
         segments: Segments,
     ) -> FloatTensor<Self>;
 
-    fn fused_attention(
-        #[extension_type] inputs: AttentionInputs<Self>,
-        #[extension_type] mask: KeyMask<Self>,
-        sizes: AttentionSizes,
-    ) -> FloatTensor<Self>;
+    fn fused_attention(#[extension_type] inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> FloatTensor<Self>;
 
     fn gather_rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self>;
 
@@ -107,12 +87,8 @@ macro_rules! fused_by_kernels {
                 Self::norm(x, gamma, beta.into_option(), segments)
             }
 
-            fn fused_attention(
-                inputs: AttentionInputs<Self>,
-                mask: KeyMask<Self>,
-                sizes: AttentionSizes,
-            ) -> FloatTensor<Self> {
-                Self::attend(inputs, mask.into_option(), sizes).0
+            fn fused_attention(inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
+                Self::attend(inputs, sizes).0
             }
 
             fn gather_rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
@@ -180,23 +156,18 @@ pub(crate) trait Kernels: Backend {
     }
 
     /// The result, and the log-sum-exp of each row, `[batch, queries, heads]`.
-    fn attend(
-        inputs: AttentionInputs<Self>,
-        mask: Option<BoolTensor<Self>>,
-        sizes: AttentionSizes,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-        generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes)
+    fn attend(inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        generic::attention::forward::<Self>(inputs, sizes)
     }
 
     fn attend_backward(
         inputs: AttentionInputs<Self>,
-        mask: Option<BoolTensor<Self>>,
         out: FloatTensor<Self>,
         log_sums: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         sizes: AttentionSizes,
     ) -> AttentionInputs<Self> {
-        generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes)
+        generic::attention::backward::<Self>(inputs, out, log_sums, grad, sizes)
     }
 
     fn rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {

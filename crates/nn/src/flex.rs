@@ -1,7 +1,7 @@
 //! The kernels on burn's CPU backend, for f32; other element types use the generic implementation.
 
 use burn::backend::ops::IntTensorOps;
-use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
+use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{DType, Flex, IntDType, TensorMetadata};
 use burn::tensor::{Bytes, Shape};
 use burn_flex::{FlexTensor, Layout};
@@ -18,11 +18,13 @@ impl Kernels for Flex {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
         let (contiguous_x, contiguous_weight) = (x.to_contiguous(), weight.to_contiguous());
         let contiguous_bias = bias.as_ref().map(FlexTensor::to_contiguous);
-        let (Some(slice), Some(weights)) = (floats(&contiguous_x), floats(&contiguous_weight)) else {
+        let (Some(slice), Some(weights), biases @ (None | Some(Some(_)))) =
+            (floats(&contiguous_x), floats(&contiguous_weight), contiguous_bias.as_ref().map(floats))
+        else {
             return generic::rows::linear::<Self>(x, weight, bias);
         };
         let [inputs, outputs] = contiguous_weight.shape().dims();
-        let out = linear::forward(slice, weights, contiguous_bias.as_ref().and_then(floats), inputs, outputs);
+        let out = linear::forward(slice, weights, biases.flatten(), inputs, outputs);
         tensor(out, with_last(&x, outputs))
     }
 
@@ -77,11 +79,12 @@ impl Kernels for Flex {
     ) -> FloatTensor<Self> {
         let (contiguous_x, contiguous_gamma) = (x.to_contiguous(), gamma.to_contiguous());
         let contiguous_beta = beta.as_ref().map(FlexTensor::to_contiguous);
-        let (Some(slice), Some(gammas)) = (floats(&contiguous_x), floats(&contiguous_gamma)) else {
+        let (Some(slice), Some(gammas), betas @ (None | Some(Some(_)))) =
+            (floats(&contiguous_x), floats(&contiguous_gamma), contiguous_beta.as_ref().map(floats))
+        else {
             return generic::rows::norm::<Self>(x, gamma, beta, segments);
         };
-        let out = norm::forward(slice, gammas, contiguous_beta.as_ref().and_then(floats), segments);
-        tensor(out, x.shape())
+        tensor(norm::forward(slice, gammas, betas.flatten(), segments), x.shape())
     }
 
     fn norm_backward(
@@ -101,14 +104,10 @@ impl Kernels for Flex {
         (tensor(by_x, x.shape()), tensor(by_gamma, parameters()), tensor(by_beta, parameters()))
     }
 
-    fn attend(
-        inputs: AttentionInputs<Self>,
-        mask: Option<BoolTensor<Self>>,
-        sizes: AttentionSizes,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-        let packed = Packed::new(&inputs, mask.as_ref());
+    fn attend(inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        let packed = Packed::new(&inputs);
         let Some(kernel_inputs) = packed.view(sizes) else {
-            return generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes);
+            return generic::attention::forward::<Self>(inputs, sizes);
         };
         let (out, log_sums) = attention::forward(&kernel_inputs);
         let shape = |width| Shape::new([sizes.batch, sizes.queries, width]);
@@ -117,17 +116,16 @@ impl Kernels for Flex {
 
     fn attend_backward(
         inputs: AttentionInputs<Self>,
-        mask: Option<BoolTensor<Self>>,
         out: FloatTensor<Self>,
         log_sums: FloatTensor<Self>,
         grad: FloatTensor<Self>,
         sizes: AttentionSizes,
     ) -> AttentionInputs<Self> {
-        let packed = Packed::new(&inputs, mask.as_ref());
+        let packed = Packed::new(&inputs);
         let contiguous = [&out, &log_sums, &grad].map(FlexTensor::to_contiguous);
         let [outs, sums, grads] = contiguous.each_ref().map(floats);
         let (Some(view), Some(outs), Some(sums), Some(grads)) = (packed.view(sizes), outs, sums, grads) else {
-            return generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes);
+            return generic::attention::backward::<Self>(inputs, out, log_sums, grad, sizes);
         };
         let gradients = attention_backward::backward(&view, outs, sums, grads);
         let kinds: [fn(&HeadGradients) -> &[f32]; 3] = [|of| &of.queries, |of| &of.keys, |of| &of.values];
@@ -200,18 +198,16 @@ impl Kernels for Flex {
 struct Packed {
     queries: FlexTensor,
     keys_values: Option<FlexTensor>,
-    ignored: Option<FlexTensor>,
 }
 
 impl Packed {
-    fn new(inputs: &AttentionInputs<Flex>, mask: Option<&FlexTensor>) -> Self {
-        let (queries, keys_values) = match inputs {
-            AttentionInputs::Together(packed) => (packed.to_contiguous(), None),
+    fn new(inputs: &AttentionInputs<Flex>) -> Self {
+        match inputs {
+            AttentionInputs::Together(packed) => Self { queries: packed.to_contiguous(), keys_values: None },
             AttentionInputs::Apart { queries, keys_values } => {
-                (queries.to_contiguous(), Some(keys_values.to_contiguous()))
+                Self { queries: queries.to_contiguous(), keys_values: Some(keys_values.to_contiguous()) }
             }
-        };
-        Self { queries, keys_values, ignored: mask.map(FlexTensor::to_contiguous) }
+        }
     }
 
     /// The slices, if they are f32.
@@ -228,18 +224,10 @@ impl Packed {
             stride: key_parts * width,
             offset: (key_parts - from_last) * width,
         };
-        let ignored = match &self.ignored {
-            Some(mask) => {
-                let (start, end) = mask.layout().contiguous_offsets()?;
-                Some(mask.bytes().get(start..end)?)
-            }
-            None => None,
-        };
         Some(Inputs {
             queries: Tokens { data: queries, count: sizes.queries, stride: query_parts * width, offset: 0 },
             keys: of_keys(2),
             values: of_keys(1),
-            ignored,
             sizes,
             precision: MatmulPrecision::current(),
         })

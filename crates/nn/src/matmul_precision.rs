@@ -36,8 +36,8 @@ impl MatmulPrecision {
         self == Self::Bf16 && bf16::is_fast()
     }
 
-    /// Runs `work` with this precision: operations that this thread calls, with all their tasks, and their gradients if it calls
-    /// those too.
+    /// Runs `work` with this precision: operations that this thread calls, with all their tasks. Their gradients have it too,
+    /// wherever they are computed.
     pub fn scope<R>(self, work: impl FnOnce() -> R) -> R {
         let _restored = Restore(CURRENT.replace(self));
         work()

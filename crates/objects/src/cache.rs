@@ -45,13 +45,25 @@ impl Cache {
         let hash = Sha256Digest::of(text.as_bytes()).to_string();
         let (start, _) = hash.split_at(32);
         // Datasets are named after their folder.
-        let name = url.rsplit('/').next().filter(|name| is_plain_name(name)).unwrap_or("root");
-        self.root.join("trees").join(start).join(name)
+        let name = url.rsplit('/').next().and_then(decoded).filter(|name| is_plain_name(name));
+        self.root.join("trees").join(start).join(name.as_deref().unwrap_or("root"))
     }
 
     pub(crate) fn stores(&self) -> PathBuf {
         self.root.join("stores")
     }
+}
+
+/// The name that a part of a URL stands for: `desk#1` for `desk%231`. `None` if it is not text.
+fn decoded(part: &str) -> Option<String> {
+    let (mut bytes, mut rest) = (Vec::new(), part.as_bytes());
+    while let Some((first, after)) = rest.split_first() {
+        let digits = after.get(..2).filter(|digits| *first == b'%' && digits.iter().all(u8::is_ascii_hexdigit));
+        let code = digits.and_then(|digits| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok());
+        bytes.push(code.unwrap_or(*first));
+        rest = if code.is_some() { after.get(2..).unwrap_or_default() } else { after };
+    }
+    String::from_utf8(bytes).ok()
 }
 
 fn identity(url: &str, Object { name, bytes, tag }: &Object) -> String {
@@ -91,6 +103,24 @@ mod unit_tests {
         let tree = |objects: &[Object]| cache.tree("s3://b/data", objects.iter());
         assert!(tree(&[]).ends_with("data"));
         assert_ne!(tree(&[object]), tree(&[]));
+    }
+
+    /// Scenes are named after their folder.
+    #[test]
+    fn a_folder_has_the_name_that_its_url_stands_for() {
+        let cache = Cache::new(Some(Path::new("cache"))).unwrap();
+        let name = |url: &str| atsplat_files::name_of(&cache.tree(url, std::iter::empty()));
+        for (part, expected) in [
+            ("desk%231", "desk#1"),
+            ("caf%C3%A9%3f", "café?"),
+            ("50%", "50%"),
+            ("%+1%zz", "%+1%zz"),
+            ("a%2F..", "root"),
+            ("%2e%2E", "root"),
+            ("%ff", "root"),
+        ] {
+            assert_eq!(name(&format!("s3://lab/{part}")), expected, "{part}");
+        }
     }
 
     #[test]

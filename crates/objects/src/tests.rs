@@ -348,6 +348,33 @@ fn whoever_only_looks_at_a_store_disturbs_nobody() {
     first.finish().unwrap();
 }
 
+/// As if the answer to the first request had been lost, and the request repeated: its condition fails, because of the first one.
+#[test]
+fn an_object_that_holds_what_was_sent_was_written() {
+    let fixture = Fixture::new(&[("store/1", b"same"), ("store/2", b"other"), ("store/3", b"longer")]);
+    let storage = fixture.storage("store");
+    let file = fixture.cache.path().join("file");
+    fs::write(&file, "same").unwrap();
+    let version = |name: &str| storage.get(name).unwrap().unwrap().1;
+    let [stale, first] = ["2", "1"].map(version);
+    fixture.put("store/2", b"same");
+    let versions = Mutex::new(Vec::new());
+    let put = |name: &str, replaces: Option<Version>| {
+        let upload = Upload { name: name.to_owned(), file: file.clone(), replaces };
+        storage.put(vec![upload], &|_, version| {
+            versions.lock().unwrap().push(version);
+            Ok(())
+        })
+    };
+    put("1", None).unwrap();
+    put("2", Some(stale)).unwrap();
+    assert_eq!(*versions.lock().unwrap(), [first.clone(), version("2")], "later writes replace these");
+    for replaces in [None, Some(first)] {
+        let error = put("3", replaces).unwrap_err();
+        assert!(matches!(error, ObjectError::TakenOver { .. }), "{error}");
+    }
+}
+
 /// Whoever is killed between two of these leaves no row with the times or images of the one that it replaced.
 #[test]
 fn times_and_images_of_replaced_rows_are_gone_before_new_rows_arrive() {

@@ -84,23 +84,9 @@ impl<'a> Interpreter<'a> {
             b'N' => self.push(Node::None),
             0x88 => self.push(Node::Bool(true)),
             0x89 => self.push(Node::Bool(false)),
-            b'J' => {
-                let value = i32::from_le_bytes(self.array()?);
-                self.push(Node::Int(i64::from(value)));
-            }
-            b'K' => {
-                let [value] = self.array()?;
-                self.push(Node::Int(i64::from(value)));
-            }
-            b'M' => {
-                let value = u16::from_le_bytes(self.array()?);
-                self.push(Node::Int(i64::from(value)));
-            }
-            b'I' | b'L' => self.decimal()?,
-            0x8a | 0x8b => self.long(opcode == 0x8b)?,
-            b'G' => {
-                let value = f64::from_be_bytes(self.array()?);
-                self.push(Node::Float(value));
+            b'J' | b'K' | b'M' | b'I' | b'L' | b'G' | 0x8a | 0x8b => {
+                let number = self.number(opcode)?;
+                self.push(number);
             }
             b'X' | b'T' | b'U' | 0x8c | 0x8d => self.text(opcode)?,
             b'B' | b'C' | 0x8e => self.raw_bytes(opcode)?,
@@ -189,24 +175,32 @@ impl<'a> Interpreter<'a> {
         self.pop().map(drop)
     }
 
-    /// Integers of protocols 0 and 1; `I00` and `I01` are booleans.
-    fn decimal(&mut self) -> Result<(), TorchError> {
-        let line = self.line()?;
-        let node = match line {
-            "00" => Node::Bool(false),
-            "01" => Node::Bool(true),
-            digits => {
-                let digits = digits.strip_suffix('L').unwrap_or(digits);
-                Node::Int(digits.parse().map_err(|source: std::num::ParseIntError| {
-                    self.unexpected("an integer of 64 bits", format!("{:?} ({source})", shortened(digits)))
-                })?)
-            }
-        };
-        self.push(node);
-        Ok(())
+    fn number(&mut self, opcode: u8) -> Result<Node, TorchError> {
+        match opcode {
+            b'K' => self.array().map(|[value]| Node::Int(i64::from(value))),
+            b'M' => self.array().map(|value| Node::Int(i64::from(u16::from_le_bytes(value)))),
+            b'J' => self.array().map(|value| Node::Int(i64::from(i32::from_le_bytes(value)))),
+            b'G' => self.array().map(|value| Node::Float(f64::from_be_bytes(value))),
+            b'I' | b'L' => self.decimal(),
+            _ => self.long(opcode == 0x8b),
+        }
     }
 
-    fn long(&mut self, four_byte_length: bool) -> Result<(), TorchError> {
+    /// Integers of protocols 0 and 1; `I00` and `I01` are booleans.
+    fn decimal(&mut self) -> Result<Node, TorchError> {
+        match self.line()? {
+            "00" => Ok(Node::Bool(false)),
+            "01" => Ok(Node::Bool(true)),
+            digits => {
+                let digits = digits.strip_suffix('L').unwrap_or(digits);
+                digits.parse().map(Node::Int).map_err(|source: std::num::ParseIntError| {
+                    self.unexpected("an integer of 64 bits", format!("{:?} ({source})", shortened(digits)))
+                })
+            }
+        }
+    }
+
+    fn long(&mut self, four_byte_length: bool) -> Result<Node, TorchError> {
         let len = if four_byte_length {
             i64::from(i32::from_le_bytes(self.array()?))
         } else {
@@ -222,8 +216,7 @@ impl<'a> Interpreter<'a> {
         for (to, from) in wide.iter_mut().zip(bytes) {
             *to = *from;
         }
-        self.push(Node::Int(i64::from_le_bytes(wide)));
-        Ok(())
+        Ok(Node::Int(i64::from_le_bytes(wide)))
     }
 
     fn text(&mut self, opcode: u8) -> Result<(), TorchError> {

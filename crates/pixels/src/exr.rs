@@ -151,13 +151,13 @@ fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
     Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
 }
 
-/// [`read_rgb`] for renders, which must be opaque and whole: a channel `A`, if present, has to be 1 everywhere, or
-/// described as [`COMPOSED`], and the only layer has to cover the display window exactly.
+/// [`read_rgb`] for renders, which must be opaque, whole and without losses: a channel `A`, if present, has to be 1 everywhere, or
+/// described as [`COMPOSED`], the only layer has to cover the display window exactly, and its compression has to be lossless.
 ///
 /// # Errors
 /// Those of [`read_rgb`]; [`PixelError::UnusableRender`] and [`PixelError::Transparent`].
 pub fn read_render(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
-    require_whole(bytes)?;
+    require_exact(bytes)?;
     let channels = read(bytes, limits)?;
     let composed = Values::Named(COMPOSED.to_owned());
     if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composed) {
@@ -171,13 +171,18 @@ pub fn read_render(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values
     rgb_of(&channels)
 }
 
-/// An error for a file of several layers, any of which may be the image, and for a layer that is a crop of the image.
-fn require_whole(bytes: &[u8]) -> Result<(), PixelError> {
+/// An error for a file of several layers, any of which may be the image, and for a layer that is a crop of the image, or compressed
+/// by a method that may lose digits.
+fn require_exact(bytes: &[u8]) -> Result<(), PixelError> {
     let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
     let headers = headers(bytes)?;
     let [header] = &headers[..] else {
         return unusable("one layer", headers.len().to_string(), "write the image alone");
     };
+    if header.compression.may_loose_data() {
+        let remedy = "write ZIP or another lossless one: the losses would count as errors of the method";
+        return unusable("lossless compression", header.compression.to_string(), remedy);
+    }
     let shown = header.shared_attributes.display_window;
     let (position, size) = (header.own_attributes.layer_position, header.layer_size);
     if position == shown.position && size == shown.size {

@@ -2,6 +2,11 @@
 
 use atsplat_pixels::exr::{Channel, Channels, Values, read, read_render, read_rgb, write, write_rgb};
 use atsplat_pixels::{DecodeLimits, Image, PixelError};
+use exr::compression::Compression;
+use exr::image::write::WritableImage as _;
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
+use exr::meta::header::LayerAttributes;
+use exr::prelude::f16;
 
 fn plane(name: &str, values: Values, samples: &[f32]) -> Channel {
     Channel { name: name.to_owned(), values, samples: samples.to_vec() }
@@ -103,5 +108,30 @@ fn reads_files_of_another_program() {
         assert_eq!(first.samples(), ramp, "{name}");
         let error = read_render(&file(name), &DecodeLimits::default()).unwrap_err().to_string();
         assert!(error.contains(&format!(", found {found}")), "{name}: {error}");
+    }
+}
+
+/// A square of 4 samples in f16, which B44 packs into 14 bytes.
+#[test]
+fn a_render_that_may_have_lost_digits_is_refused() {
+    let file = |compression: Compression| {
+        let samples: Vec<f16> = (0..16_u8).map(|at| f16::from_f32(f32::from(at * at) / 256.0)).collect();
+        let planes = ["B", "G", "R"].map(|name| AnyChannel::new(name, FlatSamples::F16(samples.clone())));
+        let encoding = Encoding { compression, ..Encoding::SMALL_LOSSLESS };
+        let channels = AnyChannels::sort(planes.into_iter().collect());
+        let layer = Layer::new((4, 4), LayerAttributes::default(), encoding, channels);
+        let mut file = std::io::Cursor::new(Vec::new());
+        ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut file).unwrap();
+        file.into_inner()
+    };
+    for compression in [Compression::Uncompressed, Compression::ZIP16, Compression::PIZ] {
+        assert!(read_render(&file(compression), &DecodeLimits::default()).is_ok(), "{compression}");
+    }
+    for compression in [Compression::B44, Compression::B44A, Compression::PXR24] {
+        let bytes = file(compression);
+        assert!(read_rgb(&bytes, &DecodeLimits::default()).is_ok(), "{compression}: but it is no render");
+        let error = read_render(&bytes, &DecodeLimits::default()).unwrap_err().to_string();
+        let expected = format!("expected lossless compression, found {compression}: ");
+        assert!(error.starts_with(&expected), "{error}");
     }
 }

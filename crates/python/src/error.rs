@@ -53,6 +53,9 @@ impl Place {
     }
 }
 
+/// How a difference begins of the rules by which methods are hashed (`RULES` of `_identity.py`).
+const RULES: &str = "parameters.identity.(rules): ";
+
 impl Failure {
     /// Names the argument to which the error is due, where there is more to it than one.
     #[must_use]
@@ -76,6 +79,10 @@ impl Failure {
         };
         let (at, folder) = (Place::file(folder).at(field), folder.display());
         let advice = match name {
+            Some(name) if field == "method" && differences.contains(RULES) => format!(
+                "the results of {name} in {folder} were recorded by another version of atsplat, which hashed methods in another way, so \
+                 that nobody knows whether it is the same method: {differences}; give another folder (out), or remove that one"
+            ),
             Some(name) if field == "method" => format!(
                 "the results of {name} in {folder} were made by another method: {differences}; give another folder (out), or remove that \
                  one. From the first run on, version=… can identify a method instead of its code and values"

@@ -120,6 +120,8 @@ impl Exchange {
                     reply.send(outcome).ok();
                 }
                 Ok(Task::Step) => {
+                    // While steps follow each other closely, nothing times out; without `progress`, no other Python code runs.
+                    py.check_signals().inspect_err(stop)?;
                     if let Some(progress) = progress {
                         progress.call0(py).inspect_err(stop)?;
                     }

@@ -243,6 +243,35 @@ def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
     assert [row["status"] for row in atsplat.open_store(tmp_path / "store").trials()] == ["done"] * SCENES
 
 
+def test_ctrl_c_stops_a_baseline_whose_results_follow_each_other_closely(rooms, tmp_path):
+    names, index = [f"scene{number:03}" for number in range(200)], json.loads(INDEX.read_text())
+    first = next(iter(index))
+    (tmp_path / "index.json").write_text(json.dumps({name: index[first] for name in names}))
+    (tmp_path / "data").mkdir()
+    for name in names:
+        (tmp_path / "data" / name).symlink_to(rooms / first)
+        (tmp_path / "data" / f"{name}.txt").symlink_to(rooms / f"{first}.txt")
+    script = textwrap.dedent(f"""
+        import os, pathlib, signal, threading, time
+        import atsplat
+        folder = pathlib.Path({str(tmp_path)!r})
+        def interrupt():
+            while not (folder / "store/provenance.json").exists():
+                time.sleep(0.001)
+            os.kill(os.getpid(), signal.SIGINT)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        threading.Thread(target=interrupt, daemon=True).start()
+        try:
+            atsplat.evaluate("nearest-view", {PROTOCOL!r}, data=folder / "data", index=folder / "index.json", out=folder / "store")
+        except KeyboardInterrupt:
+            print("interrupted")
+    """)
+    env = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env)
+    assert done.stdout == "interrupted\n", done.stderr
+    assert len(atsplat.open_store(tmp_path / "store").trials()) < len(names)
+
+
 def test_an_interrupted_trial_is_never_stored(rooms, tmp_path):
     """Its thread waits for an answer that never comes, and must not take that for a failure: often, as threads race."""
 

@@ -11,7 +11,8 @@ import pytest
 from conftest import INDEX, PROTOCOL, nearest
 
 import atsplat
-from atsplat._identity import LISTED, identity, modules
+from atsplat import _methods
+from atsplat._identity import LISTED, RULES, identity, modules
 
 SHARPNESS = 2.0
 
@@ -177,6 +178,20 @@ def test_another_method_under_the_same_name_is_refused(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError, match="factor") as raised:
         atsplat.merge(parts, tmp_path / "merged")
     assert raised.value.field == "stores"
+
+
+def test_results_under_other_rules_are_refused_as_such(rooms, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(_methods, "RULES", 1)
+        old = evaluated(darker(0.5), rooms, tmp_path / "one", shard=(1, 2))
+        # As before there were any.
+        patch.setattr(_methods, "_identity", lambda method, stated: identity(method))
+        evaluated(darker(0.5), rooms, tmp_path / "none", shard=(1, 2))
+    for folder, found in (("one", 1), ("none", "none")):
+        with pytest.raises(atsplat.InvalidError, match=rf"by another version of atsplat.*\(rules\): {found} and {RULES}"):
+            evaluated(darker(0.5), rooms, tmp_path / folder, shard=(1, 2))
+    with pytest.raises(atsplat.InvalidError, match=r"\(rules\): 1 and"):
+        atsplat.merge([old, evaluated(darker(0.5), rooms, tmp_path / "two", shard=(2, 2))], tmp_path / "merged")
 
 
 def test_a_version_replaces_the_code(rooms, tmp_path):

@@ -52,6 +52,24 @@ class Decorator:
         self.gain = gain
     def __call__(self, *views): return self.__wrapped__(*views) * self.gain
 def plain(images, context, target): return images
+class Descriptor:
+    def __init__(self, gain): self.gain = gain
+    def __get__(self, of, kind=None): return self.gain
+class Private:
+    __slots__ = "__gain",
+    def __init__(self, gain): self.__gain = gain
+class _More(Private):
+    __slots__ = ("__gain", "other")
+    def __init__(self, gain):
+        super().__init__(1)
+        self.__gain = gain
+def setting(gain):
+    def k(self): pass
+    def k2(self, value): self.value = value * gain
+    return property(k, k2), property(k, None, k2)
+def dispatched(gain):
+    def k(self, images): return images * gain
+    return functools.singledispatchmethod(k)
 """
 #: Each with a place for a number.
 VALUES = [
@@ -69,6 +87,9 @@ VALUES = [
     "type('C', (), {{'k': ({},)}})", "type('C', (), {{'k': {{1: {}}}}})", "type('C', (), {{'k': np.arange({})}})",
     "type('C', (), {{'k': [max, min, sum][{}]}})", "type('C', (), {{'__call__': [plain, lambda *x: 0, lambda *x: 1][{}]}})",
     "type('C', (), {{'k': functools.cached_property(lambda self: {})}})", "type('C', (), {{'k': functools.lru_cache(lambda self: {})}})",
+    "having(lambda *views: 0, k={})", "Private({})", "_More({})",
+    "type('C', (), {{'k': Descriptor({})}})", "type('C', (), {{'k': setting({})[0]}})", "type('C', (), {{'k': setting({})[1]}})",
+    "type('C', (), {{'k': dispatched({})}})",
     "type('C', (), {{'k': functools.partialmethod(plain, {})}})", "type('M', (type,), {{'k': {}}})('C', (), {{}})",
 ]
 

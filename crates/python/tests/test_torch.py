@@ -3,8 +3,6 @@
 import functools
 import json
 import pickle
-import sys
-import types
 import warnings
 import weakref
 
@@ -13,6 +11,7 @@ import pytest
 from conftest import INDEX, PROTOCOL, SCENES
 
 import atsplat
+from atsplat._methods import name_of
 
 torch = pytest.importorskip("torch")
 from atsplat.torch import Evaluation, TrialDataset, state_hash  # noqa: E402
@@ -224,19 +223,35 @@ def test_better_is_a_failure_only_if_any_drift_is(rooms, tmp_path):
         Evaluation(PROTOCOL, rooms, tmp_path / "any", fail="any", **common)(1, Blend())
 
 
-def test_the_lightning_callback_evaluates_each_step_once(rooms, tmp_path, monkeypatch):
-    """With the hooks that Lightning's trainer calls; Lightning itself is not a dependency of the tests."""
-    pytorch = types.ModuleType("lightning.pytorch")
-    pytorch.Callback = object
-    monkeypatch.setitem(sys.modules, "lightning", types.ModuleType("lightning"))
-    monkeypatch.setitem(sys.modules, "lightning.pytorch", pytorch)
-    monkeypatch.delitem(sys.modules, "atsplat.lightning", raising=False)
-    from atsplat.lightning import EvaluationCallback
+class Sighted(Blend):
+    """Has a parameter for what it may know about a trial, which it can do without."""
 
-    check = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=2, index=INDEX, limit=1)
-    callback = EvaluationCallback(check)
-    for step, first in [(1, True), (2, True), (2, True), (4, False)]:
-        trainer = types.SimpleNamespace(global_step=step, is_global_zero=first)
-        callback.on_train_batch_end(trainer, Blend(), None, None, 0)
-    assert sorted(check.stores) == [2]
-    monkeypatch.delitem(sys.modules, "atsplat.lightning")
+    def forward(self, images, context, target, trial=None):
+        self.seen = trial
+        return super().forward(images, context, target)
+
+    def predict(self, images, context, target, trial=None):
+        return self(images, context, target, trial)
+
+
+@pytest.mark.parametrize("wrap", [
+    lambda model: model,
+    functools.partial,
+    lambda model: torch.compile(model, backend="eager"),
+    torch.nn.DataParallel,
+    lambda model: functools.partial(torch.nn.DataParallel(model)),
+    lambda model: model.predict,
+    lambda model: functools.partial(model.predict),
+])
+def test_wrappers_pass_on_what_a_method_may_know_and_its_name(rooms, tmp_path, wrap):
+    model = Sighted().eval()
+    assert name_of(wrap(model)) == "Sighted"
+    atsplat.evaluate(wrap(model), PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "store", limit=1, version=1)
+    assert model.seen.near_far[0] > 0
+
+
+def test_a_trial_that_is_given_beforehand_is_kept(rooms, tmp_path):
+    model = Sighted().eval()
+    method = functools.partial(torch.nn.DataParallel(model), trial="mine")
+    atsplat.evaluate(method, PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "store", limit=1, version=1)
+    assert model.seen == "mine"

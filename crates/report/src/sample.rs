@@ -11,6 +11,9 @@ use atsplat_protocol::Preset;
 
 /// A name that injects a script if it is not escaped.
 pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'&|*_\\\u{1b}[31m";
+/// A long name without spaces, as those of checkpoints are.
+pub(crate) const UNBROKEN: &str =
+    "mvsplat_re10k_finetuned_rank16_lr1e-4_steps30000_batch8_seed1_ema_checkpoint_last_final";
 const OVERLAPS: [f64; 4] = [0.1, 0.3, 0.5, 0.7];
 pub(crate) const SCENES: [&str; 4] = ["aa11", "bb22", "cc33", HOSTILE];
 

@@ -8,7 +8,7 @@ use atsplat_numeric::median;
 use serde::Serialize;
 
 use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
-use crate::{Request, RoomsError, Simulation};
+use crate::{RoomsError, Simulation};
 
 /// A time in seconds, not negative: the median of pairs, and the interval that contains the true median with 96 % confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -165,9 +165,9 @@ impl Simulation {
     }
 
     fn context(&self) -> SceneContext<'_> {
-        let Request { size, route, .. } = self.request();
+        let size = self.request().size;
         let (world, conditions, shots) = (&self.world, &self.conditions, self.shots());
-        SceneContext { world, conditions, shots, size: *size, is_given: route.is_given() }
+        SceneContext { world, conditions, shots, size }
     }
 }
 

@@ -26,6 +26,14 @@ pub enum RoomsError {
         /// The requested frame.
         frame: usize,
     },
+    /// A scene of a dataset cannot be simulated.
+    #[error("simulating scene {key:?}: {source}")]
+    Simulating {
+        /// The scene.
+        key: String,
+        /// The reason.
+        source: Box<RoomsError>,
+    },
     /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),

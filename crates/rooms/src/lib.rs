@@ -16,6 +16,8 @@ mod dataset;
 mod effects;
 mod error;
 mod form;
+#[cfg(test)]
+mod image_tests;
 mod lamp;
 mod material;
 pub mod motion_report;
@@ -23,6 +25,7 @@ mod noise;
 mod path;
 mod render;
 mod rng;
+mod sampling;
 mod seed;
 mod simulation;
 mod sky;

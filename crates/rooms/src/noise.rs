@@ -72,6 +72,11 @@ pub(crate) fn visible(size: f32, footprint: f32) -> f32 {
     (size / (footprint * 2.0 + f32::MIN_POSITIVE) - 0.5).clamp(0.0, 1.0)
 }
 
+/// A value of a detail of this size, which fades to its mean where a pixel of this footprint cannot show it.
+pub(crate) fn faded(detail: f32, mean: f32, size: f32, footprint: f32) -> f32 {
+    mean + (detail - mean) * visible(size, footprint)
+}
+
 /// Antialiased edge at signed `distance` 0, one footprint wide: 1 inside (positive), 0 outside.
 pub(crate) fn edge(distance: f32, footprint: f32) -> f32 {
     (0.5 + distance / (footprint + 1e-9)).clamp(0.0, 1.0)

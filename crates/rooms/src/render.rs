@@ -6,14 +6,15 @@ use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::RoomsError;
-use crate::effects::{Effects, PixelSample};
+use crate::effects::Effects;
 use crate::material::{Material, srgb_encoded};
 use crate::noise::as_f32;
 use crate::path::Shot;
-use crate::rng::mix;
+use crate::rng::{mix, unit_from_bits};
+use crate::sampling::{self, Sample};
 use crate::world::{Surface, World};
 
-/// Surfaces hit by the rays through the pixels' centres when the shutter opens; row-major.
+/// Surfaces hit by the rays through the pixels' centres in the middle of the exposure; row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {
     /// Columns and rows.
@@ -65,12 +66,6 @@ fn tone_curve(light: f32) -> f32 {
     if light <= KNEE { light } else { KNEE + (1.0 - KNEE) * (1.0 - (-(light - KNEE) / (1.0 - KNEE)).exp()) }
 }
 
-/// Position of a sample in its pixel: Roberts' R2 sequence, uniform for any count.
-fn place_in_pixel(sample: u32) -> DVec2 {
-    let n = f64::from(sample) + 0.5;
-    DVec2::new((0.5 + n * 0.754_877_666_246_692_8).fract(), (0.5 + n * 0.569_840_290_998_053_2).fract()) - 0.5
-}
-
 /// One frame while it is rendered.
 pub(crate) struct Frame<'a> {
     pub world: &'a World,
@@ -112,7 +107,8 @@ impl LensTable {
 pub(crate) struct CameraRay {
     pub origin: DVec3,
     pub direction: DVec3,
-    pub sample: PixelSample,
+    /// The point of each lamp towards which its shadow rays go, in [0, 1)².
+    pub place_on_lamps: DVec2,
 }
 
 impl<'a> Frame<'a> {
@@ -125,12 +121,10 @@ impl<'a> Frame<'a> {
     ) -> Result<Self, RoomsError> {
         let rays = Rays::new(shot, effects.lens, size)?;
         let from = shot.camera.camera_from_world.inverse();
-        let sample_at = |sample| {
-            let open = effects.shutter * f64::from(sample) / f64::from(samples);
-            Ok((interpolated_pose(&from, &shot.moving_to, open)?, place_in_pixel(sample)))
-        };
-        let samples_at = (0..samples).map(sample_at).collect::<Result<_, RoomsError>>()?;
-        let seed = mix(shot.timestamp_micros.cast_unsigned());
+        let open = shot.share_of_motion(effects.shutter);
+        let sample_at = |Sample { place, time }| Ok((interpolated_pose(&from, &shot.moving_to, open * time)?, place));
+        let samples_at = sampling::samples(samples).into_iter().map(sample_at).collect::<Result<_, RoomsError>>()?;
+        let seed = mix(effects.seed ^ mix(shot.timestamp_micros.cast_unsigned()));
         let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
         Ok(Self { world, effects, size, samples, spread, rays, lens_table: None, samples_at, seed })
     }
@@ -163,11 +157,10 @@ impl<'a> Frame<'a> {
         let plane = centre + moves * *place;
         let direction = pose.transform_vector(plane.extend(1.0)).normalize();
         let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
-        CameraRay {
-            origin: pose.centre(),
-            direction,
-            sample: PixelSample { pixel: mix(self.seed ^ index), number: sample },
-        }
+        // The samples of a pixel cover a lamp as they cover the pixel, shifted by an offset of each pixel.
+        let bits = mix(self.seed ^ index);
+        let offset = DVec2::new(unit_from_bits(bits), unit_from_bits(mix(bits)));
+        CameraRay { origin: pose.centre(), direction, place_on_lamps: (*place + 0.5 + offset).fract() }
     }
 
     /// Linear light before exposure, row by row: the mean of the pixel's samples, each with every effect.
@@ -190,7 +183,7 @@ impl<'a> Frame<'a> {
         let Some(surface) = world.trace(ray.origin, ray.direction) else { return self.sky(ray) };
         let view = Incidence::new(&surface, ray.direction, self.spread);
         let material = world.material(&surface);
-        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.sample));
+        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.place_on_lamps));
         if !effects.mirrors || material.mirror <= 0.0 {
             return diffuse;
         }
@@ -233,14 +226,17 @@ impl Incidence {
         Self { facing, footprint, bounced: direction + surface.normal * (2.0 * facing) }
     }
 
-    /// Share of light that a material reflects specularly, by Schlick's approximation.
+    /// Share of light that a material reflects specularly: m + (1 − m) · (1 − cos θ)⁵ · min(1, 3m) for the reflectance m at
+    /// normal incidence. The first two terms are Schlick's approximation. The last stands for roughness, which dims grazing
+    /// reflection: dull surfaces are rough, so that a floor of m = 0.03 tends to 0.12 and not to 1; from m = 1/3 on it is 1.
     pub(crate) fn fresnel(&self, material: &Material) -> f32 {
         material.mirror
             + (1.0 - material.mirror) * as_f32(1.0 - self.facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0)
     }
 }
 
-/// The image of linear light: multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
+/// The image of linear light: multiplied by `gain`, measured by the sensor with its effects, then through the tone curve and
+/// sRGB-encoded.
 pub(crate) fn developed(
     light: &[Vec3],
     effects: &Effects,
@@ -249,8 +245,8 @@ pub(crate) fn developed(
     gain: f32,
 ) -> Result<Image, RoomsError> {
     let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
-        let counted = effects.develop(shot, pixel as u64, (light * gain).map(tone_curve));
-        counted.map(srgb_encoded).to_array()
+        let measured = effects.develop(shot, pixel as u64, light * gain);
+        measured.map(tone_curve).map(srgb_encoded).to_array()
     });
     Ok(Image::new(size.width, size.height, developed.collect())?)
 }
@@ -280,9 +276,9 @@ pub(crate) fn geometry(world: &World, lens: Distortion, shot: &Shot, size: Image
     Ok(geometry)
 }
 
-/// The pose at a share of the motion to the next; rotations between frames are small.
+/// The pose at a share of the motion from one frame to the next; below zero it is the pose before the first, at the same speed.
 fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -> Result<WorldFromCamera, RoomsError> {
-    if share <= 0.0 {
+    if share.abs() <= 0.0 {
         return Ok(*from);
     }
     let turn = glam::DQuat::from_mat3(&from.rotation()).slerp(glam::DQuat::from_mat3(&to.rotation()), share);
@@ -293,14 +289,14 @@ fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -
 /// more than they show, so that their shadows are spread evenly.
 const MIRRORED_VISIBILITY: f32 = 0.6;
 
-/// Light reflected diffusely and emitted by a surface; `sample` is `None` if it is seen in a mirror.
+/// Light reflected diffusely and emitted by a surface; `place_on_lamps` is `None` if it is seen in a mirror.
 fn reflected_light(
     world: &World,
     effects: &Effects,
     surface: &Surface,
     material: &Material,
     footprint: f32,
-    sample: Option<PixelSample>,
+    place_on_lamps: Option<DVec2>,
 ) -> Vec3 {
     let ambient = effects.ambient(world, surface.point, surface.normal);
     let enough = ambient.max_element() * 0.01;
@@ -308,8 +304,8 @@ fn reflected_light(
     for lamp in &world.lamps {
         let reached = lamp.reaches(surface.point, surface.normal);
         if reached.max_element() > enough {
-            let visible = match sample {
-                Some(sample) => effects.visibility(world, lamp, surface, sample),
+            let visible = match place_on_lamps {
+                Some(place) => effects.visibility(world, lamp, surface, place),
                 None if effects.shadowed() => MIRRORED_VISIBILITY,
                 None => 1.0,
             };
@@ -352,18 +348,31 @@ mod tests {
         let size = ImageSize { width: 16, height: 16 };
         let pose = WorldFromCamera::new(glam::DMat3::IDENTITY, DVec3::Z).unwrap();
         let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let shot = Shot { timestamp_micros: 0, camera, moving_to: pose };
+        let shot = Shot { timestamp_micros: 0, camera, moving_to: pose, frame_seconds: 0.0 };
         let conditions = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size, is_given: true };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size };
         let effects = Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec()));
         let frame = Frame::new(&world, &effects, &shot, size, 1).unwrap();
-        let sample = PixelSample { pixel: 1, number: 0 };
+        let place_on_lamps = DVec2::splat(0.5);
         let direction = DVec3::new(0.1, 1.0, -0.5).normalize();
         let floor = world.trace(DVec3::Z, direction).unwrap();
         let view = Incidence::new(&floor, direction, frame.spread);
-        let mirrored = frame.radiance(&CameraRay { origin: DVec3::Z, direction, sample });
-        let direct = frame.radiance(&CameraRay { origin: floor.leave(), direction: view.bounced, sample });
+        let mirrored = frame.radiance(&CameraRay { origin: DVec3::Z, direction, place_on_lamps });
+        let direct = frame.radiance(&CameraRay { origin: floor.leave(), direction: view.bounced, place_on_lamps });
         [mirrored, direct * view.fresnel(world.material(&floor))]
+    }
+
+    /// At 0°, 60° and 85° of incidence: a floor, whose grazing reflection is damped, and a mirror with all of Schlick's.
+    #[test]
+    fn grazing_reflection_of_dull_surfaces_is_damped() {
+        for (mirror, expected) in [(0.03, [0.03, 0.032_728, 0.085_335]), (0.4, [0.4, 0.418_75, 0.780_307])] {
+            let material = Material { mirror, ..Material::matte(Pattern::Plain(Vec3::ZERO), 0) };
+            let found = [0.0f64, 60.0, 85.0].map(|angle| {
+                let view = Incidence { facing: angle.to_radians().cos(), footprint: 0.0, bounced: DVec3::Z };
+                f64::from(view.fresnel(&material))
+            });
+            Tolerance::absolute(2e-6).assert(found, expected, &format!("{mirror}"));
+        }
     }
 
     #[test]

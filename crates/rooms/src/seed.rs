@@ -53,9 +53,8 @@ pub struct SceneSeed {
 }
 
 impl SceneSeed {
-    /// The seed of all random streams of the scene: a bijection of split and number. The kind of scene is not part of it:
-    /// rooms and yards of one number share shutter, noise, exposure drift and indirect light, so their results are not
-    /// independent.
+    /// The seed of all random streams of the scene: a bijection of split and number. The kind of scene is not part of it, but
+    /// of the names of streams that both kinds would otherwise share.
     pub(crate) fn bits(self) -> u64 {
         mix(u64::from(self.number) << 1 | u64::from(self.split == Split::Test))
     }

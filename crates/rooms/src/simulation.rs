@@ -2,6 +2,7 @@ use std::fmt;
 use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
+use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
 use atsplat_scene::{Scene, Times};
 
@@ -15,7 +16,7 @@ use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
 /// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
 /// simulated image can be reused without rendering it again.
-pub const GENERATOR: &str = "atsplat rooms 1";
+pub const GENERATOR: &str = "atsplat rooms 2";
 
 /// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,14 +26,24 @@ pub enum Route {
     Natural,
     /// As these cameras with their times in microseconds do, from a place in the scene that has room for it. The
     /// first camera is taken as upright; lengths are metres and shrink where the scene is too small. Lenses are ignored.
+    /// Normalised intrinsics hold for images of the requested size.
     Given(Vec<(i64, Camera)>),
 }
 
 impl Route {
-    /// As a scene's cameras; `times` are those of its dataset ([`atsplat_scene::SceneSource::times`]). Scenes without times
-    /// ([`Scene::has_times`]) are assumed to have 30 frames per second.
-    pub fn of_scene(scene: &Scene, times: Times) -> Self {
-        Self::Given(path::timed_cameras(scene, times))
+    /// As a scene's cameras, for images of `size`; `times` are those of its dataset ([`atsplat_scene::SceneSource::times`]).
+    /// Scenes without times ([`Scene::has_times`]) are assumed to have 30 frames per second. Where the images' size is stated,
+    /// the vertical field of view and the shape of pixels are kept, whatever the aspect ratio; otherwise normalised intrinsics.
+    pub fn of_scene(scene: &Scene, times: Times, size: ImageSize) -> Self {
+        Self::Given(path::route_cameras(scene, times, size))
+    }
+
+    /// Identifies a given route: the hash of its cameras and times. `None` for a natural one.
+    pub(crate) fn digest(&self) -> Option<Sha256Digest> {
+        match self {
+            Self::Natural => None,
+            Self::Given(cameras) => Some(Sha256Digest::of(format!("{cameras:?}").as_bytes())),
+        }
     }
 
     pub(crate) const fn is_given(&self) -> bool {
@@ -100,8 +111,8 @@ impl Simulation {
     /// Builds the scene and finds a camera path.
     ///
     /// # Errors
-    /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, samples outside 1 to 256, or a given route that does
-    /// not fit into the scene at any scale.
+    /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, samples outside 1 to 256, so many frames that no path
+    /// fits into the scene, or a given route that does not fit at any scale.
     pub fn new(request: Request) -> Result<Self, RoomsError> {
         request.check()?;
         let (seed, size) = (request.seed.bits(), request.size);
@@ -114,8 +125,7 @@ impl Simulation {
             Route::Given(cameras) => path::place(seed, &world, cameras)?,
         };
         let conditions = conditions(request.kind, seed);
-        let is_given = request.route.is_given();
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, size, is_given };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, size };
         let effects = Effects::choose(&scene, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
@@ -127,11 +137,9 @@ impl Simulation {
     pub(crate) fn of_world(world: World, size: ImageSize, cameras: &[Camera]) -> Self {
         let seed = SceneSeed { split: crate::Split::Test, number: 0 };
         let request = Request { size, effects: EffectChoice::None, ..Request::new(SceneKind::Rooms, seed) };
-        let still =
-            |&camera: &Camera| Shot { timestamp_micros: 0, camera, moving_to: camera.camera_from_world.inverse() };
-        let shots: Vec<Shot> = cameras.iter().map(still).collect();
+        let shots = cameras.iter().map(|camera| Shot::still(0, *camera)).collect::<Vec<_>>();
         let conditions = conditions(request.kind, seed.bits());
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size, is_given: true };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size };
         let effects = Effects::choose(&scene, &request.effects);
         Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
     }
@@ -172,7 +180,7 @@ impl Simulation {
     /// Renders a frame's image, sRGB-encoded in [0, 1].
     ///
     /// # Errors
-    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the image.
+    /// [`RoomsError::NoFrame`].
     pub fn image(&self, frame: usize) -> Result<Image, RoomsError> {
         self.rendered(frame, &self.effects)
     }
@@ -222,10 +230,16 @@ impl fmt::Display for Simulation {
 }
 
 /// Draws how the scene is lit and filmed.
-fn conditions(kind: SceneKind, seed: u64) -> Conditions {
-    let rng = &mut Rng::for_part(seed, "conditions");
+pub(crate) fn conditions(kind: SceneKind, seed: u64) -> Conditions {
+    let rng = &mut Rng::for_part(
+        seed,
+        match kind {
+            SceneKind::Rooms => "conditions",
+            SceneKind::Yards => "conditions of yards",
+        },
+    );
     let lens = [rng.within(-0.09, 0.03), rng.within(-0.01, 0.02)];
-    let (shutter, noise, drift) = (rng.within(0.15, 0.6), rng.within(0.005, 0.018), rng.within(0.04, 0.2));
+    let (shutter, noise, drift) = (rng.within(0.005, 0.02), rng.within(0.005, 0.018), rng.within(0.04, 0.2));
     let bent = match kind {
         SceneKind::Rooms => 0.12,
         SceneKind::Yards => 0.4,

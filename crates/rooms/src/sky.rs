@@ -39,3 +39,37 @@ impl Sky {
         clear.lerp(Vec3::splat(self.horizon.max_element() * 1.1), cover)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+    use glam::DVec2;
+
+    use super::*;
+    use crate::rng::sphere_point;
+
+    fn sky(clouds: f32) -> Sky {
+        let (zenith, horizon) = (Vec3::Z, Vec3::Y);
+        Sky { zenith, horizon, ground: Vec3::new(0.3, 0.2, 0.1), trees: Vec3::ZERO, clouds, seed: 1 }
+    }
+
+    /// Above the hills, clouds alone have red, 1.1 of it.
+    #[test]
+    fn clouds_cover_their_share_of_a_gradient() {
+        for (clouds, expected) in [(0.0, 0.0), (0.5, 0.5), (1.0, 1.0)] {
+            let cover = (0..2000u32).map(|n| {
+                let place = DVec2::new(0.4 * (f64::from(n) + 0.5) / 2000.0, (f64::from(n) * 0.618_034).fract());
+                let direction = sphere_point(place);
+                let found = sky(clouds).radiance(direction, 0.004);
+                if found.x <= 0.0 {
+                    let high = direction.z.sqrt();
+                    let clear = found.to_array().map(f64::from);
+                    Tolerance::absolute(1e-6).assert(clear, [0.0, 1.0 - high, high], "clear sky");
+                }
+                f64::from(found.x) / 1.1
+            });
+            Tolerance::absolute(0.1).assert([cover.sum::<f64>() / 2000.0], [expected], &format!("{clouds}"));
+        }
+        assert_eq!(sky(0.5).radiance(DVec3::NEG_Z, 0.004), Vec3::new(0.3, 0.2, 0.1), "the ground");
+    }
+}

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 
 use crate::RoomsError;
 use crate::bundle::{Candidates, Extent, RayPacket};
-use crate::effects::place_on_lamp;
 use crate::lamp::{Lamp, LampExtent};
 use crate::render::{CameraRay, Frame, Incidence};
 use crate::world::{LEAVE, Surface};
@@ -186,7 +185,7 @@ impl TiledLight<'_> {
     /// Whether anything hides a sample's point of a lamp.
     fn hidden(&self, ray: &CameraRay, surface: &Surface, lamp: &Lamp, shades: &Shades) -> bool {
         let world = self.frame.world;
-        let towards = || (surface.leave(), lamp.towards(surface.leave(), place_on_lamp(ray.sample)));
+        let towards = || (surface.leave(), lamp.towards(surface.leave(), ray.place_on_lamps));
         match shades {
             Shades::Nothing => false,
             Shades::Whole => true,

@@ -18,6 +18,8 @@ pub(crate) struct World {
     pub ambient: Vec3,
     /// Corners of the space in which a camera may be placed.
     pub space: [DVec3; 2],
+    /// Corners of the spaces that walls divide; indirect light of one does not count in another.
+    pub interiors: Vec<[DVec3; 2]>,
     bvh: Bvh,
 }
 
@@ -157,9 +159,10 @@ impl Builder {
         self.origin + self.turn * local
     }
 
+    /// The world of these objects; `space` is its only interior.
     pub(crate) fn finish(self, sky: Sky, ambient: Vec3, space: [DVec3; 2]) -> World {
         let bvh = Bvh::new(&self.objects);
         let Self { objects, materials, lamps, .. } = self;
-        World { objects, materials, lamps, sky, ambient, space, bvh }
+        World { objects, materials, lamps, sky, ambient, space, interiors: vec![space], bvh }
     }
 }

@@ -8,8 +8,8 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics, P
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Rounding, exr};
 use atsplat_rooms::{
-    EffectChoice, ImageEncoding, Layout, Request, Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
-    write_dataset,
+    EffectChoice, GENERATOR, ImageEncoding, Layout, Request, Route, SceneKind, SceneSeed, Simulation, Split,
+    WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource, Warnings, open};
 use glam::{DMat3, DVec3};
@@ -66,6 +66,57 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
         Tolerance::EXACT.assert(depths(&channels.get("Z").unwrap().samples), depths(&truth.depth), "depth");
         close.assert([frame.camera.camera_from_world.determinant()], [1.0], "a rotation");
     }
+}
+
+/// What a manifest says of a dataset of one small scene.
+fn manifest(folder: &Path, request: Request, options: WriteOptions) -> serde_json::Value {
+    let request = Request { size: ImageSize { width: 8, height: 6 }, ..request };
+    write_dataset(folder, [request], &options, &mut Warnings::default(), |_, _| {}).unwrap();
+    serde_json::from_slice(&std::fs::read(folder.join("manifest.json")).unwrap()).unwrap()
+}
+
+/// Whatever changes the files changes the manifest.
+#[test]
+fn the_manifest_says_how_the_dataset_was_made() {
+    let plain = WriteOptions { layout: Layout::Nerfstudio, encoding: ImageEncoding::Png, depth: false };
+    let [request, _, _] = <[Request; 3]>::try_from(requests()).unwrap();
+    let mut shifted = routed();
+    if let Route::Given(cameras) = &mut shifted.route {
+        cameras[1].0 = 20_000;
+    }
+    let cases = [
+        (request.clone(), plain),
+        (request.clone(), WriteOptions { layout: Layout::Chunks, ..plain }),
+        (request.clone(), WriteOptions { encoding: ImageEncoding::Jpeg(20), ..plain }),
+        (request.clone(), WriteOptions { encoding: ImageEncoding::Jpeg(90), ..plain }),
+        (request.clone(), WriteOptions { depth: true, ..plain }),
+        (Request { effects: EffectChoice::Only(Vec::new()), ..request.clone() }, plain),
+        (Request { effects: EffectChoice::None, ..request }, plain),
+        (routed(), plain),
+        (shifted, plain),
+    ];
+    let mut found: Vec<serde_json::Value> = Vec::new();
+    for (request, options) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let manifest = manifest(folder.path(), request, options);
+        assert_eq!(manifest["generator"], GENERATOR);
+        assert!(!found.contains(&manifest), "{options:?}: {manifest}");
+        found.push(manifest);
+    }
+    assert_eq!((&found[2]["images"]["jpeg"], &found[2]["layout"]), (&20.into(), &"nerfstudio".into()));
+    assert_eq!(found[0]["scenes"][0]["requested_effects"], "auto");
+}
+
+#[test]
+fn a_dataset_that_is_not_finished_has_no_manifest_of_an_earlier_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = WriteOptions { layout: Layout::Nerfstudio, encoding: ImageEncoding::Png, depth: false };
+    let [request, _, _] = <[Request; 3]>::try_from(requests()).unwrap();
+    manifest(folder.path(), request.clone(), options);
+    let broken = Request { samples: 0, ..request };
+    let error = write_dataset(folder.path(), [broken], &options, &mut Warnings::default(), |_, _| {}).unwrap_err();
+    assert_eq!(error.to_string(), "simulating scene \"yards-train-00000000\": samples: expected 1 to 256, found 0");
+    assert!(!folder.path().join("manifest.json").exists());
 }
 
 #[test]
@@ -135,7 +186,8 @@ fn a_repeated_time_is_rejected_where_files_are_named_after_it() {
         let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth };
         let written = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
         let error = written.unwrap_err().to_string();
-        let [start, end] = ["trajectory: expected distinct times", "found 0 µs again"];
+        let start = "simulating scene \"yards-train-00000000\": trajectory: expected distinct times";
+        let end = "found 0 µs again";
         assert!(error.starts_with(start) && error.ends_with(end), "{error}");
         assert_eq!(folder.path().read_dir().unwrap().count(), 0, "nothing is written");
     }

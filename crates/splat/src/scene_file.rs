@@ -7,7 +7,7 @@ use std::time::Instant;
 use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
-use crate::files::{self, Encoding, Format};
+use crate::files::{self, Format};
 use crate::{Cleaning, GaussianCounts, Gaussians, SplatError, Validation};
 
 /// Origin of the Gaussians and how they were cleaned.
@@ -67,7 +67,7 @@ impl SceneFile {
     /// in the other formats they are opacities of 0 and 1, which are valid.
     ///
     /// # Errors
-    /// [`SplatError`] if the file cannot be read or breaks its format.
+    /// [`SplatError`] if the file cannot be read or breaks its format; as [`files::opacities_as_stored`].
     pub fn read(path: &Path, policy: Cleaning, opacities_as_stored: bool) -> Result<Self, SplatError> {
         let start = Instant::now();
         let contents = files::read_bytes(path)?;
@@ -76,7 +76,9 @@ impl SceneFile {
         let (mut gaussians, import) = parsed?;
         let mut notes = Vec::new();
         if opacities_as_stored {
-            gaussians = gaussians.with_linear_opacities();
+            let (converted, warning) = files::opacities_as_stored(&gaussians, &import, path)?;
+            gaussians = converted;
+            notes.extend(warning);
         } else if import.opacities_may_be_no_logits {
             notes.push(
                 "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
@@ -118,10 +120,7 @@ impl fmt::Display for SceneFileRecord {
         writeln!(
             f,
             "{} Gaussians of degree {}, {}, {} bytes",
-            self.gaussians,
-            self.sh_degree,
-            format_name(self.format),
-            self.bytes
+            self.gaussians, self.sh_degree, self.format, self.bytes
         )?;
         problems(f, "on import", &self.import)?;
         problems(f, "after import", &self.cleaning.found)?;
@@ -129,18 +128,6 @@ impl fmt::Display for SceneFileRecord {
             writeln!(f, "unused fields of the file: {}", self.unused.join(", "))?;
         }
         Ok(())
-    }
-}
-
-/// A readable name.
-fn format_name(format: Format) -> String {
-    match format {
-        Format::Ply(Encoding::Ascii) => "PLY in ASCII".to_owned(),
-        Format::Ply(Encoding::BinaryLittleEndian) => "PLY".to_owned(),
-        Format::Ply(Encoding::BinaryBigEndian) => "PLY, big-endian".to_owned(),
-        Format::CompressedPly => "compressed PLY".to_owned(),
-        Format::Spz(version) => format!("SPZ {version}"),
-        Format::Splat => ".splat".to_owned(),
     }
 }
 

@@ -12,10 +12,6 @@ use crate::{StoredTensor, TensorError, safetensors};
 const WHAT: &str = "checkpoint";
 /// The formats of files.
 const EXPECTED: &str = "a safetensors file, or one of torch.save";
-/// Depth to which containers of a checkpoint are searched.
-const MAX_DEPTH: usize = 5;
-/// Largest number of visited objects: objects of a hostile file can be shared so that a walk along every path never ends.
-const MAX_OBJECTS: usize = 1 << 20;
 
 /// Named tensors of a file of any origin.
 #[derive(Clone, Debug, Default)]
@@ -108,7 +104,7 @@ impl StoredTensors {
     ///
     /// # Errors
     /// [`TensorError::Malformed`] and [`TensorError::Torch`] if the bytes are neither, and [`TensorError::Malformed`] if repeated
-    /// references would make names or copies of tensors several times as large as the file.
+    /// references would make objects, names or copies of tensors several times as large as the file.
     pub fn parse(file: SharedBytes) -> Result<Self, TensorError> {
         if safetensors::recognises(&file) {
             return safetensors::parse(&file);
@@ -118,11 +114,11 @@ impl StoredTensors {
             let root = atsplat_pickle::parse(file)?;
             let mut walk = Walk {
                 found: Self::default(),
-                objects_left: MAX_OBJECTS,
+                objects_left: bytes.saturating_mul(4),
                 copies_left: bytes.saturating_mul(2),
                 names_left: bytes.saturating_mul(4),
             };
-            walk.visit(&root, "", MAX_DEPTH)?;
+            walk.visit(&root, "")?;
             return Ok(walk.found);
         }
         if atsplat_pickle::is_lfs_pointer(&file) {
@@ -180,6 +176,8 @@ impl StoredTensors {
 /// A walk through a checkpoint's objects, with limits.
 struct Walk {
     found: StoredTensors,
+    /// Objects that may still be visited: objects of a hostile file can be shared so that a walk along every path never ends.
+    /// Without sharing, each takes at least a byte.
     objects_left: usize,
     /// Bytes into which strided tensors may still be copied; others stay in the file's map.
     copies_left: usize,
@@ -189,8 +187,8 @@ struct Walk {
 }
 
 impl Walk {
-    /// Collects the tensors of a tensor or container at `path`.
-    fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), TensorError> {
+    /// Collects the tensors of a tensor or container at `path`. The depth is at most [`atsplat_pickle::MAX_DEPTH`].
+    fn visit(&mut self, value: &Value, path: &str) -> Result<(), TensorError> {
         let location = || format!("object {:?}", shortened(path));
         let dimensions = value.as_tensor().map_or(0, |tensor| tensor.shape().len());
         self.names_left =
@@ -204,36 +202,29 @@ impl Walk {
                 Some(_) => Err(Malformed::new(WHAT, location(), "a unique name", "two tensors").into()),
             };
         }
-        let Some(depth) = depth.checked_sub(1) else { return Ok(()) };
         for (position, item) in value.as_sequence().unwrap_or_default().iter().enumerate() {
-            self.visit_part(item, path, &position, depth)?;
+            self.visit_part(item, path, &position)?;
         }
         for (key, item) in value.as_dict().into_iter().flat_map(Dict::iter) {
             match key {
-                Key::Str(text) => self.visit_part(item, path, text, depth)?,
-                Key::Int(number) => self.visit_part(item, path, number, depth)?,
+                Key::Str(text) => self.visit_part(item, path, text)?,
+                Key::Int(number) => self.visit_part(item, path, number)?,
             }
         }
         Ok(())
     }
 
     /// Visits a part of the container at `path`. Numbers and texts are only counted: names are made for the others alone.
-    fn visit_part(
-        &mut self,
-        value: &Value,
-        path: &str,
-        key: &impl fmt::Display,
-        depth: usize,
-    ) -> Result<(), TensorError> {
+    fn visit_part(&mut self, value: &Value, path: &str, key: &impl fmt::Display) -> Result<(), TensorError> {
         self.objects_left = self.objects_left.checked_sub(1).ok_or_else(|| {
             let location = format!("object {:?}", shortened(path));
-            Malformed::new(WHAT, location, format!("at most {MAX_OBJECTS} objects"), "more")
+            Malformed::new(WHAT, location, "at most four objects for each byte of the file", "more")
         })?;
         if !matches!(value, Value::Tensor(_) | Value::List(_) | Value::Tuple(_) | Value::Dict(_)) {
             return Ok(());
         }
         let name = if path.is_empty() { key.to_string() } else { format!("{path}.{key}") };
-        self.visit(value, &name, depth)
+        self.visit(value, &name)
     }
 
     fn stored(&mut self, tensor: &Tensor, location: &str) -> Result<StoredTensor, TensorError> {

@@ -73,7 +73,7 @@ impl StoredTensor {
         Ok(values)
     }
 
-    /// The same values as f16, rounded to nearest even.
+    /// The same values as f16, rounded to nearest even; f64 by way of f32.
     ///
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
@@ -84,7 +84,7 @@ impl StoredTensor {
         })
     }
 
-    /// The same values as bf16, rounded to nearest even: the range of f32, three digits.
+    /// The same values as bf16, rounded to nearest even: the range of f32, three digits; f64 by way of f32.
     ///
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
@@ -102,11 +102,17 @@ impl StoredTensor {
         expected: &str,
         round: impl Fn(f32) -> (bool, [u8; 2]),
     ) -> Result<Self, TensorError> {
+        let values = self.to_f32()?;
+        let exact = if self.dtype == DType::F64 {
+            each(&self.bytes, f64::from_le_bytes)
+        } else {
+            values.iter().copied().map(f64::from).collect()
+        };
         let mut bytes = Vec::with_capacity(self.bytes.len());
-        for value in self.to_f32()? {
+        for (value, exact) in values.into_iter().zip(exact) {
             let (is_finite, rounded) = round(value);
-            if value.is_finite() && !is_finite {
-                return Err(Malformed::new(WHAT, "tensor", expected, value).into());
+            if exact.is_finite() && !is_finite {
+                return Err(Malformed::new(WHAT, "tensor", expected, format!("{exact:?}")).into());
             }
             bytes.extend_from_slice(&rounded);
         }
@@ -122,6 +128,10 @@ impl StoredTensor {
             let found = format!("{:?}", self.shape);
             return Err(Malformed::new(WHAT, "tensor to transpose", "two dimensions", found).into());
         };
+        // Without rows, the number of columns is not bounded by that of bytes.
+        if self.bytes.is_empty() {
+            return Self::new(self.dtype, vec![columns, rows], self.bytes.clone());
+        }
         let size = self.dtype.bytes();
         let mut bytes = Vec::with_capacity(self.bytes.len());
         for column in 0..columns {
@@ -154,7 +164,7 @@ impl StoredTensor {
     /// Parts concatenated along the first dimension.
     ///
     /// # Errors
-    /// [`TensorError::Malformed`] if their element types or other dimensions differ, or there are none.
+    /// [`TensorError::Malformed`] if their element types or other dimensions differ, there are none, or they have too many rows.
     pub fn joined(parts: &[&Self]) -> Result<Self, TensorError> {
         let fit =
             |a: &Self, b: &Self| a.dtype == b.dtype && !a.shape.is_empty() && a.shape.get(1..) == b.shape.get(1..);
@@ -163,7 +173,8 @@ impl StoredTensor {
             let expected = "parts of one type and width";
             return Err(Malformed::new(WHAT, "tensors to join", expected, found.join(", ")).into());
         };
-        let rows: usize = parts.iter().map(|part| part.shape[0]).sum();
+        let rows = parts.iter().try_fold(0usize, |rows, part| rows.checked_add(part.shape[0]));
+        let rows = rows.ok_or_else(|| Malformed::new(WHAT, "tensors to join", "fewer than 2⁶⁴ rows", "more"))?;
         let shape = [&[rows], &first.shape[1..]].concat();
         let bytes: Vec<u8> = parts.iter().flat_map(|part| part.bytes.iter().copied()).collect();
         Self::new(first.dtype, shape, SharedBytes::new(bytes))
@@ -182,60 +193,9 @@ impl fmt::Debug for StoredTensor {
     }
 }
 
-fn each<const N: usize>(bytes: &[u8], read: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+fn each<const N: usize, T>(bytes: &[u8], read: impl Fn([u8; N]) -> T) -> Vec<T> {
     bytes.as_chunks::<N>().0.iter().map(|element| read(*element)).collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use atsplat_numeric::Tolerance;
-
-    fn counted(shape: &[usize]) -> StoredTensor {
-        let values: Vec<f32> = (0u16..).map(f32::from).take(shape.iter().product()).collect();
-        StoredTensor::from_f32(shape.to_vec(), &values).unwrap()
-    }
-
-    fn assert_values(tensor: &StoredTensor, expected: &[f64]) {
-        Tolerance::EXACT.assert(
-            tensor.to_f32().unwrap().into_iter().map(f64::from),
-            expected.iter().copied(),
-            "values",
-        );
-    }
-
-    #[test]
-    fn tensors_are_transposed_split_and_joined() {
-        assert_values(&counted(&[2, 3]).transposed().unwrap(), &[0.0, 3.0, 1.0, 4.0, 2.0, 5.0]);
-        assert!(counted(&[6]).transposed().is_err());
-        let whole = counted(&[4, 2]);
-        let (first, second) = (whole.part(0, 2).unwrap(), whole.part(1, 2).unwrap());
-        assert_eq!(second.shape(), [2, 2]);
-        assert_values(&second, &[4.0, 5.0, 6.0, 7.0]);
-        assert_eq!(StoredTensor::joined(&[&first, &second]).unwrap().bytes(), whole.bytes());
-        for (part, count) in [(0, 3), (2, 2), (0, 0)] {
-            assert!(whole.part(part, count).is_err(), "{part} of {count}");
-        }
-        assert!(StoredTensor::from_f32(vec![], &[1.0]).unwrap().part(0, 1).is_err(), "a scalar has no parts");
-        assert!(StoredTensor::joined(&[]).is_err());
-        assert!(StoredTensor::joined(&[&counted(&[2, 2]), &counted(&[2, 3])]).is_err());
-        assert!(StoredTensor::joined(&[&first, &second.to_f16().unwrap()]).is_err());
-    }
-
-    #[test]
-    fn converts_every_floating_point_type() {
-        let tensor = |dtype, bytes: &[u8]| StoredTensor::new(dtype, vec![1], SharedBytes::new(bytes.to_vec()));
-        assert_values(&tensor(DType::F16, &[0x00, 0xc0]).unwrap(), &[-2.0]);
-        assert_values(&tensor(DType::Bf16, &[0x20, 0xc1]).unwrap(), &[-10.0]);
-        assert_values(&tensor(DType::F64, &0.5f64.to_le_bytes()).unwrap(), &[0.5]);
-        assert!(tensor(DType::I64, &[0; 8]).unwrap().to_f32().is_err());
-        assert!(tensor(DType::F32, &[0; 5]).is_err(), "five bytes are not an f32");
-        assert!(StoredTensor::new(DType::U8, vec![usize::MAX, 2], SharedBytes::new(vec![])).is_err());
-        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_f16().is_err(), "beyond the range of f16");
-        assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_f16().unwrap(), &[65504.0]);
-        // 257 and 259 lie half-way between values with eight significant bits and round to even.
-        let brain = StoredTensor::from_f32(vec![3], &[257.0, 259.0, -1e30]).unwrap().to_bf16().unwrap();
-        assert_values(&brain, &[256.0, 260.0, f64::from(bf16::from_f32(-1e30).to_f32())]);
-        assert!(StoredTensor::from_f32(vec![1], &[f32::MAX]).unwrap().to_bf16().is_err(), "rounds to infinity");
-    }
-}
+mod tests;

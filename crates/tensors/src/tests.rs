@@ -120,6 +120,26 @@ fn names_of_repeated_references_are_bounded_by_the_file() {
     assert!(read(checkpoint(&key, &with_a_number, 4096)).unwrap().tensors.is_empty());
 }
 
+/// Lists of lists, with a tensor in the innermost.
+#[test]
+fn tensors_are_found_at_any_depth() {
+    let nested = [&b"](".repeat(20)[..], TENSOR, &b"e".repeat(20)].concat();
+    let read = StoredTensors::parse(shared(checkpoint("k", &nested, 1))).unwrap();
+    assert_eq!(read.tensors.keys().collect::<Vec<_>>(), [&format!("k{}", ".0".repeat(21))]);
+}
+
+/// A list of numbers beside a tensor, which may be long, but not shared by many references.
+#[test]
+fn visited_objects_are_bounded_by_the_file() {
+    let read = |item: &[u8], count| StoredTensors::parse(shared(checkpoint("k", item, count)));
+    let numbers = |count| b"K\x05".repeat(count);
+    let long = read(&[b"](", TENSOR, &numbers(1 << 20), b"e"].concat(), 1).unwrap();
+    assert_eq!(long.tensors.keys().collect::<Vec<_>>(), ["k.0.0"]);
+    // `0` discards the tensor, so that only the numbers are shared.
+    let error = read(&[TENSOR, b"0](", &numbers(4096), b"e"].concat(), 512).unwrap_err().to_string();
+    assert!(error.contains("at most four objects for each byte of the file"), "{error}");
+}
+
 /// The folder of a training run is given in place of the weights in it.
 #[test]
 fn a_folder_is_no_weights_file() {

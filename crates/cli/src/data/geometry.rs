@@ -5,7 +5,8 @@ use atsplat_scene::{Dataset, Warnings};
 #[cfg(feature = "opencv")]
 pub(super) use atsplat_opencv::GeometryCheck as GeometryReport;
 
-/// Checks at most `max_scenes` scenes, evenly spread over the dataset, one after the other: OpenCV has its own threads.
+/// Checks at most `max_scenes` scenes, at least 1, evenly spread over the dataset, one after the other: OpenCV has its own
+/// threads.
 #[cfg(feature = "opencv")]
 pub(super) fn check(
     dataset: &Dataset,
@@ -18,7 +19,7 @@ pub(super) fn check(
     use atsplat_scene::{SceneSource as _, WarningKind};
 
     let keys = dataset.keys();
-    let step = keys.len().div_ceil(max_scenes.max(1)).max(1);
+    let step = keys.len().div_ceil(max_scenes).max(1);
     let limits = DecodeLimits::default();
     let mut options = GeometryCheckOptions::default();
     if !pairs.is_empty() {

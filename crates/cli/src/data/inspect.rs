@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::geometry::{self, GeometryReport};
 use super::simulate::PLAN;
 use crate::dataset_args::DatasetArgs;
+use crate::objects::check_reading;
 use crate::print::{print_report, warn};
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
@@ -33,8 +34,8 @@ pub(crate) struct Args {
     check_geometry: bool,
 
     /// Scenes whose geometry is checked, evenly spread over the dataset.
-    #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry")]
-    check_scenes: usize,
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry", value_parser = clap::value_parser!(u16).range(1..))]
+    check_scenes: u16,
 
     /// Frame pairs to compare in each of them, for example `9:126,0:40`; by default pairs spread over the scene.
     #[arg(long, value_name = "A:B,…", value_delimiter = ',', value_parser = frame_pair, requires = "check_geometry")]
@@ -55,6 +56,10 @@ struct Report {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    #[cfg(not(feature = "opencv"))]
+    if args.check_geometry {
+        return Err(super::needs_opencv("--check-geometry"));
+    }
     let mut warnings = Warnings::new();
     let dataset = args.dataset.open(&mut warnings)?;
     let options = InspectOptions {
@@ -66,10 +71,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     drop(progress);
     let mut geometry_warnings = Warnings::new();
     let geometry = if args.check_geometry {
-        geometry::check(&dataset, args.check_scenes, &args.pairs, &mut geometry_warnings)?
+        geometry::check(&dataset, args.check_scenes.into(), &args.pairs, &mut geometry_warnings)?
     } else {
         Vec::new()
     };
+    check_reading()?;
     let (complete, read) = (inspection.is_complete(), inspection.scenes.read);
     print_report(&Report { inspection, geometry }, args.json)?;
     print_warnings(&geometry_warnings);

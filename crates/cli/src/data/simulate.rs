@@ -9,10 +9,10 @@ use atsplat_camera::ImageSize;
 use atsplat_files::FolderLock;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    CostSummary, EffectChoice, EffectKind, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request,
-    Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+    CostSummary, EffectChoice, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request, Route,
+    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
+use atsplat_scene::{Scene, SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::{Deserialize, Serialize};
 
 use crate::output_lock::OutputLock;
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "WxH")]
     size: Option<ImageSize>,
 
-    /// Rays per pixel; a multiple of 4 is recommended, because soft shadows test the quarters of each lamp in turn.
+    /// Rays per pixel.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
@@ -65,7 +65,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto")]
     effects: EffectChoice,
 
-    /// Follow the cameras of this dataset, from a place with enough room.
+    /// Follow the cameras of this dataset, from a place with enough room. If their aspect ratio is known and differs from that
+    /// of --size, they show more or less at the sides.
     #[arg(long, value_name = "DATA")]
     route: Option<PathBuf>,
 
@@ -123,9 +124,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let _lock = lock_empty(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
-    if let Some(message) = uneven_shadows(args.samples, &args.effects) {
-        warn(&message);
-    }
     let requests = args.requests(&mut warnings)?;
     let plan = Plan::write(&args.out, &requests)?;
     let progress = Progress::new("scenes", requests.len());
@@ -190,7 +188,10 @@ impl Args {
             let (path, key) = (path.display(), &scene.key);
             note(&format!("{path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
         }
-        Ok(Route::of_scene(&scene, dataset.times()))
+        if let Some(message) = stretched(&scene, self.size()) {
+            warn(&format!("{}: scene {}: {message}", path.display(), scene.key));
+        }
+        Ok(Route::of_scene(&scene, dataset.times(), self.size()))
     }
 
     fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Option<FrameCosts>> {
@@ -199,16 +200,17 @@ impl Args {
     }
 }
 
-/// The warning for a number of rays whose shadow rays do not test all quarters of a lamp equally often.
-fn uneven_shadows(samples: u32, effects: &EffectChoice) -> Option<String> {
-    let shadowed = match effects {
-        EffectChoice::Auto | EffectChoice::All => true,
-        EffectChoice::None => false,
-        EffectChoice::Only(kinds) => kinds.contains(&EffectKind::SoftShadows),
-    };
-    (shadowed && !samples.is_multiple_of(4)).then(|| {
-        format!("--samples {samples} is not a multiple of 4: soft shadows test the parts of each lamp unequally")
-    })
+/// The warning for a route whose pixels are not square in images of `size`. Where the size of its own images is known, pixels
+/// keep their shape.
+fn stretched(scene: &Scene, size: ImageSize) -> Option<String> {
+    let unknown = scene.frames.iter().filter(|frame| frame.has_pose() && frame.stated_size.is_none());
+    let mut intrinsics = unknown.map(|frame| frame.camera.intrinsics.pixel_from_normalized(size));
+    let k = intrinsics.find(|k| (k.fx / k.fy - 1.0).abs() > 0.01)?;
+    Some(format!(
+        "pixels are not square: focal lengths at {size} are {:.1} and {:.1} pixels; choose --size with the aspect ratio of the \
+         route's images",
+        k.fx, k.fy
+    ))
 }
 
 /// Creates and locks the folder, and rejects one that is not empty: files of an earlier dataset would mix with the new ones.
@@ -319,21 +321,25 @@ fn numbers(text: &str) -> Result<Range<u32>, String> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_scene::{Frame, FrameImage};
+
     use super::*;
 
     #[test]
-    fn samples_that_test_parts_of_lamps_unequally_are_warned_of() {
-        let shadows = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::SoftShadows]);
-        for effects in [EffectChoice::Auto, EffectChoice::All, shadows] {
-            for samples in [1, 2, 6, 255] {
-                let message = uneven_shadows(samples, &effects).unwrap();
-                assert!(message.starts_with(&format!("--samples {samples} is not a multiple of 4: ")), "{message}");
-            }
-            assert_eq!([4, 8, 256].map(|samples| uneven_shadows(samples, &effects)), [None, None, None]);
-        }
-        for effects in [EffectChoice::None, EffectChoice::Only(vec![EffectKind::MotionBlur])] {
-            assert_eq!(uneven_shadows(1, &effects), None, "without shadows nothing is uneven");
-        }
+    fn a_route_of_unknown_size_whose_pixels_become_oblong_is_warned_of() {
+        let intrinsics = NormalizedIntrinsics::new(0.48, 0.86, 0.5, 0.5).unwrap();
+        let scene = |stated_size| {
+            let camera = Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics);
+            let (name, image) = ("0".to_owned(), FrameImage::Absent);
+            let frame = Frame { name, timestamp_micros: None, camera, stated_size, image };
+            Scene { key: "route".to_owned(), url: None, frames: vec![frame] }
+        };
+        let [wide, square] = [(640, 360), (256, 256)].map(|(width, height)| ImageSize { width, height });
+        assert_eq!(stretched(&scene(None), wide), None);
+        assert_eq!(stretched(&scene(Some(wide)), square), None);
+        let message = stretched(&scene(None), square).unwrap();
+        assert!(message.contains("focal lengths at 256×256 are 122.9 and 220.2 pixels"), "{message}");
     }
 
     #[test]

@@ -44,11 +44,13 @@ pub(crate) use with_opencv::run;
 mod with_opencv {
     use std::fmt;
 
-    use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene};
+    use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene, undistorted_files};
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
 
     use super::{Args, Mode};
+    use crate::output_lock::OutputLock;
+    use crate::overwrite::{Input, check_output, check_outputs, photos};
     use crate::paths::NewFolders;
     use crate::print::print_report;
     use crate::progress::Progress;
@@ -74,9 +76,14 @@ mod with_opencv {
             Mode::KeepK => UndistortMode::KeepK,
             Mode::LongLrm => UndistortMode::LongLrm,
         };
-        let _folders = NewFolders::of(&args.out)?;
         let mut warnings = Warnings::new();
         let dataset = args.dataset.open(&mut warnings)?;
+        // Before anything is written: the key of a capture is its folder's name, so that its own folder may be that of the output.
+        for key in dataset.keys().iter().filter(|key| is_plain_name(key)) {
+            let cameras = args.out.join(key).join("transforms.json");
+            check_output("--out", &cameras, &[Input::Dataset(&args.dataset.data)])?;
+        }
+        let _lock = OutputLock::of(&args.out)?;
         let mut report = Report { written: 0, skipped: 0 };
         for key in dataset.keys() {
             let loaded = if is_plain_name(key) {
@@ -88,6 +95,7 @@ mod with_opencv {
                 Ok(scene) => {
                     let progress = Progress::new("frames", scene.frames.len());
                     let folder = args.out.join(key);
+                    check_outputs("--out", undistorted_files(&scene, &folder), photos(&scene.frames))?;
                     // A scene that is skipped leaves no empty folder.
                     let _folders = NewFolders::of(&folder.join("images"))?;
                     match undistort_scene(&scene, mode, &folder, &mut warnings, &|| progress.step()) {

@@ -6,7 +6,7 @@ use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare};
 
 use super::{Args, recipe};
 use crate::exit::Exit;
-use crate::print::print_report;
+use crate::print::{print_report, warn};
 use crate::provenance;
 
 pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Result<Exit> {
@@ -14,19 +14,26 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     let baseline = Baseline::read(baseline_path)?;
     let probe = if args.no_probe { None } else { baseline.read_probe(baseline_path)? };
     anyhow::ensure!(requested.is_none() || probe.is_some(), "--probe: the baseline has no probe; accept one first");
+    let plot = args.history.open()?;
     let results = Results::read(&args.cache.store(store)?)?;
     let report = compare(&results, &baseline);
     let report = match probe {
         None => report,
         Some((recipe, outputs)) => with_probe(report, &baseline, &requested.unwrap_or(recipe), &outputs),
     };
-    args.history.draw(&baseline, &results, &report)?;
     print_report(&report, args.json)?;
-    Ok(match report.verdict {
+    let drawn = plot.map_or(Ok(()), |plot| args.history.draw(plot, &baseline, &results, &report));
+    let exit = match report.verdict {
         Verdict::Same | Verdict::Within => Exit::Done,
         Verdict::Nothing => Exit::Failed,
         Verdict::Drifted => Exit::Drifted,
-    })
+    };
+    match drawn {
+        // What drifted is worse than a plot that is missing.
+        Err(error) if exit == Exit::Drifted => warn(&format!("{error:#}")),
+        drawn => drawn?,
+    }
+    Ok(exit)
 }
 
 /// Runs the stages on this machine, regardless of the machine of the results.

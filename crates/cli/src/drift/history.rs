@@ -5,7 +5,8 @@ use atsplat_eval::Results;
 use atsplat_eval::drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::plot_data::drift_plot;
 
-use crate::plot::PlotFile;
+use crate::parse;
+use crate::plot::{PendingPlot, PlotFile};
 use crate::print::print_status;
 
 #[derive(Debug, clap::Args)]
@@ -24,20 +25,31 @@ pub(super) struct HistoryArgs {
     method: Option<String>,
 
     /// Metric that --history plots.
-    #[arg(long, value_name = "ID", requires = "history")]
+    #[arg(long, value_name = "ID", requires = "history", value_parser = parse::metric)]
     metric: Option<String>,
 }
 
 impl HistoryArgs {
-    /// Draws the requested plot, if any.
-    pub(super) fn draw(&self, baseline: &Baseline, results: &Results, report: &DriftReport) -> anyhow::Result<()> {
-        let Some(file) = &self.history else { return Ok(()) };
+    /// The requested plot, if any; fails before the comparison if its file cannot be written.
+    pub(super) fn open(&self) -> anyhow::Result<Option<PendingPlot>> {
+        self.history.as_ref().map(PlotFile::open).transpose()
+    }
+
+    /// Draws the requested plot.
+    pub(super) fn draw(
+        &self,
+        plot: PendingPlot,
+        baseline: &Baseline,
+        results: &Results,
+        report: &DriftReport,
+    ) -> anyhow::Result<()> {
         let histories = histories(baseline, results, report);
         let selected = self.selected(&histories).with_context(|| self.not_found(&histories))?;
         let NumberHistory { preset, method, metric, .. } = selected;
         let drawing = drift_plot(selected).with_context(|| format!("unknown metric {metric}"))?;
-        file.open()?.finish(|format| drawing.encode(format))?;
-        print_status(&format!("{metric} of {method} under {preset} written to {}", file.path().display()));
+        plot.finish(|format| drawing.encode(format))?;
+        let file = self.history.as_ref().map(|file| file.path().display().to_string()).unwrap_or_default();
+        print_status(&format!("{metric} of {method} under {preset} written to {file}"));
         Ok(())
     }
 

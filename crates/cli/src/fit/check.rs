@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
-use atsplat_fit::Fit;
+use atsplat_fit::{Fit, Strategy};
 use atsplat_scene::Frame;
 
 use super::Args;
@@ -12,6 +12,7 @@ use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse;
 use crate::paths::{PendingFile, canonical_path};
 use crate::print::note;
+use crate::requirements::{Requirement, check_all};
 
 /// The files of --plots.
 const PLOTS: [&str; 3] = ["learning-curve.svg", "learning-curve.png", "contact-sheet.png"];
@@ -19,9 +20,27 @@ const PLOTS: [&str; 3] = ["learning-curve.svg", "learning-curve.png", "contact-s
 impl Args {
     pub(super) fn check(&self) -> anyhow::Result<()> {
         self.start.check()?;
+        self.check_requirements().map_err(parse::usage_error)?;
         self.check_results()?;
         self.check_inputs()?;
         self.check_checkpoint()
+    }
+
+    fn check_requirements(&self) -> Result<(), String> {
+        let optimisation = &self.optimisation;
+        let is_adaptive = matches!(optimisation.strategy, Some(Strategy::Gaussians3d | Strategy::MipSplatting));
+        check_all(&[
+            Requirement {
+                options: &[("--absolute-gradients", optimisation.absolute_gradients)],
+                requires: "--strategy 3dgs or mip-splatting",
+                satisfied: is_adaptive,
+            },
+            Requirement {
+                options: &[("--start points", self.start.is_points())],
+                requires: "DATA on this machine, or a folder with a points3D file in place of points",
+                satisfied: atsplat_objects::url(&self.input.data).is_none(),
+            },
+        ])
     }
 
     /// Next to the Gaussians.
@@ -59,7 +78,7 @@ impl Args {
         checkpoint.map_or(Ok(()), |file| check_output("--checkpoint", file, &inputs))
     }
 
-    /// Rejects a checkpoint that would overwrite a file of another kind.
+    /// Rejects a checkpoint that would overwrite a file of another kind, or the state of another run.
     fn check_checkpoint(&self) -> anyhow::Result<()> {
         let Some(checkpoint) = self.checkpoint.as_deref() else { return Ok(()) };
         let shown = checkpoint.display();
@@ -74,6 +93,10 @@ impl Args {
         ensure!(
             is_checkpoint,
             "--checkpoint: {shown} is not a checkpoint written by `atsplat fit`; choose another file"
+        );
+        ensure!(
+            self.resume,
+            "--checkpoint: {shown} is the state of a run; --resume continues it, otherwise choose another file or remove it"
         );
         Ok(())
     }

@@ -50,7 +50,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", requires = "held_out", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 
-    /// File for the state of the run, from which --resume continues; a file of another kind is not overwritten.
+    /// File for the state of the run, from which --resume continues; without it, an existing file is not overwritten.
     #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
     checkpoint: Option<PathBuf>,
 

@@ -27,7 +27,7 @@ pub(super) struct StartArgs {
     #[arg(long, value_name = "NEAR,FAR", conflicts_with = "refine", value_parser = depths)]
     depths: Option<[f64; 2]>,
 
-    /// Read opacities of the file to start from as opacities, not logits, as written by the exporters of pixelSplat and
+    /// Read opacities of the PLY file to start from as opacities, not logits, as written by the exporters of pixelSplat and
     /// NoPoSplat. Files of pixelSplat's and DepthSplat's exporters are also rotated and scaled, and have no harmonics.
     #[arg(long, conflicts_with = "refine")]
     opacities_as_stored: bool,
@@ -71,6 +71,11 @@ impl StartArgs {
     /// What is read unless a network makes the start: a file or a folder, if there is one of this name.
     pub(super) fn path(&self) -> Option<&Path> {
         self.refine.is_none().then(|| Path::new(&self.start))
+    }
+
+    /// Whether the start are the points of DATA.
+    pub(super) fn is_points(&self) -> bool {
+        self.refine.is_none() && matches!(self.start.parse::<Start>(), Ok(Start::Points))
     }
 
     /// For the record, with the weights of a refinement: another file may have had their path before.

@@ -9,6 +9,7 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::ImageArgs;
+use crate::objects::check_reading;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output};
 use crate::parse;
@@ -67,6 +68,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = rule.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
+    check_reading()?;
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }

@@ -7,6 +7,7 @@ use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 
 use crate::dataset_args::ImageArgs;
+use crate::objects::check_reading;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output};
 use crate::paths::PendingFile;
@@ -65,6 +66,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         None => IndexMap::new(),
     };
+    check_reading()?;
     let split = Extrapolation {
         margin: args.margin,
         placement: if args.keep_windows { Placement::Keep } else { Placement::Shift },

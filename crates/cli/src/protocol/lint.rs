@@ -5,6 +5,7 @@ use atsplat_protocol::{DatasetCheck, FullLint, IndexFile, LintOptions, Preset, P
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
+use crate::objects::check_reading;
 use crate::parse;
 use crate::print::{print_report, warn};
 use crate::warnings::print_warnings;
@@ -50,6 +51,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         options.dataset = Some(DatasetCheck::of(dataset, preset));
     }
     let lint = lint_file(&file, &options, &mut warnings);
+    check_reading()?;
     let against = match &args.against {
         Some(path) => Some(compare(&file.index, &IndexFile::read(path).context("reading the second index")?.index)),
         None => None,

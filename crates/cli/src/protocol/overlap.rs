@@ -9,6 +9,7 @@ use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
+use crate::objects::check_reading;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output};
 use crate::parse;
@@ -94,6 +95,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let estimator = &args.estimator;
         let dataset = args.images.open(path, &mut warnings)?;
         let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
+        check_reading()?;
         index.clone_from(&found.index);
         measured = Some(found);
     } else if index.entries().all(|(.., entry)| entry.overlap.is_none()) {

@@ -69,7 +69,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
     let (processor, seed) = (args.network.device.processor, args.network.call_seed());
-    let device = processor.open().context("--device")?;
+    let processors = args.network.device.open_for_networks()?;
+    let device = processors.network().with_context(|| format!("--device {processor}"))?;
     let mut clock = Clock::default();
     args.check_outputs()?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
@@ -88,7 +89,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let gaussians = &reconstruction.gaussians;
     let (output, notes_of_output) = clock.time("writing", || args.write(gaussians, &photos))?;
-    let renders = clock.time("renders", || args.renders.render(gaussians, &photos))?;
+    let renders = clock.time("renders", || args.renders.render(gaussians, &photos, &processors.backend()))?;
     let subject = match weights.untrained() {
         Some(_) => format!("{} ({UNTRAINED})", source.config.name),
         None => source.config.name.clone(),

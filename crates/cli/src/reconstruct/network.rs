@@ -105,6 +105,11 @@ impl NetworkArgs {
                 requires: "--weights with a file (random weights have no hash)",
                 satisfied: is_file,
             },
+            Requirement {
+                options: &[("--context-size", self.context_size.is_some())],
+                requires: "--weights with a file (random weights were not trained at any size)",
+                satisfied: is_file,
+            },
         ])
     }
 

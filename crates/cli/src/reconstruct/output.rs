@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::expansion::study_trial;
+use atsplat_eval::method::Backend;
 use atsplat_eval::reconstruct::{
     GaussianFrame, PhotoSelection, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders,
 };
@@ -99,10 +100,15 @@ impl RenderArgs {
     }
 
     /// Renders the requested views.
-    pub(super) fn render(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<Option<RendersRecord>> {
+    pub(super) fn render(
+        &self,
+        gaussians: &Gaussians,
+        photos: &Photos,
+        backend: &Backend,
+    ) -> anyhow::Result<Option<RendersRecord>> {
         let Some(folder) = &self.renders else { return Ok(None) };
         let options = self.options(photos.trial().near_far())?;
-        Ok(Some(write_renders(folder, gaussians, photos, &options)?))
+        Ok(Some(write_renders(folder, gaussians, photos, &options, backend)?))
     }
 }
 

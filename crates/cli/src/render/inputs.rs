@@ -28,8 +28,8 @@ pub(crate) struct SceneArgs {
     #[arg(long, value_name = "POLICY", default_value = "import", value_parser = named(POLICIES))]
     clean: Cleaning,
 
-    /// Read stored opacities as opacities, not logits, as written by the exporters of pixelSplat and NoPoSplat. Files of
-    /// pixelSplat's and DepthSplat's exporters are also rotated and scaled, and have no harmonics.
+    /// Read stored opacities of a PLY file as opacities, not logits, as written by the exporters of pixelSplat and NoPoSplat. Files
+    /// of pixelSplat's and DepthSplat's exporters are also rotated and scaled, and have no harmonics.
     #[arg(long)]
     opacities_as_stored: bool,
 }

@@ -63,7 +63,9 @@ impl RenderSettingsArgs {
         }
         let in_order = constants.near < constants.far;
         if !in_order {
-            bail!("expected a near plane before the far plane, found {} and {}", constants.near, constants.far);
+            let RendererConstants { near, far, .. } = constants;
+            let text = format!("--near, --far: expected a near plane before the far plane, found {near} and {far}");
+            return Err(parse::usage_error(text).into());
         }
         Ok(constants)
     }

@@ -1,12 +1,15 @@
 //! `atsplat merge`: merges the shards of a run into one store.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::store::Merged;
 use atsplat_eval::{Results, RunReport};
+use serde::Serialize;
 
 use crate::objects::CacheArgs;
+use crate::parse::usage_error;
 use crate::print::{print_report, warn};
 
 #[derive(Debug, clap::Args)]
@@ -31,6 +34,22 @@ pub(crate) struct Args {
     json: bool,
 }
 
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report<'a> {
+    #[serde(flatten)]
+    run: RunReport,
+    /// Why the results are not those of the whole run; empty if they are.
+    partial: &'a [String],
+}
+
+impl fmt::Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.run, f)
+    }
+}
+
+/// Merges; `true` if no shard is missing and nothing was skipped or failed in any of them.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
     let merged =
@@ -42,14 +61,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let Merged { results, repeated, .. } = merged;
     let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write(folder)?))?;
     out.finish()?;
-    print_report(&RunReport::of(&results, None, &args.out), args.json)?;
+    let run = RunReport::of(&results, None, &args.out);
+    print_report(&Report { run, partial: &reasons }, args.json)?;
     for reason in &reasons {
         warn(&format!("the results are partial: {reason}"));
     }
     if repeated > 0 {
         warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));
     }
-    Ok(reasons.is_empty())
+    Ok(reasons.is_empty() && results.gaps().is_empty())
 }
 
 fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {
@@ -64,7 +84,8 @@ pub(crate) fn reject_duplicates(stores: &[PathBuf]) -> anyhow::Result<()> {
         // A missing store is reported when it is read.
         let place = store.canonicalize().unwrap_or_else(|_| store.clone());
         if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
-            bail!("{} is the same store as {}: name each store once", store.display(), first.display());
+            let (store, first) = (store.display(), first.display());
+            return Err(usage_error(format!("{store} is the same store as {first}: name each store once")).into());
         }
         seen.push((place, store));
     }

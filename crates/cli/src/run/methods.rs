@@ -12,6 +12,7 @@ use atsplat_eval::method::{
 };
 use atsplat_splat::RasterMode;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
+use clap::builder::RangedU64ValueParser;
 
 use crate::parse;
 use crate::print::warn;
@@ -28,7 +29,7 @@ pub(super) struct MethodArgs {
     network: NetworkArgs,
 
     /// Maximum number of Gaussians of 3dgs, mip-splatting and mcmc; MCMC grows towards it. By default 100000.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<usize>::new().range(4..))]
     max_gaussians: Option<usize>,
 
     /// Seconds that a process of exec may take to start, and for each trial; after them it is killed, and a new one is
@@ -150,6 +151,11 @@ impl MethodArgs {
                 requires: "a method with a network or Gaussians (images are compared on the CPU)",
                 satisfied: renders,
             },
+            Requirement {
+                options: &[self.network.device.option()],
+                requires: "a method with a network, or no --backend: nothing else runs there",
+                satisfied: networks || self.gaussians.renders_on_device(),
+            },
         ]);
         let checked = requirements.and_then(|()| self.network.check());
         checked.and_then(|()| self.gaussians.check_tolerance()).map_err(parse::usage_error)
@@ -235,6 +241,11 @@ impl GaussianArgs {
     /// Options about folders of Gaussians alone.
     fn options_of_imports(&self) -> [GivenOption; 2] {
         [("--ply-frame", self.ply_frame.is_some()), ("--setting", self.setting.is_some())]
+    }
+
+    /// Whether Gaussians are rendered where --device says.
+    pub(super) const fn renders_on_device(&self) -> bool {
+        matches!(self.backend, None | Some(BackendArg::Gpu))
     }
 
     /// All options, of which images alone need none.

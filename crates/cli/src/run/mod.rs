@@ -29,6 +29,7 @@ use settings::{SettingArgs, TimingArgs};
 // The protocols come first.
 #[derive(Debug, clap::Args)]
 #[command(
+    mut_arg("seed", |seed| seed.help(SEED)),
     override_usage = "atsplat run <PRESET|FILE>… --data <PATH> --method <METHOD>… --out <STORE> [OPTIONS]",
     after_help = AFTER_HELP
 )]
@@ -51,6 +52,9 @@ pub(crate) struct Args {
     timing: TimingArgs,
 }
 
+const SEED: &str =
+    "Seed of optimisations (start, order of views, density control) and of random token selection. By default 0";
+
 const AFTER_HELP: &str = "\
 Methods:
   nearest-view, warp     Baselines
@@ -67,6 +71,7 @@ stop the others.";
 
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.protocols.check()?;
     let methods = args.methods.concat();
     args.sources.check(&methods)?;
     let methods = args.sources.load(&methods)?;

@@ -44,6 +44,11 @@ pub(crate) struct ProtocolArgs {
 }
 
 impl ProtocolArgs {
+    /// Rejects a protocol that is given twice, before anything is read.
+    pub(crate) fn check(&self) -> Result<(), clap::Error> {
+        parse::once("the protocols", &self.presets).map_err(parse::usage_error)
+    }
+
     /// The data, if they are in object storage.
     pub(crate) fn remote(&self) -> anyhow::Result<Option<Arc<RemoteData>>> {
         self.cache().dataset(&self.data)

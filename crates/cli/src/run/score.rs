@@ -57,6 +57,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.protocols.check()?;
     let requirements = check_all(&[
         Requirement {
             options: &args.gaussians.options(),
@@ -67,6 +68,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             options: &[args.device.option()],
             requires: "--ply (images are compared on the CPU)",
             satisfied: args.ply.is_some(),
+        },
+        Requirement {
+            options: &[args.device.option()],
+            requires: "no --backend: nothing else runs there",
+            satisfied: args.gaussians.renders_on_device(),
         },
     ]);
     requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;

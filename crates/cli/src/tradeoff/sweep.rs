@@ -9,7 +9,7 @@ use atsplat_eval::{GapKind, Results};
 use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
-use crate::objects::RemoteData;
+use crate::objects::check_reading;
 use crate::parse::usage_error;
 use crate::print::{print_report, warn};
 use crate::progress::Progress;
@@ -41,6 +41,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.protocols.check()?;
     args.network.check().map_err(usage_error)?;
     let reading = || format!("reading {}", args.sweep.display());
     let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
@@ -58,7 +59,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         let plan = plan(args, &suite, part);
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
         let (results, _) = runner::run(&plan, store, &|| progress.step())?;
-        RemoteData::check(remote.as_ref())?;
+        check_reading()?;
         let results = name_urls(args.settings.out(), results)?;
         is_empty_shard &= plan.is_shard_without_trials(&results);
         if let Some(why) = plan.nothing_evaluated(&results) {

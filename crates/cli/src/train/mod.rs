@@ -28,7 +28,7 @@ pub(crate) struct Args {
     config: PathBuf,
 
     /// Folder of the run: checkpoints, weights (as f16), logs, learning curve, contact sheet.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
 
     /// Resume the run in DIR, on the device where it began.

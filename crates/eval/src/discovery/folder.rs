@@ -1,25 +1,22 @@
 //! Finds every dataset in a folder, and every protocol that fits it.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::name_of;
 use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
-use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
     Format, Frame, ImageFolder, NerfstudioOptions, OpenOptions, SceneError, SceneSource, WarningKind, Warnings,
     open_with,
 };
 use serde::Serialize;
 
+use super::search::{DatasetOnDisk, Search};
 use crate::EvalError;
 use crate::runner::{Dataset, IndexFolder, PlannedIndex};
 use crate::sources::AlreadyCropped;
 
-/// Maximum depth of the search.
-const MAX_DEPTH: usize = 4;
 /// Downscaling factors of a capture's image copies.
 const DOWNSCALES: [u32; 3] = [8, 4, 2];
 
@@ -60,15 +57,6 @@ pub struct NotRun {
     pub why: String,
 }
 
-/// A dataset on disk.
-struct DatasetOnDisk {
-    path: PathBuf,
-    format: Format,
-    source: Arc<dyn SceneSource>,
-    /// What was found when it was opened.
-    opening: Warnings,
-}
-
 /// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
 ///
 /// # Errors
@@ -79,9 +67,8 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         let found = folder.display().to_string();
         return Err(EvalError::Settings { what: "data", expected: "a folder".to_owned(), found });
     }
-    let mut found = DiscoveredDatasets::default();
-    let mut on_disk = Vec::new();
-    search(folder, 0, &mut on_disk, &mut found.not_run);
+    let Search { datasets: mut on_disk, not_run, .. } = Search::of(folder);
+    let mut found = DiscoveredDatasets { not_run, ..DiscoveredDatasets::default() };
     if on_disk.is_empty() && found.not_run.is_empty() {
         let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
@@ -96,54 +83,6 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         add_protocols(&indices, dataset, &mut found, warnings)?;
     }
     Ok(found)
-}
-
-/// Collects the dataset in a folder and those below it. The scene folders of a dataset are not searched, since its
-/// scenes would be found twice; other folders next to them are.
-fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: &mut Vec<NotRun>) {
-    let mut broken = |why: String| not_run.push(NotRun { what: folder.display().to_string(), why });
-    let mut folders: Vec<PathBuf> = match folder.read_dir() {
-        Ok(entries) => entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()).collect(),
-        Err(error) => return broken(format!("cannot be read: {error}")),
-    };
-    folders.sort();
-    let mut opening = Warnings::new();
-    let dataset = match open_with(folder, &OpenOptions::default(), &mut opening) {
-        Ok(dataset) => Some(dataset),
-        Err(SceneError::Unrecognized { .. }) => None,
-        Err(error) => {
-            broken(error.to_string());
-            None
-        }
-    };
-    if let Some(dataset) = dataset {
-        let (path, format) = (folder.to_owned(), dataset.format);
-        let source: Arc<dyn SceneSource> = Arc::new(dataset);
-        let has_images = has_images(source.as_ref()).unwrap_or_else(|error| {
-            broken(format!("its scenes cannot be read: {error}"));
-            false
-        });
-        if has_images {
-            let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
-            // DL3DV's scenes are one level deeper, in the folders of its subsets.
-            let contains_scene = |path: &PathBuf| {
-                let mut below = scenes.iter().filter_map(|key| key.strip_prefix(SUBSET_PREFIX));
-                below.any(|name| path.join(name).is_dir())
-            };
-            let is_part = |path: &PathBuf| {
-                let name = path.file_name().and_then(|name| name.to_str());
-                name.is_some_and(|name| scenes.contains(name)) || contains_scene(path)
-            };
-            let is_collection = folders.iter().any(is_part);
-            folders.retain(|path| is_collection && !is_part(path));
-            found.push(DatasetOnDisk { path, format, source: Arc::clone(&source), opening });
-        }
-    }
-    if depth < MAX_DEPTH {
-        for folder in &folders {
-            search(folder, depth + 1, found, not_run);
-        }
-    }
 }
 
 /// Scenes next to those of a dataset are not ignored if they were found as another dataset.
@@ -312,11 +251,6 @@ fn is_empty(index: &EvaluationIndex) -> bool {
     index.entries().next().is_none()
 }
 
-/// Whether any scene has an image file.
-fn has_images(source: &dyn SceneSource) -> Result<bool, SceneError> {
-    Ok(first_readable(source, |_, _, _| Ok(()))?.is_some())
-}
-
 /// Size of the first scene's first image; of later scenes if that cannot be read. `None` if there are no images.
 fn image_size(source: &dyn SceneSource) -> Result<Option<ImageSize>, SceneError> {
     first_readable(source, Frame::size)
@@ -324,7 +258,7 @@ fn image_size(source: &dyn SceneSource) -> Result<Option<ImageSize>, SceneError>
 
 /// What `read` returns for the first image of the first scene that can be read. `None` if no scene has an image; the first error
 /// if none of them can be read.
-fn first_readable<T>(
+pub(super) fn first_readable<T>(
     source: &dyn SceneSource,
     read: impl Fn(&Frame, &str, usize) -> Result<T, SceneError>,
 ) -> Result<Option<T>, SceneError> {
@@ -344,10 +278,10 @@ fn first_readable<T>(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn capture(folder: &Path) {
+    pub(in super::super) fn capture(folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
         let image = atsplat_pixels::ImageU8::new(2, 2, vec![9; 12]).unwrap();
         std::fs::write(folder.join("0.png"), atsplat_pixels::encode_png(&image).unwrap()).unwrap();
@@ -385,20 +319,6 @@ mod tests {
         assert_eq!(photos.source.load(key, &mut Warnings::new()).unwrap().frames.len(), 12);
     }
 
-    #[test]
-    fn finds_every_scene_once_at_any_depth() {
-        let root = tempfile::tempdir().unwrap();
-        for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
-            capture(&root.path().join(scene));
-        }
-        let (mut found, mut not_run) = (Vec::new(), Vec::new());
-        search(root.path(), 0, &mut found, &mut not_run);
-        let mut keys: Vec<String> = found.iter().flat_map(|dataset| dataset.source.keys().to_vec()).collect();
-        keys.sort();
-        assert_eq!(keys, ["a", "b", "c", "d"]);
-        assert!(not_run.is_empty(), "{not_run:?}");
-    }
-
     /// Next to the captures are a folder of images without cameras, which nothing reads, and another dataset, which is read.
     #[test]
     fn what_opening_a_dataset_leaves_out_is_passed_on_unless_it_is_found_by_itself() {
@@ -411,8 +331,7 @@ mod tests {
         }
         let trajectory = "https://example.org\n0 1 1 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
         std::fs::write(root.path().join("clip/clip.txt"), trajectory).unwrap();
-        let mut on_disk = Vec::new();
-        search(root.path(), 0, &mut on_disk, &mut Vec::new());
+        let mut on_disk = Search::of(root.path()).datasets;
         let ignored = |on_disk: &[DatasetOnDisk]| -> Vec<String> {
             let kept = on_disk.iter().flat_map(|dataset| dataset.opening.kept());
             kept.filter(|warning| warning.kind == WarningKind::IgnoredScene)

@@ -187,7 +187,9 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
     let stored = import.validation.total;
     let mut warnings = Vec::new();
     if opacities_as_stored {
-        gaussians = gaussians.with_linear_opacities();
+        let (converted, warning) = files::opacities_as_stored(&gaussians, &import, path)?;
+        gaussians = converted;
+        warnings.extend(warning);
     } else if import.opacities_may_be_no_logits {
         warnings.push(
             "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"

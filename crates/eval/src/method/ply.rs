@@ -160,7 +160,9 @@ pub(super) fn read(
         ));
     }
     if as_stored {
-        gaussians = gaussians.with_linear_opacities();
+        let converted = files::opacities_as_stored(&gaussians, &import, path).map_err(|error| error.to_string())?;
+        gaussians = converted.0;
+        notes.extend(converted.1);
     } else if import.opacities_may_be_no_logits {
         notes.push(format!("{OPACITIES}: they may not be logits"));
     }

@@ -97,7 +97,8 @@ impl Backend {
         matches!(self, Self::Cpu(_))
     }
 
-    fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
+    /// Works with a renderer, which nobody else uses meanwhile.
+    pub(crate) fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
         match self {
             Self::Cpu(spare) => with_spare(spare, |renderer| work(renderer)),
             Self::Shared(renderer, _) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),

@@ -2,11 +2,11 @@ use std::path::{Path, PathBuf};
 
 use atsplat_pixels::{Rounding, encode_png};
 use atsplat_protocol::NearFar;
-use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, View};
+use atsplat_splat::{Gaussians, RenderOptions, View};
 use serde::Serialize;
 
 use super::{Photos, ReconstructError};
+use crate::method::Backend;
 use crate::rendering::{frame_file_name, rendered_image};
 
 /// The renders of a reconstruction, and what they depend on in addition to the Gaussians.
@@ -37,9 +37,9 @@ pub fn write_renders(
     gaussians: &Gaussians,
     photos: &Photos,
     options: &RenderOptions,
+    backend: &Backend,
 ) -> Result<RendersRecord, ReconstructError> {
     let trial = photos.trial();
-    let mut renderer = CpuRenderer::default();
     let mut files = Vec::new();
     for view in trial.context() {
         files.push(write(folder, "inputs", view.frame, &encode_png(view.image()?.as_ref())?)?);
@@ -47,14 +47,14 @@ pub fn write_renders(
     let context = trial.context().iter().map(|view| ("context", view.frame, view.camera, view.size));
     let targets = trial.targets().iter().map(|view| ("targets", view.frame, view.camera, view.size));
     for (subfolder, frame, camera, size) in context.chain(targets) {
-        let rendering = renderer.render(gaussians, &View { camera, size }, options);
+        let rendering = backend.with(|renderer| renderer.render(gaussians, &View { camera, size }, options));
         let rendering = rendering.map_err(|source| ReconstructError::Render { frame, source })?;
         let png = encode_png(&rendered_image(&rendering)?.to_u8(Rounding::Nearest)?)?;
         files.push(write(folder, subfolder, frame, &png)?);
     }
     Ok(RendersRecord {
         folder: folder.to_owned(),
-        backend: Renderer::name(&renderer),
+        backend: backend.name(),
         constants: options.constants.name.clone(),
         near_far: trial.near_far(),
         background: options.background,

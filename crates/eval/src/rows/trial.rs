@@ -46,8 +46,8 @@ pub struct TrialRow {
     pub gaussians: Option<u64>,
     /// Gaussians that contributed to an image, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
-    /// Mean PSNR in dB of an optimisation's last step on each context view; `None` for methods that are not
-    /// optimised for each trial, and in rows of older versions.
+    /// Mean PSNR in dB of an optimisation's last step on each context view; `None` for methods that are not optimised for each
+    /// trial, if it is infinite, which a note says, and in rows of older versions.
     #[serde(default)]
     pub context_psnr: Option<f64>,
     /// Estimated peak memory in bytes.
@@ -85,6 +85,7 @@ impl TrialRow {
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
         finite(&self.key, "gaussians-drawn", self.gaussians_drawn)?;
+        finite(&self.key, "context-psnr", self.context_psnr)?;
         self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
     }
 

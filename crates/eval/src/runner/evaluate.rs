@@ -279,6 +279,10 @@ impl TrialResult {
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
         let resemblance = resemblance::note(&compared, &rows, &record.kind, !suspicious.is_empty());
         let suspicious = suspicious::notes(&suspicious, rows.len(), cost.gaussians);
+        let (context_psnr, exact) = match cost.context_psnr {
+            Some(psnr) if !psnr.is_finite() => (None, Some(format!("the PSNR on the context views is {psnr}"))),
+            psnr => (psnr, None),
+        };
         let row = TrialRow {
             key,
             trial_hash: trial.hash().to_string(),
@@ -297,12 +301,12 @@ impl TrialResult {
             final_tokens: cost.final_tokens,
             gaussians: cost.gaussians,
             gaussians_drawn: mean(drawn.iter().map(|count| *count as f64)),
-            context_psnr: cost.context_psnr,
+            context_psnr,
             peak_bytes: cost.peak_bytes,
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
-            notes: cost.notes.into_iter().chain(suspicious).chain(resemblance).chain(fallbacks).collect(),
+            notes: cost.notes.into_iter().chain(exact).chain(suspicious).chain(resemblance).chain(fallbacks).collect(),
         };
         (row, rows)
     }

@@ -1,5 +1,6 @@
+use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use atsplat_files::PARTIAL;
@@ -9,15 +10,18 @@ use super::kept_images::WorstSoFar;
 use super::scored::hash_of_bytes;
 use crate::file_name::file_name;
 use crate::store::disk;
-use crate::{EvalError, TargetRow, TrialKey};
+use crate::{EvalError, Store, TargetRow, TrialKey};
 
 /// The method name under which ground-truth images are stored.
 pub const TRUTH: &str = "truth";
 /// The method name under which context images are stored.
 pub const CONTEXT: &str = "context";
 
+const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Bytes of a PNG file before its first chunk after the header.
 const HEADER: usize = 33;
+/// The last chunk of every PNG file, 12 bytes: its length, name and checksum.
+const END: &[u8; 12] = b"\0\0\0\0IEND\xae\x42\x60\x82";
 /// The keyword of a PNG text with the hash of an image's samples.
 const KEYWORD: &[u8] = b"atsplat-samples\0";
 
@@ -54,13 +58,21 @@ fn stated_hash(png: &[u8]) -> Option<&[u8]> {
     text.strip_prefix(KEYWORD)
 }
 
-/// Whether a store has the image of a row with this hash.
+/// Whether a store has the whole image of a row with this hash.
 pub(super) fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
+    is_whole_image_of(&image_path(store, key, frame), hash).unwrap_or(false)
+}
+
+/// Whether a file is the image of a row with this hash, and has its end: images are not waited for, so that a power failure may
+/// leave a file that is empty or cut. An error for one that is too short to be an image.
+fn is_whole_image_of(path: &Path, hash: Option<&str>) -> io::Result<bool> {
     /// The beginning of a file, with its hash.
     const BEGINNING: u64 = 256;
-    let mut bytes = Vec::new();
-    let file = File::open(image_path(store, key, frame));
-    file.and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes)).is_ok() && is_image_of(&bytes, hash)
+    let (mut file, mut start, mut end) = (File::open(path)?, Vec::new(), Vec::new());
+    file.by_ref().take(BEGINNING).read_to_end(&mut start)?;
+    file.seek(SeekFrom::End(-12))?;
+    file.read_to_end(&mut end)?;
+    Ok(start.starts_with(SIGNATURE) && end == END && is_image_of(&start, hash))
 }
 
 /// Folder of a trial's images.
@@ -114,6 +126,47 @@ pub(super) fn publish(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
     Ok(())
 }
 
+/// Whether a store has an image of a trial.
+pub(super) fn has_images(store: &Path, key: &TrialKey) -> Result<bool, EvalError> {
+    let is_image = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    Ok(disk::files(&folder(store, key))?.iter().any(is_image))
+}
+
+/// Names the renders of results that a process stored and was killed before it named them, and removes what else it left
+/// unfinished.
+pub(super) fn settle(store: &Store) -> Result<(), EvalError> {
+    let unfinished = unfinished(store.folder())?;
+    if unfinished.is_empty() {
+        return Ok(());
+    }
+    let images = store.images_of_results()?.into_values().flatten();
+    let hash_by_path: BTreeMap<PathBuf, Option<String>> =
+        images.map(|image| (image_path(store.folder(), &image.key, image.frame), image.hash)).collect();
+    for path in unfinished {
+        let name = path.with_extension("");
+        let hash = hash_by_path.get(&name).and_then(Option::as_deref);
+        if hash.is_some() && is_whole_image_of(&path, hash).unwrap_or(false) {
+            fs::rename(&path, &name).map_err(EvalError::io("storing an image", &path))?;
+        } else {
+            fs::remove_file(&path).map_err(EvalError::io("removing an unfinished image", &path))?;
+        }
+    }
+    Ok(())
+}
+
+/// The unfinished files in the folders of all trials, which nobody else writes while the store is locked.
+fn unfinished(store: &Path) -> Result<Vec<PathBuf>, EvalError> {
+    /// Presets, methods, trials and their images.
+    const LEVELS: usize = 4;
+    let mut paths = vec![store.join("images")];
+    for _ in 0..LEVELS {
+        let below = paths.iter().filter(|path| path.is_dir()).map(|folder| disk::files(folder));
+        paths = below.collect::<Result<Vec<_>, _>>()?.concat();
+    }
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == PARTIAL));
+    Ok(paths)
+}
+
 /// Removes a trial's images, if there are any.
 pub(super) fn remove(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
     let folder = folder(store, key);
@@ -151,6 +204,7 @@ fn with_hash(png: &[u8], hash: &str) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::SplitMix64;
     use atsplat_pixels::{DecodeLimits, decode};
 
     use super::*;
@@ -169,7 +223,57 @@ mod tests {
         assert_eq!(is_of(Some(&stated)), (true, true));
         assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
         assert!(!is_stored(root.path(), &key, 5, Some(&stated)));
-        assert!(is_image_of(&encode_png(&image).unwrap(), Some("another")), "older versions do not say it");
+        let older = encode_png(&image).unwrap();
+        assert!(is_image_of(&older, Some("another")), "older versions do not say it");
+        fs::write(image_path(root.path(), &key, 4), &older).unwrap();
+        assert!(is_stored(root.path(), &key, 4, Some("another")));
+    }
+
+    /// As a power failure leaves it: with the hash, or without.
+    #[test]
+    fn an_image_that_was_cut_is_not_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key("m", "x", 0);
+        let mut noise = SplitMix64::for_scene(1, "noise");
+        let samples = (0..40 * 30 * 3).map(|_| noise.next_u64().to_le_bytes()[0]).collect();
+        let image = ImageU8::new(40, 30, samples).unwrap();
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let (path, hash) = (image_path(root.path(), &key, 4), hash_of_bytes(&image));
+        let png = fs::read(&path).unwrap();
+        assert!(png.len() > 600, "more than what says the hash");
+        for length in [0, 7, 20, HEADER, png.len() / 2, png.len() - 1] {
+            fs::write(&path, &png[..length]).unwrap();
+            assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "{length}");
+        }
+        fs::write(&path, [&png[..300], &vec![0; png.len() - 300][..]].concat()).unwrap();
+        assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "zeros");
+        fs::write(&path, &png).unwrap();
+        assert!(is_stored(root.path(), &key, 4, Some(&hash)));
+    }
+
+    /// Killed after the row of scene x was stored, and before that of y.
+    #[test]
+    fn renders_of_a_killed_run_get_their_names_if_their_row_is_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let store = Store::create(root.path(), crate::Provenance::default()).unwrap();
+        let render = Image::new(1, 1, vec![0.0, 0.5, 1.0]).unwrap();
+        let [of_x, of_y] = ["x", "y"].map(|scene| TargetRow {
+            frame: 7,
+            render_hash: Some(format!("render {scene}")),
+            ..sample_rows::target("m", scene, 0, 0, "psnr", 20.0)
+        });
+        for row in [&of_x, &of_y] {
+            write_render(root.path(), row, &render).unwrap();
+        }
+        let other = image_path(root.path(), &of_x.key.of_method(TRUTH), 7).with_file_name(".AbC123.partial");
+        fs::create_dir_all(other.parent().unwrap()).unwrap();
+        fs::write(&other, b"half").unwrap();
+        store.append(&sample_rows::trial("m", "x", 0, 1), std::slice::from_ref(&of_x)).unwrap();
+        assert!(!has_images(root.path(), &of_x.key).unwrap(), "they have no names yet");
+        settle(&store).unwrap();
+        assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")));
+        assert!(has_images(root.path(), &of_x.key).unwrap() && !has_images(root.path(), &of_y.key).unwrap());
+        assert_eq!(unfinished(root.path()).unwrap(), [] as [PathBuf; 0]);
     }
 
     #[test]

@@ -24,7 +24,9 @@ pub(super) struct ImagesAndTimes<'a> {
 }
 
 impl<'a> ImagesAndTimes<'a> {
+    /// After the images of a run that was killed are settled.
     pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, EvalError> {
+        image_files::settle(store)?;
         let kept = if keep == KeepImages::All { store.images_of_results()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
         Ok(Self { store, kept, timed: Mutex::new(timed), renewed: Mutex::default() })

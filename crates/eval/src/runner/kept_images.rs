@@ -61,7 +61,10 @@ pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Resul
         .map(|trial| trial.key.method.as_str())
         .collect();
     let kept: Vec<TrialKey> = methods.iter().flat_map(|method| chosen(results, preset, method, psnr)).collect();
-    let without = kept.iter().filter(|key| !image_files::folder(store, key).is_dir()).count();
+    let mut without = 0;
+    for key in &kept {
+        without += u64::from(!image_files::has_images(store, key)?);
+    }
     if without > 0 {
         tracing::warn!(preset, without, "trials that earlier runs evaluated without images have none");
     }

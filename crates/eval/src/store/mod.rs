@@ -8,6 +8,7 @@
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
 //! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
 //! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
+//! | `merge.partial` | while a merge writes its tables: without `provenance.json` they belong to no store, and are written anew |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
 //! A crash loses at most the trials in progress. [`Store::finish`] moves the parts into the tables. Schema versions are the
@@ -34,7 +35,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use atsplat_files::FolderLock;
+use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
@@ -49,6 +50,8 @@ pub const PROVENANCE: &str = "provenance.json";
 const TRIALS: &str = "trials.parquet";
 const TARGETS: &str = "targets.parquet";
 const DIGESTS: &str = "digests.txt";
+/// The file that says that the tables of a store without [`PROVENANCE`] are those of an unfinished merge.
+const MERGING: &str = "merge.partial";
 
 /// A store opened for writing; it is locked against other writers.
 #[derive(Debug)]
@@ -69,24 +72,15 @@ impl Store {
     /// [`EvalError::Io`]; [`EvalError::HasResults`] if the folder already contains a store, or rows of one; [`EvalError::InUse`] if
     /// another process is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
-        let lock = FolderLock::of(folder)?;
+        let lock = lock(folder)?;
         Self::create_locked(folder, provenance, lock)
     }
 
     fn create_locked(folder: &Path, provenance: Provenance, lock: FolderLock) -> Result<Self, EvalError> {
-        if folder.join(PROVENANCE).exists() {
-            return Err(EvalError::HasResults { folder: folder.to_owned(), found: "results".to_owned() });
-        }
+        require_no_rows(folder)?;
         let parts = parts::folder(folder);
-        let tables = [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name)).into_iter();
-        // They would become rows of this run.
-        if let Some(rows) = tables.filter(|path| path.exists()).chain(disk::files(&parts)?).next() {
-            let found = format!("{} without {PROVENANCE}", rows.display());
-            return Err(EvalError::HasResults { folder: folder.to_owned(), found });
-        }
         fs::create_dir_all(&parts).map_err(EvalError::io("creating a results store", &parts))?;
-        let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
-        let provenance = Provenance { schema_version, schema_hash, ..provenance };
+        let provenance = of_this_schema(provenance);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
         let store = Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock };
@@ -103,7 +97,7 @@ impl Store {
         if !folder.join(PROVENANCE).exists() {
             return Err(EvalError::NoStore { folder: folder.to_owned() });
         }
-        let lock = FolderLock::of(folder)?;
+        let lock = lock(folder)?;
         Self::open_locked(folder, lock)
     }
 
@@ -126,7 +120,7 @@ impl Store {
     /// Those of [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in
     /// another way or with an older schema.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
-        let lock = FolderLock::of(folder)?;
+        let lock = lock(folder)?;
         if !folder.join(PROVENANCE).exists() {
             return Self::create_locked(folder, provenance, lock);
         }
@@ -239,7 +233,8 @@ impl Store {
         parts::write(&self.folder, trial, targets)
     }
 
-    /// Moves all trials into the two tables. If interrupted at any moment, it can be repeated.
+    /// Moves all trials into the two tables, unless they were made from different data. If interrupted at any moment, it can be
+    /// repeated.
     ///
     /// # Errors
     /// Those of [`Results::read`], and [`EvalError::Io`].
@@ -249,22 +244,62 @@ impl Store {
         let content = Content::read(&self.folder)?;
         let parts = content.parts.clone();
         let results = content.into_results();
+        data::check_consistent(&results)?;
         results.write_tables(&self.folder)?;
         for part in parts {
             fs::remove_file(&part).map_err(EvalError::io("removing a part that is in the tables", &part))?;
         }
         fs::remove_dir(parts::folder(&self.folder)).ok();
-        data::check_consistent(&results)?;
         Ok(results)
     }
 
     fn write_provenance(&self) -> Result<(), EvalError> {
-        let path = self.folder.join(PROVENANCE);
-        let json = serde_json::to_vec_pretty(&self.provenance);
-        let json =
-            json.map_err(|error| EvalError::malformed(&path, "file", "provenance that JSON can represent", error))?;
-        disk::write(&path, &json)
+        write_provenance(&self.folder, &self.provenance)
     }
+}
+
+fn of_this_schema(provenance: Provenance) -> Provenance {
+    let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
+    Provenance { schema_version, schema_hash, ..provenance }
+}
+
+fn write_provenance(folder: &Path, provenance: &Provenance) -> Result<(), EvalError> {
+    let path = folder.join(PROVENANCE);
+    let json = serde_json::to_vec_pretty(provenance);
+    let json =
+        json.map_err(|error| EvalError::malformed(&path, "file", "provenance that JSON can represent", error))?;
+    disk::write(&path, &json)
+}
+
+/// Locks a folder, and removes what a process that was killed left unfinished in it.
+fn lock(folder: &Path) -> Result<FolderLock, EvalError> {
+    let lock = FolderLock::of(folder)?;
+    remove_abandoned(folder).map_err(EvalError::io("removing unfinished files", folder))?;
+    let merging = folder.join(MERGING);
+    if merging.exists() {
+        if !folder.join(PROVENANCE).exists() {
+            tables(folder).iter().try_for_each(|table| disk::remove(table))?;
+        }
+        disk::remove(&merging)?;
+    }
+    Ok(lock)
+}
+
+/// An error for a folder with a store, or with rows, which would become those of a new one.
+fn require_no_rows(folder: &Path) -> Result<(), EvalError> {
+    if folder.join(PROVENANCE).exists() {
+        return Err(EvalError::HasResults { folder: folder.to_owned(), found: "results".to_owned() });
+    }
+    let parts = disk::files(&parts::folder(folder))?;
+    let mut rows = tables(folder).into_iter().filter(|path| path.exists()).chain(parts);
+    rows.next().map_or(Ok(()), |rows| {
+        let found = format!("{} without {PROVENANCE}", rows.display());
+        Err(EvalError::HasResults { folder: folder.to_owned(), found })
+    })
+}
+
+fn tables(folder: &Path) -> [PathBuf; 3] {
+    [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name))
 }
 
 impl Results {
@@ -285,18 +320,23 @@ impl Results {
         table::write(&folder.join(TRIALS), trials::columns(&self.trials).frame())
     }
 
-    /// Writes these rows to a new store.
+    /// Writes these rows to a new store. If interrupted at any moment, there is no store, and it can be repeated.
     ///
     /// # Errors
     /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`].
     pub fn write(&self, folder: &Path) -> Result<(), EvalError> {
-        let store = Store::create(folder, self.provenance.clone())?;
         self.trials.iter().try_for_each(TrialRow::check)?;
         self.targets.iter().try_for_each(TargetRow::check)?;
-        self.write_tables(folder)?;
+        data::check_consistent(self)?;
+        let _lock = lock(folder)?;
+        require_no_rows(folder)?;
+        disk::write(&folder.join(MERGING), &[])?;
         if !self.timings.is_empty() {
             timings::write(folder, &self.timings)?;
         }
-        store.finish().map(drop)
+        self.write_tables(folder)?;
+        // Last, because it makes the folder a store.
+        write_provenance(folder, &of_this_schema(self.provenance.clone()))?;
+        disk::remove(&folder.join(MERGING))
     }
 }

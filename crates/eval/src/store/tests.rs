@@ -1,6 +1,7 @@
 mod impossible;
 mod merge;
 mod replace;
+mod unfinished;
 
 use std::collections::BTreeMap;
 
@@ -192,6 +193,9 @@ fn rejects_non_finite_numbers() {
         let mut row = trial("a");
         row.gaussians_drawn = Some(value);
         assert!(store.append(&row, &targets("a")).is_err());
+        let row = TrialRow { context_psnr: Some(value), ..trial("a") };
+        let error = store.append(&row, &targets("a")).unwrap_err().to_string();
+        assert!(error.contains("context-psnr"), "{error}");
     }
     assert_eq!(Results::read(folder.path()).unwrap().trials, []);
 }
@@ -327,7 +331,10 @@ fn rejects_rows_of_different_data() {
     row.data_hash = None;
     targets[0].truth_hash = Some("another truth".to_owned());
     store.append(&row, &targets).unwrap();
+    let tables = || [TRIALS, TARGETS].map(|name| fs::read(folder.path().join(name)).unwrap());
+    let before = tables();
     assert!(store.finish().unwrap_err().to_string().contains("different ground-truth images"));
+    assert!(tables() == before, "a table is never built from them");
 }
 
 #[test]

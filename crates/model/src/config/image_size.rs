@@ -53,9 +53,9 @@ impl ImageSize {
     #[must_use]
     pub fn at_scale_of(self, other: Self, step: usize) -> Self {
         let step = step.max(1);
-        let whole = |side: usize| ((side + step / 2) / step).max(1).saturating_mul(step);
+        let whole = |side: usize| (side.saturating_add(step / 2) / step).max(1).saturating_mul(step);
         let [shorter, wanted] = [self.height.min(self.width).max(1), other.height.min(other.width)];
-        let side = |side: usize| whole((side.saturating_mul(wanted) + shorter / 2) / shorter);
+        let side = |side: usize| whole(side.saturating_mul(wanted).saturating_add(shorter / 2) / shorter);
         Self { height: side(self.height), width: side(self.width) }
     }
 
@@ -113,6 +113,7 @@ mod tests {
         let wide = ImageSize::new(256, 448);
         assert_eq!(ImageSize::new(512, 512).at_scale_of(wide, 16), ImageSize::new(256, 256));
         assert_eq!(wide.at_scale_of(wide, 16), wide);
+        assert!(wide.at_scale_of(ImageSize::new(usize::MAX, usize::MAX), 16).width > 1 << 50, "no overflow");
         // A trained size that patches do not divide is rounded to the nearest multiple.
         assert_eq!(ImageSize::new(90, 90).at_scale_of(ImageSize::new(100, 100), 16), ImageSize::new(96, 96));
     }

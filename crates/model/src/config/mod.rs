@@ -155,8 +155,9 @@ impl ModelConfig {
         validate::check(self)
     }
 
-    /// SHA-256 in hexadecimal of all that can change a Gaussian: the fields as compact JSON in declaration
-    /// order, without name, title, notes, inferences, nominal views and resolution.
+    /// SHA-256 in hexadecimal of all that changes what the network computes from images of a given size: the fields as compact JSON
+    /// in declaration order, without name, title, notes, inferences, nominal views and resolution. The resolution of a weights
+    /// file decides to which size images are resized before, and is not covered.
     ///
     /// # Errors
     /// [`ModelError::Malformed`] for a value that JSON cannot represent, such as NaN, which validation rejects.
@@ -173,7 +174,7 @@ impl ModelConfig {
     /// The coarse branch's patch grid of an image.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if patches do not divide the image.
+    /// [`ModelError::Indivisible`] if patches do not divide the image.
     pub fn coarse_grid(&self, image: ImageSize) -> Result<Grid, ModelError> {
         image.grid(self.coarse.patch_size, self.coarse.image_downscale, "coarse")
     }
@@ -181,7 +182,7 @@ impl ModelConfig {
     /// The fine branch's patch grid of an image.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if patches do not divide the image.
+    /// [`ModelError::Indivisible`] if patches do not divide the image.
     pub fn fine_grid(&self, image: ImageSize) -> Result<Grid, ModelError> {
         image.grid(self.fine.patch_size, self.fine.image_downscale, "fine")
     }
@@ -221,7 +222,7 @@ impl ModelConfig {
     /// expands four fifths if it expands a ratio. Weights stay the same.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if the configuration was not valid before.
+    /// [`ModelError::Malformed`] if the configuration was not valid before, or sides of twice the resolution are too long for one.
     pub fn for_high_resolution(&self) -> Result<Self, ModelError> {
         let Grid { rows, columns } = self.coarse_grid(self.resolution)?;
         let mut config = self.clone();

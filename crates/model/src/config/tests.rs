@@ -153,6 +153,12 @@ fn contradictions_name_their_field() {
             "resolution = [256, 250]",
             "coarse branch, image size: expected a height and width",
         ),
+        ("resolution = [256, 256]", "resolution = [256, 0]", "field resolution: expected 1 to 16384, found 0"),
+        (
+            "resolution = [256, 256]",
+            "resolution = [1600000, 256]",
+            "field resolution: expected 1 to 16384, found 1600000",
+        ),
         ("patch-size = 8", "patch-size = 3", "field fine: expected patches that divide the coarse branch's"),
         ("kind = \"patch-depth\"", "kind = \"direct-xyz\"", "field anchors.context: expected none"),
         ("near = 0.1", "near = 600.0", "field anchors.depth: expected near < far, found 600 and 500"),

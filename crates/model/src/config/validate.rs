@@ -13,6 +13,8 @@ const MAX_LAYERS: usize = 256;
 const MAX_CHANNELS: usize = 16_384;
 const MAX_TOKENS: usize = 1 << 20;
 const MAX_GAUSSIANS: usize = 4096;
+/// That of decoded images.
+const MAX_SIDE: usize = 16_384;
 const MAX_SH_DEGREE: u8 = 4;
 
 /// Checks the parts of a configuration by themselves and together.
@@ -62,6 +64,9 @@ fn branches(config: &ModelConfig) -> Result<(), ModelError> {
         &format!("patches that divide the coarse branch's, {coarse_step} pixels of the input"),
         &format!("{fine_step} pixels"),
     )?;
+    for side in [config.resolution.height, config.resolution.width] {
+        counted("resolution", side, 1, MAX_SIDE)?;
+    }
     config.coarse_grid(config.resolution)?;
     config.fine_grid(config.resolution)?;
     Ok(())

@@ -123,7 +123,8 @@ impl Context {
         // `fc1` of (neighbour's feature, its anchor − the token's anchor) is a sum of three terms: the maximum is taken over the
         // neighbour's terms before the token's term is subtracted.
         let weight = self.fc1.weight.val();
-        // Positions are large and their differences small: these would be lost in the rounding of lower precisions.
+        // Positions are large and their differences small: these would be lost in the rounding of lower precisions, here and in the
+        // gradient of the weight, which is a sum over positions.
         let of_position = weight.clone().slice_dim(0, dim..dim + 3);
         let of_token = MatmulPrecision::F32.scope(|| linear(anchors.clone(), of_position, None));
         let bias = self.fc1.bias.as_ref().map(Param::val);
@@ -198,25 +199,37 @@ mod tests {
 
     use super::*;
 
-    /// The context of a token comes from offsets between anchors, which do not change if the whole scene is moved. In
-    /// bfloat16, positions near 50 are a quarter apart.
+    /// The context of a token comes from offsets between anchors, which do not change if the whole scene is moved; nor does the
+    /// gradient of their weights. In bfloat16, positions near 50 are a quarter apart.
     #[test]
     fn offsets_between_anchors_keep_their_precision_far_from_the_origin() {
-        let device = &Device::flex();
+        let device = &Device::flex().autodiff();
         let config = ModelConfig::named("nano").unwrap();
         let anchors = Anchors::new(&config, LayerBuilder { transformer: &config.transformer, device });
         let (context, tokens, dim) = (anchors.context.unwrap(), 40, config.transformer.dim);
         let mut random = SplitMix64::new(5);
-        let positions: Vec<f32> = (0..3 * tokens).map(|_| (random.next_u64() % 1000) as f32 / 1000.0).collect();
-        let positions = Tensor::<3>::from_data(TensorData::new(positions, [1, tokens, 3]), device);
+        let mut uniform = |width: usize| {
+            let values: Vec<f32> = (0..width * tokens).map(|_| (random.next_u64() % 1000) as f32 / 1000.0).collect();
+            Tensor::<3>::from_data(TensorData::new(values, [1, tokens, width]), device)
+        };
+        let (positions, slopes) = (uniform(3), uniform(dim));
         let of = |anchors: Tensor<3>| {
             let features = Tensor::zeros([1, tokens, dim], device);
-            let forward = || context.forward(features, &anchors, device).unwrap();
-            f32_values(MatmulPrecision::Bf16.scope(forward)).into_iter().map(f64::from).collect::<Vec<_>>()
+            let (out, gradients) = MatmulPrecision::Bf16.scope(|| {
+                let out = context.forward(features, &anchors, device).unwrap();
+                (out.clone(), (out * slopes.clone()).sum().backward())
+            });
+            let by_weight = context.fc1.weight.val().grad(&gradients).unwrap();
+            [f32_values(out), f32_values(by_weight.slice_dim(0, dim..dim + 3))]
+                .map(|values| values.into_iter().map(f64::from).collect::<Vec<_>>())
         };
-        let (near, far) = (of(positions.clone()), of(positions + 50.0));
+        let ([near, near_gradient], [far, far_gradient]) = (of(positions.clone()), of(positions + 50.0));
         let range = near.iter().fold(0.0, |most: f64, value| if value.abs() > most { value.abs() } else { most });
         assert!(range > 0.0);
         Tolerance::absolute(0.01 * range).assert(far, near, "a scene moved by 50");
+        let moved: f64 = near_gradient.iter().zip(far_gradient).map(|(near, far)| (near - far).powi(2)).sum();
+        let all: f64 = near_gradient.iter().map(|value| value * value).sum();
+        let relative = (moved / all).sqrt();
+        assert!(relative < 0.05, "the gradient of the weights of positions changes by {relative}");
     }
 }

@@ -53,7 +53,7 @@ impl Backbone {
             }
             (None, Some(patch)) => {
                 let x = patch.embed.forward(views.colours_and_plucker(patch_size, device)?);
-                Ok(patch.layers.iter().fold(x, |x, layer| layer.forward(x, None)))
+                Ok(patch.layers.iter().fold(x, |x, layer| layer.forward(x)))
             }
             (None, None) => Err(ModelError::malformed("network", "backbone", "one", "none")),
         }
@@ -110,7 +110,7 @@ impl Coarse {
             tokens.push(flattened(placed));
         }
         let (backbone, tokens) = (Tensor::cat(features, 0), Tensor::cat(tokens, 0));
-        let features = self.layers.iter().fold(tokens.clone(), |x, layer| layer.forward(x, None));
+        let features = self.layers.iter().fold(tokens.clone(), |x, layer| layer.forward(x));
         Ok(CoarseStages { backbone, tokens, features })
     }
 }

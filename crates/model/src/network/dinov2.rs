@@ -71,7 +71,7 @@ impl Dino {
             x = Tensor::cat(vec![class, repeated(registers.val()), x.slice_dim(1, 1..tokens)], 1);
         }
         for block in &self.blocks {
-            x = block.forward(x, None);
+            x = block.forward(x);
         }
         let [_, tokens, _] = x.dims();
         self.norm.forward(x.slice_dim(1, 1 + self.architecture.registers..tokens)).detach()

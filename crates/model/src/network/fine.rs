@@ -39,7 +39,7 @@ impl Fine {
             let plucker = self.plucker.forward(views.plucker(patch_size, device)?);
             tokens.push(self.patch.forward(views.colours(patch_size, device)) + plucker);
         }
-        Ok(self.layers.iter().fold(Tensor::cat(tokens, 0), |x, layer| layer.forward(x, None)))
+        Ok(self.layers.iter().fold(Tensor::cat(tokens, 0), |x, layer| layer.forward(x)))
     }
 }
 

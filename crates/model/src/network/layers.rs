@@ -92,8 +92,8 @@ pub(super) struct DecoderLayer {
 
 impl DecoderLayer {
     pub(super) fn forward(&self, x: Tensor<3>, context: Tensor<3>) -> Tensor<3> {
-        let attended = self.cross.forward(self.cross_norm.forward(x.clone()), self.context_norm.forward(context), None);
-        self.block.forward(x + attended, None)
+        let attended = self.cross.forward(self.cross_norm.forward(x.clone()), self.context_norm.forward(context));
+        self.block.forward(x + attended)
     }
 }
 

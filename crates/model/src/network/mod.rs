@@ -208,7 +208,8 @@ impl Network {
     /// Runs a batch of scenes with the same number of views of the same size. A scene's result does not depend on the
     /// others, bit for bit.
     ///
-    /// `call_seed` seeds random selection; every other selection ignores it.
+    /// `call_seed` seeds random selection, in which scene i of a batch has the seed `call_seed + i`; every other selection
+    /// ignores it.
     ///
     /// # Errors
     /// [`ModelError::Malformed`] if there is no scene, scenes differ in size or views, thresholds select different numbers of

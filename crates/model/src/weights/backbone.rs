@@ -34,6 +34,11 @@ pub fn read_backbone(
 ) -> Result<BackboneWeights, ModelError> {
     let file = TensorFile::find(path, || KnownFile::advice(&config.backbone))?;
     file.check_sha256(expected_sha256)?;
+    backbone_of(&file, config)
+}
+
+/// [`read_backbone`] of an open file.
+pub(super) fn backbone_of(file: &TensorFile, config: &ModelConfig) -> Result<BackboneWeights, ModelError> {
     let expected = frozen(config);
     let apply = |map: &str| Ok::<_, ModelError>(KeyMap::resolve(map)?.apply(&file.stored, &expected));
     let [official, hugging_face] = KEY_MAPS.map(apply);
@@ -42,17 +47,16 @@ pub fn read_backbone(
     let (tensors, report) =
         if official.1.missing.len() > hugging_face.1.missing.len() { hugging_face } else { official };
     if !report.is_complete() {
-        return Err(ModelError::Unfit(Box::new(report)).in_file(path));
+        return Err(ModelError::Unfit(Box::new(report)).in_file(&file.path));
     }
     // All other tensors of a backbone with registers fit one without them.
     if let Some(extra) = report.left_over.iter().find(|extra| extra.tensor.ends_with("register_tokens")) {
         let found = format!("{} {}", extra.tensor, extra.found);
-        return Err(
-            ModelError::malformed("weights", "file", "DINOv2 without registers, as in the model", found).in_file(path)
-        );
+        let expected = "DINOv2 without registers, as in the model";
+        return Err(ModelError::malformed("weights", "file", expected, found).in_file(&file.path));
     }
     let known = KnownFile::with_sha256(&file.sha256);
-    Ok(BackboneWeights { tensors, report, sha256: file.sha256, known })
+    Ok(BackboneWeights { tensors, report, sha256: file.sha256.clone(), known })
 }
 
 impl BackboneConfig {

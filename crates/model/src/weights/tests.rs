@@ -6,7 +6,7 @@ use atsplat_pickle::SharedBytes;
 
 use super::*;
 use crate::ModelError;
-use crate::config::ModelConfig;
+use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::parameters;
 
 fn shared(bytes: impl Into<Vec<u8>>) -> SharedBytes {
@@ -147,7 +147,7 @@ fn errors_of_absent_weights_say_which_and_where_to_get_them() {
         assert!(paper.contains(part), "{paper}");
     }
     let mut config = ModelConfig::named("nano").unwrap();
-    config.backbone = crate::config::BackboneConfig::Patch { layers: 1 };
+    config.backbone = BackboneConfig::Patch { layers: 1 };
     assert!(!ModelWeights::advice(&config, None).contains("backbone"));
     let error = ModelWeights::read("no/such.safetensors".as_ref()).unwrap_err();
     assert!(
@@ -197,6 +197,22 @@ fn rejects_files_without_our_metadata() {
     stored.metadata.insert("atsplat.tensors-sha256".to_owned(), stored.digest());
     let error = ModelWeights::from_stored(&stored).unwrap_err();
     assert!(matches!(&error, ModelError::Unfit(report) if report.missing[0].parameter == name), "{error}");
+}
+
+/// The path is that of no file: nothing is read again.
+#[test]
+fn a_backbone_is_verified_in_the_bytes_whose_hash_is_reported() {
+    let mut config = ModelConfig::named("paper-re10k").unwrap();
+    config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Tiny, registers: false };
+    let frozen: Vec<_> = parameters(&config).into_iter().filter(|parameter| !parameter.trained).collect();
+    let foreign = KeyMap::resolve("dinov2-official").unwrap().export(&generated(&frozen, 5)).unwrap();
+    let bytes = foreign.to_safetensors().unwrap();
+    let file = || TensorFile::parse("no/such.safetensors".into(), shared(bytes.clone())).unwrap();
+    let verified = Verification::new(file(), Some(&config), None).unwrap().to_string();
+    assert!(verified.contains("fits the model paper-re10k"), "{verified}");
+    config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Small, registers: false };
+    let error = Verification::new(file(), Some(&config), None).unwrap_err();
+    assert!(matches!(&error, ModelError::InFile { path, .. } if path.ends_with("such.safetensors")), "{error}");
 }
 
 #[test]

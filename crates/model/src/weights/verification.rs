@@ -3,7 +3,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::{Backbone, KnownFile, ModelWeights, TensorFile, read_backbone};
+use super::backbone::backbone_of;
+use super::{Backbone, KnownFile, ModelWeights, TensorFile};
 use crate::ModelError;
 use crate::config::{BackboneConfig, ModelConfig};
 
@@ -76,7 +77,7 @@ fn backbone(file: &TensorFile, config: Option<&ModelConfig>) -> Result<Backbone,
     };
     match config {
         Some(config) if matches!(config.backbone, BackboneConfig::DinoV2 { .. }) => {
-            read_backbone(&file.path, config, None)?;
+            backbone_of(file, config)?;
         }
         Some(config) => {
             let expected = format!("a file of this toolkit, because the model {} has no DINOv2 backbone", config.name);

@@ -1,6 +1,6 @@
 use std::ops::{Add, Div, Mul, Range, Sub};
 
-use burn::backend::tensor::{BoolTensor, Device, FloatTensor};
+use burn::backend::tensor::{Device, FloatTensor};
 use burn::backend::{Backend, DType, FloatDType, Scalar, Shape, Slice, TensorMetadata};
 
 use crate::MatmulPrecision;
@@ -118,8 +118,8 @@ impl<B: Backend> Array<B> {
         Self(B::float_clamp_min(self.0, Scalar::from(value)))
     }
 
-    pub(super) fn filled(self, mask: BoolTensor<B>, value: f64) -> Self {
-        Self(B::float_mask_fill(self.0, mask, Scalar::from(value)))
+    pub(super) fn at_most(self, value: f64) -> Self {
+        Self(B::float_clamp_max(self.0, Scalar::from(value)))
     }
 
     /// Element-wise maximum.

@@ -1,5 +1,7 @@
-use burn::backend::tensor::{BoolTensor, FloatTensor};
-use burn::backend::{Backend, Shape, Slice, TensorMetadata};
+use std::ops::Range;
+
+use burn::backend::Backend;
+use burn::backend::tensor::FloatTensor;
 
 use super::Array;
 use crate::backend::{AttentionInputs, AttentionSizes};
@@ -10,7 +12,6 @@ const TILE: usize = 1024;
 /// Attention and the logarithm of each row's sum of exponentials, `[batch, queries, heads]`.
 pub(crate) fn forward<B: Backend>(
     inputs: AttentionInputs<B>,
-    ignored: Option<&BoolTensor<B>>,
     sizes: AttentionSizes,
 ) -> (FloatTensor<B>, FloatTensor<B>) {
     let [queries, keys, values] = split(inputs, &sizes);
@@ -24,7 +25,7 @@ pub(crate) fn forward<B: Backend>(
         let mut total = queries.zeros_like(&per_query);
         let mut sums = queries.zeros_like(&[sizes.batch, sizes.heads, count, sizes.head_width]);
         for (first_key, end) in key_tiles(&sizes) {
-            let logits = logits::<B>(&tile, &keys, ignored, first_key..end, &sizes);
+            let logits = logits(&tile, &keys, first_key..end, &sizes);
             let now = largest.clone().larger(logits.clone().max(3));
             let weights = (logits - now.clone()).exp();
             let factor = (largest - now.clone()).exp();
@@ -46,7 +47,6 @@ pub(crate) fn forward<B: Backend>(
 /// The gradients of [`forward`]'s inputs, packed like the inputs.
 pub(crate) fn backward<B: Backend>(
     inputs: AttentionInputs<B>,
-    ignored: Option<&BoolTensor<B>>,
     out: FloatTensor<B>,
     log_sums: FloatTensor<B>,
     grad: FloatTensor<B>,
@@ -67,7 +67,7 @@ pub(crate) fn backward<B: Backend>(
         let mut by_tile = tile.clone().times(0.0);
         for (first_key, end) in key_tiles(&sizes) {
             let of_keys = |array: &Array<B>| array.clone().range(2, first_key..end);
-            let logits = logits::<B>(&tile, &keys, ignored, first_key..end, &sizes);
+            let logits = logits(&tile, &keys, first_key..end, &sizes);
             let weights = (logits - of(&log_sums)).exp();
             let slopes = grad.clone().matmul(of_keys(&values).transposed()) - of(&along);
             let slopes = (weights.clone() * slopes).times(sizes.scale());
@@ -94,20 +94,9 @@ fn key_tiles(sizes: &AttentionSizes) -> impl Iterator<Item = (usize, usize)> {
     (0..keys).step_by(TILE).map(move |first| (first, keys.min(first + TILE)))
 }
 
-fn logits<B: Backend>(
-    queries: &Array<B>,
-    keys: &Array<B>,
-    ignored: Option<&BoolTensor<B>>,
-    range: std::ops::Range<usize>,
-    sizes: &AttentionSizes,
-) -> Array<B> {
+fn logits<B: Backend>(queries: &Array<B>, keys: &Array<B>, range: Range<usize>, sizes: &AttentionSizes) -> Array<B> {
     // Queries are scaled, not products, which are beyond the range of float16 sooner.
-    let logits = queries.clone().times(sizes.scale()).matmul(keys.clone().range(2, range.clone()).transposed());
-    let Some(ignored) = ignored else { return logits };
-    let shape = logits.0.shape();
-    let ignored = B::bool_slice(ignored.clone(), &[Slice::from(0..sizes.batch), Slice::from(range.clone())]);
-    let ignored = B::bool_reshape(ignored, Shape::from(vec![sizes.batch, 1, 1, range.len()]));
-    logits.filled(B::bool_expand(ignored, shape), f64::NEG_INFINITY)
+    queries.clone().times(sizes.scale()).matmul(keys.clone().range(2, range).transposed())
 }
 
 /// Queries, keys and values as `[batch, heads, tokens, head width]`.

@@ -47,17 +47,21 @@ pub(crate) fn linear_bias_gradient<B: Backend>(grad: FloatTensor<B>) -> FloatTen
     grad.sum(0).reshape(&[outputs]).0
 }
 
+/// `Φ(−x)` and the density underflow here in every element type.
+const TAIL: f64 = 50.0;
+
 /// `x·Φ(x)`.
 pub(crate) fn gelu<B: Backend>(x: FloatTensor<B>) -> FloatTensor<B> {
     let x = Array::<B>(x);
-    (x.clone() * probability(x)).0
+    // Infinity times 0 would be NaN.
+    (x.clone().at_least(-TAIL) * probability(x)).0
 }
 
 /// The gradient of the input of [`gelu`].
 pub(crate) fn gelu_backward<B: Backend>(x: FloatTensor<B>, grad: FloatTensor<B>) -> FloatTensor<B> {
     let x = Array::<B>(x);
     let density = (x.clone() * x.clone()).times(-0.5).exp().times((0.5 / std::f64::consts::PI).sqrt());
-    (Array(grad) * (probability(x.clone()) + x * density)).0
+    (Array(grad) * (probability(x.clone()) + x.at_least(-TAIL).at_most(TAIL) * density)).0
 }
 
 fn probability<B: Backend>(x: Array<B>) -> Array<B> {

@@ -159,36 +159,15 @@ pub(crate) struct Inputs<'a> {
     pub(crate) queries: Tokens<'a>,
     pub(crate) keys: Tokens<'a>,
     pub(crate) values: Tokens<'a>,
-    /// `batch × keys`, not 0 for ignored keys.
-    pub(crate) ignored: Option<&'a [u8]>,
     pub(crate) sizes: Sizes,
     pub(crate) precision: MatmulPrecision,
 }
 
 impl Inputs<'_> {
-    pub(super) fn is_ignored(&self, sample: usize, key: usize) -> bool {
-        self.ignored.is_some_and(|ignored| ignored[sample * self.sizes.keys + key] != 0)
-    }
-
     /// The tiles of keys of one head of a sample: the first key of each, and their number.
     pub(super) fn key_tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (tile, keys) = (self.sizes.key_tile(), self.sizes.keys);
         (0..keys).step_by(tile).map(move |first| (first, tile.min(keys - first)))
-    }
-
-    /// The logits of a tile, keys in rows and queries in columns; −∞ at ignored keys.
-    pub(super) fn logits(&self, out: &mut [f32], queries: &Factor<'_>, at: Tile, keys: &Factor<'_>, first_key: usize) {
-        let lanes = at.lanes();
-        let count = out.len() / lanes;
-        multiply_factors(Output::new(out, count, lanes, lanes), keys, queries, Write::Set);
-        if let Some(ignored) = self.ignored {
-            let ignored = &ignored[at.sample * self.sizes.keys + first_key..][..count];
-            for (row, &ignored) in out.chunks_exact_mut(lanes).zip(ignored) {
-                if ignored != 0 {
-                    row.fill(f32::NEG_INFINITY);
-                }
-            }
-        }
     }
 }
 
@@ -309,7 +288,7 @@ fn attend(inputs: &Inputs<'_>, at: Tile, keys: &[KeyTile<'_>], scratch: &mut Scr
     total.fill(0.0);
     for tile in keys {
         let weights = &mut weights[..tile.count * lanes];
-        inputs.logits(weights, &queries, at, &tile.keys, tile.first);
+        multiply_factors(Output::new(weights, tile.count, lanes, lanes), &tile.keys, &queries, Write::Set);
         simd::run(Softmax { weights, sums, largest, total });
         let weights = Factor::right(Matrix::new(weights, tile.count, lanes, lanes), inputs.precision);
         let write = if tile.first == 0 { Write::Set } else { Write::Add };

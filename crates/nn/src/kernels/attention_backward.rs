@@ -81,7 +81,7 @@ fn differentiate(
         let columns_of = Matrix::new(&columns, head_width, count, count);
         let [rows, columns, values] =
             [rows_of, columns_of, values_of].map(|matrix| Factor::left(matrix, inputs.precision));
-        let keys = KeyTile { first, rows, columns, values };
+        let keys = KeyTile { rows, columns, values };
         for query_tile in &mut tiles {
             let lanes = query_tile.at.lanes();
             let (weights, slopes) = (&mut weights[..count * lanes], &mut slopes[..count * lanes]);
@@ -108,7 +108,6 @@ fn differentiate(
 
 /// Keys and values for all tiles of queries.
 struct KeyTile<'a> {
-    first: usize,
     rows: Factor<'a>,
     columns: Factor<'a>,
     values: Factor<'a>,
@@ -160,10 +159,10 @@ impl<'a> QueryTile<'a> {
 
     /// The weights of some keys, and the gradients of their logits before scaling.
     fn weigh(&self, inputs: &Inputs<'_>, keys: &KeyTile<'_>, weights: &mut [f32], slopes: &mut [f32]) {
-        let (at, sizes, lanes) = (self.at, &inputs.sizes, self.at.lanes());
+        let (sizes, lanes) = (&inputs.sizes, self.at.lanes());
         let columns = |data| Factor::right(Matrix::new(data, sizes.head_width, lanes, lanes), inputs.precision);
-        inputs.logits(weights, &columns(&self.queries), at, &keys.rows, keys.first);
         let count = slopes.len() / lanes;
+        multiply_factors(Output::new(weights, count, lanes, lanes), &keys.rows, &columns(&self.queries), Write::Set);
         multiply_factors(Output::new(slopes, count, lanes, lanes), &keys.values, &columns(&self.grad), Write::Set);
         simd::run(Weigh { weights, slopes, log_sums: &self.log_sums, along: &self.along, scale: sizes.narrow_scale() });
     }

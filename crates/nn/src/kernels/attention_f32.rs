@@ -17,15 +17,14 @@ const KEYS: usize = 128;
 /// at a time.
 ///
 /// Every product is a chain of fused multiply-adds in order, over the elements of a head or the keys of a tile. An element's bits
-/// depend only on its query and on the keys that are not ignored.
+/// depend only on its query, the keys and the values.
 pub(super) fn forward(inputs: &Inputs<'_>, out: &mut [f32], log_sums: &mut [f32]) {
     let Sizes { queries, heads, .. } = inputs.sizes;
     let width = inputs.sizes.width();
     let samples = out.par_chunks_mut(queries * width).zip(log_sums.par_chunks_mut(queries * heads));
     samples.enumerate().for_each(|(sample, (out, log_sums))| {
-        let keys: Vec<usize> = (0..inputs.sizes.keys).filter(|&key| !inputs.is_ignored(sample, key)).collect();
         let packed: Vec<Vec<KeyTile>> =
-            (0..heads).into_par_iter().map(|head| key_tiles(inputs, sample, head, &keys)).collect();
+            (0..heads).into_par_iter().map(|head| key_tiles(inputs, sample, head)).collect();
         let tiles = out.par_chunks_mut(QUERIES * width).zip(log_sums.par_chunks_mut(QUERIES * heads));
         tiles.enumerate().for_each_init(Scratch::default, |scratch, (tile, (out, log_sums))| {
             for (head, keys) in packed.iter().enumerate() {
@@ -45,15 +44,17 @@ struct KeyTile {
     values: Vec<[f32; ROWS]>,
 }
 
-/// The tiles of some keys; their size depends on the number of keys alone.
-fn key_tiles(inputs: &Inputs<'_>, sample: usize, head: usize, keys: &[usize]) -> Vec<KeyTile> {
+/// The tiles of keys; their size depends on the number of keys alone.
+fn key_tiles(inputs: &Inputs<'_>, sample: usize, head: usize) -> Vec<KeyTile> {
     let sizes = &inputs.sizes;
     let width = sizes.head_width;
-    let pack = |of: &[usize]| {
-        let count = of.len();
+    let tile = sizes.keys.div_ceil(sizes.keys.div_ceil(KEYS).max(1)).max(1);
+    let pack = |first: usize| {
+        let count = tile.min(sizes.keys - first);
         let mut keys = vec![[0.0; ROWS]; count.div_ceil(ROWS) * width];
         let mut values = vec![[0.0; ROWS]; width.div_ceil(ROWS) * count];
-        for (place, &key) in of.iter().enumerate() {
+        for place in 0..count {
+            let key = first + place;
             for (element, &number) in inputs.keys.from(sample, head, key, sizes)[..width].iter().enumerate() {
                 keys[place / ROWS * width + element][place % ROWS] = number;
             }
@@ -63,8 +64,7 @@ fn key_tiles(inputs: &Inputs<'_>, sample: usize, head: usize, keys: &[usize]) ->
         }
         KeyTile { count, keys, values }
     };
-    let tiles = keys.len().div_ceil(KEYS).max(1);
-    keys.chunks(keys.len().div_ceil(tiles).max(1)).map(pack).collect()
+    (0..sizes.keys).step_by(tile).map(pack).collect()
 }
 
 /// Buffers for one tile of queries. Queries and sums are in groups of [`VECTORS`] vectors, and within a group by element, then

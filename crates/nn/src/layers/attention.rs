@@ -1,7 +1,7 @@
 use burn::Tensor;
 use burn::config::Config;
 use burn::module::{Initializer, Module};
-use burn::tensor::{Bool, Device};
+use burn::tensor::Device;
 
 use super::{Linear, LinearConfig, Norm, NormConfig};
 use crate::{NormKind, ops};
@@ -90,16 +90,16 @@ pub struct SelfAttention {
 }
 
 impl SelfAttention {
-    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true for tokens that none attends to.
+    /// `[batch, tokens, width]` to the same.
     ///
     /// # Panics
     /// If the shapes do not fit.
-    pub fn forward(&self, x: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         let mut packed = self.qkv.forward(x);
         if let (Some(q_norm), Some(k_norm)) = (&self.q_norm, &self.k_norm) {
             packed = Norm::heads(&[q_norm, k_norm], packed, self.heads);
         }
-        self.proj.forward(ops::self_attention(packed, self.heads, ignored))
+        self.proj.forward(ops::self_attention(packed, self.heads))
     }
 }
 
@@ -121,17 +121,16 @@ pub struct CrossAttention {
 }
 
 impl CrossAttention {
-    /// `[batch, queries, width]` and `[batch, keys, context_width]` to `[batch, queries, width]`; `ignored`,
-    /// `[batch, keys]`, is true for context tokens that none attends to.
+    /// `[batch, queries, width]` and `[batch, keys, context_width]` to `[batch, queries, width]`.
     ///
     /// # Panics
     /// If the shapes do not fit.
-    pub fn forward(&self, x: Tensor<3>, context: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>, context: Tensor<3>) -> Tensor<3> {
         let (mut queries, mut keys_values) = (self.q.forward(x), self.kv.forward(context));
         if let (Some(q_norm), Some(k_norm)) = (&self.q_norm, &self.k_norm) {
             queries = Norm::heads(&[q_norm], queries, self.heads);
             keys_values = Norm::heads(&[k_norm], keys_values, self.heads);
         }
-        self.proj.forward(ops::cross_attention(queries, keys_values, self.heads, ignored))
+        self.proj.forward(ops::cross_attention(queries, keys_values, self.heads))
     }
 }

@@ -1,7 +1,7 @@
 use burn::Tensor;
 use burn::config::Config;
 use burn::module::{Initializer, Module, Param};
-use burn::tensor::{Bool, Device};
+use burn::tensor::Device;
 
 use super::{AttentionConfig, Mlp, MlpConfig, Norm, NormConfig, SelfAttention};
 
@@ -70,12 +70,12 @@ pub struct Block {
 }
 
 impl Block {
-    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true for tokens that none attends to.
+    /// `[batch, tokens, width]` to the same.
     ///
     /// # Panics
     /// If the shapes do not fit.
-    pub fn forward(&self, x: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
-        let attended = self.attn.forward(self.norm1.forward(x.clone()), ignored);
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let attended = self.attn.forward(self.norm1.forward(x.clone()));
         let x = x + scaled(self.ls1.as_ref(), attended);
         let changed = self.mlp.forward(self.norm2.forward(x.clone()));
         x + scaled(self.ls2.as_ref(), changed)

@@ -1,8 +1,7 @@
 use burn::Tensor;
 use burn::backend::Dispatch;
-use burn::tensor::Bool;
 
-use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask};
+use crate::backend::{AttentionInputs, AttentionSizes, FusedOps};
 
 /// Self-attention on packed queries, keys and values: `[batch, tokens, 3·width]` to `[batch, tokens, width]`.
 ///
@@ -10,43 +9,35 @@ use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask};
 /// Per head, the result is `softmax(q kᵀ / √head_width) v`, computed tile by tile: nothing of size tokens × tokens is stored,
 /// neither forward nor backward.
 ///
-/// `ignored`, `[batch, tokens]`, is true for keys that no query attends to. Their values must still be finite, since they are
-/// multiplied by 0.
-///
 /// A logit of −∞ has weight 0. A query without keys, or with only logits of −∞, gives 0 and no gradient. A query with a logit
 /// of NaN or +∞ gives NaN. A sample's result does not depend on its batch, bit for bit.
 ///
 /// # Panics
 /// If the shapes do not fit together.
-pub fn self_attention(packed: Tensor<3>, heads: usize, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
+pub fn self_attention(packed: Tensor<3>, heads: usize) -> Tensor<3> {
     let [batch, tokens, packed_width] = packed.dims();
     assert!(
         packed_width % 3 == 0,
         "expected queries, keys and values of one width, found tokens of {packed_width} elements"
     );
     let sizes = sizes(batch, tokens, tokens, packed_width / 3, heads);
-    attend(AttentionInputs::Together(packed.into_dispatch()), sizes, ignored)
+    attend(AttentionInputs::Together(packed.into_dispatch()), sizes)
 }
 
 /// Cross-attention: `[batch, queries, width]` and packed keys and values `[batch, keys, 2·width]` to
 /// `[batch, queries, width]`.
 ///
-/// See [`self_attention`]; `ignored` is `[batch, keys]`.
+/// See [`self_attention`].
 ///
 /// # Panics
 /// If the shapes do not fit together.
-pub fn cross_attention(
-    queries: Tensor<3>,
-    keys_values: Tensor<3>,
-    heads: usize,
-    ignored: Option<Tensor<2, Bool>>,
-) -> Tensor<3> {
+pub fn cross_attention(queries: Tensor<3>, keys_values: Tensor<3>, heads: usize) -> Tensor<3> {
     let [batch, query_count, width] = queries.dims();
     let [key_batch, key_count, packed_width] = keys_values.dims();
     assert_eq!([key_batch, packed_width], [batch, 2 * width], "batch and width of packed keys and values");
     let sizes = sizes(batch, query_count, key_count, width, heads);
     let inputs = AttentionInputs::Apart { queries: queries.into_dispatch(), keys_values: keys_values.into_dispatch() };
-    attend(inputs, sizes, ignored)
+    attend(inputs, sizes)
 }
 
 fn sizes(batch: usize, queries: usize, keys: usize, width: usize, heads: usize) -> AttentionSizes {
@@ -57,10 +48,6 @@ fn sizes(batch: usize, queries: usize, keys: usize, width: usize, heads: usize) 
     AttentionSizes { batch, queries, keys, heads, head_width: width / heads }
 }
 
-fn attend(inputs: AttentionInputs<Dispatch>, sizes: AttentionSizes, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
-    if let Some(ignored) = &ignored {
-        assert_eq!(ignored.dims(), [sizes.batch, sizes.keys], "shape of the mask of ignored keys");
-    }
-    let mask = ignored.map_or(KeyMask::Absent, |ignored| KeyMask::Ignored(ignored.into_dispatch()));
-    Tensor::from_dispatch(Dispatch::fused_attention(inputs, mask, sizes))
+fn attend(inputs: AttentionInputs<Dispatch>, sizes: AttentionSizes) -> Tensor<3> {
+    Tensor::from_dispatch(Dispatch::fused_attention(inputs, sizes))
 }

@@ -20,7 +20,8 @@ pub fn gather_rows(x: Tensor<3>, rows: Tensor<2, Int>) -> Tensor<3> {
 /// The maximum of each element over rows given by index: `[batch, rows, width]` and `[batch, picks, neighbours]` to
 /// `[batch, picks, width]`, without storing the gathered rows.
 ///
-/// Ties go to the first neighbour, which gets the whole gradient. NaN wins over everything.
+/// Ties go to the first neighbour, which gets the whole gradient, and NaN wins over everything. This is tested on the CPU; on
+/// other devices, burn's own maximum decides.
 ///
 /// # Panics
 /// If the batches differ, there are no neighbours, or an index is not that of a row.

@@ -20,7 +20,7 @@ fn block(width: usize, heads: usize, device: &Device) -> Block {
 /// The output and every gradient of a block, as bits.
 fn trained(block: &Block, x: &Tensor<3>) -> Vec<Vec<u32>> {
     let x = x.clone().require_grad();
-    let out = block.forward(x.clone(), None);
+    let out = block.forward(x.clone());
     let gradients = (out.clone() * out.clone()).sum().backward();
     let matrix = |weight: &burn::module::Param<Tensor<2>>| bits(weight.val().grad(&gradients).unwrap());
     let vector = |weight: &burn::module::Param<Tensor<1>>| bits(weight.val().grad(&gradients).unwrap());
@@ -71,15 +71,34 @@ fn products_of_bfloat16_are_used_in_both_passes_until_their_scope_ends() {
     assert_eq!(exact, trained(&block, &x), "outside of the scope");
 }
 
+/// Whichever precision is current when they are computed.
+#[test]
+fn gradients_have_the_precision_of_the_forward_pass() {
+    use MatmulPrecision::{Bf16, F32};
+    let device = Device::flex().autodiff();
+    let block = block(48, 3, &device);
+    let x = Tensor::<3>::from_inner(random([2, 40, 48], 5));
+    let differentiated = |forward: MatmulPrecision, backward: MatmulPrecision| {
+        let x = x.clone().require_grad();
+        let out = forward.scope(|| block.forward(x.clone()));
+        let gradients = backward.scope(|| (out.clone() * out).sum().backward());
+        [bits(x.grad(&gradients).unwrap()), bits(block.attn.qkv.weight.val().grad(&gradients).unwrap())]
+    };
+    let (exact, rounded) = (differentiated(F32, F32), differentiated(Bf16, Bf16));
+    assert_ne!(exact, rounded);
+    assert_eq!(differentiated(F32, Bf16), exact, "exact, then rounded");
+    assert_eq!(differentiated(Bf16, F32), rounded, "rounded, then exact");
+}
+
 #[test]
 fn a_sample_does_not_depend_on_its_batch() {
     let device = Device::flex();
     let block = block(48, 3, &device);
     for tokens in [1, 2, 17, 130] {
         let x = random::<3>([5, tokens, 48], 11);
-        let together = bits(block.forward(x.clone(), None));
+        let together = bits(block.forward(x.clone()));
         for sample in 0..5 {
-            let alone = bits(block.forward(x.clone().narrow(0, sample, 1), None));
+            let alone = bits(block.forward(x.clone().narrow(0, sample, 1)));
             assert_eq!(
                 alone,
                 together[sample * tokens * 48..(sample + 1) * tokens * 48],
@@ -110,8 +129,8 @@ proptest! {
     ) {
         let (width, first) = (heads * head_width, first % queries);
         let (q, kv) = (random::<3>([1, queries, width], 1), random::<3>([1, keys, 2 * width], 2));
-        let all = bits(ops::cross_attention(q.clone(), kv.clone(), heads, None));
-        let some = bits(ops::cross_attention(q.slice([0..1, first..queries]), kv, heads, None));
+        let all = bits(ops::cross_attention(q.clone(), kv.clone(), heads));
+        let some = bits(ops::cross_attention(q.slice([0..1, first..queries]), kv, heads));
         prop_assert_eq!(&all[first * width..], &some[..]);
     }
 

@@ -1,5 +1,5 @@
 use burn::Tensor;
-use burn::tensor::{Bool, Device, Int, TensorData, activation};
+use burn::tensor::{Device, Int, TensorData, activation};
 
 use crate::{NormKind, ops};
 
@@ -83,48 +83,35 @@ fn heads(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
     Tensor::cat(vec![normalised.reshape([6, 20]), rows.slice([0..6, 20..33])], 1).flatten(0, 1)
 }
 
-/// Attention with every third key ignored.
 fn attention(x: &[Tensor<1>], tokens: usize, heads: usize, ours: bool) -> Tensor<1> {
     let batch = if tokens == 70 { 2 } else { 1 };
     let width = x[0].dims()[0] / (batch * tokens * 3);
     let packed = (x[0].clone() * 2.0).reshape([batch, tokens, 3 * width]);
-    let ignored = third_keys(batch, tokens, &x[0].device());
     if ours {
-        return ops::self_attention(packed, heads, Some(ignored)).flatten(0, 2);
+        return ops::self_attention(packed, heads).flatten(0, 2);
     }
     let part = |at| packed.clone().slice([0..batch, 0..tokens, at * width..(at + 1) * width]);
-    decomposed([part(0), part(1), part(2)], heads, Some(ignored)).flatten(0, 2)
+    decomposed([part(0), part(1), part(2)], heads).flatten(0, 2)
 }
 
 fn cross(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
     let queries = x[0].clone().reshape([2, 5, 12]);
     let keys_values = x[1].clone().reshape([2, 9, 24]);
     if ours {
-        return ops::cross_attention(queries, keys_values, 2, None).flatten(0, 2);
+        return ops::cross_attention(queries, keys_values, 2).flatten(0, 2);
     }
     let part = |at| keys_values.clone().slice([0..2, 0..9, at * 12..(at + 1) * 12]);
-    decomposed([queries, part(0), part(1)], 2, None).flatten(0, 2)
-}
-
-fn third_keys(batch: usize, keys: usize, device: &Device) -> Tensor<2, Bool> {
-    let ignored: Vec<bool> = (0..batch * keys).map(|key| key % 3 == 1).collect();
-    Tensor::from_data(TensorData::new(ignored, [batch, keys]), device)
+    decomposed([queries, part(0), part(1)], 2).flatten(0, 2)
 }
 
 /// Attention with all weights stored.
-pub(super) fn decomposed(parts: [Tensor<3>; 3], heads: usize, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
+pub(super) fn decomposed(parts: [Tensor<3>; 3], heads: usize) -> Tensor<3> {
     let [batch, queries, width] = parts[0].dims();
-    let keys = parts[1].dims()[1];
     let [q, k, v] = parts.map(|part| {
         let tokens = part.dims()[1];
         part.reshape([batch, tokens, heads, width / heads]).swap_dims(1, 2)
     });
     let logits = q.matmul(k.swap_dims(2, 3)) / ((width / heads) as f64).sqrt();
-    let logits = match ignored {
-        Some(ignored) => logits
-            .mask_fill(ignored.reshape([batch, 1, 1, keys]).expand([batch, heads, queries, keys]), f64::NEG_INFINITY),
-        None => logits,
-    };
     activation::softmax(logits, 3).matmul(v).swap_dims(1, 2).reshape([batch, queries, width])
 }
 

@@ -53,27 +53,30 @@ fn a_block_equals_the_composition_of_its_parts() {
         let part = |at: usize| packed.clone().slice([0..2, 0..9, at * 24..(at + 1) * 24]);
         let (q_norm, k_norm) = (block.attn.q_norm.as_ref().unwrap(), block.attn.k_norm.as_ref().unwrap());
         let parts = [norm_heads(q_norm, part(0), 3), norm_heads(k_norm, part(1), 3), part(2)];
-        let attended = linear(&block.attn.proj, cases::decomposed(parts, 3, None));
+        let attended = linear(&block.attn.proj, cases::decomposed(parts, 3));
         let scale = |scale: &Option<crate::layers::LayerScale>| scale.as_ref().unwrap().gamma.val().unsqueeze();
         let middle = x.clone() + attended * scale(&block.ls1);
         let hidden = activation::gelu(linear(&block.mlp.fc1, norm(&block.norm2, middle.clone())));
         let expected = middle + linear(&block.mlp.fc2, hidden) * scale(&block.ls2);
 
-        SINGLE.assert(values(block.forward(x, None)), values(expected), "block");
+        SINGLE.assert(values(block.forward(x)), values(expected), "block");
     }
 }
 
+/// With one head, the keys of packed `[k, v]` are the only segment of a row, and half of it.
 #[test]
 fn cross_attention_equals_the_composition_of_its_parts() {
-    let config = AttentionConfig::new(24, 3).with_qk_norm(Some(NormKind::Layer));
-    let layer = shuffled(config.init_cross(10, &Device::flex()));
-    let (x, context) = (random::<3>([2, 5, 24], 1), random::<3>([2, 7, 10], 2));
-    let packed = linear(&layer.kv, context.clone());
-    let part = |at: usize| packed.clone().slice([0..2, 0..7, at * 24..(at + 1) * 24]);
-    let queries = norm_heads(layer.q_norm.as_ref().unwrap(), linear(&layer.q, x.clone()), 3);
-    let parts = [queries, norm_heads(layer.k_norm.as_ref().unwrap(), part(0), 3), part(1)];
-    let expected = linear(&layer.proj, cases::decomposed(parts, 3, None));
-    SINGLE.assert(values(layer.forward(x, context, None)), values(expected), "cross-attention");
+    for (heads, kind) in [(3, NormKind::Layer), (1, NormKind::Layer), (1, NormKind::Rms)] {
+        let config = AttentionConfig::new(24, heads).with_qk_norm(Some(kind));
+        let layer = shuffled(config.init_cross(10, &Device::flex()));
+        let (x, context) = (random::<3>([2, 5, 24], 1), random::<3>([2, 7, 10], 2));
+        let packed = linear(&layer.kv, context.clone());
+        let part = |at: usize| packed.clone().slice([0..2, 0..7, at * 24..(at + 1) * 24]);
+        let queries = norm_heads(layer.q_norm.as_ref().unwrap(), linear(&layer.q, x.clone()), heads);
+        let parts = [queries, norm_heads(layer.k_norm.as_ref().unwrap(), part(0), heads), part(1)];
+        let expected = linear(&layer.proj, cases::decomposed(parts, heads));
+        SINGLE.assert(values(layer.forward(x, context)), values(expected), &format!("{heads} heads, {kind:?}"));
+    }
 }
 
 /// The current path, and the paths of all parameters.

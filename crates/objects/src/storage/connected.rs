@@ -1,5 +1,6 @@
 //! The crate `object_store` behind blocking calls. Its requests run on separate threads, so that a call may come from any
-//! thread; requests that fail for a moment are repeated there.
+//! thread; reads that fail for a moment are repeated there, and so are writes that have not been sent or that the server could not
+//! answer. After another failure of a write, the object says whether it was written.
 
 use std::fmt;
 use std::future::Future;
@@ -14,6 +15,7 @@ use atsplat_files::{AtomicFile, FileError};
 use futures::{StreamExt as _, TryStreamExt as _, stream};
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;
+use object_store::client::{HttpError, HttpErrorKind};
 use object_store::gcp::GoogleCloudStorageBuilder;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as ObjectPath;
@@ -127,7 +129,7 @@ impl Connected {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             outcome => outcome.map_err(FileError::during::<ObjectError>("reading what to write", file.clone()))?,
         };
-        let (written, payload) = (bytes.len(), PutPayload::from(bytes));
+        let (written, payload) = (bytes.len(), PutPayload::from(bytes.clone()));
         let place = self.place(name)?;
         let mode = replaces
             .clone()
@@ -141,8 +143,32 @@ impl Connected {
             Err(Error::NotImplemented { .. }) => put(PutMode::Overwrite).await,
             outcome => outcome,
         };
-        let written = written.map_err(self.failure("writing an object", name))?;
-        Ok(Some(Version { tag: written.e_tag, version: written.version }))
+        match written {
+            Ok(written) => Ok(Some(Version { tag: written.e_tag, version: written.version })),
+            Err(error) => match self.written(&place, &bytes, &error).await {
+                Some(version) => Ok(Some(version)),
+                None => Err(self.failure("writing an object", name)(error)),
+            },
+        }
+    }
+
+    /// The version of an object that was written although the answer is an error: if an answer is lost, the request may be repeated,
+    /// and its condition then fails, because of the first one.
+    async fn written(&self, place: &ObjectPath, bytes: &[u8], error: &Error) -> Option<Version> {
+        let may_be_written = match error {
+            Error::Precondition { .. } | Error::AlreadyExists { .. } => true,
+            Error::Generic { .. } => was_connected(error),
+            _ => false,
+        };
+        if !may_be_written {
+            return None;
+        }
+        self.count(1, 0, 0);
+        let answer = self.store.get(place).await.ok().filter(|answer| answer.meta.size == bytes.len() as u64)?;
+        let version = version_of(&answer.meta);
+        let found = answer.bytes().await.ok()?;
+        self.count(0, found.len(), 0);
+        (found == bytes).then_some(version)
     }
 
     /// Adds to what was exchanged.
@@ -307,6 +333,14 @@ fn tag_of(meta: &ObjectMeta) -> String {
     tag.unwrap_or_else(|| meta.last_modified.to_rfc3339())
 }
 
+/// Whether a request that failed had a connection: without one, the next request would wait in vain as well.
+fn was_connected(error: &Error) -> bool {
+    let first: &(dyn std::error::Error + 'static) = error;
+    let mut causes = std::iter::successors(Some(first), |cause| cause.source());
+    let of_connection = causes.find_map(|cause| cause.downcast_ref::<HttpError>());
+    !of_connection.is_some_and(|error| matches!(error.kind(), HttpErrorKind::Connect))
+}
+
 /// Whether an error is an answer of one of these statuses.
 fn has_status(detail: &str, statuses: &[u16]) -> bool {
     statuses.iter().any(|status| detail.contains(&format!("status code: {status} ")))
@@ -341,6 +375,16 @@ mod unit_tests {
         assert!(of(0).is_empty());
         assert_eq!(of(PART), [(0, PART)]);
         assert_eq!(of(2 * PART + 1), [(0, PART), (PART, 2 * PART), (2 * PART, 2 * PART + 1)]);
+    }
+
+    #[test]
+    fn an_object_is_not_looked_for_without_a_connection() {
+        let failed = |kind| {
+            let source = Box::new(HttpError::new(kind, io::Error::other("reset")));
+            was_connected(&Error::Generic { store: "S3", source })
+        };
+        let kinds = [HttpErrorKind::Interrupted, HttpErrorKind::Timeout, HttpErrorKind::Connect];
+        assert_eq!(kinds.map(failed), [true, true, false]);
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub use coverage::{Coverage, FeatureCoverage, feature_overlap};
 pub use error::OpenCvError;
 pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
 pub use undistort::{UndistortMode, Undistorter};
-pub use undistort_scene::{UndistortedFrames, undistort_scene};
+pub use undistort_scene::{UndistortedFrames, undistort_scene, undistorted_files};
 pub use video::{ExtractedFrame, ExtractedFrames, ExtractionOptions, ExtractionOutcome, FrameFormat, extract_frames};
 
 /// Adds what was being done to OpenCV's error.

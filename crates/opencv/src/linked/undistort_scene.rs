@@ -1,5 +1,5 @@
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::AtomicFile;
@@ -70,6 +70,14 @@ pub fn undistort_scene(
     let outcome = serde_json::to_writer_pretty(list_file.writer(), &transforms).map_err(std::io::Error::from);
     outcome.and_then(|()| list_file.commit()).map_err(OpenCvError::io("writing cameras", &list))?;
     Ok(count)
+}
+
+/// The files that [`undistort_scene`] writes if every image can be read.
+pub fn undistorted_files(scene: &Scene, folder: &Path) -> Vec<PathBuf> {
+    let mut names = BTreeSet::new();
+    let frames = scene.frames.iter().enumerate();
+    let images = frames.map(|(position, frame)| format!("images/{}.png", unique_name(frame, position, &mut names)));
+    images.chain(["transforms.json".to_owned()]).map(|name| folder.join(name)).collect()
 }
 
 /// An undistorter, and the camera and image size that it was made for.
@@ -163,6 +171,8 @@ mod tests {
         let mut warnings = Warnings::new();
         let count = undistort_scene(&scene, UndistortMode::KeepK, folder.path(), &mut warnings, &|| ()).unwrap();
         assert_eq!(count, UndistortedFrames { written: 2, skipped: 2 });
+        let files = ["images/f_0.png", "images/f_1.png", "images/f_2.png", "images/f_3.png", "transforms.json"];
+        assert_eq!(undistorted_files(&scene, folder.path()), files.map(|name| folder.path().join(name)));
         assert_eq!((warnings.total(), warnings.count(WarningKind::UnreadableImage)), (1, 1), "{:?}", warnings.kept());
 
         let mut found = Warnings::new();

@@ -1,35 +1,58 @@
-"""Code as bytes: the source of functions, what they read and assign, and the modules that they import."""
+"""Code as bytes: what functions are, what they read and assign, and the modules that they import."""
 
 from __future__ import annotations
 
 import dis
-import importlib.util
+import functools
 import inspect
-import sys
+import linecache
 import textwrap
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Set
 from types import CodeType, FunctionType
 from typing import Any
 
 from ._contents import digest
 
-#: Top-level modules that count by name, wherever they are.
-FOREIGN = sys.stdlib_module_names - {"__main__"} | {"builtins", "atsplat"}
-
 
 def source(code: CodeType) -> bytes:
-    """Its text. Of a lambda, whose lines contain more than it, and of what an interpreter was given, the instructions."""
-    try:
-        if code.co_name != "<lambda>":
-            return textwrap.dedent(inspect.getsource(code)).encode()
-    except (OSError, TypeError, SyntaxError, IndexError):
-        pass
-    return digest(b"code", code.co_code, repr((code.co_names, code.co_freevars)).encode(), *map(_constant, code.co_consts))
+    """Its text, if that is what runs: a file may have been edited since it was imported. Otherwise the instructions; also of a lambda,
+    whose lines contain more than it."""
+    instructions = compiled(code)
+    if code.co_name != "<lambda>":
+        try:
+            linecache.checkcache(code.co_filename)
+            text = "".join(linecache.getlines(code.co_filename))
+            if (code.co_name, code.co_firstlineno, instructions) in _functions(text, code.co_filename):
+                return textwrap.dedent(inspect.getsource(code)).encode()
+        except (OSError, TypeError, SyntaxError, ValueError, IndexError):
+            pass
+    return instructions
+
+
+@functools.lru_cache(maxsize=32)
+def _functions(text: str, file: str) -> frozenset[tuple[str, int, bytes]]:
+    return frozenset((one.co_name, one.co_firstlineno, compiled(one)) for one in codes(parsed(text, file)))
+
+
+def parsed(text: str, file: str) -> CodeType:
+    with warnings.catch_warnings():
+        # Its import has given them.
+        warnings.simplefilter("ignore")
+        return compile(text, file, "exec", dont_inherit=True)
+
+
+def compiled(code: CodeType) -> bytes:
+    """The hash of a function's instructions and constants, and of functions inside of it, wherever they are written."""
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    handlers = getattr(code, "co_exceptiontable", b"")
+    return digest(b"code", code.co_code, handlers, repr((counts, names)).encode(), *map(_constant, code.co_consts))
 
 
 def _constant(value: Any) -> bytes:
     if isinstance(value, CodeType):
-        return source(value)
+        return compiled(value)
     if isinstance(value, frozenset):
         return digest(b"set", *sorted(map(_constant, value)))
     return digest(b"tuple", *map(_constant, value)) if isinstance(value, tuple) else repr(value).encode()
@@ -38,9 +61,12 @@ def _constant(value: Any) -> bytes:
 def codes(code: CodeType) -> Iterator[CodeType]:
     """A function's code, and that of functions inside of it."""
     yield code
-    for one in code.co_consts:
-        if isinstance(one, CodeType):
-            yield from codes(one)
+    for one in _inside(code):
+        yield from codes(one)
+
+
+def _inside(code: CodeType) -> list[CodeType]:
+    return [one for one in code.co_consts if isinstance(one, CodeType)]
 
 
 def loaded(code: CodeType) -> set[str]:
@@ -49,11 +75,20 @@ def loaded(code: CodeType) -> set[str]:
     return {one.argval for one in found if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
 
 
-def assigned(code: CodeType) -> set[tuple[str, bool]]:
-    """Variables that a function assigns, and whether they are globals; others may be of its closure."""
-    found = (one for part in codes(code) for one in dis.get_instructions(part))
-    kinds = {"STORE_GLOBAL": True, "DELETE_GLOBAL": True, "STORE_DEREF": False, "DELETE_DEREF": False}
-    return {(one.argval, kinds[one.opname]) for one in found if one.opname in kinds}
+def assigned(code: CodeType, free: Set[str] | None = None) -> set[tuple[str, bool]]:
+    """Variables that a function assigns, and whether they are globals; others are of its closure.
+
+    A scope inside may have a variable of its own by the name of one in the closure (``free``): it is then no free one there, or also a
+    cell, as that of a comprehension is since Python 3.12.
+    """
+    free = (set(code.co_freevars) if free is None else free & set(code.co_freevars)) - set(code.co_cellvars)
+    found: set[tuple[str, bool]] = set()
+    for one in dis.get_instructions(code):
+        if one.opname in ("STORE_GLOBAL", "DELETE_GLOBAL"):
+            found.add((one.argval, True))
+        elif one.opname in ("STORE_DEREF", "DELETE_DEREF") and one.argval in free:
+            found.add((one.argval, False))
+    return found.union(*(assigned(part, free) for part in _inside(code)))
 
 
 def imported(code: CodeType, package: str) -> set[str]:
@@ -78,46 +113,3 @@ def package_of(function: FunctionType) -> str:
     scope = function.__globals__
     name = scope.get("__name__") or ""
     return str(scope.get("__package__") or (name if "__path__" in scope else name.rpartition(".")[0]))
-
-
-def located(name: str) -> tuple[str | None, Any] | None:
-    """The file of a module, and the folders of its submodules if it is a package; None if there is none. Nothing is imported."""
-    module = sys.modules.get(name)
-    if module is not None:
-        return getattr(module, "__file__", None), getattr(module, "__path__", None)
-    parent, folders = name.rpartition(".")[0], None
-    if parent:
-        found = located(parent)
-        if found is None or found[1] is None:
-            return None
-        folders = found[1]
-    for finder in sys.meta_path:
-        try:
-            spec = finder.find_spec(name, folders)
-        except Exception:
-            # A finder of another library that only knows what was imported.
-            continue
-        if spec is not None:
-            return spec.origin if spec.has_location else None, spec.submodule_search_locations
-    return None
-
-
-def content_of(file: str) -> tuple[bytes, CodeType | None]:
-    """The hash of a module's file, and its code if it is Python's."""
-    with open(file, "rb") as opened:
-        content = opened.read()
-    if not file.endswith((".py", ".pyw")):
-        return digest(b"module", content), None
-    try:
-        text = importlib.util.decode_source(content)
-        return digest(b"module", text.encode()), compile(text, file, "exec", dont_inherit=True)
-    except (SyntaxError, ValueError):
-        return digest(b"module", content), None
-
-
-def is_installed(file: str) -> bool:
-    return "site-packages" in file or "dist-packages" in file
-
-
-def root(module: str) -> str:
-    return module.split(".")[0]

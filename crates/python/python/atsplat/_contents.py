@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import array
+import array as arrays
 import datetime
 import decimal
 import fractions
@@ -28,7 +28,7 @@ NUMBERS_AND_TEXTS = (int, float, complex, str, bytes)
 NAMESPACES = (Namespace, types.SimpleNamespace)
 #: What pickle would store of these is their content, and the same in every process.
 _REDUCED = (
-    operator.itemgetter, operator.attrgetter, operator.methodcaller, array.array, uuid.UUID,
+    operator.itemgetter, operator.attrgetter, operator.methodcaller, arrays.array, uuid.UUID,
     datetime.date, datetime.time, datetime.timedelta, datetime.tzinfo,
 )
 #: Arrays of these libraries are in memory, and can be read as NumPy's.
@@ -71,24 +71,33 @@ def _is_what_it_prints(value: Any) -> bool:
     return prints in ("builtins", "enum", "numpy") and (isinstance(value, Enum) or not getattr(value, "__dict__", None))
 
 
-def is_flat(value: Any, kinds: tuple[type, ...]) -> bool:
-    """Whether this is a constant, or made of constants by such sequences."""
-    return plain(value) is not None or type(value) in kinds and all(is_flat(item, kinds) for item in value)
+def is_flat(value: Any) -> bool:
+    """Whether this is a constant, or made of constants alone."""
+    if plain(value) is not None:
+        return True
+    if type(value) is dict:
+        return all(is_flat(part) for item in value.items() for part in item)
+    return type(value) in (tuple, list, set, frozenset) and all(map(is_flat, value))
 
 
-def array_of(value: Any) -> bytes | None:
-    """The hash of an array or tensor; those of objects have :func:`objects_in`."""
-    torch = sys.modules.get("torch")
+def is_array(value: Any) -> bool:
+    """Whether this is an array or a tensor."""
+    tensor = getattr(sys.modules.get("torch"), "Tensor", None)
+    if isinstance(value, np.ndarray) or tensor is not None and isinstance(value, tensor):
+        return True
+    return type(value).__module__.split(".")[0] in _ARRAY_LIBRARIES and all(hasattr(value, key) for key in ("__array__", "dtype", "shape"))
+
+
+def array(value: Any) -> bytes:
+    """The hash of an array or tensor; those of objects also have :func:`objects_in`."""
     if isinstance(value, np.ndarray):
         content = value.tobytes() if not value.dtype.hasobject else repr(value.shape).encode()
         return digest(b"array", str(value.dtype).encode(), repr(value.shape).encode(), content)
-    if hasattr(torch, "Tensor") and isinstance(value, torch.Tensor):  # type: ignore[union-attr]
-        from .torch import tensor_bytes
+    if type(value).__module__.split(".")[0] in _ARRAY_LIBRARIES:
+        return array(np.asarray(value))
+    from ._modules import tensor
 
-        return digest(b"tensor", *tensor_bytes(value))
-    if type(value).__module__.split(".")[0] in _ARRAY_LIBRARIES and all(hasattr(value, key) for key in ("__array__", "dtype", "shape")):
-        return array_of(np.asarray(value))
-    return None
+    return tensor(value)
 
 
 def objects_in(value: Any) -> list[Any] | None:
@@ -129,3 +138,11 @@ def is_harmless(value: Any) -> bool:
     if any(value is stream for stream in (sys.stdin, sys.stdout, sys.stderr)):
         return True
     return of.__module__.split(".")[0] in _HARMLESS or f"{of.__module__}.".startswith(_HARMLESS_OF_TORCH)
+
+
+def attribute(value: Any, name: str) -> Any:
+    """An attribute, None if there is none: a class may make anything of names that it does not know."""
+    try:
+        return getattr(value, name, None)
+    except Exception:
+        return None

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from ._arrays import images, invalid
-from ._identity import examined
+from ._contents import attribute
+from ._identity import RULES, examined
+from ._members import called, inner
 from .cameras import Cameras
 from .errors import AtsplatError, NotApplicable
 from .gaussians import Gaussians
@@ -29,8 +31,9 @@ RESERVED = ("setting", "version", "identity", "background", "effects", "toleranc
 
 
 def name_of(method: Callable[..., Any]) -> str:
-    """The name of a function, or of an object's class."""
-    name = getattr(method, "__name__", None) or type(method).__name__
+    """The name of a function, or of an object's class, also of one of its methods; that of what wrappers wrap."""
+    of = called(method)
+    name = attribute(of, "__name__") or type(of).__name__
     return "method" if name == "<lambda>" else name
 
 
@@ -101,10 +104,11 @@ def _identity(method: Callable[..., Any], stated: Mapping[str, Any]) -> dict[str
     # A user who states parameters has thought of it; `Evaluation` states this one itself.
     if unseen and not set(stated) - {STATE}:
         listed = f"{', '.join(unseen[:5])}{', …' if len(unseen) > 5 else ''}"
-        text = f"{name_of(method)}: what is in objects of {listed} is not part of the method's identity: give parameters=… or version=…"
+        text = f"{name_of(method)}: the method's identity lacks what is in {listed}: give parameters=… or version=…"
         # Of the code that calls `evaluate`, which calls `record`.
         warnings.warn(text, stacklevel=4)
-    return parts
+    # First of all, so that a list of differences begins with it.
+    return {"(rules)": str(RULES), **parts}
 
 
 @dataclass(frozen=True)
@@ -135,13 +139,20 @@ def adapted(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _takes_trial(method: Callable[..., Any]) -> bool:
-    # A module's call takes anything; what it passes on says more.
     if isinstance(method, functools.partial) and "trial" in method.keywords:
         return False
     try:
-        return "trial" in inspect.signature(getattr(method, "forward", method)).parameters
+        return "trial" in inspect.signature(_passed_to(method)).parameters
     except (TypeError, ValueError):
         return False
+
+
+def _passed_to(method: Callable[..., Any]) -> Callable[..., Any]:
+    """What has the method's parameters: a module's call takes anything, and what it passes on says more."""
+    if isinstance(method, functools.partial):
+        return functools.partial(_passed_to(method.func), *method.args, **method.keywords)
+    module = inner(method)
+    return _passed_to(module) if module is not None else getattr(method, "forward", method)
 
 
 def describe(error: BaseException) -> tuple[str, str]:

@@ -85,7 +85,7 @@ def evaluate(
         protocols: names, paths of ``.toml`` files, or :class:`~atsplat.Protocol`.
         data: the dataset, as for :meth:`atsplat.Protocol.open`.
         out: folder of the store.
-        name: the method's name in the results; by default that of the function or class. A baseline has its own name, title,
+        name: the method's name in the results; by default that of the function or class, of what wrappers wrap. A baseline has its own name, title,
             parameters and setting: others are an error.
         title: its title in tables.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
@@ -99,9 +99,10 @@ def evaluate(
         setting: whose published pose normalisation, near and far planes and renderer are used (:attr:`atsplat.Protocol.settings`).
         deterministic: whether equal input gives equal bits; drift then compares bit by bit.
         version: identifies the method instead of its code and values, which are hashed otherwise: functions and classes that are
-            not installed, or are of the method's package; imported modules that are not installed; constants, configurations, arrays,
-            tensors and modules in closures, defaults, attributes, ``functools.partial`` and globals. Not hashed are files, and objects
-            of other libraries, which are a warning: state them in ``parameters``.
+            not installed, or are of the method's package; imported modules and compiled extensions that are not installed; versions
+            of packages that are; constants, configurations, arrays, tensors and modules in closures, defaults, attributes,
+            ``functools.partial`` and globals. Not hashed are files, and objects of other libraries, which are a warning: state them
+            in ``parameters``.
         antialiased: render Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
             warning if they seem to be made for it.
         constants: a rasterizer whose constants Gaussians are rendered with, as for :func:`atsplat.render`, instead of the protocol's.
@@ -110,7 +111,8 @@ def evaluate(
             a trial's Gaussians is rendered; the store is complete apart from that.
         progress: called after each result; with ``ray``, for all of a shard when it has ended.
         ray: evaluate on a Ray cluster, with the options of :class:`~atsplat.RayOptions` if it is a dict. The method is pickled, and
-            stays loaded in each worker; ``data`` is a path that every node can read.
+            stays loaded in each worker; ``data`` is a path that every node can read. Functions of modules that nodes can import are not
+            pickled: these modules must be the same on each node.
         options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, as for :meth:`atsplat.Protocol.open`.
 
     Returns:

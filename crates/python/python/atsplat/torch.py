@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import operator
-import pickle
 import warnings
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
@@ -16,6 +15,7 @@ from torch.utils.data import Dataset
 from ._arguments import at_most, whole
 from ._arrays import invalid
 from ._identity import modules as modules_of
+from ._identity import state_hash as hash_of_state
 from ._methods import STATE, name_of
 from .cameras import Cameras
 from .drift import Drift, drift
@@ -137,6 +137,9 @@ class Evaluation:
     resumed with the same state, and the store of another training is an error, not the result. A callable without a module is a
     warning, and a folder that already contains results is an error for it, unless ``resume=True``.
 
+    With several processes, call it on one of them, with the model itself (``model.module`` of ``DistributedDataParallel``), and let the
+    others wait: :class:`atsplat.lightning.EvaluationCallback` does that.
+
     Args:
         protocols: as for :func:`atsplat.evaluate`.
         data: the dataset.
@@ -178,8 +181,9 @@ class Evaluation:
 
         Raises:
             DriftedError: if it is worse than the baseline, if targets fail that were scored there, or if no number was compared.
+            InvalidError: if what ``method`` uses cannot be gone through to find modules; those of :func:`atsplat.evaluate`.
         """
-        if step == 0 or step % self._every:
+        if not self.is_due(step):
             return None
         store = self.stores[step] = self._evaluate(step, method)
         if self._baseline is not None:
@@ -188,6 +192,10 @@ class Evaluation:
             if not is_guarded or (self._fail == "any" and self.drift.drifted) or worse(self.drift):
                 raise DriftedError(self.drift)
         return store
+
+    def is_due(self, step: int) -> bool:
+        """Whether it is time to."""
+        return step != 0 and step % self._every == 0
 
     def _evaluate(self, step: int, method: Callable[..., Any]) -> Store:
         modules = modules_of(method) if self._modules is None else self._modules
@@ -214,22 +222,9 @@ class Evaluation:
 
 
 def state_hash(module: torch.nn.Module) -> str:
-    """SHA-256 of a module's ``state_dict``: names, types, shapes and bytes, in the order of the names."""
-    digest = hashlib.sha256()
-    for name, value in sorted(module.state_dict().items(), key=lambda item: item[0]):
-        digest.update(f"{name}\n".encode())
-        for part in tensor_bytes(value):
-            digest.update(part)
-    return digest.hexdigest()
-
-
-def tensor_bytes(value: Any) -> list[Any]:
-    """What a hash of a tensor is made of, or of another value in a state."""
-    if isinstance(value, torch.Tensor) and value.layout == torch.strided and not value.is_quantized:
-        # As bytes, because NumPy has no bfloat16.
-        content = value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy()
-        return [f"{value.dtype} {tuple(value.shape)}\n".encode(), content.data]
-    return [pickle.dumps(value)]
+    """SHA-256 of a module's state, as 64 hexadecimal digits: names, types, shapes and values of its parameters and buffers, also of those
+    that its ``state_dict`` leaves out, and of what else is in that; in the order of the names."""
+    return hash_of_state(module)
 
 
 def worse(of: Drift) -> list[dict[str, Any]]:

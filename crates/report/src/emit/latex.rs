@@ -6,6 +6,8 @@ use crate::table::{Mark, NoteKind, Row, Table};
 
 /// Labels of up to this many characters stay on one line.
 const ONE_LINE: usize = 32;
+/// Words of up to this many characters stay whole.
+const WHOLE_WORD: usize = 24;
 /// Widths of columns whose text is wrapped.
 const LABEL_WIDTH: &str = "p{42mm}";
 const ORIGIN_WIDTH: &str = "p{38mm}";
@@ -57,7 +59,7 @@ pub(super) fn write(table: &Table) -> String {
     }
     text.push_str("\\bottomrule\n\\end{tabular}}\n");
     let printed: Vec<String> =
-        table.footer.iter().filter(|note| is_printed(note.kind)).map(|note| escaped(&note.text)).collect();
+        table.footer.iter().filter(|note| is_printed(note.kind)).map(|note| breakable(&note.text)).collect();
     if !printed.is_empty() {
         text.push_str(&format!("\\par\\smallskip{{\\footnotesize {}.\\par}}\n", printed.join(". ")));
     }
@@ -105,15 +107,25 @@ fn wraps(label: &str) -> bool {
     label.chars().count() > ONE_LINE
 }
 
+/// Escapes text whose long words, such as the names of checkpoints, may break after punctuation.
+fn breakable(text: &str) -> String {
+    let word = |word: &str| {
+        if word.chars().count() <= WHOLE_WORD {
+            return escaped(word);
+        }
+        word.split_inclusive(['_', '-', '/', '.', ':']).map(escaped).collect::<Vec<_>>().join("\\allowbreak{}")
+    };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+}
+
 fn cells(table: &Table, row: &Row, labels: &[String], measured: bool) -> Vec<String> {
-    let label = |label: &String| match escaped(label) {
-        text if wraps(label) => format!("\\raggedright {text}"),
-        text => text,
+    let label = |label: &String| {
+        if wraps(label) { format!("\\raggedright {}", breakable(label)) } else { escaped(label) }
     };
     let mut cells: Vec<String> = labels.iter().map(label).collect();
     let origin = match row.origin {
         Origin::Published => "paper".to_owned(),
-        Origin::Measured => format!("\\scriptsize\\raggedright {}", escaped(row.origin_text())),
+        Origin::Measured => format!("\\scriptsize\\raggedright {}", breakable(row.origin_text())),
     };
     cells.extend(measured.then_some(origin));
     cells.extend(table.columns().map(|(index, column)| {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::definition::TableDefinition;
-use crate::sample::{HOSTILE, atsplat, floor, preset, results, results_over, store};
+use crate::sample::{HOSTILE, UNBROKEN, atsplat, floor, preset, results, results_over, store};
 use crate::table::{Mark, Mixing, Source, protocol_tables, tables};
 
 fn measured(name: &str) -> Table {
@@ -151,7 +151,20 @@ fn labels_are_no_arguments_of_the_latex_above_them() {
     }
 }
 
-/// Every table, with a hostile method among its rows, fits an A4 page.
+#[test]
+fn long_names_may_break_in_latex_and_short_ones_may_not() {
+    let mut method = floor();
+    method.title = format!("{UNBROKEN} at re10k-2v-256");
+    let results = results(vec![preset("re10k-2v-256")], vec![method]);
+    let source = Source { label: "run", results: &results };
+    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    let expected = "\\raggedright mvsplat\\_\\allowbreak{}re10k\\_\\allowbreak{}finetuned\\_";
+    assert!(latex.contains(expected) && latex.contains("lr1e-\\allowbreak{}4\\_"), "{latex}");
+    assert!(latex.contains("last\\_\\allowbreak{}final at re10k-2v-256"), "{latex}");
+}
+
+/// Every table, with a hostile method and one of a long name among its rows, fits an A4 page.
 #[test]
 fn latex_compiles_and_no_table_is_wider_than_its_page() {
     use std::process::Command;
@@ -160,7 +173,9 @@ fn latex_compiles_and_no_table_is_wider_than_its_page() {
     let presets = ["re10k-2v-256", "rooms-2v-128", "dl3dv-6v-256x448"].map(preset).into();
     let mut bracketed = floor();
     (bracketed.name, bracketed.title) = ("bracketed".to_owned(), "[method]".to_owned());
-    let results = results(presets, vec![method, atsplat("atsplat", |_| ()), bracketed]);
+    let mut unbroken = floor();
+    (unbroken.name, unbroken.title) = ("unbroken".to_owned(), UNBROKEN.to_owned());
+    let results = results(presets, vec![method, atsplat("atsplat", |_| ()), bracketed, unbroken]);
     let mut pages = String::new();
     for name in TableDefinition::names() {
         let definition = TableDefinition::named(name).unwrap();

@@ -11,19 +11,22 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let results = || stores.iter().map(|store| store.source.results);
     let trials: usize = results().map(|results| results.trials.len()).sum();
     let targets: usize = results().map(|results| results.targets.len()).sum();
-    let methods: usize = results().map(|results| results.provenance.methods.len()).sum();
-    // Several stores may have results of one protocol.
+    // Several stores may have results of one method or protocol.
+    let methods = results().flat_map(|results| &results.provenance.methods);
+    let methods =
+        methods.map(|method| (&method.name, &method.weights_sha256, method.untrained)).collect::<BTreeSet<_>>();
     let presets = results().flat_map(|results| &results.provenance.presets);
     let protocols = presets.map(|preset| (&preset.name, &preset.hash, &preset.index_sha256)).collect::<BTreeSet<_>>();
-    let facts = [(protocols.len(), "protocol"), (methods, "method"), (trials, "trial"), (targets, "target view")];
+    let facts = [(protocols.len(), "protocol"), (methods.len(), "method"), (trials, "trial"), (targets, "target view")];
     let fact =
         |(count, what): (usize, &str)| format!("<li><b>{count}</b><span>{}</span></li>", noun(count as u64, what));
     let facts: String = facts.map(fact).concat();
     let mut text = format!("<ul class=\"facts\">{facts}</ul>");
-    let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
+    let untrained = methods.iter().filter(|(.., untrained)| *untrained).count();
     if untrained > 0 {
+        let all = methods.len();
         text.push_str(&format!(
-            "<p class=\"warning\">{untrained} of {methods} methods have random weights: their counts are real, their quality is meaningless.</p>"
+            "<p class=\"warning\">{untrained} of {all} methods have random weights: their counts are real, their quality is meaningless.</p>"
         ));
     }
     let compared: Vec<_> =

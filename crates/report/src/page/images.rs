@@ -12,8 +12,8 @@ use super::PageStore;
 use crate::counted;
 use crate::plot_data::first_metric;
 
-/// The images of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
-/// trial first; a trial adds its context, its truths and the renders of all methods.
+/// The images of a page, up to a budget of bytes in base64. Protocols take turns, each with the worst, the best and the most
+/// typical of its trials with renders first; a trial adds its context, its truths and the renders of all methods.
 #[derive(Debug, Default)]
 pub(super) struct Album {
     uris: Vec<String>,
@@ -40,9 +40,6 @@ impl Album {
             let Some(folder) = store.folder else { continue };
             let path = |method: &str, frame| image_path(folder, &row.key.of_method(method), frame);
             let render = path(&row.key.method, row.frame);
-            if !render.is_file() {
-                continue;
-            }
             album.found += 1;
             let truth = uri(&path(TRUTH, row.frame), row.truth_hash.as_deref());
             let images = match (truth, uri(&render, row.render_hash.as_deref())) {
@@ -85,6 +82,11 @@ impl Album {
     /// Every image.
     pub(super) fn uris(&self) -> &[String] {
         &self.uris
+    }
+
+    /// The bytes that all images take.
+    pub(super) fn bytes(&self) -> usize {
+        self.uris.iter().map(String::len).sum()
     }
 
     /// The positions of truth and render of a target in [`Self::uris`].
@@ -141,8 +143,8 @@ impl Album {
 /// Targets, each with the number of its store.
 type Rows<'a> = Vec<(usize, &'a TargetRow)>;
 
-/// The targets of all stores with images, trial by trial under all methods.
-fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
+/// The targets of all stores that have renders, trial by trial under all methods.
+pub(super) fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
     let mut trials = BTreeMap::<(&str, &str, u32), Rows<'_>>::new();
     for (at, store) in stores.iter().enumerate() {
         if store.folder.is_some_and(|folder| folder.join("images").is_dir()) {
@@ -156,27 +158,35 @@ fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
     for ((preset, ..), rows) in trials {
         let first = || stores.iter().find_map(|store| first_metric(store.source.results, preset));
         let metric = *metrics.entry(preset).or_insert_with(first);
-        by_preset.entry(preset).or_default().push((quality(&rows, metric), rows));
+        let quality = quality(&rows, metric);
+        let with_renders = rows.into_iter().filter(|(at, row)| has_render(stores, *at, row)).collect();
+        by_preset.entry(preset).or_default().push((quality, with_renders));
     }
-    let mut turns = Vec::new();
-    for trials in by_preset.values_mut() {
-        trials.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (last, middle) = (trials.len().saturating_sub(1), trials.len() / 2);
-        for (rank, (_, rows)) in trials.drain(..).enumerate() {
-            let turn = if rank == 0 {
-                0
-            } else if rank == last {
-                1
-            } else if rank == middle {
-                2
-            } else {
-                rank + 2
-            };
-            turns.push((turn, rows));
-        }
-    }
+    let mut turns: Vec<(usize, Rows<'_>)> =
+        by_preset.into_values().flat_map(|trials| ranked(trials).into_iter().enumerate()).collect();
     turns.sort_by_key(|(turn, _)| *turn);
     turns.into_iter().flat_map(|(_, rows)| rows).collect()
+}
+
+fn has_render(stores: &[PageStore<'_>], at: usize, row: &TargetRow) -> bool {
+    let folder = stores.get(at).and_then(|store| store.folder);
+    folder.is_some_and(|folder| image_path(folder, &row.key, row.frame).is_file())
+}
+
+/// The trials of a protocol that have renders: the worst, the best, the one nearest the median of all, then the others from the
+/// worst to the best, and last those without scores.
+fn ranked(trials: Vec<(f64, Rows<'_>)>) -> Vec<Rows<'_>> {
+    let (mut scored, others): (Vec<_>, Vec<_>) = trials.into_iter().partition(|(quality, _)| quality.is_finite());
+    scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let middle = scored.len() / 2;
+    let of_rank = scored.into_iter().map(|(_, rows)| rows).enumerate();
+    let mut shown: Vec<(usize, Rows<'_>)> = of_rank.filter(|(_, rows)| !rows.is_empty()).collect();
+    let typical = shown.iter().map(|(rank, _)| *rank).min_by_key(|rank| rank.abs_diff(middle));
+    let ends = [shown.first(), shown.last()].map(|one| one.map(|(rank, _)| *rank));
+    let first = [ends[0], ends[1], typical];
+    shown.sort_by_key(|(rank, _)| first.iter().position(|one| *one == Some(*rank)).unwrap_or(first.len()));
+    let without_scores = others.into_iter().map(|(_, rows)| rows).filter(|rows| !rows.is_empty());
+    shown.into_iter().map(|(_, rows)| rows).chain(without_scores).collect()
 }
 
 /// Mean score of a trial's targets, larger for better; infinite without scores.

@@ -2,10 +2,14 @@
 
 #[cfg(test)]
 mod browser;
+#[cfg(test)]
+mod browser_tests;
 mod cite;
 mod facts;
 mod film;
 mod images;
+#[cfg(test)]
+mod images_tests;
 mod live;
 #[cfg(test)]
 mod live_tests;
@@ -25,7 +29,7 @@ pub use live::{LiveImage, LiveTrial};
 pub use tables::table_html;
 
 use crate::ReportError;
-use crate::emit::{TableFormat, json_of};
+use crate::emit::TableFormat;
 use crate::plot::Drawing;
 use crate::plot::svg::escaped_except;
 use crate::table::{Source, Table};
@@ -91,24 +95,16 @@ impl Page<'_> {
     /// Like [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
         let plots = [self.sections(true)?, figures(self.plots)?, self.sections(false)?, live::section(self.live)?];
-        let mut budget = self.max_bytes;
-        loop {
-            let page = self.with_images(budget, &plots, extra)?;
-            let excess = page.len().saturating_sub(self.max_bytes);
-            if excess == 0 || budget == 0 {
-                return Ok(page);
-            }
-            budget = budget.saturating_sub(excess);
-        }
+        fitted(self.max_bytes, |budget| self.with_images(budget, &plots, extra))
     }
 
-    /// The page with at most `budget` bytes of trials' images.
+    /// The page with at most `budget` bytes of trials' images, and how many bytes they have.
     fn with_images(
         &self,
         budget: usize,
         [leading, plots, sections, live]: &[String; 4],
         extra: Option<&str>,
-    ) -> Result<String, ReportError> {
+    ) -> Result<(String, usize), ReportError> {
         let images = images::Album::fill(self.stores, budget);
         let mut texts = serde_json::Map::new();
         for table in self.tables {
@@ -120,15 +116,10 @@ impl Page<'_> {
         }
         let data = json!({
             "texts": texts,
-            "tables": self.tables.iter().map(json_of).collect::<Vec<_>>(),
             "metrics": scenes::metrics(self.stores),
             "runs": scenes::runs(self.stores, &images),
             "images": images.uris(),
             "live": live::data(self.live),
-            "provenance": self.stores.iter().map(|store| json!({
-                "store": store.source.label,
-                "provenance": store.source.results.provenance,
-            })).collect::<Vec<_>>(),
         });
         let of_live: &[&str] = if self.live.is_empty() { &[] } else { &LIVE };
         let scripts: Vec<&str> = std::iter::once(SCRIPT).chain(of_live.iter().copied()).chain(extra).collect();
@@ -152,7 +143,7 @@ impl Page<'_> {
             ("data", safe_json(&data)?),
             ("scripts", scripts.iter().map(|script| format!("<script>{script}</script>\n")).collect()),
         ];
-        Ok(filled(PAGE, &slots))
+        Ok((filled(PAGE, &slots), images.bytes()))
     }
 
     /// The sections with plots before the tables, or those after them.
@@ -202,6 +193,21 @@ impl Page<'_> {
         let link = |name: &str, title: &str| format!("<a href=\"#{name}\">{title}</a>\n      ");
         let sections = self.shown(before).map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
         sections.chain((!before && !self.live.is_empty()).then(|| link("live", "Live view"))).collect()
+    }
+}
+
+/// A page of at most `limit` bytes, or one without images: `write` gets a budget for images, and returns the page and the
+/// bytes that its images take.
+fn fitted<E>(limit: usize, mut write: impl FnMut(usize) -> Result<(String, usize), E>) -> Result<String, E> {
+    let mut budget = limit;
+    loop {
+        let (page, images) = write(budget)?;
+        let excess = page.len().saturating_sub(limit);
+        if excess == 0 || images == 0 {
+            return Ok(page);
+        }
+        // Less than the images took: with less than the budget alone, the same images might fit again.
+        budget = images.saturating_sub(excess);
     }
 }
 

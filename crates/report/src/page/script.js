@@ -8,27 +8,27 @@
     return element;
   };
   const copy = text => {
+    const focused = document.activeElement;
     const area = make('textarea', { value: text });
-    document.body.append(area);
+    // Nothing outside an open dialog can be selected.
+    (document.querySelector('dialog[open]') || document.body).append(area);
     area.select();
     const copied = document.execCommand('copy');
     area.remove();
+    focused.focus({ preventScroll: true });
     return copied;
   };
   const flash = (button, text) => {
-    const before = button.textContent;
+    button.dataset.label ??= button.textContent;
     button.textContent = text;
-    setTimeout(() => { button.textContent = before; }, 1200);
+    setTimeout(() => { button.textContent = button.dataset.label; }, 1200);
   };
 
   // The system's theme, unless the reader chooses another.
   const root = document.documentElement;
   const dark = () => (root.dataset.theme || (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light')) === 'dark';
   const theme = at('theme');
-  const showTheme = () => {
-    theme.textContent = dark() ? 'Light' : 'Dark';
-    theme.setAttribute('aria-pressed', String(dark()));
-  };
+  const showTheme = () => { theme.textContent = dark() ? 'Light' : 'Dark'; };
   theme.addEventListener('click', () => { root.dataset.theme = dark() ? 'light' : 'dark'; showTheme(); });
   showTheme();
 
@@ -94,9 +94,12 @@
     const again = [...compared.options].find(option => option.textContent === before);
     if (again) compared.value = again.value;
   };
+  const placeOf = trial => trial.entry + ' ' + trial.scene;
+  for (const run of data.runs) run.places = new Map(run.trials.map(trial => [placeOf(trial), trial]));
   const partner = trial => {
     const run = data.runs[compared.value];
-    return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry && other.data === trial.data);
+    const other = run && run.places.get(placeOf(trial));
+    return other && other.data === trial.data ? other : undefined;
   };
   const numbers = value => value !== undefined && value !== null;
   // How much better a trial is than under the other method, over the targets that both have; negative if it is worse, by whichever metric.
@@ -108,28 +111,32 @@
     return (by.higher ? 1 : -1) * differences.reduce((sum, difference) => sum + difference, 0) / differences.length;
   };
 
+  // Without any score, there is no metric to sort by.
+  const unscored = { id: '', name: '', higher: true, decimals: 0 };
   const list = () => {
+    const isCompared = Number(compared.value) >= 0;
+    order.querySelector('[value="difference"]').disabled = !isCompared;
+    if (!isCompared && order.value === 'difference') order.value = 'worst';
     const run = data.runs[runs.value];
-    const by = metrics[metric.value];
+    const by = metrics[metric.value] || unscored;
     const sign = by.higher ? 1 : -1;
     const goodness = trial => numbers(trial.scores[by.id]) ? sign * trial.scores[by.id] : Infinity;
-    const ascending = run.trials.map((trial, place) => ({ trial, place })).sort((a, b) => goodness(a.trial) - goodness(b.trial) || a.place - b.place);
+    const listed = run.trials.map((trial, place) => ({ trial, place, difference: differenceOf(trial, by) }));
+    const ascending = listed.sort((a, b) => goodness(a.trial) - goodness(b.trial) || a.place - b.place);
     const scored = ascending.filter(({ trial }) => numbers(trial.scores[by.id]));
     const middle = scored.length ? goodness(scored[Math.floor(scored.length / 2)].trial) : 0;
     const keys = {
-      worst: goodness,
-      best: trial => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
-      typical: trial => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
-      difference: trial => differenceOf(trial, by) ?? Infinity,
+      worst: ({ trial }) => goodness(trial),
+      best: ({ trial }) => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
+      typical: ({ trial }) => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
+      difference: ({ difference }) => difference ?? Infinity,
     };
     const key = keys[order.value];
-    const trials = [...ascending].sort((a, b) => key(a.trial) - key(b.trial));
-    const isCompared = Number(compared.value) >= 0;
+    const trials = [...ascending].sort((a, b) => key(a) - key(b));
     at('difference').hidden = !isCompared;
-    const rows = trials.map(({ trial, place }) => {
+    const rows = trials.map(({ trial, place, difference }) => {
       const button = make('button', { type: 'button', textContent: trial.scene + (trial.entry ? ' · ' + trial.entry : ''), title: trial.scene });
       const mark = trial.status === 'done' ? '' : trial.status;
-      const difference = differenceOf(trial, by);
       const row = make('tr', { tabIndex: -1 },
         make('td', { className: 'label' }, button),
         ...metrics.map(each => make('td', { textContent: print(each, trial.scores[each.id]) })),
@@ -229,7 +236,14 @@
     row.push(figure(img(image.truth, 'truth'), 'target', 'frame ' + image.frame));
     row.push(figure(img(image.render, 'render'), 'render', run.title), errorOf(image.render, run.title));
     if (second) row.push(figure(img(second.render, 'render'), 'render', title), errorOf(second.render, title));
-    const draw = () => { label.textContent = '× ' + gain.value; for (const [canvas, truth, render] of maps) errorMap(canvas, truth, render, Number(gain.value)); };
+    const draw = () => {
+      label.textContent = '× ' + gain.value;
+      for (const [canvas, truth, render] of maps) {
+        const [expected, found] = [truth, render].map(each => each.naturalWidth + '×' + each.naturalHeight);
+        if (found === expected) errorMap(canvas, truth, render, Number(gain.value));
+        else canvas.replaceWith(make('p', { textContent: 'The sizes differ: ' + found + ', not ' + expected + '.' }));
+      }
+    };
     gain.addEventListener('input', draw);
     Promise.all(maps.flatMap(([, truth, render]) => [truth.decode(), render.decode()])).then(draw, () => { label.textContent = 'the images cannot be decoded'; });
     return [make('p', { className: 'hint', textContent: scores }), slider,
@@ -259,8 +273,7 @@
   };
 
   runs.addEventListener('change', () => { others(); list(); });
-  compared.addEventListener('change', () => { if (compared.value < 0 && order.value === 'difference') order.value = 'worst'; list(); });
-  for (const select of [metric, order]) select.addEventListener('change', list);
+  for (const select of [compared, metric, order]) select.addEventListener('change', list);
   others();
   list();
 })();

@@ -10,7 +10,7 @@
   try {
     check('tables', all('#tables table').length > 0);
     check('plots', all('#plots svg').length > 0);
-    check('anchors', all('nav a').every(link => document.querySelector(link.getAttribute('href'))));
+    check('anchors', all('nav a, .skip').every(link => document.querySelector(link.getAttribute('href'))));
     const plots = all('.plots figure');
     const scrolls = box => box.tabIndex === 0 && box.getAttribute('role') === 'group' && Boolean(box.getAttribute('aria-label'));
     check('plots-by-keyboard', plots.every(box => scrolls(box) === box.scrollWidth > box.clientWidth + 1) && (innerWidth > 640 || plots.some(scrolls)));
@@ -20,7 +20,7 @@
     widths('');
     const before = getComputedStyle(document.body).backgroundColor;
     at('theme').click();
-    check('theme', getComputedStyle(document.body).backgroundColor !== before && at('theme').textContent !== '');
+    check('theme', getComputedStyle(document.body).backgroundColor !== before && at('theme').textContent !== '' && !at('theme').hasAttribute('aria-pressed'));
     at('theme').click();
     const number = document.querySelector('[data-cite]');
     number.click();
@@ -28,7 +28,19 @@
     const dialog = at('cite').getBoundingClientRect();
     check('cite-whole', dialog.left >= 0 && dialog.right <= innerWidth && dialog.top >= 0 && dialog.bottom <= innerHeight && at('cite').scrollHeight <= at('cite').clientHeight + 1);
     check('cite-data', at('cite-text').textContent.includes(', data '));
+    // A script may only copy after a reader's click; what is selected would be copied.
+    let copied = null;
+    document.execCommand = () => { const area = document.activeElement; copied = area.value && area.value.slice(area.selectionStart, area.selectionEnd); return true; };
+    at('cite-copy').focus();
+    at('cite-copy').click();
+    check('cite-copied', copied === at('cite-text').textContent && document.activeElement === at('cite-copy') && at('cite-copy').textContent === 'Copied');
+    at('cite-copy').click();
+    await until(() => at('cite-copy').textContent === 'Copy');
+    check('copy-again', at('cite-copy').textContent === 'Copy');
     at('cite').close();
+    const csv = document.querySelector('[data-copy="csv"]');
+    csv.click();
+    check('table-copied', copied === JSON.parse(at('data').textContent).texts[csv.dataset.table].csv);
     const notes = document.querySelector('details.notes');
     notes.querySelector('summary').click();
     await wait(20);
@@ -88,6 +100,10 @@
     check('slider-of-two', all('.slider img').length === 2 && all('.slider .tag')[1].textContent === at('compared').selectedOptions[0].textContent);
     choose('compared', -1);
     check('worst-again', at('order').value === 'worst');
+    choose('compared', at('compared').options[at('compared').options.length - 1].value);
+    choose('order', 'difference');
+    choose('run', at('compared').value);
+    check('no-difference-alone', at('order').value === 'worst' && at('order').querySelector('[value="difference"]').disabled);
     const link = document.querySelector('[data-protocol="re10k-overlap"]');
     link.click();
     check('protocol', at('run').selectedOptions[0].textContent.startsWith('re10k-overlap'));

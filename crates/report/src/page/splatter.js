@@ -156,6 +156,30 @@ window.splatter = (() => {
     return from;
   };
 
+  // Segments: x, y, z, r, g, b of both ends.
+  const stroke = (gl, lines, edges, segments) => {
+    gl.bindBuffer(gl.ARRAY_BUFFER, edges);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(segments), gl.DYNAMIC_DRAW);
+    ['place', 'tone'].forEach((name, part) => {
+      const attribute = lines.attribute(name);
+      gl.enableVertexAttribArray(attribute);
+      gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 24, 12 * part);
+    });
+    gl.drawArrays(gl.LINES, 0, segments.length / 6);
+    ['place', 'tone'].forEach(name => gl.disableVertexAttribArray(lines.attribute(name)));
+  };
+
+  // Red, green, blue and opacity of every pixel, the top row first.
+  const pixels = gl => {
+    const [width, height] = [gl.canvas.width, gl.canvas.height];
+    const raw = new Uint8Array(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, raw);
+    const turned = new Uint8Array(raw.length);
+    for (let row = 0; row < height; row += 1) turned.set(raw.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
+    return turned;
+  };
+
   // Draws into a canvas; throws if the browser has no WebGL2 with floating-point images.
   const create = canvas => {
     const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, preserveDrawingBuffer: true });
@@ -186,7 +210,6 @@ window.splatter = (() => {
       }
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     };
-    // Segments: x, y, z, r, g, b of both ends.
     const draw = (stage, convention, view, tint, segments) => {
       gl.viewport(0, 0, canvas.width, canvas.height);
       target();
@@ -228,27 +251,9 @@ window.splatter = (() => {
       gl.drawArrays(gl.TRIANGLES, 0, 3);
       if (!segments.length) return;
       camera(lines, view);
-      gl.bindBuffer(gl.ARRAY_BUFFER, edges);
-      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(segments), gl.DYNAMIC_DRAW);
-      ['place', 'tone'].forEach((name, part) => {
-        const attribute = lines.attribute(name);
-        gl.enableVertexAttribArray(attribute);
-        gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 24, 12 * part);
-      });
-      gl.drawArrays(gl.LINES, 0, segments.length / 6);
-      ['place', 'tone'].forEach(name => gl.disableVertexAttribArray(lines.attribute(name)));
+      stroke(gl, lines, edges, segments);
     };
-    // Red, green, blue and opacity of every pixel, the top row first.
-    const pixels = () => {
-      const [width, height] = [canvas.width, canvas.height];
-      const raw = new Uint8Array(4 * width * height);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-      gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, raw);
-      const turned = new Uint8Array(raw.length);
-      for (let row = 0; row < height; row += 1) turned.set(raw.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
-      return turned;
-    };
-    return { draw, pixels, upload: stage => { stage.gpu = stage.gpu || upload(gl, stage); } };
+    return { draw, pixels: () => pixels(gl), upload: stage => { stage.gpu = stage.gpu || upload(gl, stage); } };
   };
   return { create };
 })();

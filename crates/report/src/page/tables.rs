@@ -110,12 +110,13 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
     let mut text = String::new();
     for (index, column) in table.columns() {
         let cell = row.cell(index);
-        let mark = match cell.mark {
-            Mark::Best => " best",
-            Mark::Second => " second",
-            Mark::Plain => "",
-        };
         let printed = escaped(&cell.print(column));
+        // Elements, because notebooks have no style of classes.
+        let (mark, printed) = match cell.mark {
+            Mark::Best => (" best", format!("<b>{printed}</b>")),
+            Mark::Second => (" second", format!("<u>{printed}</u>")),
+            Mark::Plain => ("", printed),
+        };
         let inside = match citation(table, row, index, stores) {
             Some(citation) => {
                 format!("<button type=\"button\" data-cite=\"{}\">{printed}</button>", escaped(&citation))

@@ -49,8 +49,9 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
     for z in [low + 0.03, high - 0.03] {
         b.put(Form::Box(DVec3::new(width * 0.5 - 0.06, 0.03, 0.03)), DVec3::new(middle.x, thick * 0.5, z), white);
     }
-    for bar in 1..rng.count(1, 4) {
-        let x = left + width * bar as f64 / 4.0;
+    let panes = rng.count(1, 4);
+    for bar in 1..panes {
+        let x = left + width * bar as f64 / panes as f64;
         b.put(Form::Box(DVec3::new(0.012, 0.012, height * 0.5 - 0.06)), DVec3::new(x, thick * 0.5, middle.z), white);
     }
     b.block(DVec3::new(left - 0.05, thick - 0.02, low - 0.03), DVec3::new(right + 0.05, thick + 0.14, low), white);
@@ -101,4 +102,31 @@ pub(super) fn railing(b: &mut Builder, rng: &mut Rng, from: DVec3, to: DVec3) {
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
 fn count(steps: f64) -> u32 {
     steps.clamp(1.0, 400.0) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    #[test]
+    fn bars_divide_a_window_evenly() {
+        let opening = Opening { along: [0.4, 2.0], height: [0.9, 2.1] };
+        let mut windows = [0; 4];
+        for seed in 0..60 {
+            let (mut b, mut rng) = (Builder::new(), Rng::new(seed));
+            b.instance(DVec3::ZERO, 0.0);
+            window(&mut b, &mut rng, opening, 0.16);
+            let world = b.finish(crate::build::sky(&mut rng, 1.0), Vec3::ONE, [DVec3::ZERO, DVec3::ONE]);
+            let is_bar = |form: Form| matches!(form, Form::Box(half) if (half.x - 0.012).abs() < 1e-9);
+            let bars = world.objects.iter().filter(|object| is_bar(object.form)).map(|object| object.centre.x);
+            let bars: Vec<f64> = bars.collect();
+            windows[bars.len()] += 1;
+            let pane = 1.6 / (bars.len() + 1) as f64;
+            let even = (1..=bars.len()).map(|bar| 0.4 + pane * bar as f64);
+            Tolerance::F64.assert(bars.iter().copied(), even, &format!("seed {seed}"));
+        }
+        assert!(windows.iter().all(|count| *count > 0), "{windows:?}");
+    }
 }

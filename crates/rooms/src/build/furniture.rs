@@ -4,7 +4,9 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::{glossy, matte, plants};
 use crate::form::Form;
+use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
+use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::world::Builder;
 
@@ -106,7 +108,7 @@ fn bookshelf(b: &mut Builder, rng: &mut Rng) {
     for x in [-0.6, 0.58] {
         b.block(v(x, 0.0, 0.0), v(x + 0.02, 0.3, height), frame);
     }
-    b.block(v(-0.6, 0.0, 0.0), v(0.6, 0.02, height), frame);
+    b.block(v(-0.58, 0.0, 0.0), v(0.58, 0.02, height), frame);
     for shelf in 0..=shelves {
         let z = shelf as f64 * pitch;
         b.block(v(-0.58, 0.02, z), v(0.58, 0.3, z + 0.02), frame);
@@ -147,8 +149,8 @@ fn sideboard(b: &mut Builder, rng: &mut Rng) {
 
 fn sofa(b: &mut Builder, rng: &mut Rng) {
     let (fabric, cushion, feet) = (cloth(b, rng), cloth(b, rng), metal(b, rng));
-    b.block(v(-1.0, 0.05, 0.12), v(1.0, 0.9, 0.42), fabric);
-    b.block(v(-1.0, 0.05, 0.42), v(1.0, 0.25, 0.85), fabric);
+    b.block(v(-0.87, 0.05, 0.12), v(0.87, 0.9, 0.42), fabric);
+    b.block(v(-0.87, 0.05, 0.42), v(0.87, 0.25, 0.85), fabric);
     for x in [-1.05, 0.87] {
         b.block(v(x, 0.05, 0.12), v(x + 0.18, 0.9, 0.62), fabric);
     }
@@ -283,14 +285,18 @@ fn floor_lamp(b: &mut Builder, rng: &mut Rng) {
     shade(b, rng, v(0.0, 0.22, height + 0.12));
 }
 
-/// A glowing lampshade, which emits light from its whole surface.
+/// A lampshade that glows over its whole surface. It lights the room as a ball around it, at which shadow rays end before they
+/// meet the shade; both emit the same power, radiance times area.
 pub(super) fn shade(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
-    let warm = Vec3::new(1.0, 0.78, 0.5) * 3.0;
-    let glowing = Material { emission: warm, ..matte(rng, Pattern::Plain(Vec3::splat(0.6))) };
+    let (radius, half_height, ball) = (0.17, 0.12, 0.215);
+    let radiance = Vec3::new(1.0, 0.78, 0.5) * 6.0;
+    let ball_per_shade = 2.0 * ball * ball / (radius * (radius + 2.0 * half_height));
+    let emission = radiance * as_f32(ball_per_shade);
+    let glowing = Material { emission, ..matte(rng, Pattern::Plain(Vec3::splat(0.6))) };
     let glowing = b.material(glowing);
-    b.put(Form::Cylinder { radius: 0.17, half_height: 0.12 }, centre, glowing);
+    b.put(Form::Cylinder { radius, half_height }, centre, glowing);
     let centre = b.to_world(centre);
-    b.lamps.push(crate::lamp::Lamp::Bulb { centre, radius: 0.215, radiance: warm * 2.0 });
+    b.lamps.push(Lamp::Bulb { centre, radius: ball, radiance });
 }
 
 fn table(b: &mut Builder, rng: &mut Rng) {
@@ -322,5 +328,55 @@ fn boxes(b: &mut Builder, rng: &mut Rng) {
         let turn = DMat3::from_rotation_z(rng.within(-0.3, 0.3));
         b.put_turned(Form::Box(half), v(0.0, 0.3, z + half.z), turn, label);
         z += 2.0 * half.z;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::world::World;
+
+    fn built(put: impl FnOnce(&mut Builder, &mut Rng)) -> World {
+        let (mut b, mut rng) = (Builder::new(), Rng::new(5));
+        b.instance(DVec3::ZERO, 0.0);
+        put(&mut b, &mut rng);
+        b.finish(crate::build::sky(&mut rng, 1.0), Vec3::ONE, [DVec3::splat(-3.0), DVec3::splat(3.0)])
+    }
+
+    /// Where boxes overlap, sides in one plane would hide each other by chance.
+    #[test]
+    fn boxes_of_sofas_and_bookshelves_do_not_overlap() {
+        for (piece, least) in [(Piece::Sofa, 4), (Piece::Bookshelf, 8)] {
+            let world = built(|b, rng| piece.build(b, rng));
+            let upright = world.objects.iter().filter(|object| object.world_from_local == DMat3::IDENTITY);
+            let boxes: Vec<(DVec3, DVec3)> = upright
+                .filter_map(|object| match object.form {
+                    Form::Box(half) => Some((object.centre, half)),
+                    _ => None,
+                })
+                .collect();
+            assert!(boxes.len() >= least, "{piece:?}: {} boxes", boxes.len());
+            for (at, (centre, half)) in boxes.iter().enumerate() {
+                for (other, reach) in &boxes[..at] {
+                    let gap = (*centre - *other).abs() - *half - *reach;
+                    assert!(gap.max_element() > -1e-9, "{piece:?}: boxes at {centre} and {other}");
+                }
+            }
+        }
+    }
+
+    /// The area of the shade is 2π · 0.17 · 0.24 m² and two caps of π · 0.17² m².
+    #[test]
+    fn a_lampshade_emits_the_power_that_lights_the_room() {
+        let world = built(|b, rng| shade(b, rng, v(0.3, -0.2, 1.5)));
+        let emission = world.materials[world.objects[0].material].emission.as_dvec3();
+        let Lamp::Bulb { centre, radius, radiance } = world.lamps[0] else { panic!("{:?}", world.lamps) };
+        let power = radiance.as_dvec3() * (4.0 * std::f64::consts::PI * radius * radius);
+        Tolerance::relative(1e-4).assert((emission * 0.437_938).to_array(), power.to_array(), "power");
+        let lights = radiance.to_array().map(f64::from);
+        Tolerance::absolute(1e-5).assert(lights, [6.0, 4.68, 3.0], "light of the room");
+        assert!(centre == v(0.3, -0.2, 1.5) && radius > 0.17f64.hypot(0.12), "the ball encloses the shade");
     }
 }

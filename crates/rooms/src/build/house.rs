@@ -68,7 +68,9 @@ pub(super) fn build(seed: u64) -> World {
     let ambient = Vec3::splat(as_f32(rng.within(0.35, 0.55)));
     let built = std::mem::replace(b, Builder::new());
     let daylight = as_f32(rng.within(3.0, 8.0));
-    built.finish(sky(rng, daylight), ambient, [low, high])
+    let mut world = built.finish(sky(rng, daylight), ambient, [low, high]);
+    world.interiors = rooms.iter().map(|room| [room.low.extend(0.0), room.high.extend(height)]).collect();
+    world
 }
 
 fn furnish(
@@ -185,6 +187,7 @@ fn door_frame(b: &mut Builder, opening: Opening, trim: usize) -> (DVec2, f64) {
 /// Furniture along a side where the floor is free, with pictures above it or in its place.
 fn furniture_along(b: &mut Builder, rng: &mut Rng, side: &Side, taken: &mut Vec<(DVec2, f64)>) {
     let solid = |x: f64| side.openings.iter().all(|o| x < o.along[0] - 0.1 || x > o.along[1] + 0.1);
+    let fits_picture = |x: f64| solid(x) && solid(x + 0.6) && solid(x - 0.6);
     let mut x = rng.within(0.3, 0.8);
     while x < side.length - 0.6 {
         let low_wall = side.openings.iter().any(|o| x > o.along[0] - 1.0 && x < o.along[1] + 1.0);
@@ -209,10 +212,13 @@ fn furniture_along(b: &mut Builder, rng: &mut Rng, side: &Side, taken: &mut Vec<
                 let up = rng.within(1.5, 1.75);
                 picture(b, rng, DVec3::new(middle, THICK, up));
             }
-        } else if solid(x) && solid(x + 0.6) && solid(x - 0.6) && rng.chance(0.7) {
-            b.instance(side.origin, side.yaw);
-            let up = rng.within(1.4, 1.7);
-            picture(b, rng, DVec3::new(x.clamp(0.7, side.length - 0.7), THICK, up));
+        } else if fits_picture(x) && rng.chance(0.7) {
+            let place = DVec3::new(x.clamp(0.7, side.length - 0.7), THICK, rng.within(1.4, 1.7));
+            // Between a corner and a window there may be no place; it is drawn all the same, for the draws that follow.
+            let mut nowhere = Builder::new();
+            let onto = if fits_picture(place.x) { &mut *b } else { &mut nowhere };
+            onto.instance(side.origin, side.yaw);
+            picture(onto, rng, place);
         }
         x += wide + rng.within(0.15, 0.9);
     }
@@ -269,5 +275,33 @@ fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
             b.lamps.push(Lamp::Panel { centre, half_u: DVec3::Y * deep, half_v: DVec3::X * wide, radiance: glow });
         }
         _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No furniture fits, and a window begins 1.1 m from the corner: some pictures would have to be moved over it.
+    #[test]
+    fn pictures_in_a_corner_do_not_hang_over_a_window() {
+        let opening = Opening { along: [1.1, 2.0], height: [0.8, 2.2] };
+        let side = Side { origin: DVec3::ZERO, yaw: 0.0, length: 5.0, openings: vec![opening], door: false };
+        let mut hung = 0;
+        for seed in 0..300 {
+            let (mut b, mut rng) = (Builder::new(), Rng::new(seed));
+            furniture_along(&mut b, &mut rng, &side, &mut vec![(DVec2::ZERO, 100.0)]);
+            let world = b.finish(sky(&mut rng, 1.0), Vec3::ONE, [DVec3::ZERO, DVec3::ONE]);
+            for object in &world.objects {
+                let Form::Box(half) = object.form else { continue };
+                // The picture, not its frame.
+                if (half.y - 0.012).abs() < 1e-9 {
+                    let [left, right] = [object.centre.x - half.x, object.centre.x + half.x];
+                    assert!(right < 1.1 || left > 2.0, "seed {seed}: from {left} to {right}");
+                    hung += 1;
+                }
+            }
+        }
+        assert!(hung > 50, "{hung} pictures");
     }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::FileError;
+use atsplat_files::{FileError, Sha256Digest};
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_pixels::{Rounding, encode_jpeg, encode_png};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter};
@@ -19,7 +19,7 @@ use serde::Serialize;
 pub use options::{ImageEncoding, Layout, WriteOptions};
 
 use crate::effects::ActiveEffect;
-use crate::{Request, RoomsError, SceneKind, Simulation, Split};
+use crate::{EffectChoice, GENERATOR, Request, RoomsError, SceneKind, Simulation, Split};
 
 /// A scene's entry in `manifest.json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,14 +42,24 @@ pub struct ManifestScene {
     pub samples: u32,
     /// Camera speed as a share of the drawn speed ([`Simulation::slowed_to`]).
     pub slowed_to: f64,
+    /// The requested effects.
+    pub requested_effects: EffectChoice,
     /// The effects that ran, with reasons.
     pub effects: Vec<ActiveEffect>,
+    /// Hash of the given route's cameras and times; none for a natural route.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub route: Option<Sha256Digest>,
 }
 
 #[derive(Serialize)]
 struct Manifest<'a> {
+    /// [`GENERATOR`].
     generator: &'static str,
+    /// Version of this program.
     version: &'static str,
+    layout: Layout,
+    images: ImageEncoding,
+    depth: bool,
     scenes: &'a [ManifestScene],
 }
 
@@ -80,14 +90,15 @@ pub fn encoded_scene(simulation: &Simulation, encoding: ImageEncoding) -> Result
     Ok(Scene { key: simulation.key(), url: None, frames })
 }
 
-/// Simulates scenes one after another into a dataset and its `manifest.json`, which is written last: a folder without it is
-/// incomplete. `on_scene` is called after each scene.
+/// Simulates scenes one after another into a dataset and its `manifest.json`, which is removed first and written last: a folder
+/// without it is incomplete. Other files of an earlier dataset stay, so the folder should be empty. `on_scene` is called after
+/// each scene.
 ///
 /// Lenses that the layout cannot store are counted in `warnings`.
 ///
 /// # Errors
-/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already contains chunks, [`RoomsError::Request`] for a route with a
-/// time twice where files are named after it, and as [`Simulation::new`].
+/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already contains chunks, and [`RoomsError::Simulating`] with a reason
+/// as of [`Simulation::new`], or for a route with a time twice where files are named after it.
 pub fn write_dataset(
     folder: &Path,
     requests: impl IntoIterator<Item = Request>,
@@ -96,15 +107,14 @@ pub fn write_dataset(
     mut on_scene: impl FnMut(&Simulation, &ManifestScene),
 ) -> Result<Vec<ManifestScene>, RoomsError> {
     make_folder(folder)?;
+    let manifest = folder.join("manifest.json");
+    remove_file(&manifest)?;
     let mut chunks: Vec<(Split, ChunkWriter)> = Vec::new();
     let mut written = Vec::new();
     for request in requests {
-        let split = request.seed.split;
-        let simulation = Simulation::new(request)?;
-        if options.layout == Layout::Re10k || (options.layout == Layout::Chunks && options.depth) {
-            distinct_times(&simulation)?;
-        }
-        let scene = encoded_scene(&simulation, options.encoding)?;
+        let (key, split) = (request.seed.key(request.kind), request.seed.split);
+        let named = |source| RoomsError::Simulating { key, source: Box::new(source) };
+        let (simulation, scene) = simulated(request, *options).map_err(named)?;
         match options.layout {
             Layout::Re10k => re10k::write(folder, split, &scene, options.encoding, warnings)?,
             Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.encoding, simulation.request().size)?,
@@ -123,8 +133,18 @@ pub fn write_dataset(
     for (_, writer) in chunks {
         writer.finish()?;
     }
-    write_manifest(folder, &written)?;
+    write_manifest(&manifest, *options, &written)?;
     Ok(written)
+}
+
+/// Simulates a scene, checks that the layout can store its times, and encodes its images.
+fn simulated(request: Request, options: WriteOptions) -> Result<(Simulation, Scene), RoomsError> {
+    let simulation = Simulation::new(request)?;
+    if options.layout == Layout::Re10k || (options.layout == Layout::Chunks && options.depth) {
+        distinct_times(&simulation)?;
+    }
+    let scene = encoded_scene(&simulation, options.encoding)?;
+    Ok((simulation, scene))
 }
 
 /// The writer of a split's chunks, opened at the first scene of the split.
@@ -143,12 +163,13 @@ fn chunk_writer<'a>(
     Ok(&mut writers[at].1)
 }
 
-fn write_manifest(folder: &Path, scenes: &[ManifestScene]) -> Result<(), RoomsError> {
-    let manifest = Manifest { generator: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION"), scenes };
-    let path = folder.join("manifest.json");
+fn write_manifest(path: &Path, options: WriteOptions, scenes: &[ManifestScene]) -> Result<(), RoomsError> {
+    let WriteOptions { layout, encoding: images, depth } = options;
+    let version = env!("CARGO_PKG_VERSION");
+    let manifest = Manifest { generator: GENERATOR, version, layout, images, depth, scenes };
     let json = serde_json::to_vec_pretty(&manifest).map_err(std::io::Error::from);
-    let json = json.map_err(FileError::during::<RoomsError>("writing a manifest", &path))?;
-    write_file(&path, &json)
+    let json = json.map_err(FileError::during::<RoomsError>("writing a manifest", path))?;
+    write_file(path, &json)
 }
 
 /// Checks that files named after the times of frames do not replace each other: a given route may have a time twice.
@@ -169,6 +190,14 @@ fn make_folder(folder: &Path) -> Result<(), RoomsError> {
     std::fs::create_dir_all(folder).map_err(FileError::during("creating a folder", folder))
 }
 
+/// Removes a file if there is one.
+fn remove_file(path: &Path) -> Result<(), RoomsError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(FileError::during("removing", path)(error)),
+        _ => Ok(()),
+    }
+}
+
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
     atsplat_files::write_unsynced(path, bytes).map_err(FileError::during("writing", path))
 }
@@ -182,7 +211,7 @@ fn encoded(frame: &Frame) -> &[u8] {
 }
 
 fn entry(simulation: &Simulation) -> ManifestScene {
-    let Request { kind, seed, size, samples, .. } = simulation.request();
+    let Request { kind, seed, size, samples, effects, route, .. } = simulation.request();
     ManifestScene {
         key: simulation.key(),
         kind: *kind,
@@ -193,7 +222,9 @@ fn entry(simulation: &Simulation) -> ManifestScene {
         height: size.height,
         samples: *samples,
         slowed_to: simulation.slowed_to(),
+        requested_effects: effects.clone(),
         effects: simulation.active_effects().to_vec(),
+        route: route.digest(),
     }
 }
 

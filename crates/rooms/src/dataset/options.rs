@@ -2,9 +2,11 @@ use std::str::FromStr;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::InvalidText;
+use serde::Serialize;
 
 /// Layout of a dataset on disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Cannot store lenses.
     Re10k,
@@ -25,7 +27,8 @@ impl Layout {
 }
 
 /// Encoding of images.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ImageEncoding {
     /// JPEG of this quality, 1 to 100, like RE10K.
     Jpeg(u8),

@@ -1,11 +1,13 @@
 use std::str::FromStr;
 
 use atsplat_files::InvalidText;
+use serde::Serialize;
 
 use super::EffectKind;
 
 /// Choice of effects.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum EffectChoice {
     /// The effects that the scene needs.
     #[default]

@@ -1,9 +1,10 @@
-//! Light of the sky and two bounces on a grid of points, each with the light from six sides (an "ambient cube").
+//! Light of the sky and two bounces on a grid of points in each interior: for each point, that from six sides (an "ambient cube").
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{Effect, EffectKind, SceneContext};
+use crate::noise::as_f32;
 use crate::rng::sphere_point;
 use crate::world::World;
 
@@ -12,11 +13,20 @@ type AmbientCube = Option<[Vec3; 6]>;
 
 #[derive(Debug)]
 pub(super) struct IndirectLight {
+    grids: Vec<Grid>,
+    share: f32,
+}
+
+/// Points in one interior: light does not pass from the points of another through a wall.
+#[derive(Debug)]
+struct Grid {
+    /// The interior's corners.
+    interior: [DVec3; 2],
+    /// Position of the first point.
     low: DVec3,
     step: DVec3,
     count: [usize; 3],
     cubes: Vec<AmbientCube>,
-    share: f32,
 }
 
 /// Rays from each point of the grid.
@@ -24,6 +34,10 @@ const RAYS: u32 = 128;
 /// Smallest distance of grid points, in metres, and largest number of points per axis.
 const STEP: f64 = 0.6;
 const MAX_POINTS: usize = 14;
+/// Smallest distance of grid points to the border, in steps: on it, they would be inside the walls.
+const INSET: f64 = 0.15;
+/// A surface this close to an interior is in it, in metres.
+const TOUCHING: f64 = 1e-6;
 
 pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
     let share = scene.conditions.bounce;
@@ -32,31 +46,23 @@ pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
 
 impl IndirectLight {
     pub(super) fn new(world: &World, share: f64) -> Self {
-        let [low, high] = world.space;
-        let side = high - low;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
-        let points = |length: f64| ((length / STEP).ceil() as usize + 1).clamp(2, MAX_POINTS);
-        let count = [points(side.x), points(side.y), points(side.z)];
-        let step = side / DVec3::new((count[0] - 1) as f64, (count[1] - 1) as f64, (count[2] - 1) as f64);
+        let grids = world.interiors.iter().map(|interior| Grid::new(*interior)).collect();
         #[expect(clippy::cast_possible_truncation, reason = "a share")]
-        let mut light = Self { low, step, count, cubes: Vec::new(), share: share as f32 };
+        let mut light = Self { grids, share: share as f32 };
         for _ in 0..2 {
-            let cubes = (0..count.iter().product()).into_par_iter().map(|at| light.cube(world, at)).collect();
-            light.cubes = cubes;
+            let cubes = |grid: &Grid| {
+                let points = (0..grid.count.iter().product::<usize>()).into_par_iter();
+                points.map(|at| light.cube(world, grid.place(at))).collect::<Vec<AmbientCube>>()
+            };
+            let bounced: Vec<_> = light.grids.iter().map(cubes).collect();
+            for (grid, cubes) in light.grids.iter_mut().zip(bounced) {
+                grid.cubes = cubes;
+            }
         }
         light
     }
 
-    fn place(&self, at: usize) -> DVec3 {
-        let [x, y, _] = self.count;
-        // Points on the border would be inside the walls.
-        let inset = |at: usize, count: usize| (at as f64).clamp(0.15, (count - 1) as f64 - 0.15);
-        let steps = DVec3::new(inset(at % x, x), inset(at / x % y, y), inset(at / (x * y), self.count[2]));
-        self.low + self.step * steps
-    }
-
-    fn cube(&self, world: &World, at: usize) -> AmbientCube {
-        let origin = self.place(at);
+    fn cube(&self, world: &World, origin: DVec3) -> AmbientCube {
         if world.clearance(origin) <= 0.0 {
             return None;
         }
@@ -89,6 +95,46 @@ impl IndirectLight {
         let indirect = self.at(surface.point, surface.normal).unwrap_or(Vec3::ZERO);
         // Emission is excluded: lamps already give their light, and their bodies must not add it again.
         material.albedo(&surface.texture_point(0.3)) * (lamps.sum::<Vec3>() + indirect)
+    }
+
+    /// Light in the interior that contains the point. Between two, as in a doorway, of both: the nearer counts more.
+    fn at(&self, point: DVec3, normal: DVec3) -> Option<Vec3> {
+        if let Some(grid) = self.grids.iter().find(|grid| grid.distance(point) < TOUCHING) {
+            return grid.at(point, normal);
+        }
+        let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+        for grid in &self.grids {
+            if let Some(light) = grid.at(point, normal) {
+                let weight = as_f32(1.0 / grid.distance(point));
+                sum += light * weight;
+                weights += weight;
+            }
+        }
+        (weights > 0.0).then(|| sum / weights)
+    }
+}
+
+impl Grid {
+    fn new(interior: [DVec3; 2]) -> Self {
+        let [low, high] = interior;
+        let side = high - low;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
+        let points = |length: f64| ((length / STEP).ceil() as usize + 1).clamp(2, MAX_POINTS);
+        let count = side.to_array().map(points);
+        let intervals = DVec3::from(count.map(|count| (count - 1) as f64));
+        let inset = side / intervals * INSET;
+        Self { interior, low: low + inset, step: (side - inset * 2.0) / intervals, count, cubes: Vec::new() }
+    }
+
+    fn place(&self, at: usize) -> DVec3 {
+        let [x, y, _] = self.count;
+        self.low + self.step * DVec3::from([at % x, at / x % y, at / (x * y)].map(|step| step as f64))
+    }
+
+    /// Distance of a point to the interior; 0 inside.
+    fn distance(&self, point: DVec3) -> f64 {
+        let [low, high] = self.interior;
+        point.distance(point.clamp(low, high))
     }
 
     /// Trilinear interpolation over the points outside solids, slightly off the surface.
@@ -126,5 +172,98 @@ impl Effect for IndirectLight {
 
     fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Option<Vec3> {
         Some(world.ambient.lerp(self.at(point, normal)?, self.share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::material::{Material, Pattern};
+    use crate::sky::Sky;
+    use crate::world::Builder;
+
+    const LARGE: [DVec3; 2] = [DVec3::ZERO, DVec3::new(5.0, 5.0, 2.5)];
+    /// Beside the first behind a wall of 0.2 m, and shorter, so that the box around both contains a part of the outside.
+    const SMALL: [DVec3; 2] = [DVec3::new(5.2, 1.0, 0.0), DVec3::new(9.0, 4.0, 2.5)];
+
+    /// Two white rooms without a doorway under a bright sky; `roof` of the first.
+    fn house(roof: bool) -> World {
+        let mut builder = Builder::new();
+        let white = builder.material(Material::matte(Pattern::Plain(Vec3::splat(0.8)), 0));
+        builder.instance(DVec3::ZERO, 0.0);
+        for ([low, high], closed) in [(LARGE, roof), (SMALL, true)] {
+            let (outer, far) = (low - DVec3::splat(0.1), high + DVec3::splat(0.1));
+            for axis in 0..3 {
+                let (mut end, mut begin) = (far, outer);
+                (end[axis], begin[axis]) = (low[axis], high[axis]);
+                builder.block(outer, end, white);
+                if axis < 2 || closed {
+                    builder.block(begin, far, white);
+                }
+            }
+        }
+        let bright = Vec3::splat(100.0);
+        let sky = Sky { zenith: bright, horizon: bright, ground: bright, trees: bright, clouds: 0.0, seed: 0 };
+        let mut world = builder.finish(sky, Vec3::ONE, [LARGE[0], LARGE[1].with_x(SMALL[1].x)]);
+        world.interiors = vec![LARGE, SMALL];
+        world
+    }
+
+    /// Light on the walls, floor and ceiling of a room, at points near its edges too.
+    fn light_in([low, high]: [DVec3; 2], light: &IndirectLight) -> Vec<f64> {
+        let mut found = Vec::new();
+        for axis in 0..3 {
+            for share in [0.02, 0.3, 0.5, 0.98].map(DVec3::splat) {
+                for (end, normal) in [(low, DVec3::AXES[axis]), (high, -DVec3::AXES[axis])] {
+                    let mut point = low + (high - low) * share;
+                    point[axis] = end[axis];
+                    found.push(f64::from(light.at(point, normal).unwrap().max_element()));
+                }
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn no_light_passes_through_walls() {
+        let light = IndirectLight::new(&house(true), 1.0);
+        for room in [LARGE, SMALL] {
+            Tolerance::EXACT.assert(light_in(room, &light), [0.0; 24], "light in a closed room");
+        }
+        let light = IndirectLight::new(&house(false), 1.0);
+        assert!(light_in(LARGE, &light).into_iter().all(|light| light > 1.0), "without a roof it is bright");
+        Tolerance::EXACT.assert(light_in(SMALL, &light), [0.0; 24], "light in the closed room beside a bright one");
+    }
+
+    /// Each point is given its own position as light, which trilinear interpolation keeps.
+    #[test]
+    fn light_is_interpolated_between_the_places_of_points() {
+        let mut grid = Grid::new([DVec3::new(1.0, 2.0, 3.0), DVec3::new(6.0, 4.5, 5.5)]);
+        let places = (0..grid.count.iter().product::<usize>()).map(|at| grid.place(at).as_vec3());
+        grid.cubes = places.map(|place| Some([place; 6])).collect();
+        let normal = DVec3::new(0.6, 0.0, -0.8);
+        for point in [DVec3::new(1.3, 2.2, 3.4), DVec3::new(2.5, 3.7, 4.0), DVec3::new(5.7, 4.3, 5.4)] {
+            let expected = point + normal * 0.2;
+            let found = grid.at(point, normal).unwrap().as_dvec3();
+            Tolerance::absolute(1e-5).assert(found.to_array(), expected.to_array(), "position");
+        }
+        let corner = grid.at(DVec3::ZERO, normal).unwrap().as_dvec3();
+        Tolerance::absolute(1e-5).assert(corner.to_array(), grid.place(0).to_array(), "the nearest point from outside");
+    }
+
+    /// In the wall between the rooms, light goes over from one room's to the other's.
+    #[test]
+    fn a_doorway_is_lit_from_both_rooms() {
+        let grid = |interior, light: f32| {
+            let mut grid = Grid::new(interior);
+            grid.cubes = vec![Some([Vec3::splat(light); 6]); grid.count.iter().product()];
+            grid
+        };
+        let light = IndirectLight { grids: vec![grid(LARGE, 1.0), grid(SMALL, 5.0)], share: 1.0 };
+        let on_floor = |x: f64| f64::from(light.at(DVec3::new(x, 2.0, 0.0), DVec3::Z).unwrap().x);
+        let found = [4.9, 5.0, 5.05, 5.1, 5.15, 5.2, 5.3].map(on_floor);
+        Tolerance::absolute(1e-5).assert(found, [1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.0], "light over the threshold");
     }
 }

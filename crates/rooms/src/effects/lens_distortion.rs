@@ -3,7 +3,7 @@
 use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Extremes as _;
 
-use super::{Conditions, Effect, EffectKind, SceneContext};
+use super::{Effect, EffectKind, SceneContext};
 
 #[derive(Debug)]
 pub(super) struct LensDistortion {
@@ -12,11 +12,14 @@ pub(super) struct LensDistortion {
 
 /// Largest displacement that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
+/// Smallest derivative of the distorted radius by the undistorted one inside an image. Where it is 0, the lens folds; just before,
+/// the rays of a pixel would spread far.
+const LEAST_SLOPE: f64 = 0.3;
 /// Narrower images count as this wide: a small image of a scene has the lens of a larger one.
 const NARROWEST: u32 = 256;
 
 pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
-    let [k1, k2] = scene.conditions.lens;
+    let [k1, k2] = lens(scene);
     let shares = scene.shots.iter().map(|shot| displacement([k1, k2], &shot.camera.intrinsics, scene.size));
     let share = shares.fold(0.0, f64::maximum_of);
     let pixels = share * f64::from(scene.size.width.max(NARROWEST));
@@ -24,12 +27,44 @@ pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
         .then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move the image by up to {:.2} % of its width", share * 100.0))
 }
 
+/// The drawn k1, k2, halved until the lens is invertible in all images with a margin.
+fn lens(scene: &SceneContext<'_>) -> [f64; 2] {
+    let corners = scene.shots.iter().map(|shot| farthest_corner(&shot.camera.intrinsics));
+    unfolded(scene.conditions.lens, corners.fold(0.0, f64::maximum_of))
+}
+
+/// Halves k1, k2 until [`LEAST_SLOPE`] is kept out to image points at this squared distance from the optical axis.
+fn unfolded(mut lens: [f64; 2], farthest: f64) -> [f64; 2] {
+    while reach(lens) < farthest {
+        lens = lens.map(|k| k / 2.0);
+    }
+    lens
+}
+
+/// Squared distance from the optical axis, on the plane z = 1 behind the lens, out to which [`LEAST_SLOPE`] is kept.
+fn reach([k1, k2]: [f64; 2]) -> f64 {
+    // The slope at a squared undistorted distance s is 1 + 3 k1 s + 5 k2 s²; of its two points at `LEAST_SLOPE`, the nearer.
+    let twice_lost = 2.0 * (1.0 - LEAST_SLOPE);
+    let divisor = (9.0 * k1 * k1 - 10.0 * k2 * twice_lost).sqrt() - 3.0 * k1;
+    if divisor > 0.0 {
+        let squared = twice_lost / divisor;
+        squared * (1.0 + k1 * squared + k2 * squared * squared).powi(2)
+    } else {
+        f64::INFINITY
+    }
+}
+
+/// Squared distance of the image's farthest corner from the optical axis, on the plane z = 1.
+fn farthest_corner(k: &NormalizedIntrinsics) -> f64 {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let squared = corners.map(|[x, y]: [f64; 2]| ((x - k.cx) / k.fx).powi(2) + ((y - k.cy) / k.fy).powi(2));
+    squared.into_iter().fold(0.0, f64::maximum_of)
+}
+
 /// Largest displacement of an image point, as a share of the image's width. On the plane z = 1, the lens moves a point at a
 /// distance r from the optical axis by k1 r³ + k2 r⁵: most at the farthest corner or where the derivative is zero.
 fn displacement([k1, k2]: [f64; 2], k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
-    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
-    let squared = corners.map(|[x, y]: [f64; 2]| ((x - k.cx) / k.fx).powi(2) + ((y - k.cy) / k.fy).powi(2));
-    let farthest = squared.into_iter().fold(0.0, f64::maximum_of);
+    let farthest = farthest_corner(k);
     let moved = |squared: f64| (k1 * squared + k2 * squared * squared).abs() * squared.sqrt();
     let stationary = Some(-0.6 * k1 / k2).filter(|squared| (0.0..farthest).contains(squared));
     let largest = moved(farthest).maximum_of(stationary.map_or(0.0, moved));
@@ -37,8 +72,8 @@ fn displacement([k1, k2]: [f64; 2], k: &NormalizedIntrinsics, size: ImageSize) -
 }
 
 impl LensDistortion {
-    pub(super) fn new(conditions: &Conditions) -> Self {
-        let [k1, k2] = conditions.lens;
+    pub(super) fn new(scene: &SceneContext<'_>) -> Self {
+        let [k1, k2] = lens(scene);
         let straight = k1.abs() + k2.abs() <= 0.0;
         let bent = Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 };
         Self { lens: if straight { Distortion::None } else { bent } }
@@ -58,6 +93,7 @@ impl Effect for LensDistortion {
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
+    use glam::DVec2;
 
     use super::*;
 
@@ -96,6 +132,38 @@ mod tests {
                 let what = format!("{lens:?}, {size}, {principal_point:?}");
                 Tolerance::relative(1e-6).assert([pixels], [by_grid(lens, &k, size)], &what);
             }
+        }
+    }
+
+    /// Whether a lens can be inverted in the image's farthest corner, and the slope along the radius there is large enough.
+    fn is_steep([k1, k2]: [f64; 2], k: &NormalizedIntrinsics) -> bool {
+        let lens = Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 }.lens().unwrap();
+        let far = |c: f64| if c > 0.5 { 0.0 } else { 1.0 };
+        let corner = DVec2::new((far(k.cx) - k.cx) / k.fx, (far(k.cy) - k.cy) / k.fy);
+        let straight = lens.undistorted_from_distorted(corner);
+        straight.is_ok_and(|straight| (lens.jacobian(straight).unwrap() * corner.normalize()).length() > LEAST_SLOPE)
+    }
+
+    /// The first is the lens of rooms-train-00000292 at 640×360. Without a mend, all but the last three fold inside the image.
+    #[test]
+    fn a_lens_is_weakened_only_as_far_as_the_image_needs() {
+        let (wide, banner) = (ImageSize { width: 640, height: 360 }, ImageSize { width: 1024, height: 256 });
+        for (lens, size, principal_point, halvings) in [
+            ([-0.0861, -0.0083], wide, [0.5, 0.5], 1),
+            ([-0.06, 0.0], wide, [0.2, 0.6], 1),
+            ([-0.04, -0.002], banner, [0.5, 0.5], 2),
+            ([0.0, -0.2], wide, [0.5, 0.5], 3),
+            ([-0.06, 0.0], wide, [0.5, 0.5], 0),
+            ([-0.04, 0.002], banner, [0.5, 0.5], 0),
+            ([0.03, 0.02], banner, [0.1, 0.5], 0),
+        ] {
+            let k = intrinsics(size, principal_point);
+            let found = unfolded(lens, farthest_corner(&k));
+            let what = format!("{lens:?}, {size}, {principal_point:?}");
+            let expected = lens.map(|k| k / f64::from(1 << halvings));
+            Tolerance::EXACT.assert(found, expected, &what);
+            assert!(is_steep(found, &k), "{what}");
+            assert!(halvings == 0 || !is_steep(found.map(|k| k * 2.0), &k), "{what}: twice as strong");
         }
     }
 

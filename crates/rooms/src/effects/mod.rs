@@ -12,7 +12,6 @@ mod soft_shadows;
 mod specular_reflection;
 
 pub use choice::EffectChoice;
-pub(crate) use soft_shadows::place_on_lamp;
 
 use std::fmt;
 
@@ -29,7 +28,7 @@ use crate::world::{Surface, World};
 pub(crate) struct Conditions {
     /// Radial distortion k1, k2.
     pub lens: [f64; 2],
-    /// Share of the time between two frames during which the shutter is open.
+    /// Seconds during which the shutter is open.
     pub shutter: f64,
     /// Standard deviation of noise at white, as a share of white.
     pub noise: f64,
@@ -92,13 +91,6 @@ impl fmt::Display for EffectKind {
     }
 }
 
-/// Identifies a sample of a pixel, for random draws.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PixelSample {
-    pub pixel: u64,
-    pub number: u32,
-}
-
 /// An optional effect. Each method is one stage of rendering; an effect implements one of them.
 pub(crate) trait Effect: fmt::Debug + Send + Sync {
     fn kind(&self) -> EffectKind;
@@ -108,13 +100,13 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
         None
     }
 
-    /// Share of the time between two frames over which samples are spread.
+    /// Seconds over which samples are spread.
     fn shutter(&self) -> Option<f64> {
         None
     }
 
-    /// Share of a lamp that a surface sees.
-    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _sample: PixelSample) -> Option<f32> {
+    /// Share of a lamp that a surface sees; `_place` is the point of the lamp to test, in [0, 1)².
+    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _place: DVec2) -> Option<f32> {
         None
     }
 
@@ -128,7 +120,7 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
         false
     }
 
-    /// A pixel's linear light as measured by the sensor; 1 is white.
+    /// A pixel's linear light as measured by the sensor, before the tone curve; 1 is white.
     fn develop(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
         light
     }
@@ -152,7 +144,10 @@ pub(crate) struct Effects {
     ambient: Option<usize>,
     pub mirrors: bool,
     pub lens: Distortion,
+    /// Seconds during which the shutter is open.
     pub shutter: f64,
+    /// Of all draws for single pixels.
+    pub seed: u64,
 }
 
 /// The scene properties that decide which effects run.
@@ -162,8 +157,6 @@ pub(crate) struct SceneContext<'a> {
     pub shots: &'a [Shot],
     /// Size of each image.
     pub size: ImageSize,
-    /// Whether the route was given, instead of sampled from the seed.
-    pub is_given: bool,
 }
 
 impl Effects {
@@ -176,6 +169,7 @@ impl Effects {
             mirrors: false,
             lens: Distortion::None,
             shutter: 0.0,
+            seed: scene.conditions.seed,
         };
         for effect in EffectKind::ALL {
             let reason = match choice {
@@ -209,8 +203,8 @@ impl Effects {
         self.running.get(index?).map(AsRef::as_ref)
     }
 
-    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, sample: PixelSample) -> f32 {
-        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, sample)).unwrap_or(1.0)
+    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, place: DVec2) -> f32 {
+        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, place)).unwrap_or(1.0)
     }
 
     /// Whether shadow rays run.
@@ -246,21 +240,10 @@ fn build(effect: EffectKind, scene: &SceneContext<'_>) -> Box<dyn Effect> {
         EffectKind::SpecularReflection => Box::new(specular_reflection::SpecularReflection),
         EffectKind::IndirectLight => Box::new(indirect_light::IndirectLight::new(scene.world, conditions.bounce)),
         EffectKind::ExposureDrift => Box::new(exposure_drift::ExposureDrift::new(conditions)),
-        EffectKind::LensDistortion => Box::new(lens_distortion::LensDistortion::new(conditions)),
+        EffectKind::LensDistortion => Box::new(lens_distortion::LensDistortion::new(scene)),
         EffectKind::MotionBlur => Box::new(motion_blur::MotionBlur::new(conditions)),
         EffectKind::SensorNoise => Box::new(sensor_noise::SensorNoise::new(conditions)),
     }
-}
-
-/// A stratified point in [0, 1)²: consecutive samples of a pixel cycle through the cells of a 2×2 grid.
-fn stratified(sample: PixelSample, salt: u64) -> DVec2 {
-    let bits = crate::rng::mix(sample.pixel ^ salt.rotate_left(40) ^ (u64::from(sample.number) << 56));
-    let jitter = DVec2::new(
-        crate::rng::unit_from_bits(bits),
-        crate::rng::unit_from_bits(bits.wrapping_mul(0x9e37_79b9_7f4a_7c15)),
-    );
-    let cell = sample.number % 4;
-    (DVec2::new(f64::from(cell % 2), f64::from(cell / 2)) + jitter) * 0.5
 }
 
 #[cfg(test)]
@@ -287,41 +270,37 @@ mod tests {
     }
 
     /// The effects of a route from the origin to another pose.
-    fn chosen(world: &World, conditions: &Conditions, moving_to: WorldFromCamera, is_given: bool) -> Vec<ActiveEffect> {
+    fn chosen(world: &World, conditions: &Conditions, moving_to: WorldFromCamera) -> Vec<ActiveEffect> {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
-        let shots = [0, 33_333].map(|timestamp_micros| Shot { timestamp_micros, camera, moving_to });
-        let moved = Camera { camera_from_world: moving_to.inverse(), ..camera };
-        let shots = [shots[0], Shot { camera: moved, ..shots[1] }];
+        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
         let size = ImageSize { width: 256, height: 256 };
-        Effects::choose(&SceneContext { world, conditions, shots: &shots, size, is_given }, &EffectChoice::Auto).active
+        Effects::choose(&SceneContext { world, conditions, shots: &shots, size }, &EffectChoice::Auto).active
     }
 
     fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
         let turned = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
-        chosen(world, conditions, turned, false).iter().map(|active| active.effect).collect()
+        chosen(world, conditions, turned).iter().map(|active| active.effect).collect()
     }
 
     /// They move what is seen at the border of an image, not at its centre.
     #[test]
-    fn a_given_dolly_and_a_given_roll_need_motion_blur() {
-        let open = Conditions { lens: [0.0; 2], shutter: 0.3, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
+    fn a_dolly_and_a_roll_need_motion_blur() {
+        let open = Conditions { lens: [0.0; 2], shutter: 0.012, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
         let world = world(0.0, Vec::new());
         let to = |turn: DMat3, z: f64| WorldFromCamera::new(turn, DVec3::new(0.0, 0.0, z)).unwrap();
         let roll = |angle: f64| to(DMat3::from_rotation_z(angle), 0.0);
         for moved in [to(DMat3::IDENTITY, 0.05), to(DMat3::IDENTITY, -0.05), roll(0.01), roll(-0.01)] {
-            let given = chosen(&world, &open, moved, true);
-            assert_eq!(given.iter().map(|active| active.effect).collect::<Vec<_>>(), [EffectKind::MotionBlur]);
-            assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, moved, true), []);
-            assert_eq!(chosen(&world, &open, moved, false), [], "images of seeds stay as they were");
+            let active = chosen(&world, &open, moved);
+            assert_eq!(active.iter().map(|active| active.effect).collect::<Vec<_>>(), [EffectKind::MotionBlur]);
+            assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, moved), []);
         }
         for still in [roll(0.0), roll(0.001), to(DMat3::IDENTITY, 1e-4)] {
-            assert_eq!(chosen(&world, &open, still, true), [], "{still:?}");
+            assert_eq!(chosen(&world, &open, still), [], "{still:?}");
         }
         let behind = to(DMat3::from_rotation_y(std::f64::consts::PI), 0.0);
-        let reason = "up to 30.0 % of the image width while the shutter is open";
-        assert_eq!(chosen(&world, &open, behind, true)[0].reason, reason);
-        assert_eq!(chosen(&world, &Conditions { shutter: 0.0, ..open }, behind, true), []);
+        let reason = "up to 30.0 % of the image width in 12 ms of exposure";
+        assert_eq!(chosen(&world, &open, behind)[0].reason, reason);
     }
 
     /// Each condition needs one effect, just above its bound and not below: effects of the sensor at any strength.
@@ -340,7 +319,7 @@ mod tests {
                 Conditions { lens: [0.0004, 0.0], ..plain },
                 EffectKind::LensDistortion,
             ),
-            (Conditions { shutter: 0.1, ..plain }, Conditions { shutter: 0.01, ..plain }, EffectKind::MotionBlur),
+            (Conditions { shutter: 0.004, ..plain }, Conditions { shutter: 0.0004, ..plain }, EffectKind::MotionBlur),
             (Conditions { noise: 1e-3, ..plain }, plain, EffectKind::SensorNoise),
         ];
         for (enough, less, effect) in cases {

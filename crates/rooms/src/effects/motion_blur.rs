@@ -1,4 +1,5 @@
-//! Motion blur: samples of a pixel are taken at different times while the shutter is open.
+//! Motion blur: samples of a pixel are taken at different times while the shutter is open, half of them before the frame's
+//! pose and half after it.
 
 use glam::DVec3;
 
@@ -16,27 +17,16 @@ const STILL: f64 = 0.1;
 const NEAR: f64 = 0.5;
 
 pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
-    // A seed must give the same images as in earlier versions: sampled routes keep their rule, which sees no motion along the
-    // optical axis and no roll.
-    let motion: fn(&Shot, &Shot) -> f64 = if scene.is_given { motion_anywhere } else { motion_at_centre };
-    let smears = scene.shots.windows(2).map(|pair| motion(&pair[0], &pair[1]) * 256.0 * scene.conditions.shutter);
-    let largest = largest(smears);
-    (largest > STILL).then(|| format!("up to {:.1} % of the image width while the shutter is open", largest / 2.56))
+    let shutter = scene.conditions.shutter;
+    let largest = largest(scene.shots.iter().map(|shot| motion(shot) * shot.share_of_motion(shutter)));
+    (largest * 256.0 > STILL)
+        .then(|| format!("up to {:.1} % of the image width in {:.0} ms of exposure", largest * 100.0, shutter * 1e3))
 }
 
-/// How far a camera turns and moves sideways: a bound of the motion at the image's centre, in image widths.
-fn motion_at_centre(from: &Shot, to: &Shot) -> f64 {
-    let [start, end] = [from, to].map(|shot| shot.camera.camera_from_world.inverse());
-    let turn = start.forward().angle_between(end.forward());
-    let parallax = (end.centre() - start.centre()).cross(start.forward()).length() / NEAR;
-    (turn + parallax) * from.camera.intrinsics.fx
-}
-
-/// Largest motion of what is seen at the image's centre and corners, near and infinitely far, in image widths. Beyond one width,
-/// as for points that end up behind the camera, it is 1.
-fn motion_anywhere(from: &Shot, to: &Shot) -> f64 {
-    let (k, start, end) =
-        (from.camera.intrinsics, from.camera.camera_from_world.inverse(), to.camera.camera_from_world);
+/// Largest motion until the next frame of what is seen at the image's centre and corners, near and infinitely far, in image
+/// widths. Beyond one width, as for points that end up behind the camera, it is 1.
+fn motion(shot: &Shot) -> f64 {
+    let (k, start, end) = (shot.camera.intrinsics, shot.camera.camera_from_world.inverse(), shot.moving_to.inverse());
     let positions = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
     largest(positions.into_iter().flat_map(|[x, y]| {
         let ray = DVec3::new((x - k.cx) / k.fx, (y - k.cy) / k.fy, 1.0);

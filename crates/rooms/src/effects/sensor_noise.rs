@@ -36,7 +36,7 @@ impl Effect for SensorNoise {
             let draws = (0..4).map(|draw| unit_from_bits(mix(key ^ (channel << 60) ^ (draw << 56)))).sum::<f64>();
             ((draws - 2.0) * 3f64.sqrt() * self.sigma) as f32
         };
-        let strength = |light: f32| (0.1 + light.clamp(0.0, 1.0)).sqrt();
+        let strength = |light: f32| (0.1 + light.clamp(0.0, f32::MAX)).sqrt();
         let noise = Vec3::new(normal(1), normal(2), normal(3));
         light + noise * Vec3::new(strength(light.x), strength(light.y), strength(light.z))
     }

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::{Effect, EffectKind, PixelSample, SceneContext, stratified};
+use super::{Effect, EffectKind, SceneContext};
 use crate::lamp::Lamp;
 use crate::world::{Surface, World};
 
@@ -19,14 +19,9 @@ impl Effect for SoftShadows {
         EffectKind::SoftShadows
     }
 
-    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, sample: PixelSample) -> Option<f32> {
+    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, place: DVec2) -> Option<f32> {
         let from = surface.leave();
-        let to_lamp = lamp.towards(from, place_on_lamp(sample));
+        let to_lamp = lamp.towards(from, place);
         Some(if world.blocked(from, to_lamp) { 0.0 } else { 1.0 })
     }
-}
-
-/// The uniform point of a lamp that a sample's shadow rays test.
-pub(crate) fn place_on_lamp(sample: PixelSample) -> DVec2 {
-    stratified(sample, 1)
 }

@@ -1,4 +1,4 @@
-//! One reflected ray from glossy surfaces, weighted by Schlick's Fresnel term.
+//! One reflected ray from glossy surfaces, weighted by Schlick's Fresnel term, which is damped on dull ones as by roughness.
 
 use super::{Effect, EffectKind, SceneContext};
 

@@ -1,6 +1,6 @@
 use glam::{Vec2, Vec3};
 
-use crate::noise::{edge, lattice, unit, visible};
+use crate::noise::{edge, faded, lattice, unit, visible};
 
 /// Signed distance to the nearest border of intervals of half a period, positive in every other one.
 fn alternating(x: f32) -> f32 {
@@ -28,8 +28,8 @@ pub(super) fn motif(a: Vec3, b: Vec3, p: Vec2, footprint: f32) -> Vec3 {
     let ring = 0.025 - (radius - 0.16).abs();
     let corner = 0.08 - (within.abs() - Vec2::splat(0.5)).length();
     let ink = edge(petals, footprint) * (1.0 - edge(ring, footprint)) + edge(corner, footprint);
-    let seen = visible(0.4, footprint);
-    a.lerp(b, ink.clamp(0.0, 1.0) * seen + 0.3 * (1.0 - seen))
+    // The mean over a flower and its dot.
+    a.lerp(b, faded(ink.clamp(0.0, 1.0), 0.265, 0.4, footprint))
 }
 
 /// Woven threads, one period per unit, each with its own shade.

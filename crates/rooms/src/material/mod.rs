@@ -1,7 +1,7 @@
 //! Procedural materials: albedo as a function of texture coordinates. Colours are linear RGB.
 //!
 //! Every pattern takes the pixel's footprint and fades or widens detail that a pixel cannot resolve, so that visible detail
-//! is sharp and the rest does not flicker between views.
+//! is sharp and the rest does not flicker between views. Tiles, boards, fabrics, stone and text keep their mean colour.
 
 mod colour;
 mod fabric;
@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 
 pub(crate) use colour::{Palette, from_hsv, srgb_encoded};
 
-use crate::noise::fractal_noise;
+use crate::noise::{faded, fractal_noise};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug)]
@@ -82,7 +82,8 @@ impl Material {
             }
             Pattern::Marble { a, b, feature } => {
                 let n = fractal_noise(spot.local / feature, 6, footprint / feature, self.seed);
-                a.lerp(b, (1.0 - 6.0 * n.abs()).clamp(0.0, 1.0))
+                // Veins are about a third as wide as a feature, and fade to their share before the noise does.
+                a.lerp(b, faded((1.0 - 6.0 * n.abs()).clamp(0.0, 1.0), 0.285, feature / 3.0, footprint))
             }
             Pattern::Planks { a, b, width, length } => tiling::planks([a, b], width, length, spot, self.seed),
             Pattern::Tiles { a, b, grout, size, gap, shift } => {
@@ -105,6 +106,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
+    use crate::noise::as_f32;
     use crate::rng::Rng;
 
     fn all() -> Vec<Pattern> {
@@ -155,6 +157,63 @@ mod tests {
                 Pattern::Painting { .. } => assert!(near > 0.02, "{pattern:?} shows nothing: {near}"),
                 _ => assert!(near > 0.02 && far < 0.6 * near, "{pattern:?}: {near} near, {far} far"),
             }
+        }
+    }
+
+    /// The mean of red over a panel with these half sides.
+    fn mean(material: &Material, half: Vec2, footprint: f32) -> f64 {
+        let mut rng = Rng::new(7);
+        let mut place = || as_f32(rng.within(-1.0, 1.0));
+        let red = (0..20_000).map(|_| {
+            let uv = half * Vec2::new(place(), place());
+            f64::from(material.albedo(&TexturePoint { uv, local: uv.extend(place()), footprint }).x)
+        });
+        red.sum::<f64>() / 20_000.0
+    }
+
+    /// From pixels that show every detail to pixels that are wider than the pattern. The shares are those of the shapes drawn.
+    #[test]
+    fn patterns_keep_their_mean_with_distance() {
+        let (a, b, wide, page) = (Vec3::ZERO, Vec3::ONE, Vec2::splat(3.0), Vec2::new(0.5, 0.4));
+        let size = Vec2::new(0.2, 0.1);
+        let boards = (1.0 - 0.003 / 0.05) * (1.0 - 0.003 / 0.5);
+        let cases = [
+            (Pattern::Tiles { a: b, b, grout: a, size, gap: 0.01, shift: 0.5 }, wide, 0.95 * 0.9),
+            (Pattern::Planks { a: b, b, width: 0.05, length: 0.5 }, wide, 0.4 + 0.6 * boards),
+            (Pattern::Planks { a, b, width: 0.05, length: 0.5 }, wide, 0.5 * (0.4 + 0.6 * boards)),
+            (Pattern::Stripes { a, b, period: 0.1 }, wide, 0.5),
+            (Pattern::Checks { a, b, period: 0.1 }, wide, 0.5),
+            (Pattern::Motif { a, b, period: 0.3 }, wide, 0.265),
+            (Pattern::Marble { a, b, feature: 0.3 }, wide, 0.285),
+            (Pattern::Text { ink: b, paper: a, half: page, line: 0.05 }, page, 0.09),
+        ];
+        for (pattern, half, expected) in cases {
+            for footprint in [0.0005, 0.02, 0.05, 0.09, 3.0] {
+                let found = mean(&Material::matte(pattern, 11), half, footprint);
+                Tolerance::absolute(0.015).assert([found], [expected], &format!("{pattern:?} at {footprint}"));
+            }
+        }
+    }
+
+    /// Grain of 90 and of 15 features per metre across a board is gone where a pixel is wider than a feature, and not before.
+    #[test]
+    fn grain_of_boards_fades_at_its_own_width() {
+        let boards = Material::matte(Pattern::Planks { a: Vec3::ZERO, b: Vec3::ONE, width: 0.12, length: 3.0 }, 11);
+        let at = |x: f32, y: f32, footprint: f32| {
+            f64::from(boards.albedo(&TexturePoint { uv: Vec2::new(x, y), local: Vec3::ZERO, footprint }).x)
+        };
+        let fine = |footprint: f32| {
+            let bends = (0..60u8).map(|step| {
+                let (x, half) = (0.03 + 0.001 * f32::from(step), 0.5 / 90.0);
+                let [before, here, after] = [x - half, x, x + half].map(|x| at(x, 0.37, footprint));
+                (before - 2.0 * here + after).abs()
+            });
+            bends.sum::<f64>() / 60.0
+        };
+        assert!(fine(0.001) > 0.05 && fine(0.0112) < 0.01, "{} near, {} far", fine(0.001), fine(0.0112));
+        for step in 0..20u8 {
+            let y = 0.1 + 0.05 * f32::from(step);
+            Tolerance::absolute(1e-5).assert([at(0.04, y, 0.07)], [at(0.08, y, 0.07)], "on both sides of the middle");
         }
     }
 }

@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes;
 use glam::{Vec2, Vec3};
 
 use super::from_hsv;
-use crate::noise::{edge, fractal_noise, lattice, unit, visible};
+use crate::noise::{edge, faded, fractal_noise, lattice, unit, visible};
 
 /// A painting: a vertical gradient, ragged hills in front of it, and strokes and discs on top.
 pub(super) fn painting(uv: Vec2, half: Vec2, footprint: f32, seed: u32) -> Vec3 {
@@ -32,11 +32,22 @@ pub(super) fn painting(uv: Vec2, half: Vec2, footprint: f32, seed: u32) -> Vec3 
     shown * (1.0 + 0.25 * canvas)
 }
 
-/// Ragged lines of invented glyphs with a headline; each glyph is one of 40 bitmaps of 4×6.
+/// Mean ink of the 40 glyphs with the space around them, and of words with their gaps.
+const GLYPH_INK: f32 = 0.185;
+const WORD_INK: f32 = GLYPH_INK * 5.0 / 6.0;
+
+/// Ragged lines of invented glyphs with a headline; each glyph is one of 40 bitmaps of 4×6. Dots fade to glyphs, glyphs to
+/// words, and lines to the whole page.
 #[expect(clippy::cast_possible_truncation, reason = "a page has few glyphs")]
 pub(super) fn text([ink, paper]: [Vec3; 2], uv: Vec2, half: Vec2, line: f32, footprint: f32, seed: u32) -> Vec3 {
+    if uv.abs().cmpgt(half).any() {
+        return paper;
+    }
     let from_corner = Vec2::new(uv.x + half.x, half.y - uv.y) - Vec2::splat(0.7 * line);
     let width = 2.0 * half.x - 1.4 * line;
+    // Lines fill three quarters of the width.
+    let page_ink = 0.75 * WORD_INK * width * (2.0 * half.y - 1.4 * line) / (4.0 * half.x * half.y);
+    let page_size = 20.0 * line;
     let headline = from_corner.y < 2.2 * line;
     let line = if headline { 2.0 * line } else { line };
     let row = (from_corner.y / line).floor();
@@ -45,9 +56,6 @@ pub(super) fn text([ink, paper]: [Vec3; 2], uv: Vec2, half: Vec2, line: f32, foo
     let filled = 0.5 + 0.5 * unit(lattice(row as i32, 0, 8, seed));
     let outside = column < 0.0 || row < 0.0 || row >= last_row || (column + 1.0) * 0.5 * line > width * filled;
     let gap = lattice(column as i32, row as i32, 9, seed).is_multiple_of(6);
-    if outside || gap {
-        return paper;
-    }
     let within = Vec2::new(from_corner.x / (0.5 * line) - column, from_corner.y / line - row);
     let glyph = (lattice(column as i32, row as i32, 10, seed) % 40).cast_signed();
     let dot = (within * Vec2::new(5.0, 9.0)).floor();
@@ -55,9 +63,9 @@ pub(super) fn text([ink, paper]: [Vec3; 2], uv: Vec2, half: Vec2, line: f32, foo
     let bits = lattice(glyph, dot.y as i32 / 2 + 8 * (dot.x as i32 / 2), 11, 99)
         | lattice(glyph, dot.x as i32, 12, 99) & lattice(glyph, dot.y as i32, 13, 99);
     let dark = in_glyph && bits.is_multiple_of(2);
-    let seen = visible(line * 0.35, footprint);
-    let share = if dark { 1.0 } else { 0.0 } * seen + 0.25 * (1.0 - seen) * visible(20.0 * line, footprint);
-    paper.lerp(ink, share)
+    let in_word = if gap { 0.0 } else { faded(if dark { 1.0 } else { 0.0 }, GLYPH_INK, 0.1 * line, footprint) };
+    let in_line = if outside { 0.0 } else { faded(in_word, WORD_INK, 0.5 * line, footprint) };
+    paper.lerp(ink, faded(in_line, page_ink, page_size, footprint))
 }
 
 /// Spines of different widths and heights in front of a dark shelf, most with a title.

@@ -2,7 +2,8 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{HandheldPose, Motion, is_free, shows_enough};
+use super::{HandheldPose, Motion, SLOWEST, is_free_along, no_room, shows_enough, spaced};
+use crate::RoomsError;
 use crate::rng::Rng;
 use crate::world::World;
 
@@ -11,21 +12,26 @@ const MICROS: f64 = 1e6 / 30.0;
 /// Attempts at one speed before a slower one is tried.
 const TRIES: usize = 60;
 
-pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> (Vec<HandheldPose>, f64, f64) {
+/// A path, the microseconds per frame, and the share of the drawn speed to which it is slowed.
+///
+/// # Errors
+/// [`RoomsError::Request`] if no path fits.
+pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> Result<(Vec<HandheldPose>, f64, f64), RoomsError> {
     let speed = Motion::SPEED.draw(rng.unit());
     let turn = Motion::TURN.draw(rng.unit()).to_radians() * rng.sign();
     let aside = Motion::TRAVEL_TO_AXIS.draw(rng.unit()).to_radians() * rng.sign();
     let straightness = Motion::STRAIGHTNESS.draw(rng.unit());
     let mut slowed_to = 1.0;
-    loop {
+    while slowed_to >= SLOWEST {
         for _ in 0..TRIES {
             let path = candidate(rng, world, frames, [speed * slowed_to, turn, aside, straightness]);
-            if slowed_to < 0.01 || is_valid(world, &path) {
-                return (path, MICROS, slowed_to);
+            if is_valid(world, &path) {
+                return Ok((path, MICROS, slowed_to));
             }
         }
         slowed_to *= 0.9;
     }
+    Err(no_room(frames))
 }
 
 fn candidate(
@@ -62,8 +68,6 @@ fn candidate(
 }
 
 fn is_valid(world: &World, path: &[HandheldPose]) -> bool {
-    let spaced = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
-    spaced(2).all(|pose| is_free(world, pose.position))
-        && spaced(16).all(|pose| is_free(world, pose.position))
-        && spaced(3).all(|pose| shows_enough(world, pose.position, pose.forward(), 1.3))
+    is_free_along(world, path, [2, 16])
+        && spaced(path, 3).all(|pose| shows_enough(world, pose.position, pose.forward(), 1.3))
 }

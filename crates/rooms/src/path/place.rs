@@ -3,9 +3,8 @@
 use atsplat_camera::{Camera, WorldFromCamera};
 use glam::{DMat3, DVec3};
 
-use super::{CameraPath, is_free, shows_enough};
+use super::{CameraPath, is_free, shots, shows_enough};
 use crate::RoomsError;
-use crate::path::Shot;
 use crate::rng::Rng;
 use crate::world::World;
 
@@ -60,13 +59,10 @@ pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result
         Some((free, ..)) => return Err(no_room(format!("{free} of {} cameras in free space", poses.len()))),
         None => return Err(no_room("no free place".to_owned())),
     };
-    let next = moved.iter().skip(1).chain(moved.last());
-    let shots = given.iter().zip(&moved).zip(next).map(|(((timestamp_micros, camera), pose), next)| Shot {
-        timestamp_micros: *timestamp_micros,
-        camera: Camera { camera_from_world: pose.inverse(), ..camera.without_distortion() },
-        moving_to: *next,
+    let timed = given.iter().zip(&moved).map(|((micros, camera), pose)| {
+        (*micros, Camera { camera_from_world: pose.inverse(), ..camera.without_distortion() })
     });
-    Ok(CameraPath { shots: shots.collect(), slowed_to })
+    Ok(CameraPath { shots: shots(&timed.collect::<Vec<_>>()), slowed_to })
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@
 //! converted. Any input gives Gaussians or a typed error, with memory bounded by a constant multiple of what a file of
 //! its size can hold.
 
+mod opacities;
 mod ply;
 mod splat;
 mod spz;
@@ -21,6 +22,8 @@ use std::path::Path;
 
 use atsplat_files::{FileError, Writer};
 use serde::Serialize;
+
+pub use opacities::opacities_as_stored;
 
 use crate::sh::C0;
 use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
@@ -88,7 +91,7 @@ pub struct Import {
     /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
     pub antialiased: Option<bool>,
     /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
-    /// where all others write logits, without marking the file. [`Gaussians::with_linear_opacities`] converts them.
+    /// where all others write logits, without marking the file. [`opacities_as_stored`] converts them.
     pub opacities_may_be_no_logits: bool,
     /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
     /// are negative, so that these may be scales without their logarithm.
