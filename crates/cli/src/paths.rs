@@ -77,6 +77,10 @@ impl PendingFile {
         Ok(Self { file, _folders: folders })
     }
 
+    pub(crate) fn target(&self) -> &Path {
+        self.file.target()
+    }
+
     /// Writes the contents and moves the file to its target.
     pub(crate) fn finish(self, bytes: &[u8]) -> anyhow::Result<()> {
         self.writer().write_all(bytes).with_context(|| format!("writing {}", self.file.target().display()))?;

@@ -48,6 +48,10 @@ pub(crate) struct PendingPlot {
 }
 
 impl PendingPlot {
+    pub(crate) fn path(&self) -> &Path {
+        self.file.target()
+    }
+
     /// Encodes the plot in the format of the file, and writes it.
     pub(crate) fn finish(
         self,

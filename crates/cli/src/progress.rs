@@ -22,7 +22,7 @@ impl PlainLines {
         (!stderr().is_terminal()).then(|| Self { begin: Instant::now(), last: AtomicU64::new(0) })
     }
 
-    /// Whether a line is due, which one caller is told.
+    /// Whether a line is due; true for only one of the callers at a time.
     fn is_due(&self) -> bool {
         self.is_due_after(self.begin.elapsed())
     }

@@ -6,11 +6,13 @@
 //! | `trees/<hash>/<name>/…` | what one list showed below a URL: links to blobs, and empty files for what was not fetched |
 //! | `stores/` | results that a process is writing |
 
+use std::borrow::Cow;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Sha256Digest, is_plain_name};
+use percent_encoding::percent_decode_str;
 
 use crate::ObjectError;
 use crate::storage::Object;
@@ -55,15 +57,8 @@ impl Cache {
 }
 
 /// The name that a part of a URL stands for: `desk#1` for `desk%231`. `None` if it is not text.
-fn decoded(part: &str) -> Option<String> {
-    let (mut bytes, mut rest) = (Vec::new(), part.as_bytes());
-    while let Some((first, after)) = rest.split_first() {
-        let digits = after.get(..2).filter(|digits| *first == b'%' && digits.iter().all(u8::is_ascii_hexdigit));
-        let code = digits.and_then(|digits| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok());
-        bytes.push(code.unwrap_or(*first));
-        rest = if code.is_some() { after.get(2..).unwrap_or_default() } else { after };
-    }
-    String::from_utf8(bytes).ok()
+fn decoded(part: &str) -> Option<Cow<'_, str>> {
+    percent_decode_str(part).decode_utf8().ok()
 }
 
 fn identity(url: &str, Object { name, bytes, tag }: &Object) -> String {

@@ -34,9 +34,7 @@ fn world(put: impl FnOnce(&mut Builder, usize)) -> World {
     let mut builder = Builder::new();
     let material = builder.material(Material::matte(Pattern::Plain(Vec3::ONE), 0));
     put(&mut builder, material);
-    let none = Vec3::ZERO;
-    let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
-    builder.finish(sky, Vec3::ONE, [DVec3::splat(-9.0), DVec3::splat(9.0)])
+    builder.finish(Sky::BLACK, Vec3::ONE, [DVec3::splat(-9.0), DVec3::splat(9.0)])
 }
 
 /// A wall across the whole view whose near side is `y = 4 + x tan(turn)`.

@@ -36,9 +36,7 @@ fn plate(right: f64, up: f64) -> World {
     let white = builder.material(Material::matte(Pattern::Plain(Vec3::ONE), 0));
     builder.instance(DVec3::ZERO, 0.0);
     builder.block(DVec3::new(-right, 2.0, -up), DVec3::new(right, 2.1, up), white);
-    let none = Vec3::ZERO;
-    let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
-    builder.finish(sky, Vec3::ONE, [DVec3::splat(-9.0), DVec3::splat(9.0)])
+    builder.finish(Sky::BLACK, Vec3::ONE, [DVec3::splat(-9.0), DVec3::splat(9.0)])
 }
 
 fn effects(world: &World, conditions: &Conditions, shot: &Shot, kinds: &[EffectKind]) -> Effects {

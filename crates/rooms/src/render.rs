@@ -337,9 +337,7 @@ mod tests {
         builder.block(DVec3::new(-5.0, 4.0, 0.0), DVec3::new(5.0, 5.0, 5.0), wall);
         let radiance = Vec3::new(5000.0, 4000.0, 3000.0);
         builder.lamps = vec![Lamp::Bulb { centre: DVec3::new(1.0, 1.0, 2.0), radius: 0.1, radiance }];
-        let none = Vec3::ZERO;
-        let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
-        builder.finish(sky, none, [DVec3::splat(-5.0), DVec3::splat(5.0)])
+        builder.finish(Sky::BLACK, Vec3::ZERO, [DVec3::splat(-5.0), DVec3::splat(5.0)])
     }
 
     /// The radiance of the wall seen in the mirror, and seen directly from the mirror times the mirror's Fresnel term.

@@ -15,6 +15,10 @@ pub(crate) struct Sky {
 }
 
 impl Sky {
+    #[cfg(test)]
+    pub(crate) const BLACK: Self =
+        Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO, trees: Vec3::ZERO, clouds: 0.0, seed: 0 };
+
     /// Radiance from a unit direction; `footprint` is a pixel's width in radians.
     #[expect(clippy::cast_possible_truncation, reason = "one of a few hundred treetops")]
     pub(crate) fn radiance(&self, direction: DVec3, footprint: f32) -> Vec3 {

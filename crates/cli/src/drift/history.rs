@@ -47,9 +47,9 @@ impl HistoryArgs {
         let selected = self.selected(&histories).with_context(|| self.not_found(&histories))?;
         let NumberHistory { preset, method, metric, .. } = selected;
         let drawing = drift_plot(selected).with_context(|| format!("unknown metric {metric}"))?;
+        let done = format!("{metric} of {method} under {preset} written to {}", plot.path().display());
         plot.finish(|format| drawing.encode(format))?;
-        let file = self.history.as_ref().map(|file| file.path().display().to_string()).unwrap_or_default();
-        print_status(&format!("{metric} of {method} under {preset} written to {file}"));
+        print_status(&done);
         Ok(())
     }
 

@@ -1,15 +1,19 @@
 //! Snapshots of every format, and tests of escaping.
 
+use atsplat_eval::Results;
+
 use super::*;
 use crate::definition::TableDefinition;
 use crate::sample::{HOSTILE, UNBROKEN, atsplat, floor, preset, results, results_over, store};
 use crate::table::{Mark, Mixing, Source, protocol_tables, tables};
 
 fn measured(name: &str) -> Table {
-    let results = store();
+    table_of(name, &store())
+}
+
+fn table_of(name: &str, results: &Results) -> Table {
     let definition = TableDefinition::named(name).unwrap();
-    let source = Source { label: "run", results: &results };
-    tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0)
+    tables(&definition, &[Source { label: "run", results }], Mixing::Apart).unwrap().swap_remove(0)
 }
 
 fn published(name: &str) -> Table {
@@ -87,8 +91,7 @@ fn escapes_hostile_names_in_every_format() {
     let mut method = floor();
     method.title = format!("{HOSTILE}\n%{{}}$^~# & \\input{{/etc/passwd}}");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
-    let source = Source { label: "run", results: &results };
-    let mut table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let mut table = table_of("re10k", &results);
     table.title = HOSTILE.to_owned();
     let write = |format: TableFormat| format.write(&table).unwrap();
     assert!(!write(TableFormat::Terminal).contains('\u{1b}'));
@@ -115,8 +118,7 @@ fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
         let mut method = floor();
         method.title = title.to_owned();
         let results = results(vec![preset("re10k-2v-256")], vec![method]);
-        let source = Source { label: "run", results: &results };
-        let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+        let table = table_of("re10k", &results);
         TableFormat::Latex.write(&table).unwrap()
     };
     let known = latex("σ ≥ 0.5 − α·Σ ± 2×3 °… “é” -– -— -");
@@ -141,8 +143,7 @@ fn labels_are_no_arguments_of_the_latex_above_them() {
         method
     });
     let results = results(vec![preset("re10k-2v-256")], methods.into());
-    let source = Source { label: "run", results: &results };
-    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let table = table_of("re10k", &results);
     let latex = TableFormat::Latex.write(&table).unwrap();
     for expected in
         ["\\midrule\n{}[9mm] method & ", "\\tabularnewline\n{}*method & ", "\\tabularnewline\nmethod [9mm]* & "]
@@ -156,8 +157,7 @@ fn long_names_may_break_in_latex_and_short_ones_may_not() {
     let mut method = floor();
     method.title = format!("{UNBROKEN} at re10k-2v-256");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
-    let source = Source { label: "run", results: &results };
-    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let table = table_of("re10k", &results);
     let latex = TableFormat::Latex.write(&table).unwrap();
     let expected = "\\raggedright mvsplat\\_\\allowbreak{}re10k\\_\\allowbreak{}finetuned\\_";
     assert!(latex.contains(expected) && latex.contains("lr1e-\\allowbreak{}4\\_"), "{latex}");
@@ -245,8 +245,7 @@ fn marks_agree_with_the_paper() {
 #[test]
 fn csv_has_full_precision_and_json_every_row() {
     let results = results_over(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()], 7);
-    let source = Source { label: "run", results: &results };
-    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let table = table_of("re10k", &results);
     let text = TableFormat::Csv.write(&table).unwrap();
     let records = crate::csv_text::parse(&text).unwrap();
     let at = |name: &str| records[0].iter().position(|head| head == name).unwrap();

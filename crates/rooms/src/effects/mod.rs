@@ -264,9 +264,7 @@ mod tests {
         builder.instance(DVec3::ZERO, 0.0);
         builder.block(DVec3::new(-5.0, -5.0, -1.0), DVec3::new(5.0, 5.0, 0.0), material);
         builder.lamps = lamps;
-        let none = Vec3::ZERO;
-        let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
-        builder.finish(sky, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
+        builder.finish(Sky::BLACK, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
     }
 
     /// The effects of a route from the origin to another pose.

@@ -3,8 +3,8 @@
 mod clip_motion;
 mod glide;
 mod place;
+mod route;
 mod statistics;
-mod times;
 mod walk;
 
 use std::collections::BTreeSet;
@@ -17,8 +17,8 @@ use crate::world::World;
 use crate::{RoomsError, SceneKind};
 pub use clip_motion::ClipMotion;
 pub(crate) use place::place;
+pub(crate) use route::{route_cameras, timed_cameras};
 pub use statistics::Motion;
-pub(crate) use times::{route_cameras, timed_cameras};
 
 /// One camera of a simulated clip.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -211,9 +211,7 @@ mod tests {
         let material = builder.material(Material::matte(Pattern::Plain(Vec3::ONE), 0));
         builder.instance(DVec3::ZERO, 0.0);
         builder.block(DVec3::new(x - 0.05, -0.05, -1.0), DVec3::new(x + 0.05, 0.05, 1.0), material);
-        let none = Vec3::ZERO;
-        let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
-        builder.finish(sky, Vec3::ONE, [DVec3::splat(-half), DVec3::splat(half)])
+        builder.finish(Sky::BLACK, Vec3::ONE, [DVec3::splat(-half), DVec3::splat(half)])
     }
 
     /// The sixteenths of 60 m are 3.75 m apart; a post between two of them is in the way of a long path only.
