@@ -21,8 +21,10 @@ test-file name:
 ci *stages:
     .ci/run {{stages}}
 
-# Accept what changed on purpose: snapshots, then the baseline and the reference report.
+# Accept what changed on purpose: simulated trials of the tests, snapshots, then the baseline and the reference report.
 bless why:
+    cargo test --release --workspace --locked --test device_trials || \
+        ATSPLAT_BLESS=1 cargo test --release --workspace --locked --test device_trials
     INSTA_UPDATE=always cargo test --release --workspace --locked
     reports/regenerate "{{why}}"
 

@@ -1,5 +1,5 @@
-//! What tests need that a machine may lack: real data, a graphics adapter. A test that skips says so where it is seen,
-//! and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test at its end.
+//! What tests need that a machine may lack: real data, a graphics adapter, a browser. A test that skips says so where it
+//! is seen, and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test at its end.
 
 use std::ffi::OsString;
 use std::fmt::Display;
@@ -20,6 +20,7 @@ pub fn shared_data(test: &str) -> Option<PathBuf> {
     }
     let required = is_yes(std::env::var_os("ATSPLAT_REQUIRE_SHARED_DATA"));
     assert!(!required, "{test}: real data is required but absent ({})", folder.display());
+    // `.ci/skips` counts these.
     skip(test, format!("no real data ({})", folder.display()));
     None
 }
@@ -40,6 +41,16 @@ fn is_yes(value: Option<OsString>) -> bool {
 pub fn skip_without_graphics(test: &str, error: impl Display) {
     assert!(!graphics_required(), "{test}: a graphics adapter is required: {error}");
     skip(test, format!("no graphics adapter: {error}"));
+}
+
+/// Skips a test because there is no browser on the path.
+///
+/// # Panics
+/// Where `ATSPLAT_REQUIRE_BROWSER` is set and neither empty nor 0.
+pub fn skip_without_browser(test: &str) {
+    let required = is_yes(std::env::var_os("ATSPLAT_REQUIRE_BROWSER"));
+    assert!(!required, "{test}: a browser is required but absent (Debian's package `chromium`)");
+    skip(test, "no chromium on the path");
 }
 
 /// Says that a test is skipped and why, past the test harness's capture.

@@ -28,7 +28,7 @@ pub(crate) struct ImageArgs {
     #[arg(long, value_name = "PATH", requires = "data")]
     frames: Option<PathBuf>,
 
-    /// Use DL3DV's undistorted `gaussian_splat/` in scenes that have it.
+    /// Use DL3DV's undistorted `gaussian_splat/` in scenes that have it; an error if none does.
     #[arg(long, requires = "data")]
     prefer_undistorted: bool,
 

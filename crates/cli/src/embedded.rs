@@ -13,7 +13,7 @@ use atsplat_scene::SharedBytes;
 
 /// Trained on simulated rooms with two views.
 const MICRO_ROOMS: &str = "micro-rooms";
-/// Trained further on simulated yards with two to four views.
+/// Trained further on simulated yards with two to twelve views.
 const MICRO_YARDS: &str = "micro-yards";
 
 const FILES: [(&str, &[u8]); 2] = [

@@ -53,8 +53,9 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 /// The heading of options that every command has.
 const EVERYWHERE: &str = "Every command";
 
-const REPORT_STRICT: &str = "Exit with code 4 if a store is incomplete (scenes are missing, entries were skipped, trials failed, \
-                             renders are not finite, the run was interrupted) or a table of --tables has no results";
+const REPORT_STRICT: &str = "Exit with code 4 if a store is incomplete (shards or scenes are missing, entries were \
+                             skipped, trials failed, renders are not finite, the run was interrupted) or a table of \
+                             --tables has no results";
 
 const REPRODUCE_STRICT: &str = "Exit with code 4 if the results are incomplete: scenes are missing, entries were \
                                 skipped, a trial failed or rendered no Gaussian, data below --data do not fit a \
@@ -67,7 +68,8 @@ const RENDER_STRICT: &str = "Exit with code 4 if a frame could not be written or
 #[derive(Debug, Parser)]
 #[command(name = "atsplat", version, propagate_version = true)]
 struct Cli {
-    /// Number of worker threads, which does not affect results; 0 takes one per core.
+    /// Number of worker threads, which does not affect results; 0 takes `RAYON_NUM_THREADS` or, without it, one per logical
+    /// processor.
     #[arg(long, global = true, help_heading = EVERYWHERE, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
     threads: u16,
 

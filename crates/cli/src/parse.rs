@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
+use atsplat_eval::GaussianFrame;
 use atsplat_files::{is_toml_path, malformed_toml};
 use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
@@ -172,7 +173,8 @@ const FEATURES: Option<FeatureOverlap> = Some(atsplat_opencv::feature_overlap);
 #[cfg(not(feature = "opencv"))]
 const FEATURES: Option<FeatureOverlap> = None;
 
-/// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
+/// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, below which an overlap is in no bin, then each bin's name and upper
+/// edge. [`BinRule::Published`] is for the edges with which it was published.
 pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {
     let mut parts = text.split(',');
     let mut edges = vec![edge(parts.next().unwrap_or_default())?];
@@ -184,7 +186,7 @@ pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {
         names.push(name.trim().to_owned());
         edges.push(edge(upper)?);
     }
-    Ok(OverlapBins::new(BinRule::Published, names, edges)?)
+    Ok(OverlapBins::new(BinRule::Strict, names, edges)?)
 }
 
 fn edge(text: &str) -> anyhow::Result<f64> {
@@ -200,6 +202,10 @@ pub(crate) fn named<T: Copy + Send + Sync + 'static, const N: usize>(
         values.iter().find(|(name, _)| *name == given).map(|(_, value)| *value).expect("a listed name")
     })
 }
+
+/// The world frames of Gaussians in files.
+pub(crate) const GAUSSIAN_FRAMES: [(&str, GaussianFrame); 2] =
+    [(GaussianFrame::Dataset.name(), GaussianFrame::Dataset), (GaussianFrame::Trial.name(), GaussianFrame::Trial)];
 
 /// The command-line names of enum values.
 pub(crate) fn names<T: ValueEnum>(values: &[T]) -> Vec<String> {
@@ -341,6 +347,7 @@ mod tests {
         let published = OverlapBins::noposplat(BinRule::Published);
         assert_eq!((found.names(), found.edges()), (published.names(), published.edges()));
         assert_eq!(found.estimator(), None, "the user's bins have no estimator");
+        assert_eq!([0.01, 0.1].map(|overlap| found.name_of(overlap)), [None, Some("small")]);
         for broken in ["", "0.1", "0.1,a", "0.1,a:x", "0.3,a:0.1", "0.1,a:0.2,a:0.3"] {
             assert!(bins(broken).is_err(), "{broken:?}");
         }

@@ -48,7 +48,7 @@ pub(crate) struct Args {
     page: PageArgs,
 
     /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
-    /// printed and, when everything is written, fail the command.
+    /// printed; after everything is written, the command exits with 1.
     #[arg(long)]
     check_plots: bool,
 

@@ -65,8 +65,8 @@ fn networks_on_an_adapter_need_a_build_for_them() {
     let train = ["train", "--config", "none.toml", "--out", "store", "--device", "wgpu:0"];
     for args in [&texts(&run)[..], &sweep, &["reproduce", "--out", "store", "--device", "wgpu:0"], &train] {
         let refused = atsplat(here, args);
-        let expected = "--device wgpu:0: the network on wgpu:0: this build runs networks only on the CPU; build with \
-                        `cargo build --features gpu-network` for wgpu";
+        let expected = "--device wgpu:0: the network on wgpu:0: this build runs networks only on the CPU; `cargo install \
+                        --path crates/cli --locked --features gpu-network` makes one for wgpu";
         assert!(refused.code == 1 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
         assert!(!here.join("store").exists(), "{args:?}");
     }

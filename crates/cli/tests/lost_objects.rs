@@ -1,14 +1,20 @@
 //! Object storage that fails after a dataset was opened: what was read until then is not the dataset.
 
 #![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
 use std::process::Command;
 
+use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_scene::{SceneSource as _, Warnings};
 use common::write_trajectory;
+use serde_json::json;
+use tempfile::TempDir;
 
 /// Stands for `atsplat-objects`: the objects are the files of a folder, one of which cannot be read.
 const PROGRAM: &str = r#"#!/bin/sh
@@ -33,42 +39,88 @@ while read -r line; do
 done
 "#;
 
+/// Objects below `s3://lab/data`, and the folder in which commands run.
+struct Objects {
+    here: TempDir,
+    listed: String,
+}
+
+impl Objects {
+    fn new(objects: &[(String, Vec<u8>)]) -> Self {
+        let here = tempfile::tempdir().unwrap();
+        let object = |(name, bytes): &(String, Vec<u8>)| {
+            let file = here.path().join("there").join(name);
+            fs::create_dir_all(file.parent().unwrap()).unwrap();
+            fs::write(&file, bytes).unwrap();
+            json!({ "name": name, "bytes": bytes.len(), "tag": "t" })
+        };
+        let listed = json!({ "Objects": objects.iter().map(object).collect::<Vec<_>>() }).to_string();
+        let program = here.path().join("objects");
+        fs::write(&program, PROGRAM).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        Self { here, listed }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.here.path().join(name)
+    }
+
+    /// Exit code and standard error of a command for which the object `lost` cannot be read.
+    fn run(&self, args: &str, lost: &str) -> (Option<i32>, String) {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+        command.args(args.split(' ')).args(["--cache", "cache"]).current_dir(self.here.path());
+        command.env("ATSPLAT_OBJECTS", self.path("objects")).env("THERE", self.path("there"));
+        let output = command.env("LISTED", &self.listed).env("LOST", lost).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    }
+}
+
+fn trajectory(frames: usize) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    write_trajectory(&folder.path().join("clip.txt"), frames);
+    fs::read(folder.path().join("clip.txt")).unwrap()
+}
+
 /// More scenes than are read to open the dataset, so that the last one is lost later.
 #[test]
 fn a_dataset_that_could_not_be_fetched_is_not_exported_as_a_shorter_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let here = folder.path();
-    let there = here.join("there");
-    fs::create_dir(&there).unwrap();
-    let object = |scene: u32| {
-        let name = format!("s{scene:02}.txt");
-        write_trajectory(&there.join(&name), 20);
-        serde_json::json!({ "name": name, "bytes": fs::metadata(there.join(&name)).unwrap().len(), "tag": "t" })
-    };
-    let listed = serde_json::json!({ "Objects": (0..25).map(object).collect::<Vec<_>>() }).to_string();
-    let program = here.join("objects");
-    fs::write(&program, PROGRAM).unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let scenes: Vec<_> = (0..25).map(|scene| (format!("s{scene:02}.txt"), trajectory(20))).collect();
+    let objects = Objects::new(&scenes);
     let index = r#"{ "s00": { "context": [4, 14], "target": [9] }, "s24": { "context": [2, 9], "target": [5] } }"#;
-    fs::write(here.join("given.json"), index).unwrap();
-    let run = |args: &str, lost: &str| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-        command.args(args.split(' ')).args(["--cache", "cache"]).current_dir(here);
-        command.env("ATSPLAT_OBJECTS", &program).env("THERE", &there).env("LISTED", &listed).env("LOST", lost);
-        let output = command.output().unwrap();
-        (output.status.code(), String::from_utf8(output.stderr).unwrap())
-    };
+    fs::write(objects.path("given.json"), index).unwrap();
     let commands = [
         ("data export s3://lab/data cameras.csv", Some("cameras.csv")),
         ("data inspect s3://lab/data", None),
         ("protocol overlap given.json --data s3://lab/data --out overlap.json", Some("overlap.json")),
     ];
+    for out in ["cameras.csv", "overlap.json"] {
+        fs::write(objects.path(out), "old").unwrap();
+    }
     for (lost, code) in [("s24.txt", 1), ("none.txt", 0)] {
         for (args, out) in commands {
-            let (found, errors) = run(args, lost);
+            let (found, errors) = objects.run(args, lost);
             assert_eq!(found, Some(code), "{args}: {errors}");
             assert_eq!(errors.contains("connection reset"), code == 1, "{args}: {errors}");
-            assert!(out.is_none_or(|out| here.join(out).exists() == (code == 0)), "{args}: {errors}");
+            let is_old = |out: &str| fs::read_to_string(objects.path(out)).unwrap() == "old";
+            assert!(out.is_none_or(|out| is_old(out) == (code == 1)), "{args}: {errors}");
         }
+    }
+}
+
+/// The first scene's chunk is complete when an image of the second is lost.
+#[test]
+fn chunks_of_a_dataset_that_could_not_be_fetched_are_not_read_as_a_shorter_one() {
+    let image = encode_png(&ImageU8::new(16, 9, vec![7; 16 * 9 * 3]).unwrap()).unwrap();
+    let of_scene = |scene: u32| {
+        let images = [0, 33_367].map(|time| (format!("s{scene}/{time}.png"), image.clone()));
+        images.into_iter().chain([(format!("s{scene}.txt"), trajectory(2))])
+    };
+    let objects = Objects::new(&(0..3).flat_map(of_scene).collect::<Vec<_>>());
+    let all = ["s0", "s1", "s2"];
+    for (lost, out, code, keys) in [("s1/33367.png", "part", 1, &all[..0]), ("none", "whole", 0, &all[..])] {
+        let (found, errors) = objects.run(&format!("data export s3://lab/data {out} --chunks --chunk-bytes 1"), lost);
+        assert_eq!((found, errors.contains("connection reset")), (Some(code), code == 1), "{errors}");
+        assert!(objects.path(out).join("000000.torch").is_file(), "{errors}");
+        assert_eq!(atsplat_scene::open(objects.path(out), &mut Warnings::new()).unwrap().keys(), keys, "{out}");
     }
 }

@@ -299,4 +299,23 @@ fn undistorted_scenes_do_not_replace_their_captures() {
     );
     succeed(here, &["data", "undistort", "data/scene", "--out", "straight"]);
     assert!(here.join("straight/scene/images/0.png").is_file());
+    // A model below its capture, and photos elsewhere.
+    fs::create_dir_all(here.join("desk/sparse/0")).unwrap();
+    fs::rename(here.join("data/scene/images"), here.join("desk/images")).unwrap();
+    fs::write(here.join("desk/sparse/0/cameras.txt"), "1 PINHOLE 16 16 16 16 8 8\n").unwrap();
+    fs::write(here.join("desk/sparse/0/images.txt"), "1 1 0 0 0 0 0 0 1 0.png\n\n").unwrap();
+    refuses(
+        here,
+        &[(
+            "data undistort desk/sparse/0 --out .",
+            "--out: ./desk contains the file desk/sparse/0/cameras.txt of its scene; choose another folder",
+        )],
+    );
+    fs::create_dir(here.join("frames")).unwrap();
+    fs::rename(here.join("desk/images"), here.join("frames/clip")).unwrap();
+    write_trajectory(&here.join("clip.txt"), 1);
+    let refused = atsplat(here, &["data", "undistort", "clip.txt", "--frames", "frames", "--out", "frames"]);
+    let expected = "--out: frames/clip contains the photo frames/clip/0.png of its scene";
+    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(!here.join("frames/clip/transforms.json").exists());
 }

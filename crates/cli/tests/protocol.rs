@@ -12,7 +12,7 @@ fn repository() -> PathBuf {
 }
 
 #[test]
-fn the_readmes_main_job() {
+fn the_example_index_is_linted() {
     insta::assert_snapshot!(succeed(&repository(), &["protocol", "lint", "eval/indices/example.json"]));
 }
 
@@ -94,6 +94,22 @@ fn an_index_without_overlaps_has_no_histogram() {
     assert!(!here.join("out.json").exists() && !here.join("plot.svg").exists());
     write(r#", "overlap": 0.2"#);
     succeed(here, &overlap);
+}
+
+/// NoPoSplat's tagger puts overlaps below its edges into the second bin; that rule belongs to its edges.
+#[test]
+fn an_overlap_below_ones_own_bins_is_in_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let index = r#"{"a": {"context": [20, 70], "target": [40], "overlap": 0.04}}"#;
+    std::fs::write(here.join("index.json"), index).unwrap();
+    let bins = |more: &[&str]| {
+        let printed = succeed(here, &[&["protocol", "overlap", "index.json", "--json"], more].concat());
+        let bins = serde_json::from_str::<serde_json::Value>(&printed).unwrap()["bins"].take();
+        [&bins["bins"][1]["count"], &bins["below"]].map(|count| count.as_u64().unwrap())
+    };
+    assert_eq!(bins(&["--bins", "0.2,a:0.5,b:1"]), [0, 1]);
+    assert_eq!((bins(&[]), bins(&["--strict-bins"])), ([1, 0], [0, 1]));
 }
 
 #[test]
@@ -203,6 +219,7 @@ fn unknown_names_are_usage_errors_before_anything_is_read() {
         (&["overlap", "nowhere", "--bins", "0.5,a:0.2"], "edges that increase"),
         (&["overlap", "nowhere", "--plot", "x.jpg"], ".svg or .png"),
         (&["overlap", "nowhere", "--bins", "0.05,a:0.8", "--force"], "cannot be used with"),
+        (&["overlap", "nowhere", "--bins", "0.05,a:0.8", "--strict-bins"], "cannot be used with"),
         (
             &["overlap", "nowhere", "--data", "nowhere", "--depth", "nowhere"],
             "--depth requires --estimator depth-covisibility (found --estimator epipolar-ray)",

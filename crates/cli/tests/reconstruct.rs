@@ -98,7 +98,7 @@ fn the_file_holds_the_librarys_gaussians() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let text = succeed(here, &untrained(tiny.to_str().unwrap(), &["--frame", "network", "--explain"]));
+    let text = succeed(here, &untrained(tiny.to_str().unwrap(), &["--frame", "trial", "--explain"]));
     let made = by_hand(here, &[0, 2, 5]);
     assert_eq!(gaussians(&here.join("scene.ply")), made.gaussians);
     let record = record(here);
@@ -119,7 +119,7 @@ fn uses_a_gpu_or_reports_that_there_is_none() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let args = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu", "--renders", "renders"]);
+    let args = untrained(tiny.to_str().unwrap(), &["--frame", "trial", "--device", "wgpu", "--renders", "renders"]);
     let outcome = atsplat(here, &args);
     if outcome.code == 0 {
         let record = record(here);
@@ -266,7 +266,7 @@ fn reconstructs_with_weights_from_a_file() {
         ModelWeights::new(config, BTreeMap::from([("data".to_owned(), "none".to_owned())]), &tensors).unwrap();
     weights.write(&here.join("weights.safetensors"), Precision::Single).unwrap();
     let file = ["--weights", "weights.safetensors"];
-    let text = succeed(here, &reconstruct(&[&file[..], &["--frame", "network"]].concat()));
+    let text = succeed(here, &reconstruct(&[&file[..], &["--frame", "trial"]].concat()));
     assert!(!text.contains("UNTRAINED"), "{text}");
     assert_eq!(gaussians(&here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
     assert_eq!(record(here)["weights"]["provenance"], json!({ "data": "none" }));

@@ -10,7 +10,7 @@ use std::path::Path;
 use atsplat_camera::ImageSize;
 use atsplat_eval::runner::image_path;
 use atsplat_eval::{Results, TargetStatus, TrialKey};
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode, encode_png, exr};
 use atsplat_rooms::{
     EffectChoice, ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
@@ -137,15 +137,6 @@ fn expansion_is_measured_over_scenes() {
     assert!(absent.code == 4 && absent.stderr.contains(expected), "{}", absent.stderr);
 }
 
-/// Uniform draws from [0, 1).
-fn draws() -> impl FnMut() -> f64 {
-    let mut state = 0x9e37_79b9_7f4a_7c15u64;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// Noise of σ 0.05 far from black and white: 20 · log10(1 / 0.05) dB.
 #[test]
 fn noise_of_known_deviation_has_the_analytic_psnr() {
@@ -159,14 +150,15 @@ fn noise_of_known_deviation_has_the_analytic_psnr() {
     std::fs::write(here.join("data/grey.txt"), trajectory.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
     write_preset(here, 256);
     write_index(&here.join("data"), &["grey"], "[0, 4]", "[1, 2, 3]");
-    let mut draw = draws();
+    let mut random = SplitMix64::new(1);
     std::fs::create_dir_all(here.join("renders/grey/color")).unwrap();
     for frame in 0..5 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "90 to 165")]
-        let samples: Vec<u8> = (0..256 * 256 * 3).map(|_| (90.0 + 75.0 * draw()) as u8).collect();
+        let samples: Vec<u8> = (0..256 * 256 * 3).map(|_| (90.0 + 75.0 * random.unit()) as u8).collect();
         let truth = ImageU8::new(256, 256, samples).unwrap();
         std::fs::write(here.join(format!("data/grey/{}.png", frame * 33_367)), encode_png(&truth).unwrap()).unwrap();
-        let mut gaussian = || (-2.0 * (1.0 - draw()).ln()).sqrt() * (2.0 * std::f64::consts::PI * draw()).cos();
+        let mut gaussian =
+            || (-2.0 * (1.0 - random.unit()).ln()).sqrt() * (2.0 * std::f64::consts::PI * random.unit()).cos();
         #[expect(clippy::cast_possible_truncation, reason = "renders are f32")]
         let noisy = Image::from_u8(&truth).samples().iter().map(|s| s + (DEVIATION * gaussian()) as f32).collect();
         let noisy = exr::write_rgb(&Image::new(256, 256, noisy).unwrap(), &exr::Values::DisplayReferred).unwrap();

@@ -96,6 +96,19 @@ fn a_setting_needs_a_label() {
     }
 }
 
+/// The label of the second part would be the name of a folder of images.
+#[test]
+fn what_a_sweep_refuses_is_refused_before_its_first_part_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let truth = "[[settings]]\nlabel = 'truth'\nknobs = { resolution = [16, 16] }\n";
+    let outcome = sweep(here, &[WHOLE, truth].concat(), "out", &[]);
+    let error = "other names than truth and context";
+    assert!(outcome.code == 1 && outcome.stderr.contains(error), "{}: {}", outcome.code, outcome.stderr);
+    assert!(!here.join("out").exists(), "nothing is run");
+}
+
 /// As `run` does: a shard is complete without the others, and one that is smaller than a scene is empty.
 #[test]
 fn shards_of_a_sweep_are_complete_each() {

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use atsplat_numeric::SplitMix64;
 use common::{atsplat, succeed};
 use tempfile::tempdir;
 
@@ -83,7 +84,7 @@ fn a_run_killed_at_random_moments_resumes_to_identical_bytes() {
     let mut args = vec!["train", "--config", "tiny.toml", "--out", "killed"];
     let steps =
         || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
-    let mut state = 0x9e37_79b9u64;
+    let mut random = SplitMix64::new(1);
     let mut killed_within = 0;
     for _ in 0..10 {
         let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"))
@@ -94,12 +95,11 @@ fn a_run_killed_at_random_moments_resumes_to_identical_bytes() {
             .spawn()
             .unwrap();
         // After some steps, at any point within a step or a checkpoint.
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let (before, further) = (steps(), (state >> 60) as usize % 5);
+        let (before, further) = (steps(), random.within(0..=4).unwrap());
         while run.try_wait().unwrap().is_none() && steps() < before + further {
             std::thread::sleep(Duration::from_millis(1));
         }
-        std::thread::sleep(Duration::from_micros((state >> 40) % 20_000));
+        std::thread::sleep(Duration::from_secs_f64(0.02 * random.unit()));
         killed_within += usize::from(run.try_wait().unwrap().is_none());
         // SIGKILL.
         run.kill().unwrap();

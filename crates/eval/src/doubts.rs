@@ -1,9 +1,9 @@
 //! How the notes of trials begin whose scores are probably those of a mistake, and what tables say about such trials.
 
+use atsplat_splat::files::{COLOURS, LOG_SCALES, OPACITIES};
+
 pub use crate::method::{BROKEN, DRAWN_CLASSIC};
 
-/// Every opacity of a PLY file is a possible probability.
-pub const OPACITIES: &str = "every opacity of the file lies in [0, 1]";
 /// Renders are grey.
 pub const NO_COLOUR: &str = "renders without colour: ";
 /// A change would bring most renders far closer to the ground truth.
@@ -12,10 +12,6 @@ pub const RESEMBLES: &str = "renders would be closer to the truth ";
 pub const REPEATED: &str = "one image for all targets: ";
 /// No render is better than one colour.
 pub const FLAT: &str = "no better than one flat colour: ";
-/// Every log-scale of a PLY file is a possible scale.
-pub const LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
-/// Every coefficient of a PLY file is a possible colour.
-pub const COLOURS: &str = "every coefficient of the file lies in [0, 1]";
 
 /// How a doubtful note begins, and what to say of the trials that have it, before "in 2 of 4 trials".
 pub const DOUBTS: [(&str, &str); 9] = [

@@ -1,5 +1,4 @@
-//! Evaluates methods on trials into a results store, and analyses stores: statistics, drift, attribution, accuracy against
-//! time.
+//! Evaluates methods on trials into a results store, and analyses stores: statistics, accuracy against time.
 //!
 //! Every trial under every method becomes one [`TrialRow`] and one [`TargetRow`] per target, also if it fails. Times come from
 //! a separate [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`]. Tables are laid out
@@ -9,12 +8,13 @@ pub mod budget;
 mod device;
 pub mod discovery;
 pub mod doubts;
-pub mod drift;
 mod error;
 pub mod expansion;
 mod file_name;
 pub mod fitting;
+mod folder_walk;
 mod gaps;
+mod gaussian_frame;
 pub mod live;
 pub mod method;
 pub mod overlap_estimators;
@@ -38,8 +38,9 @@ pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
 pub use gaps::{Gap, GapKind};
+pub use gaussian_frame::GaussianFrame;
 pub use reconstruct::network_views;
-pub use rows::difference::differences;
+pub use rows::difference::{differences, excerpts};
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow,
     TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,

@@ -1,7 +1,7 @@
 //! Sample rows for tests.
 
-use crate::timing::{Load, Machine, TimingRow};
-use crate::{MetricRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use super::timing::{Load, Machine, TimingRow};
+use super::{MetricRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The preset's name in all sample rows.
 pub(crate) const PRESET: &str = "sampled";

@@ -9,9 +9,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_eval::TargetRow;
-use atsplat_eval::method::{AtSplat, GaussianFrame, Method, Ply, Splatting, WeightsSource};
+use atsplat_eval::method::{AtSplat, Method, Ply, Splatting, WeightsSource};
 use atsplat_eval::runner::Dataset;
+use atsplat_eval::{GaussianFrame, TargetRow};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::ModelWeights;
 use atsplat_numeric::{SplitMix64, Tolerance};
@@ -84,7 +84,7 @@ fn the_networks_psnr_is_that_of_everything() {
 fn around_the_wall() -> Gaussians {
     const COUNT: usize = 6000;
     let mut random = SplitMix64::new(7);
-    let mut spread = |size: f32| size * ((random.next_u64() >> 40) as f32 / (1 << 23) as f32 - 1.0);
+    let mut spread = |size: f32| size * (2.0 * random.unit_f32() - 1.0);
     let mut parts = GaussianParts { sh_degree: 3, ..GaussianParts::default() };
     for at in 0..COUNT {
         parts.means.push([2.0 + spread(4.5), spread(2.2), 4.0 + spread(0.3)]);

@@ -11,10 +11,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use atsplat_eval::method::{Exec, ExecSettings, GaussianFrame, Method, Ply, Renders, Splatting, Warp};
+use atsplat_eval::method::{Exec, ExecSettings, Method, Ply, Renders, Splatting, Warp};
 use atsplat_eval::runner::KeepImages;
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, Results, TargetRow, TargetStatus, TrialStatus};
+use atsplat_eval::{EvalError, GaussianFrame, Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_splat::files::{Encoding, Output, write};

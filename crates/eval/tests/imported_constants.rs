@@ -8,7 +8,8 @@ mod common;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, Similarity};
-use atsplat_eval::method::{ChangedConstants, ConstantsChoice, GaussianFrame, Method, Ply, Splatting, TrialInput};
+use atsplat_eval::GaussianFrame;
+use atsplat_eval::method::{ChangedConstants, ConstantsChoice, Method, Ply, Splatting, TrialInput};
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::tradeoff::RendererKnobs;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};

@@ -8,12 +8,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::Similarity;
-use atsplat_eval::GapKind;
 use atsplat_eval::doubts::FLAT;
 use atsplat_eval::method::{
-    AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
-    constants_of,
+    AtSplat, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource, constants_of,
 };
+use atsplat_eval::{GapKind, GaussianFrame};
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;

@@ -404,7 +404,7 @@ fn a_sampled_index_contains_only_existing_images() {
 /// images are not drift.
 #[test]
 fn drift_names_the_image_that_changed() {
-    use atsplat_eval::drift::{Acceptance, Baseline, ImageRole, Verdict, compare};
+    use atsplat_drift::{Acceptance, Baseline, ImageRole, Verdict, compare};
     let of = |brighter| {
         let folder = tempfile::tempdir().unwrap();
         let walls = Walls { brighter, ..Walls::new(3, 8) };

@@ -7,11 +7,11 @@ mod common;
 use std::sync::Arc;
 
 use atsplat_eval::method::{ConstantsChoice, Method, Prediction, START_POINTS, TrialInput, WeightsSource};
-use atsplat_eval::runner::Dataset;
+use atsplat_eval::runner::{Dataset, Plan, current_provenance};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, across, parts, tradeoffs};
-use atsplat_eval::{ComputeDevice, Results, TrainingRecord};
+use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
+use atsplat_eval::{ComputeDevice, GapKind, Results, Store, TrainingRecord};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, generated};
@@ -259,4 +259,32 @@ fn shipped_sweeps_expand() {
             "views"
         ]
     );
+}
+
+/// A sweep that was killed after its first part, and went on later.
+#[test]
+fn what_a_sweep_has_not_reached_is_missing_from_its_store() {
+    let sweep = sweep("[[settings]]\nlabel = 'all'\n[[settings]]\nlabel = 'two'\nknobs = { views = 2 }\n");
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])])];
+    let parts = parts(&sweep, &swept(), &datasets).unwrap();
+    let runs: Vec<Run> = parts.into_iter().map(|Part { datasets, methods }| Run::new(datasets, methods)).collect();
+    let plans: Vec<Plan<'_>> = runs.iter().map(Run::plan).collect();
+    let here = current_provenance("0", None, Vec::new());
+    let folder = tempfile::tempdir().unwrap();
+    drop(Store::resume(folder.path(), Plan::joint_provenance(&plans, &here).unwrap()).unwrap());
+    let missing = |results: &Results| -> Vec<String> {
+        let unfinished = results.gaps().into_iter().filter(|gap| gap.kind == GapKind::Unfinished);
+        unfinished.map(|gap| format!("{}: {}", gap.preset, gap.first)).collect()
+    };
+    let (first, _) = runs[0].run(folder.path()).unwrap();
+    // No row says that the method of the second part has nothing to do in the first one.
+    let [there, elsewhere] = ["walls", "walls-2-views"].map(|preset| format!("{preset}: 0 of 1 index entries"));
+    assert_eq!(missing(&first), [there, elsewhere.clone(), elsewhere]);
+    let tradeoffs = vec![across(&first, "psnr", Leaked::Included).unwrap()];
+    let text = TradeoffReport { tradeoffs, unfinished: first.cut_off() }.to_string();
+    assert!(text.ends_with("walls-2-views: the run is unfinished: it has not reached all, two\n"), "{text}");
+    let (second, _) = runs[1].run(folder.path()).unwrap();
+    assert_eq!(missing(&second), [""; 0]);
+    let twice = Plan::joint_provenance(&[plans[0], plans[0]], &here).unwrap_err().to_string();
+    assert!(twice.contains("all twice"), "{twice}");
 }

@@ -12,6 +12,7 @@ mod date;
 mod digest;
 mod embedded;
 mod error;
+mod existing;
 mod lock;
 mod toml_error;
 
@@ -22,6 +23,7 @@ pub use date::{date, unix_seconds};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use embedded::{Embedded, is_toml_path};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
+pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use toml_error::malformed_toml;
 

@@ -90,7 +90,7 @@ fn thread_secs() -> f64 {
 #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
 fn scene(count: usize, scale: f32) -> Gaussians {
     let mut random = SplitMix64::new(3);
-    let mut uniform = move || (random.next_u64() >> 40) as f32 / (1 << 24) as f32;
+    let mut uniform = move || random.unit_f32();
     let mut parts = GaussianParts { sh_degree: DEGREE, ..GaussianParts::default() };
     for _ in 0..count {
         let direction = DVec3::from([(); 3].map(|()| f64::from(uniform()) - 0.5)).normalize_or_zero();

@@ -19,16 +19,11 @@ pub(crate) fn stream(seed: u64, purpose: Purpose, number: u64) -> SplitMix64 {
     SplitMix64::new(mixed(mixed(mixed(0, seed), purpose as u64), number))
 }
 
-/// A uniform number in [0, 1).
-pub(crate) fn uniform(random: &mut SplitMix64) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-}
-
 /// Three independent numbers of the standard normal distribution (Box and Muller 1958).
 pub(crate) fn normals(random: &mut SplitMix64) -> [f64; 3] {
     let mut pair = || {
-        let radius = (-2.0 * (1.0 - uniform(random)).ln()).sqrt();
-        let (sine, cosine) = (std::f64::consts::TAU * uniform(random)).sin_cos();
+        let radius = (-2.0 * (1.0 - random.unit()).ln()).sqrt();
+        let (sine, cosine) = (std::f64::consts::TAU * random.unit()).sin_cos();
         [radius * cosine, radius * sine]
     };
     let ([x, y], [z, _]) = (pair(), pair());
@@ -54,7 +49,7 @@ pub(crate) fn weighted(random: &mut SplitMix64, weights: impl IntoIterator<Item 
         return Vec::new();
     }
     let draw = |_| {
-        let at = uniform(random) * total;
+        let at = random.unit() * total;
         // A product that rounds up to the total belongs to the last position of positive weight.
         sums.partition_point(|sum| *sum <= at).min(sums.partition_point(|sum| *sum < total))
     };

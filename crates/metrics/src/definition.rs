@@ -61,6 +61,8 @@ pub enum Measure {
         values: Values,
         /// Network and version of its weights.
         network: Network,
+        /// Whether samples in [0, 1] are scaled to [−1, 1], what the network expects: `normalize` of the lpips package.
+        normalize: bool,
     },
 }
 
@@ -99,6 +101,8 @@ const ROUNDED: Values = Values::EightBit(Rounding::Nearest);
 const PIXELSPLAT: &str = "https://github.com/dcharatan/pixelsplat/blob/32b1b66/src/evaluation/metrics.py";
 const INRIA: &str = "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/utils/loss_utils.py";
 const LPIPS: &str = "https://github.com/richzhang/PerceptualSimilarity";
+const INRIA_LPIPS: &str =
+    "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/lpipsPyTorch/modules/lpips.py";
 const ST_LPIPS: &str = "https://github.com/abhijay9/ShiftTolerant-LPIPS";
 
 const DEFINITIONS: &[Definition] = &[
@@ -113,7 +117,7 @@ const DEFINITIONS: &[Definition] = &[
         "psnr-unclipped",
         "PSNR (unclipped)",
         FLOAT,
-        "values as rendered: gaussian-splatting, whose images are already clipped or read from PNG",
+        "values as rendered: gaussian-splatting's image_utils.py on images read from PNG; the log of its train.py averages the PSNR of three channels, another number",
         "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/utils/image_utils.py",
     ),
     psnr(
@@ -171,6 +175,14 @@ const DEFINITIONS: &[Definition] = &[
         INRIA,
     ),
     ssim(
+        "ssim-inria-8bit-rounded",
+        "SSIM (Inria, 8 bit)",
+        ROUNDED,
+        Ssim::INRIA,
+        "as ssim-inria, through PNG files that floor(255 v + 0.5): gaussian-splatting's metrics.py and its descendants",
+        INRIA,
+    ),
+    ssim(
         "ssim-valid",
         "SSIM (valid)",
         CLIPPED,
@@ -218,6 +230,17 @@ const DEFINITIONS: &[Definition] = &[
         "as lpips, through PNG files that floor(255 v)",
         LPIPS,
     ),
+    Definition {
+        measure: Measure::Perceptual { values: ROUNDED, network: Network::LpipsVgg, normalize: false },
+        ..lpips(
+            "lpips-inria-8bit-rounded",
+            "LPIPS (Inria, 8 bit)",
+            ROUNDED,
+            Network::LpipsVgg,
+            "VGG16, v0.1, values in [0, 1] not scaled (normalize=False), through PNG files that floor(255 v + 0.5): gaussian-splatting's metrics.py and its descendants; another number than lpips",
+            INRIA_LPIPS,
+        )
+    },
     lpips(
         "lpips-alex",
         "LPIPS (Alex)",
@@ -290,7 +313,7 @@ const fn ssim(id: Text, name: Text, values: Values, ssim: Ssim, convention: Text
 }
 
 const fn lpips(id: Text, name: Text, values: Values, network: Network, convention: Text, link: Text) -> Definition {
-    let measure = Measure::Perceptual { values, network };
+    let measure = Measure::Perceptual { values, network, normalize: true };
     Definition { id, name, direction: Direction::Lower, unit: "", measure, convention, link }
 }
 

@@ -121,18 +121,36 @@ impl Suite {
             Measure::Psnr { values } => psnr(pair, values),
             Measure::Ssim { values, ssim: convention } => ssim(pair, values, convention).into(),
             Measure::L1 { values } => Score::Value(l1(pair, values)),
-            Measure::Perceptual { values, network } => match self.networks.get(network) {
-                Ok(perceptual) => self.perceptual(perceptual, pair, values).into(),
+            Measure::Perceptual { values, network, normalize } => match self.networks.get(network) {
+                Ok(perceptual) => self.perceptual(perceptual, pair, values, normalize).into(),
                 Err(absent) => Score::NotComputed(NotComputed::WeightsAbsent(absent)),
             },
         }
     }
 
-    fn perceptual(&self, perceptual: &Perceptual, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
+    fn perceptual(
+        &self,
+        perceptual: &Perceptual,
+        pair: &Pair<'_>,
+        values: Values,
+        normalize: bool,
+    ) -> Result<f64, MetricError> {
         let (render, truth) = rayon::join(
-            || perceptual.features(&values.image(pair.render())),
-            || self.cache.features(perceptual, &values.image(pair.truth())),
+            || perceptual.features(&input(pair.render(), values, normalize)),
+            || self.cache.features(perceptual, &input(pair.truth(), values, normalize)),
         );
         perceptual.distance(&render?, &*truth?)
     }
+}
+
+/// The image for [`Perceptual::features`], which scales by 2 v − 1: without `normalize`, the scaled samples are the
+/// converted ones.
+#[expect(clippy::expect_used, reason = "the number of samples does not change")]
+fn input(image: &Image, values: Values, normalize: bool) -> Image {
+    let converted = values.image(image);
+    if normalize {
+        return converted;
+    }
+    let samples = converted.samples().iter().map(|sample| sample * 0.5 + 0.5).collect();
+    Image::new(image.width(), image.height(), samples).expect("as many samples as the original")
 }

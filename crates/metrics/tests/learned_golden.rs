@@ -8,11 +8,13 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
-use atsplat_metrics::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
+use atsplat_metrics::learned::{
+    FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders, embedded_heads,
+};
 use atsplat_metrics::{MetricError, Networks, NotComputed, Score, Suite, definition, definitions};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
-use atsplat_tensors::{StoredTensor, StoredTensors};
+use atsplat_tensors::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_tests::{shared_data, skip};
 use common::{on_threads, seeded, uniform};
 
@@ -94,6 +96,29 @@ fn distances_agree_with_the_packages() {
     }
 }
 
+/// The features of the truth are cached: those of one metric must not be used for the other.
+#[test]
+fn lpips_of_gaussian_splatting_agrees_with_its_formula() {
+    let golden = common::fixture("learned_golden.json");
+    let mut networks = Networks::default();
+    networks.add(Arc::new(perceptual(Network::LpipsVgg)));
+    let metrics = ["lpips", "lpips-inria-8bit-rounded"].map(|id| definition(id).unwrap());
+    let suite = Suite::new(metrics.to_vec(), networks, 1 << 26);
+    let of = |network: &str| {
+        let cases: Vec<_> = golden.as_array().unwrap().iter().filter(|case| case["network"] == network).collect();
+        assert_eq!(cases.len(), 2, "cases of {network}");
+        cases
+    };
+    for (scaled, unscaled) in of("lpips-vgg").into_iter().zip(of("lpips-vgg-inria")) {
+        let truth = common::truth(unscaled);
+        let render = common::render(&truth, unscaled["seed"].as_u64().unwrap());
+        let scores = suite.score(&render, &truth).scores;
+        let found = scores.iter().filter_map(|(_, score)| score.value());
+        let expected = [scaled, unscaled].map(|case| case["value_f64"].as_f64().unwrap());
+        SEEDED.assert(found, expected, unscaled["image"].as_str().unwrap());
+    }
+}
+
 #[test]
 fn distances_are_independent_of_threads_and_caches() {
     let perceptual = perceptual(Network::LpipsAlex);
@@ -130,7 +155,7 @@ fn invalid_images_and_weights_are_typed_errors() {
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("alexnet-owt-7be5be79.pth");
-    let from = |path: &Path| Perceptual::from_files(Network::LpipsAlex, path, None);
+    let from = |path: &Path| Perceptual::from_file(Network::LpipsAlex, path);
     assert!(matches!(from(&path), Err(LoadError::Absent(_))));
     std::fs::write(&path, b"not weights").unwrap();
     assert!(matches!(from(&path), Err(LoadError::File(_))));
@@ -145,8 +170,7 @@ fn invalid_images_and_weights_are_typed_errors() {
     stored.tensors.shift_remove("features.3.bias");
     write(&stored);
     assert!(matches!(from(&path), Err(LoadError::Mismatch { .. })));
-    assert_eq!(perceptual.hashes().is_published, Some(false), "seeded weights are not the published ones");
-    let unpublished = perceptual.unpublished().unwrap();
+    let unpublished = perceptual.unpublished().expect("seeded weights are not the published ones");
     for part in ["LPIPS (Alex)", "7be5be79…", &perceptual.hashes().network] {
         assert!(unpublished.contains(part), "{part}: {unpublished}");
     }
@@ -215,6 +239,7 @@ fn golden_values_of_published_st_lpips() {
     {
         match Perceptual::find(network, &folders) {
             Ok(perceptual) => {
+                assert_eq!(perceptual.unpublished(), None);
                 let truth = read(&data.join(golden[key]["a"].as_str().unwrap()));
                 for (name, value) in golden[key]["b_to_value"].as_object().unwrap() {
                     let render = read(&data.join(name));
@@ -247,13 +272,8 @@ fn golden_value_of_published_lpips() {
 fn the_packages_heads_equal_the_embedded_ones() {
     let test = "the_packages_heads_equal_the_embedded_ones";
     let Some(data) = shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("alex.safetensors");
-    weights(Network::LpipsAlex).write(&path).unwrap();
-    let (a, b) = (seeded(64, 64, 1), seeded(64, 64, 2));
-    let of = |heads: Option<&Path>| {
-        let perceptual = Perceptual::from_files(Network::LpipsAlex, &path, heads).unwrap();
-        distance(&perceptual, &a, &b)
-    };
-    Tolerance::EXACT.assert([of(Some(&data.join("alex.pth")))], [of(None)], "heads of the package");
+    for (network, file) in [(Network::LpipsAlex, "alex.pth"), (Network::LpipsVgg, "vgg.pth")] {
+        let embedded = embedded_heads(network).unwrap().unwrap();
+        assert_eq!(TensorFile::open(&data.join(file)).unwrap().stored.digest(), embedded.digest(), "{file}");
+    }
 }

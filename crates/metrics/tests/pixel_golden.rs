@@ -2,7 +2,7 @@
 
 mod common;
 
-use atsplat_metrics::{Pair, Ssim, Values, l1, psnr, ssim};
+use atsplat_metrics::{Networks, Pair, Ssim, Suite, Values, definition, l1, psnr, ssim};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::Rounding;
 
@@ -47,5 +47,20 @@ fn metrics_agree_with_other_implementations() {
         }
         let found = ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).ok();
         SSIM_SKIMAGE_F32.assert(found, case["ssim_skimage_f32"].as_f64(), &format!("f32 ssim of {name}"));
+    }
+}
+
+/// metrics.py of gaussian-splatting reads both images from PNG.
+#[test]
+fn metrics_of_gaussian_splatting_agree_with_its_formulas() {
+    let golden = common::fixture("pixel_golden.json");
+    let metrics = ["psnr-8bit-rounded", "ssim-inria-8bit-rounded"].map(|id| definition(id).unwrap());
+    let suite = Suite::new(metrics.to_vec(), Networks::default(), 0);
+    for (seed, case) in golden.as_array().unwrap().iter().enumerate() {
+        let truth = common::truth(case);
+        let scores = suite.score(&common::render(&truth, seed as u64), &truth).scores;
+        let found = scores.iter().filter_map(|(_, score)| score.value());
+        let expected = ["psnr", "ssim_inria"].map(|metric| case["values"]["rounded"][metric].as_f64().unwrap());
+        SSIM.assert(found, expected, case["image"].as_str().unwrap());
     }
 }

@@ -237,8 +237,7 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
 fn leaves(scenes: usize, count: usize, device: &Device) -> (GaussianTensors, Tensor<2>) {
     let mut random = SplitMix64::for_scene(7, "leaves");
     let mut tensor = |each: usize, low: f32, high: f32| {
-        let unit = |random: &mut SplitMix64| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32;
-        let values: Vec<f32> = (0..scenes * count * each).map(|_| low + (high - low) * unit(&mut random)).collect();
+        let values: Vec<f32> = (0..scenes * count * each).map(|_| low + (high - low) * random.unit_f32()).collect();
         Tensor::<3>::from_data(TensorData::new(values, [scenes, count, each]), device)
     };
     let shift = Tensor::<1>::from_floats([0.0, 0.0, 2.5], device).reshape([1, 1, 3]);

@@ -10,7 +10,7 @@ mod cases;
 use std::sync::LazyLock;
 
 use atsplat_nn::{MatmulPrecision, NormKind, ops};
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_tests::{skip, skip_without_graphics};
 use burn::Tensor;
 use burn::tensor::{DType, Device, FloatDType, TensorData};
@@ -87,10 +87,6 @@ fn values(tensor: Tensor<1>) -> Vec<f64> {
 
 /// Values in [−1, 1) that f32 can hold.
 fn uniform(count: usize, seed: u64) -> Vec<f64> {
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 23) - 1.0
-    };
-    (0..count).map(|_| next()).collect()
+    let mut random = SplitMix64::new(seed);
+    (0..count).map(|_| f64::from(2.0 * random.unit_f32() - 1.0)).collect()
 }

@@ -14,6 +14,6 @@ pub use bytes::format_bytes;
 pub use count::{counted, noun};
 pub use extremes::Extremes;
 pub use order::{mean, median, quantile};
-pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix};
+pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;
 pub use tolerance::{Mismatch, Tolerance};

@@ -13,6 +13,11 @@ pub const fn split_mix(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// A number in [0, 1) from the upper 53 bits of a random or hashed number.
+pub fn unit_of_bits(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1u64 << 53) as f64
+}
+
 /// The random number generator `SplitMix64`, the source of all random choices: the same numbers on every platform and in
 /// every version of this crate.
 ///
@@ -41,6 +46,16 @@ impl SplitMix64 {
     pub const fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(SPLIT_MIX_STEP);
         split_mix(self.state)
+    }
+
+    /// A uniform number in [0, 1), of 53 bits.
+    pub fn unit(&mut self) -> f64 {
+        unit_of_bits(self.next_u64())
+    }
+
+    /// A uniform number in [0, 1), of 24 bits.
+    pub const fn unit_f32(&mut self) -> f32 {
+        (self.next_u64() >> 40) as f32 / (1u32 << 24) as f32
     }
 
     /// A uniform number in `range`, without modulo bias (Lemire: "Fast random integer generation in an interval", 2019);
@@ -124,6 +139,18 @@ mod tests {
             }
             let permutation: Vec<usize> = serde_json::from_value(stream["permutation"].clone()).unwrap();
             assert_eq!(random.permutation(permutation.len()), permutation, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn units_are_the_upper_bits_of_the_next_number() {
+        assert_eq!([0, 1 << 63, 3 << 62].map(|bits| unit_of_bits(bits).to_bits()), [0.0, 0.5, 0.75].map(f64::to_bits));
+        assert!(unit_of_bits(u64::MAX) < 1.0);
+        let [mut bits, mut wide, mut narrow] = [3; 3].map(SplitMix64::new);
+        for _ in 0..1000 {
+            let (expected, unit, unit_f32) = (bits.next_u64(), wide.unit(), narrow.unit_f32());
+            assert_eq!(unit.to_bits(), ((expected >> 11) as f64 * 2f64.powi(-53)).to_bits());
+            assert_eq!(f64::from(unit_f32).to_bits(), ((expected >> 40) as f64 * 2f64.powi(-24)).to_bits());
         }
     }
 

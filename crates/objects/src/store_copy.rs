@@ -324,13 +324,8 @@ impl StoreCopy {
 
 /// Files below a folder of the local store, with `/` in their names.
 fn list_files(folder: &Path, prefix: &str, found: &mut Vec<(String, Stamp)>) -> Result<(), ObjectError> {
-    let failed = || FileError::during::<ObjectError>("listing results", folder);
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        outcome => outcome.map_err(failed())?,
-    };
-    for entry in entries {
-        let path = entry.map_err(failed())?.path();
+    let entries = atsplat_files::entries_if_exists(folder);
+    for path in entries.map_err(FileError::during::<ObjectError>("listing results", folder))? {
         let name = format!("{prefix}{}", atsplat_files::name_of(&path));
         if path.is_dir() {
             list_files(&path, &format!("{name}/"), found)?;

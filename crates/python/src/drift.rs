@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use atsplat_eval::drift::probe::{Pipeline, attribute};
-use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, no_longer_guarded};
+use atsplat_drift::probe::{Pipeline, attribute};
+use atsplat_drift::{Acceptance, Baseline, acceptable, compare, no_longer_guarded};
 use atsplat_eval::runner::current_provenance;
 use atsplat_eval::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
 use atsplat_files::date;

@@ -4,8 +4,8 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraError;
+use atsplat_drift::DriftError;
 use atsplat_eval::EvalError;
-use atsplat_eval::drift::DriftError;
 use atsplat_files::{FileError, Malformed};
 use atsplat_metrics::MetricError;
 use atsplat_metrics::learned::LoadError;

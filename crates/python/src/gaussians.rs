@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::{Field, GaussianParts, MAX_SH_DEGREE, Problem, sh_coefficients};
+use atsplat_splat::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -53,22 +53,8 @@ impl Gaussians {
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf, opacities_as_stored: bool) -> Result<(Self, Vec<String>), Failure> {
         work(py, || {
-            let (mut gaussians, import) = files::read(&path)?;
-            let mut notes = Vec::new();
-            if opacities_as_stored {
-                gaussians = gaussians.with_linear_opacities();
-                // Import has dropped those that were NaN before.
-                let lost = gaussians.validate().count(Field::OpacityLogits, Problem::NotANumber);
-                if lost > 0 {
-                    let all = gaussians.len();
-                    notes.push(format!(
-                        "{lost} of {all} opacities are outside [0, 1] and became NaN: they may be logits"
-                    ));
-                }
-            } else if import.opacities_may_be_no_logits {
-                notes.push("every stored opacity is in [0, 1]: they may be opacities, not logits".to_owned());
-            }
-            notes.extend(import.doubts());
+            let (gaussians, import) = files::read(&path)?;
+            let (gaussians, mut notes) = files::interpret(gaussians, &import, opacities_as_stored, &path)?;
             if import.antialiased == Some(true) {
                 notes.push("trained with antialiasing: render it with antialiased=True".to_owned());
             }

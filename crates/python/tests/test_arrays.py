@@ -252,9 +252,16 @@ def test_logits_that_are_read_as_opacities_are_a_warning(tmp_path):
     shape = {"scales": np.ones((2, 3)), "colours": np.zeros((2, 3))}
     made = atsplat.Gaussians(np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, opacity_logits=[2.0, 0.75], **shape)
     made.write(tmp_path / "logits.ply")
-    with pytest.warns(UserWarning, match="1 of 2 opacities"):
+    with pytest.warns(UserWarning, match="1 of 2 stored opacities"):
         read = atsplat.Gaussians.read(tmp_path / "logits.ply", opacities_as_stored=True)
     assert np.isnan(read.opacity_logits).tolist() == [True, False] and np.isclose(read.opacity_logits[1], np.log(3))
+
+
+def test_formats_that_store_opacities_are_not_converted_again(tmp_path):
+    rows = {"means": np.zeros((2, 3)), "quaternions": [[1, 0, 0, 0]] * 2, "scales": np.ones((2, 3)), "colours": np.zeros((2, 3))}
+    atsplat.Gaussians(**rows, opacities=[0.9, 0.25]).write(tmp_path / "scene.spz")
+    with pytest.raises(atsplat.AtsplatError, match=r"scene\.spz.*SPZ 3, which stores opacities anyway"):
+        atsplat.Gaussians.read(tmp_path / "scene.spz", opacities_as_stored=True)
 
 
 def test_black_is_an_image():

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use atsplat_files::{FileError, Sha256Digest, is_plain_name, shortened};
+use atsplat_files::{FileError, Sha256Digest, entries_if_exists, is_plain_name, name_of, read_if_exists, shortened};
 
 use crate::ReportError;
 
@@ -48,10 +48,10 @@ impl FileList {
     pub(crate) fn read(folder: &Path) -> Result<Self, ReportError> {
         let mut all = Self::default();
         for path in [LIST, UNFINISHED].map(|name| folder.join(name)) {
-            let text = match std::fs::read_to_string(&path) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-                read => read,
-            };
+            let text = read_if_exists(&path).and_then(|bytes| {
+                String::from_utf8(bytes.unwrap_or_default())
+                    .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+            });
             let added = text.and_then(|text| all.add(&text));
             added.map_err(FileError::during::<ReportError>("reading the list of an earlier report's files", path))?;
         }
@@ -168,17 +168,9 @@ fn others(folder: &Path, files: &[PathBuf]) -> Result<Vec<PathBuf>, ReportError>
     let written: BTreeSet<&PathBuf> = files.iter().collect();
     let mut found = BTreeSet::new();
     for folder in FOLDERS.map(|name| folder.join(name)) {
-        let entries = match std::fs::read_dir(&folder) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-            entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>),
-        };
-        let entries = entries.map_err(FileError::during::<ReportError>("reading the folder of a report", &folder))?;
-        for entry in entries {
-            let (path, hidden) = (entry.path(), entry.file_name().to_string_lossy().starts_with('.'));
-            if !hidden && !written.contains(&path) {
-                found.insert(path);
-            }
-        }
+        let paths = entries_if_exists(&folder);
+        let paths = paths.map_err(FileError::during::<ReportError>("reading the folder of a report", &folder))?;
+        found.extend(paths.into_iter().filter(|path| !name_of(path).starts_with('.') && !written.contains(path)));
     }
     Ok(found.into_iter().collect())
 }

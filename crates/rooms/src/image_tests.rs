@@ -144,7 +144,7 @@ fn exposure_and_noise_act_on_light_before_the_tone_curve() {
         developed(&vec![Vec3::splat(light); pixels], &effects, &shot(0.0), SIZE, 1.0).unwrap().samples().to_vec()
     };
     let drifting = Conditions { drift: 1.0, ..PLAIN };
-    let phase = crate::rng::unit_from_bits(mix(PLAIN.seed ^ 0x15)) * std::f64::consts::TAU;
+    let phase = atsplat_numeric::unit_of_bits(mix(PLAIN.seed ^ 0x15)) * std::f64::consts::TAU;
     #[expect(clippy::cast_possible_truncation, reason = "a gain near 1")]
     let gain = phase.sin().exp2() as f32;
     assert!(!(0.8..1.25).contains(&gain), "the exposure is changed: {gain}");

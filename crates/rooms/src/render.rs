@@ -1,6 +1,7 @@
 use std::sync::OnceLock;
 
 use atsplat_camera::{Distortion, ImageSize, Lens, PixelIntrinsics, WorldFromCamera};
+use atsplat_numeric::unit_of_bits;
 use atsplat_pixels::Image;
 use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -10,7 +11,7 @@ use crate::effects::Effects;
 use crate::material::{Material, srgb_encoded};
 use crate::noise::as_f32;
 use crate::path::Shot;
-use crate::rng::{mix, unit_from_bits};
+use crate::rng::mix;
 use crate::sampling::{self, Sample};
 use crate::world::{Surface, World};
 
@@ -159,7 +160,7 @@ impl<'a> Frame<'a> {
         let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
         // The samples of a pixel cover a lamp as they cover the pixel, shifted by an offset of each pixel.
         let bits = mix(self.seed ^ index);
-        let offset = DVec2::new(unit_from_bits(bits), unit_from_bits(mix(bits)));
+        let offset = DVec2::new(unit_of_bits(bits), unit_of_bits(mix(bits)));
         CameraRay { origin: pose.centre(), direction, place_on_lamps: (*place + 0.5 + offset).fract() }
     }
 

@@ -21,7 +21,7 @@ impl Rng {
 
     /// Uniform in [0, 1).
     pub(crate) fn unit(&mut self) -> f64 {
-        unit_from_bits(self.next())
+        self.0.unit()
     }
 
     /// Uniform in [low, high).
@@ -65,11 +65,6 @@ pub(crate) fn sphere_point(u: DVec2) -> DVec3 {
 /// A bijection of 64 bits: the first number of the generator with this state.
 pub(crate) const fn mix(value: u64) -> u64 {
     split_mix(value.wrapping_add(SPLIT_MIX_STEP))
-}
-
-/// Uniform in [0, 1) from the upper 53 bits.
-pub(crate) fn unit_from_bits(bits: u64) -> f64 {
-    (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
 #[cfg(test)]

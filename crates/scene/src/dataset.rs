@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use atsplat_files::FileError;
 use rayon::prelude::*;
 
 use crate::nerfstudio::AppliedTransform;
@@ -36,13 +37,21 @@ pub trait SceneSource: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Images whose size [`SceneSource::load`] reads although other copies of them are the scene's, found by reading
-    /// [`SceneSource::files`].
+    /// Images whose size [`SceneSource::load`] reads, found by reading [`SceneSource::files`].
     ///
     /// # Errors
     /// As [`SceneSource::load`].
     fn images_for_sizes(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
         Ok(Vec::new())
+    }
+
+    /// Fails if files of a scene could not be fetched: scenes that could not be loaded may be fine. To be asked before a result
+    /// that takes what could be loaded for the dataset is written.
+    ///
+    /// # Errors
+    /// Why fetching failed first.
+    fn check_fetched(&self) -> Result<(), FileError> {
+        Ok(())
     }
 
     /// How a scene's cameras were moved away from the world of structure from motion, if its files say so: COLMAP's

@@ -10,7 +10,7 @@ pub trait Fetch: fmt::Debug + Send + Sync {
     /// that are not in the dataset are ignored.
     ///
     /// # Errors
-    /// Why contents cannot be fetched.
+    /// Why contents cannot be fetched. After the first failure every call fails, also one without paths.
     fn fetch(&self, paths: &[PathBuf]) -> io::Result<()>;
 }
 
@@ -158,11 +158,12 @@ mod tests {
         let unsized_ = sized.replace(r#""w":2,"h":2,"#, "");
         for transforms in [&sized, &unsized_] {
             let of = |images| {
-                let files: [(&str, &[u8]); 5] = [
+                let files: [(&str, &[u8]); 6] = [
                     ("s/transforms.json", transforms.as_bytes()),
                     ("s/images/a.png", &png),
                     ("s/images_8/a.png", &png),
                     ("s/colmap.db", b"large"),
+                    ("s/colmap/sparse/0/points3D.bin", b"large"),
                     ("t/transforms.json", transforms.as_bytes()),
                 ];
                 let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::ignored::Collections;
+use crate::checks::ignored::Collections;
 use crate::{OpenOptions, SceneError, SceneSource, Warnings};
 
 /// Bytes read of a file to detect its format.

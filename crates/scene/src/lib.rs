@@ -3,11 +3,10 @@
 //! Arrow, Parquet and CSV. Independent of models.
 
 pub mod camera_file;
-mod camera_policy;
+mod checks;
 pub mod colmap;
 #[cfg(feature = "columns")]
 pub mod columns;
-mod cut_short;
 mod dataset;
 mod error;
 #[cfg(feature = "columns")]
@@ -17,18 +16,13 @@ mod files;
 mod format;
 mod frame_selection;
 pub mod geometry;
-mod ignored;
-mod image_mismatch;
 mod image_options;
 #[cfg(feature = "columns")]
 pub mod inspect;
-mod intrinsics_unit;
 pub mod json;
-mod lens_end;
 pub mod nerfstudio;
 mod number;
 mod open;
-mod outlier_cameras;
 pub mod poses;
 pub mod preprocess;
 pub mod re10k;
@@ -37,18 +31,17 @@ mod scene_key;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
 pub mod torch;
-mod unposed;
 mod warnings;
 
 pub use atsplat_files::is_plain_name;
 pub use atsplat_pickle::SharedBytes;
+pub use checks::image_mismatch::{ImageMismatch, pixel_mismatch, ratio_of_focal_lengths};
 pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use fetch::Fetch;
 pub use format::Format;
 pub use frame_selection::{FrameSelection, InvalidSelection};
-pub use image_mismatch::{ImageMismatch, pixel_mismatch, ratio_of_focal_lengths};
 pub use image_options::{ImageOptions, UnreadOption};
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, OpenOptions, open, open_with};

@@ -4,10 +4,12 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_files::FileError;
+
+use crate::checks::ignored::report_ignored;
 use crate::fetch::image_files;
 use crate::files::read_start;
 use crate::format::{Format, FormatReader, PROBE};
-use crate::ignored::report_ignored;
 use crate::nerfstudio::AppliedTransform;
 use crate::{
     ColmapOptions, Fetch, NerfstudioOptions, Re10kOptions, SceneError, SceneSource, Warnings, colmap, nerfstudio,
@@ -34,7 +36,7 @@ pub struct OpenOptions {
 }
 
 impl OpenOptions {
-    fn fetch(&self, action: &'static str, dataset: &Path, paths: &[PathBuf]) -> Result<(), SceneError> {
+    fn fetch(&self, action: &'static str, dataset: &Path, paths: &[PathBuf]) -> Result<(), FileError> {
         fetch(self.fetch.as_deref(), action, dataset, paths)
     }
 }
@@ -44,8 +46,8 @@ fn fetch(
     action: &'static str,
     dataset: &Path,
     paths: &[PathBuf],
-) -> Result<(), SceneError> {
-    fetcher.map_or(Ok(()), |fetcher| fetcher.fetch(paths)).map_err(SceneError::io(action, dataset))
+) -> Result<(), FileError> {
+    fetcher.map_or(Ok(()), |fetcher| fetcher.fetch(paths)).map_err(FileError::during(action, dataset))
 }
 
 /// An open dataset of a detected format.
@@ -92,6 +94,10 @@ impl SceneSource for Dataset {
 
     fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         self.source.images_for_sizes(key)
+    }
+
+    fn check_fetched(&self) -> Result<(), FileError> {
+        fetch(self.fetch.as_deref(), "fetching a scene", &self.path, &[])
     }
 
     fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {

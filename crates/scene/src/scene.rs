@@ -6,8 +6,8 @@ use std::sync::Arc;
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::{DecodeLimits, ImageFormat, ImageU8, Orientation, PixelError};
 
+use crate::checks::unposed::no_pose;
 use crate::files::{read_file, read_start};
-use crate::unposed::no_pose;
 use crate::{SceneError, SharedBytes};
 
 /// Bytes that contain the header of nearly every image file.

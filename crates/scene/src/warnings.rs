@@ -79,6 +79,8 @@ pub enum WarningKind {
     UnindexedScene,
     /// An image cannot be read: its header or, where it is decoded, its content; or it is cut short.
     UnreadableImage,
+    /// A folder or file that a search for datasets and evaluation indices left out.
+    NotSearched,
 }
 
 /// One warning about a scene or file.

@@ -5,8 +5,9 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_scene::colmap::{Encoding, parse_cameras, parse_images, parse_points};
-use atsplat_scene::nerfstudio::parse_transforms;
+use atsplat_scene::nerfstudio::{NerfstudioOptions, NerfstudioScenes, parse_transforms};
 use atsplat_scene::re10k::{parse_trajectory, write_trajectory};
+use atsplat_scene::{SceneSource as _, Warnings};
 
 /// Runs a parser on each input of one target; returns how many were accepted and rejected.
 fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize) {
@@ -38,6 +39,12 @@ fn re10k_trajectory() {
 #[test]
 fn transforms_json() {
     assert_both("transforms_json", replay("transforms_json", |bytes, path| parse_transforms(bytes, path).is_ok()));
+    // No input has images, so a camera needs a size in the file.
+    let (cameras, _) = replay("transforms_json", |_, path| {
+        let scenes = NerfstudioScenes::open(path, NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
+        scenes.load(&scenes.keys()[0], &mut Warnings::new()).is_ok()
+    });
+    assert!(cameras >= 6, "transforms_json: {cameras} with cameras");
 }
 
 #[test]

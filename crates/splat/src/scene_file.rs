@@ -67,25 +67,14 @@ impl SceneFile {
     /// in the other formats they are opacities of 0 and 1, which are valid.
     ///
     /// # Errors
-    /// [`SplatError`] if the file cannot be read or breaks its format; as [`files::opacities_as_stored`].
+    /// [`SplatError`] if the file cannot be read or breaks its format; as [`files::interpret`].
     pub fn read(path: &Path, policy: Cleaning, opacities_as_stored: bool) -> Result<Self, SplatError> {
         let start = Instant::now();
         let contents = files::read_bytes(path)?;
         let (parsed, sha256) =
             rayon::join(|| files::parse_cleaned(&contents, path, policy), || Sha256Digest::of(&contents));
-        let (mut gaussians, import) = parsed?;
-        let mut notes = Vec::new();
-        if opacities_as_stored {
-            let (converted, warning) = files::opacities_as_stored(&gaussians, &import, path)?;
-            gaussians = converted;
-            notes.extend(warning);
-        } else if import.opacities_may_be_no_logits {
-            notes.push(
-                "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
-                    .to_owned(),
-            );
-        }
-        notes.extend(import.doubts());
+        let (gaussians, import) = parsed?;
+        let (mut gaussians, mut notes) = files::interpret(gaussians, &import, opacities_as_stored, path)?;
         let found = gaussians.validate();
         let found = if found.is_clean() {
             found

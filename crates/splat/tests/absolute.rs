@@ -9,9 +9,7 @@ use glam::{DMat3, DVec3};
 #[test]
 fn absolute_gradients_sum_the_magnitudes_of_single_pixels() {
     let mut generator = SplitMix64::new(8);
-    #[expect(clippy::cast_possible_truncation, reason = "a test's numbers are f32")]
-    let mut random =
-        |low: f32, high: f32| low + (high - low) * ((generator.next_u64() >> 40) as f64 / 16_777_216.0) as f32;
+    let mut random = |low: f32, high: f32| low + (high - low) * generator.unit_f32();
     let mut parts = GaussianParts::default();
     for _ in 0..12 {
         parts.means.push([random(-1.0, 1.0), random(-0.6, 0.6), random(2.0, 4.0)]);

@@ -6,15 +6,15 @@
 #[path = "../../../fuzz/scene_of_bytes.rs"]
 mod scene_of_bytes;
 
+use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
 use atsplat_splat::files::parse;
 use atsplat_splat::{Cleaning, ImageGradients, stress};
 
-fn inputs(folder: &str, target: &str) -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz").join(folder).join(target);
-    let entries = std::fs::read_dir(folder).into_iter().flatten();
-    let mut inputs: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+fn inputs(target: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus").join(target);
+    let mut inputs: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     inputs.sort();
     inputs
 }
@@ -23,19 +23,18 @@ fn accepts(path: &Path) -> bool {
     let bytes = std::fs::read(path).unwrap();
     let Ok((gaussians, import)) = parse(&bytes, Path::new("fuzz.splat")) else { return false };
     assert_eq!(gaussians.len() + import.validation.rejected, import.validation.total, "{}", path.display());
-    assert!(gaussians.cleaned(Cleaning::Repair).0.validate().is_clean(), "{}", path.display());
+    let (clean, _) = gaussians.cleaned(Cleaning::Repair);
+    assert!(clean.validate().is_clean(), "{}", path.display());
+    black_box(clean.bounds_of_ellipsoids(3.0));
     true
 }
 
 #[test]
 fn splat_files() {
-    let seeds = inputs("corpus", "splat_files");
+    let seeds = inputs("splat_files");
     let accepted = seeds.iter().filter(|path| accepts(path)).count();
     let rejected = seeds.len() - accepted;
     assert!(accepted >= 15 && rejected >= 8, "{accepted} accepted, {rejected} rejected");
-    for path in inputs("regressions", "splat_files") {
-        accepts(&path);
-    }
 }
 
 /// Whether the bytes are a scene that can be rendered.
@@ -54,6 +53,9 @@ fn renders(path: &Path) -> bool {
         let Ok(rendering) = renderer.render(&gaussians, &view, &options) else { return false };
         assert_eq!(rendering.non_finite(), 0, "{what}");
         assert!(rendering.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)), "{what}");
+        let counts = rendering.counts;
+        let counted = counts.drawn + counts.invalid + counts.outside_depth + counts.faint + counts.outside_image;
+        assert_eq!(counted, gaussians.len() as u64, "{what}");
         assert_eq!(renderer.backward(&gaussians, &view, &options, &images).unwrap().non_finite(), 0, "{what}");
     }
     true
@@ -61,7 +63,7 @@ fn renders(path: &Path) -> bool {
 
 #[test]
 fn scenes() {
-    let seeds = inputs("corpus", "scenes");
+    let seeds = inputs("scenes");
     let rendered = seeds.iter().filter(|path| renders(path)).count();
     assert!(rendered >= 60 && rendered < seeds.len(), "{rendered} of {} rendered", seeds.len());
 }

@@ -5,6 +5,7 @@ mod state;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::entries_if_exists;
 use atsplat_model::weights::TensorFile;
 
 pub use state::{InitialWeights, State};
@@ -105,17 +106,8 @@ impl Checkpoints {
 
     /// All checkpoints by their steps.
     fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
-        let reading = || TrainError::io("listing checkpoints", &self.folder);
-        let mut all = BTreeMap::new();
-        let entries = match std::fs::read_dir(&self.folder) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(all),
-            entries => entries.map_err(reading())?,
-        };
-        for entry in entries {
-            let path = entry.map_err(reading())?.path();
-            all.extend(step_of(&path).map(|step| (step, path)));
-        }
-        Ok(all)
+        let paths = entries_if_exists(&self.folder).map_err(TrainError::io("listing checkpoints", &self.folder))?;
+        Ok(paths.into_iter().filter_map(|path| Some((step_of(&path)?, path))).collect())
     }
 }
 

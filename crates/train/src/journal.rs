@@ -134,11 +134,7 @@ fn line<R: Record>(record: &R) -> Result<String, TrainError> {
 /// # Errors
 /// [`TrainError::Io`]; [`TrainError::Malformed`] with the number of a whole line that is not a record.
 pub fn read<R: Record>(path: &Path) -> Result<Vec<R>, TrainError> {
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(TrainError::io("reading a log", path)(error)),
-    };
+    let bytes = atsplat_files::read_if_exists(path).map_err(TrainError::io("reading a log", path))?.unwrap_or_default();
     let mut records = Vec::new();
     for (number, line) in (1_u64..).zip(bytes.split_inclusive(|byte| *byte == b'\n')) {
         match serde_json::from_slice(line) {

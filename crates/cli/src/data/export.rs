@@ -1,5 +1,4 @@
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +10,6 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
-use crate::objects::check_reading;
 use crate::output_lock::{OutputFiles, OutputLock};
 use crate::parse::usage_error;
 use crate::paths::canonical_path;
@@ -69,7 +67,6 @@ fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
     let opening = found.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
     let mut summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
-    require_all_read(&args.out)?;
     summary.skipped += left_out(&opening, &found);
     // A table contains only cameras: warnings about images do not matter.
     warnings.merge(found.about_cameras());
@@ -90,14 +87,8 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
     let progress = Progress::new("scenes", dataset.keys().len());
     let ExportedChunks { written: ChunksWritten { chunks, scenes }, skipped } =
         export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
-    require_all_read(&args.out.join("index.json"))?;
     let skipped = skipped + left_out(&opening, warnings);
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
-}
-
-/// Removes the file that would make an export look complete, if object storage failed while the dataset was read.
-fn require_all_read(file: &Path) -> anyhow::Result<()> {
-    check_reading().inspect_err(|_| drop(fs::remove_file(file)))
 }
 
 /// Whether chunks in `out` would be read instead of the dataset: `out` is its folder, or one of pixelSplat's stages in it.

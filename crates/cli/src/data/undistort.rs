@@ -43,15 +43,17 @@ pub(crate) use with_opencv::run;
 #[cfg(feature = "opencv")]
 mod with_opencv {
     use std::fmt;
+    use std::path::Path;
 
+    use anyhow::bail;
     use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene, undistorted_files};
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
 
     use super::{Args, Mode};
     use crate::output_lock::OutputLock;
-    use crate::overwrite::{Input, check_output, check_outputs, photos};
-    use crate::paths::NewFolders;
+    use crate::overwrite::{Input, InputFile, check_output, check_outputs, photos};
+    use crate::paths::{NewFolders, canonical_path};
     use crate::print::print_report;
     use crate::progress::Progress;
     use crate::warnings::print_warnings;
@@ -80,8 +82,9 @@ mod with_opencv {
         let dataset = args.dataset.open(&mut warnings)?;
         // Before anything is written: the key of a capture is its folder's name, so that its own folder may be that of the output.
         for key in dataset.keys().iter().filter(|key| is_plain_name(key)) {
-            let cameras = args.out.join(key).join("transforms.json");
-            check_output("--out", &cameras, &[Input::Dataset(&args.dataset.data)])?;
+            let folder = args.out.join(key);
+            check_output("--out", &folder.join("transforms.json"), &[Input::Dataset(&args.dataset.data)])?;
+            check_apart(&folder, dataset.files(key)?.iter().map(|file| ("file", file.as_path())))?;
         }
         let _lock = OutputLock::of(&args.out)?;
         let mut report = Report { written: 0, skipped: 0 };
@@ -95,6 +98,7 @@ mod with_opencv {
                 Ok(scene) => {
                     let progress = Progress::new("frames", scene.frames.len());
                     let folder = args.out.join(key);
+                    check_apart(&folder, photos(&scene.frames))?;
                     check_outputs("--out", undistorted_files(&scene, &folder), photos(&scene.frames))?;
                     // A scene that is skipped leaves no empty folder.
                     let _folders = NewFolders::of(&folder.join("images"))?;
@@ -104,7 +108,10 @@ mod with_opencv {
                         Err(error) => return Err(error.into()),
                     }
                 }
-                Err(why) => Err(why),
+                Err(why) => {
+                    dataset.check_fetched()?;
+                    Err(why)
+                }
             };
             match undistorted {
                 Ok(UndistortedFrames { written, skipped }) => {
@@ -120,5 +127,19 @@ mod with_opencv {
         print_report(&report, args.json)?;
         print_warnings(&warnings);
         Ok(report.skipped == 0)
+    }
+
+    /// Rejects a folder that contains files of its scene: the new cameras would be read instead of the scene's, or the photos
+    /// instead of the new images.
+    fn check_apart<'a>(folder: &Path, files: impl Iterator<Item = InputFile<'a>>) -> anyhow::Result<()> {
+        let canonical = canonical_path(folder)?;
+        for (what, file) in files {
+            let parent = canonical_path(file.parent().unwrap_or_else(|| Path::new("")))?;
+            if parent.starts_with(&canonical) {
+                let (folder, file) = (folder.display(), file.display());
+                bail!("--out: {folder} contains the {what} {file} of its scene; choose another folder");
+            }
+        }
+        Ok(())
     }
 }

@@ -1,8 +1,8 @@
 use std::path::Path;
 
+use atsplat_drift::probe::{Outputs, Pipeline, Recipe, attribute};
+use atsplat_drift::{Baseline, DriftReport, Verdict, compare};
 use atsplat_eval::Results;
-use atsplat_eval::drift::probe::{Outputs, Pipeline, Recipe, attribute};
-use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare};
 
 use super::{Args, recipe};
 use crate::exit::Exit;

@@ -1,8 +1,8 @@
 //! `atsplat drift --history`: plots one number over the accepted runs.
 
 use anyhow::Context as _;
+use atsplat_drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_eval::Results;
-use atsplat_eval::drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::plot_data::drift_plot;
 
 use crate::parse;

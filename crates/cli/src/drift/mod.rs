@@ -7,7 +7,7 @@ mod history;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use atsplat_eval::drift::probe::Recipe;
+use atsplat_drift::probe::Recipe;
 use clap::Subcommand;
 
 use crate::exit::Exit;

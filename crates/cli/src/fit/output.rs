@@ -1,6 +1,5 @@
 //! The results of a run: Gaussians, plots and the record.
 
-use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::Context as _;
@@ -87,10 +86,5 @@ impl Args {
 
 /// Removes the record of an earlier run, which says nothing about the Gaussians of this one.
 fn remove_old(record_file: &Path) -> anyhow::Result<()> {
-    match std::fs::remove_file(record_file) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("removing {}", record_file.display()))
-        }
-        _ => Ok(()),
-    }
+    atsplat_files::remove_if_exists(record_file).with_context(|| format!("removing {}", record_file.display()))
 }

@@ -55,12 +55,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "IMAGE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
-    /// Bins as NAME:UPPER,… after the lowest edge, e.g. `0.05,small:0.3,medium:0.55,large:0.8` (the default).
+    /// Bins as NAME:UPPER,… after the lowest edge; an overlap below that edge is in no bin. The published ones, the default
+    /// (but see `--strict-bins`), are `0.05,small:0.3,medium:0.55,large:0.8`.
     #[arg(long, value_name = "BINS", value_parser = parse::bins)]
     bins: Option<OverlapBins>,
 
-    /// Put overlaps below the first edge in no bin, instead of the second one as NoPoSplat's code does.
-    #[arg(long)]
+    /// Put overlaps below the lowest published edge in no bin, instead of the second one as NoPoSplat's code does.
+    #[arg(long, conflicts_with = "bins")]
     strict_bins: bool,
 
     /// Use the published bins even if they belong to another estimator, which is then noted. Without it, and without
@@ -103,7 +104,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let rule = if args.strict_bins { BinRule::Strict } else { BinRule::Published };
     let (bins, footer) = match &args.bins {
-        Some(bins) => (bins.with_rule(rule), None),
+        Some(bins) => (bins.clone(), None),
         None => OverlapBins::for_index(&index, rule, args.force),
     };
     let report = BinnedOverlaps::new(&index, &bins, footer, measured.as_ref().map(|found| (found, &args.estimator)));

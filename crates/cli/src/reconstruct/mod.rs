@@ -7,12 +7,12 @@ mod output;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_eval::AdapterRecord;
 use atsplat_eval::reconstruct::{
-    self, Clock, GaussianFrame, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report,
-    SceneFormat, TokenRecord, rounding_warning, write_gaussians,
+    self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report, SceneFormat,
+    TokenRecord, rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
+use atsplat_eval::{AdapterRecord, GaussianFrame};
 use atsplat_model::budget;
 use atsplat_scene::{Frame, Warnings};
 use atsplat_splat::Gaussians;
@@ -20,13 +20,13 @@ use atsplat_splat::Gaussians;
 use crate::expansion::UNTRAINED;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
-use crate::parse::{named, usage_error};
+use crate::parse::{GAUSSIAN_FRAMES, named, usage_error};
 use crate::paths::PendingFile;
 use crate::print::{print_report, warn};
 use crate::warnings::print_warnings;
 use input::InputArgs;
 use network::NetworkArgs;
-use output::{FRAMES, PlotArgs, RenderArgs};
+use output::{PlotArgs, RenderArgs};
 
 // The dataset comes first, as in the other commands.
 #[derive(Debug, clap::Args)]
@@ -45,9 +45,12 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FILE", value_parser = output::path, help_heading = "Output")]
     out: PathBuf,
 
-    /// Coordinate frame of the file: the dataset's, in which its cameras fit the Gaussians, or the network's, that of the
-    /// normalised poses.
-    #[arg(long, value_name = "FRAME", default_value = "scene", value_parser = named(FRAMES), help_heading = "Output")]
+    /// World frame of the file: the dataset's, in which its cameras fit the Gaussians, or the trial's, whose poses are
+    /// normalised for the network.
+    #[arg(
+        long, value_name = "FRAME", default_value = "dataset", value_parser = named(GAUSSIAN_FRAMES),
+        help_heading = "Output"
+    )]
     frame: GaussianFrame,
 
     #[command(flatten, next_help_heading = "Output")]
@@ -179,12 +182,12 @@ impl Args {
     /// Writes the Gaussians, and returns their record with warnings.
     fn write(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<(OutputRecord, Vec<String>)> {
         let format = SceneFormat::of_path(&self.out).map_err(anyhow::Error::msg)?;
-        if self.frame == GaussianFrame::Network {
+        if self.frame == GaussianFrame::Trial {
             return Ok(write_gaussians(&self.out, gaussians, format, self.frame)?);
         }
         let in_scene = photos.in_scene(gaussians)?;
         let (output, mut notes) = write_gaussians(&self.out, &in_scene, format, self.frame)?;
-        notes.extend(rounding_warning(&in_scene).map(|text| format!("{text}, or write --frame network")));
+        notes.extend(rounding_warning(&in_scene).map(|text| format!("{text}, or write --frame trial")));
         Ok((output, notes))
     }
 }

@@ -4,9 +4,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_eval::expansion::study_trial;
 use atsplat_eval::method::Backend;
-use atsplat_eval::reconstruct::{
-    GaussianFrame, PhotoSelection, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders,
-};
+use atsplat_eval::reconstruct::{PhotoSelection, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
 use atsplat_eval::rendering::frame_file_name;
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
@@ -19,10 +17,6 @@ use crate::overwrite::photos;
 use crate::parse;
 use crate::plot::write_both;
 use crate::requirements::{Requirement, check_all};
-
-/// Coordinate frames of the Gaussians.
-pub(super) const FRAMES: [(&str, GaussianFrame); 2] =
-    [("scene", GaussianFrame::Scene), ("network", GaussianFrame::Network)];
 
 /// Parses `--out`.
 pub(super) fn path(text: &str) -> Result<PathBuf, String> {

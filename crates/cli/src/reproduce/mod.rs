@@ -37,8 +37,8 @@ use crate::warnings::{print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folder with datasets and evaluation indices, at any depth: RE10K, DL3DV, any posed capture. By default, simulated
-    /// scenes.
+    /// Folder with datasets and evaluation indices, at any depth but not in hidden folders: RE10K, DL3DV, any posed capture.
+    /// By default, simulated scenes.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
 

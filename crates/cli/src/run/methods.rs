@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use atsplat_eval::ComputeDevice;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, MethodKind,
-    MethodSpec, NearestView, Optimised, Ply, Renders, Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, MAX_GAUSSIANS, Method, MethodKind, MethodSpec, NearestView,
+    Optimised, Ply, Renders, Splatting, Warp,
 };
+use atsplat_eval::{ComputeDevice, GaussianFrame};
 use atsplat_splat::RasterMode;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::builder::RangedU64ValueParser;
@@ -80,7 +80,7 @@ pub(super) struct GaussianArgs {
     backend: Option<BackendArg>,
 
     /// Coordinate frame of imported Gaussians: the dataset's (the default), or that of the trial's normalised poses.
-    #[arg(long, value_name = "FRAME", value_parser = parse::named(FRAMES))]
+    #[arg(long, value_name = "FRAME", value_parser = parse::named(parse::GAUSSIAN_FRAMES))]
     ply_frame: Option<GaussianFrame>,
 
     /// Published method whose pose normalisation, planes and renderer imported Gaussians have, as the protocol lists them: DepthSplat,
@@ -93,8 +93,6 @@ pub(super) struct GaussianArgs {
     #[arg(long)]
     opacities_as_stored: bool,
 }
-
-const FRAMES: [(&str, GaussianFrame); 2] = [("dataset", GaussianFrame::Dataset), ("trial", GaussianFrame::Trial)];
 
 impl MethodArgs {
     /// Rejects contradicting arguments before anything is read.
@@ -280,11 +278,12 @@ impl GaussianArgs {
             Some(BackendArg::Cpu) => (Backend::default(), None),
             Some(BackendArg::Gpu) if device.is_adapter() => (device.backend(), None),
             Some(other) => {
-                let chosen = backend(other, None)?;
-                if let Some(note) = &chosen.note {
+                let mut chosen = backend(other, None)?;
+                let note = chosen.note.take();
+                if let Some(note) = &note {
                     warn(note);
                 }
-                (Backend::shared(chosen.renderer, chosen.adapter), chosen.note)
+                (chosen.for_methods(other), note)
             }
         };
         let effects = self.effects.clone().unwrap_or_default();

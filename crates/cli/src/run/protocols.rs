@@ -26,8 +26,9 @@ pub(crate) struct ProtocolArgs {
     #[command(flatten)]
     images: ImageArgs,
 
-    /// Evaluation index (JSON), or a folder in which each protocol's published index is found by its hash. By default the
-    /// file PRESET.json or `evaluation_index.json` in the dataset's folder.
+    /// Evaluation index (JSON), or a folder in which each protocol's published index is found by its hash, at any depth. By
+    /// default the first of PRESET.json, `evaluation_index_DATASET.json` (such as `evaluation_index_re10k.json`) and
+    /// `evaluation_index.json` in the dataset's folder.
     #[arg(long, value_name = "INDEX|DIR", conflicts_with = "sampler")]
     index: Option<PathBuf>,
 

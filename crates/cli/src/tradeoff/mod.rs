@@ -66,7 +66,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     } else {
         tradeoffs(&results, &metrics, leaked)?
     };
-    let report = TradeoffReport { tradeoffs, unfinished: results.interrupted() };
+    let report = TradeoffReport { tradeoffs, unfinished: results.cut_off() };
     print_report(&report, args.json)?;
     match report.nothing_scored() {
         Some(why) => bail!("nothing was scored: {why}"),

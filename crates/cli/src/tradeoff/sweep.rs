@@ -52,34 +52,36 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let datasets = args.protocols.open(remote.as_ref(), &mut warnings)?;
     let suite = args.settings.suite(&datasets)?;
     let parts = parts(&sweep, &base, &datasets)?;
-    let steps = parts.iter().map(|part| plan(args, &suite, part).steps()).sum::<u64>();
+    let plans: Vec<Plan<'_>> = parts.iter().map(|part| plan(args, &suite, part)).collect();
+    let steps = plans.iter().map(Plan::steps).sum::<u64>();
+    // Of all parts: a sweep that is killed lacks those that it has not reached, and what is refused is refused at once.
+    drop(args.settings.store(args.settings.out(), Plan::joint_provenance(&plans, &provenance())?)?);
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let (mut empty_parts, mut is_empty_shard) = (Vec::new(), true);
-    for part in &parts {
-        let plan = plan(args, &suite, part);
+    for plan in &plans {
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
-        let (results, _) = runner::run(&plan, store, &|| progress.step())?;
+        let (results, _) = runner::run(plan, store, &|| progress.step())?;
         check_reading()?;
         let results = name_urls(args.settings.out(), results)?;
         is_empty_shard &= plan.is_shard_without_trials(&results);
         if let Some(why) = plan.nothing_evaluated(&results) {
-            let labels: Vec<String> = part.methods.iter().map(|method| method.record().name).collect();
+            let labels: Vec<String> = plan.methods.iter().map(|method| method.record().name).collect();
             empty_parts.push(format!("{}: nothing was evaluated: {why}", labels.join(", ")));
         }
     }
     drop(progress);
     let results = Results::read(args.settings.out())?;
     let metrics: Vec<&str> = suite.definitions().iter().map(|definition| definition.id).collect();
-    let tradeoffs = match parts.len() {
+    let tradeoffs = match plans.len() {
         1 => tradeoffs(&results, &metrics, Leaked::Included)?,
         _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect::<Result<_, _>>()?,
     };
-    let report = TradeoffReport { tradeoffs, unfinished: results.interrupted() };
+    let report = TradeoffReport { tradeoffs, unfinished: results.cut_off() };
     print_report(&report, args.settings.json)?;
     print_warnings(&warnings);
     print_findings(&[&results], &warnings);
     // Settings without a trial are in no table.
-    let all_empty = empty_parts.len() == parts.len();
+    let all_empty = empty_parts.len() == plans.len();
     let nothing = all_empty.then(|| empty_parts.join("; ")).or_else(|| report.nothing_scored());
     if let Some(why) = nothing.filter(|_| !is_empty_shard) {
         bail!("no setting has a result: {why}");

@@ -57,7 +57,8 @@ pub struct NotRun {
     pub why: String,
 }
 
-/// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
+/// Searches a folder. Index files of published protocols are found by their hash anywhere in it. Hidden folders and files
+/// too large for an index are not searched: warnings name them.
 ///
 /// # Errors
 /// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset, [`EvalError::Io`] if it cannot
@@ -67,10 +68,12 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         let found = folder.display().to_string();
         return Err(EvalError::Settings { what: "data", expected: "a folder".to_owned(), found });
     }
-    let Search { datasets: mut on_disk, not_run, .. } = Search::of(folder);
+    let Search { datasets: mut on_disk, not_run } = Search::of(folder);
     let mut found = DiscoveredDatasets { not_run, ..DiscoveredDatasets::default() };
     if on_disk.is_empty() && found.not_run.is_empty() {
-        let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
+        let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it \
+                   or below, but for hidden folders"
+            .to_owned();
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
     if on_disk.is_empty() {
@@ -78,6 +81,12 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
     }
     leave_out_found(&mut on_disk);
     let indices = IndexFolder::search(folder)?;
+    for (path, why) in indices.not_searched() {
+        let what = path.display().to_string();
+        if found.not_run.iter().all(|not_run| not_run.what != what) {
+            warnings.push(WarningKind::NotSearched, what, why);
+        }
+    }
     for dataset in &on_disk {
         warnings.merge(dataset.opening.clone());
         add_protocols(&indices, dataset, &mut found, warnings)?;
@@ -349,6 +358,21 @@ pub(super) mod tests {
         let mut warnings = Warnings::new();
         find_datasets(root.path(), &mut warnings).unwrap();
         assert_eq!(warnings.count(WarningKind::IgnoredScene), 1);
+    }
+
+    #[test]
+    fn what_is_not_searched_is_warned_about() {
+        let root = tempfile::tempdir().unwrap();
+        let [captured, hidden, large] = ["a", "sets/.old", "large.json"].map(|name| root.path().join(name));
+        capture(&captured);
+        capture(&hidden.join("more/b"));
+        std::fs::File::create(&large).unwrap().set_len((64 << 20) + 1).unwrap();
+        let mut warnings = Warnings::new();
+        find_datasets(root.path(), &mut warnings).unwrap();
+        let kept = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::NotSearched);
+        let named: Vec<(&str, &str)> = kept.map(|warning| (&*warning.scene, &*warning.detail)).collect();
+        let [large, hidden] = [large, hidden].map(|path| path.display().to_string());
+        assert_eq!(named, [(&*large, "larger than 64 MiB"), (&*hidden, "hidden")]);
     }
 
     #[test]

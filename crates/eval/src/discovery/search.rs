@@ -1,17 +1,14 @@
 //! Finds the datasets in a folder.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_files::name_of;
 use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{Format, OpenOptions, SceneError, SceneSource, Warnings, open_with};
 
 use super::folder::{NotRun, first_readable};
-
-/// Maximum depth of the search.
-const MAX_DEPTH: usize = 4;
+use crate::folder_walk::{FolderWalk, LeftOut, VisitedFolder};
 
 /// A dataset on disk.
 pub(super) struct DatasetOnDisk {
@@ -27,42 +24,25 @@ pub(super) struct DatasetOnDisk {
 pub(super) struct Search {
     pub(super) datasets: Vec<DatasetOnDisk>,
     pub(super) not_run: Vec<NotRun>,
-    /// Folders that were searched, without links in their paths.
-    searched: BTreeSet<PathBuf>,
-    /// Links to folders, with their depths. They are followed last, so that a dataset has its own name.
-    links: VecDeque<(PathBuf, usize)>,
 }
 
 impl Search {
+    /// Searches a folder and those below it. The scene folders of a dataset are not searched, since its scenes would be
+    /// found twice; other folders next to them are, but for hidden ones.
     pub(super) fn of(folder: &Path) -> Self {
         let mut search = Self::default();
-        search.search(folder, 0);
-        while let Some((link, depth)) = search.links.pop_front() {
-            match link.canonicalize() {
-                Ok(target) if search.searched.contains(&target) => {
-                    let why = format!("it is a link to {}, which is searched once", target.display());
-                    search.not_run.push(NotRun { what: link.display().to_string(), why });
-                }
-                _ => search.search(&link, depth),
-            }
+        let mut walk = FolderWalk::from(folder);
+        while let Some(VisitedFolder { path, mut folders, .. }) = walk.visit_next() {
+            search.open(&path, &mut folders);
+            walk.enter(folders);
         }
+        let left_out = walk.left_out().into_iter().filter(|(_, why)| !matches!(why, LeftOut::Hidden));
+        search.not_run.extend(left_out.map(|(folder, why)| not_run(&folder, why.to_string())));
         search
     }
 
-    /// Collects the dataset in a folder and those below it. The scene folders of a dataset are not searched, since its
-    /// scenes would be found twice; other folders next to them are, but for hidden ones.
-    fn search(&mut self, folder: &Path, depth: usize) {
-        let broken = |why: String| NotRun { what: folder.display().to_string(), why };
-        self.searched.extend(folder.canonicalize());
-        let is_hidden = |path: &PathBuf| name_of(path).starts_with('.');
-        let mut folders: Vec<PathBuf> = match folder.read_dir() {
-            Ok(entries) => {
-                let paths = entries.flatten().map(|entry| entry.path());
-                paths.filter(|path| path.is_dir() && !is_hidden(path)).collect()
-            }
-            Err(error) => return self.not_run.push(broken(format!("cannot be read: {error}"))),
-        };
-        folders.sort();
+    /// Collects the dataset in a folder, if there is one, and keeps those of the folders in it that are not its scenes.
+    fn open(&mut self, folder: &Path, folders: &mut Vec<PathBuf>) {
         let mut opening = Warnings::new();
         match open_with(folder, &OpenOptions::default(), &mut opening) {
             Ok(dataset) => {
@@ -70,26 +50,21 @@ impl Search {
                 let source: Arc<dyn SceneSource> = Arc::new(dataset);
                 match has_images(source.as_ref()) {
                     Ok(true) => {
-                        retain_unread(&mut folders, source.as_ref());
+                        retain_unread(folders, source.as_ref());
                         self.datasets.push(DatasetOnDisk { path, format, source, opening });
                     }
                     Ok(false) => {}
-                    Err(error) => self.not_run.push(broken(format!("its scenes cannot be read: {error}"))),
+                    Err(error) => self.not_run.push(not_run(folder, format!("its scenes cannot be read: {error}"))),
                 }
             }
             Err(SceneError::Unrecognized { .. }) => {}
-            Err(error) => self.not_run.push(broken(error.to_string())),
-        }
-        if depth < MAX_DEPTH {
-            for folder in folders {
-                if folder.is_symlink() {
-                    self.links.push_back((folder, depth + 1));
-                } else {
-                    self.search(&folder, depth + 1);
-                }
-            }
+            Err(error) => self.not_run.push(not_run(folder, error.to_string())),
         }
     }
+}
+
+fn not_run(folder: &Path, why: String) -> NotRun {
+    NotRun { what: folder.display().to_string(), why }
 }
 
 /// Keeps the folders next to a dataset's scenes that are none of them; none if its scenes are not folders.
@@ -115,19 +90,21 @@ fn has_images(source: &dyn SceneSource) -> Result<bool, SceneError> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_files::name_of;
+
     use super::super::folder::tests::capture;
     use super::*;
 
     #[test]
     fn finds_every_scene_once_at_any_depth() {
         let root = tempfile::tempdir().unwrap();
-        for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
+        for scene in ["a", "captures/b", "captures/c", "captures/more/d", "captures/far/1/2/3/4/e"] {
             capture(&root.path().join(scene));
         }
-        let Search { datasets, not_run, .. } = Search::of(root.path());
+        let Search { datasets, not_run } = Search::of(root.path());
         let mut keys: Vec<String> = datasets.iter().flat_map(|dataset| dataset.source.keys().to_vec()).collect();
         keys.sort();
-        assert_eq!(keys, ["a", "b", "c", "d"]);
+        assert_eq!(keys, ["a", "b", "c", "d", "dl3dv_e"], "the last one is in a subset's folder, as DL3DV has them");
         assert!(not_run.is_empty(), "{not_run:?}");
     }
 
@@ -144,7 +121,7 @@ mod tests {
         for (target, link) in [(&*root.join("real"), "current"), (root, "all"), (elsewhere, "at")] {
             symlink(target, root.join(link)).unwrap();
         }
-        let Search { datasets, not_run, .. } = Search::of(root);
+        let Search { datasets, not_run } = Search::of(root);
         let paths: Vec<&Path> = datasets.iter().map(|dataset| dataset.path.strip_prefix(root).unwrap()).collect();
         assert_eq!(paths, ["real", "at"].map(Path::new));
         let links: Vec<String> = not_run.iter().map(|not_run| name_of(Path::new(&not_run.what))).collect();

@@ -183,20 +183,9 @@ fn points_of_scene(data: &Path, scene: &str) -> Result<PathBuf, StartError> {
 
 /// The Gaussians of a file that can be optimised, repaired as [`Fit::new`](atsplat_fit::Fit::new) repairs them.
 fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result<StartGaussians, SplatError> {
-    let (mut gaussians, import) = files::read(path)?;
+    let (gaussians, import) = files::read(path)?;
     let stored = import.validation.total;
-    let mut warnings = Vec::new();
-    if opacities_as_stored {
-        let (converted, warning) = files::opacities_as_stored(&gaussians, &import, path)?;
-        gaussians = converted;
-        warnings.extend(warning);
-    } else if import.opacities_may_be_no_logits {
-        warnings.push(
-            "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
-                .to_owned(),
-        );
-    }
-    warnings.extend(import.doubts());
+    let (gaussians, mut warnings) = files::interpret(gaussians, &import, opacities_as_stored, path)?;
     if import.antialiased == Some(true) && strategy != Strategy::MipSplatting {
         warnings.push(format!(
             "the file says that its Gaussians were trained with antialiasing, but the strategy {} draws them without it, in the \

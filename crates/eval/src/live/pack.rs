@@ -126,7 +126,7 @@ mod tests {
     fn unpacked_gaussians_are_close_to_the_packed_ones() {
         let mut random = SplitMix64::new(3);
         let count = 400;
-        let mut draw = |low: f32, high: f32| low + (high - low) * (random.next_u64() >> 40) as f32 / 16_777_216.0;
+        let mut draw = |low: f32, high: f32| low + (high - low) * random.unit_f32();
         let parts = GaussianParts {
             means: (0..count).map(|_| [draw(-3.0, 1.0), draw(0.0, 2.0), draw(1.0, 20.0)]).collect(),
             quaternions: (0..count).map(|_| [0; 4].map(|_| draw(-2.0, 2.0))).collect(),

@@ -11,7 +11,7 @@ pub enum ConstantsChoice {
     #[default]
     FromPreset,
     /// Fixed constants for every protocol. Their near and far planes are in the unit of the Gaussians as they are given, as in the
-    /// rasterizers: the trial's for Gaussians in its world frame, the dataset's for [`crate::method::GaussianFrame::Dataset`].
+    /// rasterizers: the trial's for Gaussians in its world frame, the dataset's for [`GaussianFrame::Dataset`](crate::GaussianFrame::Dataset).
     Fixed(RendererConstants),
     /// The protocol's constants, or those of a named preset, with overrides; planes of a named preset are as of
     /// [`Self::Fixed`], the protocol's are in the trial's unit.

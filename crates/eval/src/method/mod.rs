@@ -33,7 +33,7 @@ pub use exec::{Exec, ExecSettings};
 pub use layout::{FoundFiles, Layout, RequestedScene};
 pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS, STEPS_TAKEN};
-pub use ply::{BROKEN, GaussianFrame, Ply};
+pub use ply::{BROKEN, Ply};
 pub use range::check_range;
 pub use renders::Renders;
 pub(crate) use shared_encoding::SharedEncoding;

@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use atsplat_fit::start::in_frustums;
@@ -9,7 +10,8 @@ use super::atsplat::{context_views, method_error, other_poses};
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
-use crate::{EvalError, MethodRecord, TrainingRecord};
+use crate::timing::Machine;
+use crate::{EvalError, MethodRecord, Results, TrainingRecord};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
@@ -38,6 +40,26 @@ pub struct Optimised {
 
 /// How the note begins that says how many steps an optimisation took; it is not a warning.
 pub const STEPS_TAKEN: &str = "optimisation: ";
+
+/// What the note says, between steps and machine, of an optimisation for a time.
+const IN_TIME_ON: &str = " steps in its time on ";
+
+/// The note about the steps that an optimisation took. How many fit into a time depends on the machine, which is then named.
+fn steps_note(budget: Budget, steps: u64) -> String {
+    match budget {
+        Budget::Steps(_) => format!("{STEPS_TAKEN}{steps} steps"),
+        Budget::Seconds(_) => format!("{STEPS_TAKEN}{steps}{IN_TIME_ON}{}", Machine::current()),
+    }
+}
+
+impl Results {
+    /// The machines, with their threads, on which a method was optimised for a time: on each of them, another number of steps fits
+    /// into it. None for other methods, and for rows of older versions.
+    pub fn optimised_on(&self, preset: &str, method: &str) -> BTreeSet<&str> {
+        let notes = self.trials_of(preset, method).flat_map(|trial| &trial.notes);
+        notes.filter_map(|note| Some(note.strip_prefix(STEPS_TAKEN)?.split_once(IN_TIME_ON)?.1)).collect()
+    }
+}
 
 impl Optimised {
     /// Optimisation from a random start.
@@ -196,7 +218,7 @@ impl Method for Optimised {
         cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
         // Of the last step on each view, so that overfitting shows next to the held-out PSNR.
         cost.context_psnr = fit.history().training_psnr();
-        cost.notes.push(format!("{STEPS_TAKEN}{} steps", fit.step_count()));
+        cost.notes.push(steps_note(self.budget, fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }
 }
@@ -275,7 +297,11 @@ mod tests {
         assert!(long > cost.context_psnr, "it fits its context views better and better: {long:?}");
         assert_eq!((steps(2).record().name.as_str(), steps(2).record().deterministic), ("mip-splatting-2", true));
         let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
-        assert!(!timed.record().deterministic && rendered(&timed).0.gaussians.is_some_and(|count| count <= 400));
+        let (cost, _) = rendered(&timed);
+        assert!(!timed.record().deterministic && cost.gaussians.is_some_and(|count| count <= 400));
+        let on = format!(" steps in its time on {}", Machine::current());
+        let says = |note: &String| note.starts_with("optimisation: ") && note.ends_with(&on);
+        assert!(cost.notes.iter().any(says), "{:?}", cost.notes);
 
         let method = refined(Splatting::default());
         let (cost, _) = rendered(&method);

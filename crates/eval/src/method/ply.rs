@@ -12,8 +12,7 @@ use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
 };
-use crate::doubts::OPACITIES;
-use crate::{EvalError, MethodRecord};
+use crate::{EvalError, GaussianFrame, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
@@ -32,25 +31,6 @@ pub struct Ply {
     /// The published method whose settings it has; `None` for the preset's own.
     setting: Option<String>,
     deterministic: bool,
-}
-
-/// The coordinate frame of imported Gaussians.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum GaussianFrame {
-    /// The dataset's world frame.
-    #[default]
-    Dataset,
-    /// The trial's world frame, normalised as the preset says.
-    Trial,
-}
-
-impl GaussianFrame {
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Dataset => "dataset",
-            Self::Trial => "trial",
-        }
-    }
 }
 
 impl Ply {
@@ -151,7 +131,7 @@ pub(super) fn read(
     as_stored: bool,
     mode: Option<RasterMode>,
 ) -> Result<(Gaussians, Vec<String>), String> {
-    let (mut gaussians, import) = files::read(path).map_err(|error| error.to_string())?;
+    let (gaussians, import) = files::read(path).map_err(|error| error.to_string())?;
     let mut notes = notes(&import, name);
     if import.antialiased == Some(true) && mode.is_none() {
         notes.push(format!(
@@ -159,15 +139,9 @@ pub(super) fn read(
              score, in Python antialiased=True"
         ));
     }
-    if as_stored {
-        let converted = files::opacities_as_stored(&gaussians, &import, path).map_err(|error| error.to_string())?;
-        gaussians = converted.0;
-        notes.extend(converted.1);
-    } else if import.opacities_may_be_no_logits {
-        notes.push(format!("{OPACITIES}: they may not be logits"));
-    }
-    notes.extend(import.doubts());
-    Ok((gaussians, notes))
+    let interpreted = files::interpret(gaussians, &import, as_stored, path).map_err(|error| error.to_string())?;
+    notes.extend(interpreted.1);
+    Ok((interpreted.0, notes))
 }
 
 /// How the note of a trial begins that had broken Gaussians.
@@ -273,7 +247,7 @@ mod tests {
         let gaussians = Gaussians::new(parts).unwrap();
         files::write(&path, &gaussians, Output::Ply(files::Encoding::BinaryLittleEndian)).unwrap();
         let (_, noted) = read(&path, Path::new("a.ply"), false, None).unwrap();
-        let expected = [OPACITIES, crate::doubts::LOG_SCALES, crate::doubts::COLOURS];
+        let expected = [files::OPACITIES, files::LOG_SCALES, files::COLOURS];
         assert_eq!(noted.len(), expected.len(), "{noted:?}");
         for (note, beginning) in noted.iter().zip(expected) {
             assert!(note.starts_with(beginning), "{note}");

@@ -43,7 +43,9 @@ pub struct Splatting {
 pub enum Backend {
     /// The CPU: a pool of renderers, one per concurrent caller.
     Cpu(Arc<Mutex<Vec<CpuRenderer>>>),
-    /// One renderer that all threads share, and its graphics adapter if it has one.
+    /// One renderer that all threads share, and its graphics adapter if it has one. It must render without rayon: a thread that
+    /// waits for parts of its own work takes up other work, which may wait for the lock that it holds. Backward passes do use
+    /// rayon, but only methods that run alone need them.
     Shared(Arc<Mutex<Box<dyn Renderer>>>, Option<AdapterRecord>),
 }
 
@@ -60,7 +62,7 @@ impl Default for Backend {
 }
 
 impl Backend {
-    /// One renderer for all threads; `adapter` is its graphics adapter if it runs on a GPU.
+    /// One renderer for all threads, which renders without rayon; `adapter` is its graphics adapter if it runs on a GPU.
     pub fn shared(renderer: Box<dyn Renderer>, adapter: Option<AdapterRecord>) -> Self {
         Self::Shared(Arc::new(Mutex::new(renderer)), adapter)
     }
@@ -94,7 +96,7 @@ impl Backend {
 
     /// Whether equal inputs give bit-identical results on one machine.
     pub const fn is_deterministic(&self) -> bool {
-        matches!(self, Self::Cpu(_))
+        self.adapter().is_none()
     }
 
     /// Works with a renderer, which nobody else uses meanwhile.
@@ -335,11 +337,23 @@ pub(super) fn parameters<const N: usize>(list: [(&str, serde_json::Value); N]) -
 mod tests {
     use atsplat_numeric::Tolerance;
     use atsplat_protocol::Preset;
-    use atsplat_splat::GaussianParts;
+    use atsplat_splat::{GaussianParts, ReferenceRenderer};
     use glam::DVec3;
 
     use super::*;
     use crate::method::atsplat::tests::trials;
+
+    #[test]
+    fn only_results_of_adapters_are_recorded_as_not_deterministic() {
+        let shared = |adapter| Backend::shared(Box::new(ReferenceRenderer), adapter);
+        let recorded = |backend| {
+            let mut record = MethodRecord::default();
+            Splatting { backend, ..Splatting::default() }.describe(&mut record);
+            record.deterministic
+        };
+        let backends = [Backend::default(), shared(None), shared(Some(AdapterRecord::default()))];
+        assert_eq!(backends.map(recorded), [true, true, false]);
+    }
 
     #[test]
     fn gaussians_that_are_not_drawn_are_noted_once() {

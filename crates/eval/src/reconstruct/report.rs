@@ -8,9 +8,7 @@ use atsplat_model::network::Processor;
 use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
-use super::{
-    BlockRecord, GaussianFrame, InputRecord, ModelRecord, OutputRecord, RendersRecord, TokenRecord, WeightsRecord,
-};
+use super::{BlockRecord, InputRecord, ModelRecord, OutputRecord, RendersRecord, TokenRecord, WeightsRecord};
 use crate::AdapterRecord;
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
@@ -131,12 +129,9 @@ impl fmt::Display for Report {
         let input_size = self.record.input_size;
         let seen = if input_size == self.size { String::new() } else { format!(" seen at {input_size}") };
         writeln!(f, "scene {scene}, frames {frames}, {}{seen} (height x width), model {model}", self.size)?;
-        let frame = match output.frame {
-            GaussianFrame::Scene => "the dataset's frame",
-            GaussianFrame::Network => "the network's frame",
-        };
+        let frame = output.frame.name();
         let (count, degree, file) = (output.gaussians, output.sh_degree, output.file.display());
-        writeln!(f, "{count} Gaussians of degree {degree} in {frame} into {file}")?;
+        writeln!(f, "{count} Gaussians of degree {degree} in the {frame}'s frame into {file}")?;
         if let Some(renders) = renders {
             writeln!(f, "{} images into {}", renders.files.len(), renders.folder.display())?;
         }

@@ -6,15 +6,7 @@ use atsplat_splat::files::{self, Encoding, Output};
 use atsplat_splat::{Gaussians, SplatError};
 use serde::Serialize;
 
-/// Coordinate frame of the Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GaussianFrame {
-    /// That of the dataset.
-    Scene,
-    /// That of the normalised poses.
-    Network,
-}
+use crate::GaussianFrame;
 
 /// Format of the scene file, by its extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +24,7 @@ pub struct OutputRecord {
     /// The scene file.
     pub file: PathBuf,
     format: Output,
-    /// Coordinate frame of the Gaussians.
+    /// World frame of the Gaussians.
     pub frame: GaussianFrame,
     /// Number of Gaussians.
     pub gaussians: usize,
@@ -94,7 +86,7 @@ mod tests {
         })
         .unwrap();
         let clamped = |name: &str, format| {
-            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Scene).unwrap().1
+            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Dataset).unwrap().1
         };
         assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["log-scales clamped to SPZ's range [-10, 5.9375]: 1"]);
         assert!(clamped("scene.ply", SceneFormat::Ply).is_empty());

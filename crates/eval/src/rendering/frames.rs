@@ -1,6 +1,5 @@
 //! Renders and writes frames in batches: while one batch is rendered, the previous one is encoded.
 
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -155,12 +154,7 @@ fn write_batch(
 /// Removes the record of images that are about to be replaced, if there is one.
 fn remove_record(folder: &Path) -> Result<(), RenderingError> {
     let record = folder.join(RENDER_RECORD);
-    match std::fs::remove_file(&record) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            Err(FileError::during::<RenderingError>("removing an earlier record", &record)(error))
-        }
-        _ => Ok(()),
-    }
+    atsplat_files::remove_if_exists(&record).map_err(FileError::during("removing an earlier record", &record))
 }
 
 fn write_frame(

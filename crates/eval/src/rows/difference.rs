@@ -106,7 +106,7 @@ fn text(value: &Value) -> String {
 
 /// At most `characters` of two texts, with ellipses where some are missing. Long texts with the same beginning are shown from
 /// shortly before their first difference.
-pub(crate) fn excerpts(texts: [&str; 2], characters: usize) -> [String; 2] {
+pub fn excerpts(texts: [&str; 2], characters: usize) -> [String; 2] {
     let [first, second] = texts;
     let equal = first.chars().zip(second.chars()).take_while(|(a, b)| a == b).count();
     let is_long = texts.iter().any(|text| text.chars().nth(characters).is_some());

@@ -252,9 +252,9 @@ impl MetricRecord {
     /// How its weights differ if they are not the published ones, so that its numbers are of another metric.
     pub fn unpublished(&self) -> Option<String> {
         let Measure::Perceptual { network, .. } = definition(&self.id)?.measure else { return None };
-        let (found, published) = (self.weights_sha256.as_deref()?, network.sha256_prefix()?);
-        let is_unpublished = network.is_published(found) == Some(false);
-        is_unpublished.then(|| format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id))
+        let (found, published) = (self.weights_sha256.as_deref()?, network.sha256_prefix());
+        let difference = || format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id);
+        (!network.is_published(found)).then(difference)
     }
 
     pub(super) fn without_folders(&self) -> Self {

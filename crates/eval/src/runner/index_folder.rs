@@ -1,15 +1,14 @@
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::Preset;
 
 use crate::EvalError;
+use crate::folder_walk::{FolderWalk, LeftOut, VisitedFolder};
 
 /// Larger files are not searched: the largest published index has 1.2 MB.
 const MAX_BYTES: u64 = 64 << 20;
-/// Depth to which folders are searched for indices.
-const MAX_DEPTH: usize = 4;
 
 /// The JSON files in a folder and those below it, by their hashes: each was read once, however many protocols are looked up.
 #[derive(Clone, Debug)]
@@ -17,8 +16,8 @@ pub struct IndexFolder {
     folder: PathBuf,
     /// In the order of their paths.
     files: Vec<(Sha256Digest, PathBuf)>,
-    /// Such as `lost+found`, which only the administrator may read.
-    unread: Vec<PathBuf>,
+    /// Folders and files, and why: hidden folders, large files, or `lost+found`, which only the administrator may read.
+    not_searched: Vec<(PathBuf, String)>,
 }
 
 impl IndexFolder {
@@ -27,31 +26,28 @@ impl IndexFolder {
     /// # Errors
     /// [`EvalError::Io`] if the folder itself cannot be read.
     pub fn search(folder: &Path) -> Result<Self, EvalError> {
-        let (mut files, mut unread) = (Vec::new(), Vec::new());
-        let mut folders = vec![(folder.to_owned(), 0)];
-        while let Some((folder, depth)) = folders.pop() {
-            let entries = match fs::read_dir(&folder) {
-                Ok(entries) => entries,
-                Err(_) if depth > 0 => {
-                    unread.push(folder);
-                    continue;
-                }
-                Err(error) => return Err(EvalError::io("searching for evaluation indices", &folder)(error)),
-            };
-            for path in entries.flatten().map(|entry| entry.path()) {
-                let is_json = path.extension().is_some_and(|extension| extension == "json");
-                if path.is_dir() && depth < MAX_DEPTH {
-                    folders.push((path, depth + 1));
-                } else if is_json && fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= MAX_BYTES) {
-                    match fs::read(&path) {
-                        Ok(bytes) => files.push((Sha256Digest::of(&bytes), path)),
-                        Err(_) => unread.push(path),
-                    }
+        fs::read_dir(folder).map_err(EvalError::io("searching for evaluation indices", folder))?;
+        let (mut files, mut not_searched) = (Vec::new(), Vec::new());
+        let mut walk = FolderWalk::from(folder);
+        while let Some(VisitedFolder { folders, files: found, .. }) = walk.visit_next() {
+            for path in found.into_iter().filter(|path| path.extension().is_some_and(|extension| extension == "json")) {
+                match hash_of(&path) {
+                    Ok(hash) => files.push((hash, path)),
+                    Err(why) => not_searched.push((path, why)),
                 }
             }
+            walk.enter(folders);
         }
+        let left_out = walk.left_out().into_iter().filter(|(_, why)| !matches!(why, LeftOut::Visited(_)));
+        not_searched.extend(left_out.map(|(path, why)| (path, why.to_string())));
         files.sort_by(|(_, a), (_, b)| a.cmp(b));
-        Ok(Self { folder: folder.to_owned(), files, unread })
+        not_searched.sort();
+        Ok(Self { folder: folder.to_owned(), files, not_searched })
+    }
+
+    /// Folders and files that were not searched, in the order of their paths, and why.
+    pub(crate) fn not_searched(&self) -> &[(PathBuf, String)] {
+        &self.not_searched
     }
 
     /// The first of a preset's accepted indices that is there, in any subfolder and under any name.
@@ -65,15 +61,29 @@ impl IndexFolder {
             return Ok(path);
         }
         let names: Vec<&str> = accepted.iter().map(|accepted| accepted.name.as_str()).collect();
-        let unread = self.unread.first().map_or_else(String::new, |first| {
-            format!(", and {} that cannot be read, such as {}", self.unread.len(), first.display())
+        let not_searched = self.not_searched.first().map_or_else(String::new, |(first, why)| {
+            let count = self.not_searched.len();
+            format!(", and {count} files or folders that were not searched, such as {} ({why})", first.display())
         });
         Err(EvalError::Settings {
             what: "evaluation index",
             expected: format!("the file of {} for the preset {}", names.join(" or "), preset.name),
-            found: format!("{} other .json files below {}{unread}", self.files.len(), self.folder.display()),
+            found: format!("{} other .json files below {}{not_searched}", self.files.len(), self.folder.display()),
         })
     }
+}
+
+/// The hash of a file's bytes, or why it is not read.
+fn hash_of(path: &Path) -> Result<Sha256Digest, String> {
+    let unreadable = |error: io::Error| format!("cannot be read: {error}");
+    let data = fs::metadata(path).map_err(unreadable)?;
+    if !data.is_file() {
+        return Err("not a file".to_owned());
+    }
+    if data.len() > MAX_BYTES {
+        return Err(format!("larger than {} MiB", MAX_BYTES >> 20));
+    }
+    fs::read(path).map(|bytes| Sha256Digest::of(&bytes)).map_err(unreadable)
 }
 
 #[cfg(test)]
@@ -127,5 +137,24 @@ mod tests {
         }
         let missing = index_of("yards-2v-128x224").unwrap_err().to_string();
         assert!(missing.contains("found 3 other .json files below "), "{missing}");
+    }
+
+    /// One index is six folders deep, the other in a hidden folder.
+    #[test]
+    fn indices_are_found_at_any_depth_and_what_is_not_searched_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let published = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/indices");
+        let [deep, hidden] = ["1/2/3/4/5/6", ".cache"].map(|name| folder.path().join(name));
+        for (name, below) in [("rooms-2v", &deep), ("yards-4v", &hidden)] {
+            fs::create_dir_all(below).unwrap();
+            fs::copy(published.join(format!("{name}.json")), below.join("index.json")).unwrap();
+        }
+        fs::File::create(folder.path().join("large.json")).unwrap().set_len(MAX_BYTES + 1).unwrap();
+        let found = IndexFolder::search(folder.path()).unwrap();
+        assert_eq!(found.published(&Preset::named("rooms-2v-128").unwrap()).unwrap(), deep.join("index.json"));
+        let missing = found.published(&Preset::named("yards-4v-128x224").unwrap()).unwrap_err().to_string();
+        let not_searched = format!("2 files or folders that were not searched, such as {} (hidden)", hidden.display());
+        assert!(missing.contains(&not_searched), "{missing}");
+        assert_eq!(found.not_searched()[1], (folder.path().join("large.json"), "larger than 64 MiB".to_owned()));
     }
 }

@@ -48,7 +48,7 @@ fn is_among(lowest: &mut Vec<f64>, value: f64, limit: usize) -> bool {
 
 /// A random number that is the same for every method.
 fn draw(key: &TrialKey) -> f64 {
-    (SplitMix64::for_scene(u64::from(key.entry), &key.scene).next_u64() >> 11) as f64
+    SplitMix64::for_scene(u64::from(key.entry), &key.scene).unit()
 }
 
 /// Removes images of trials that are kept for no method at the end of a run.

@@ -136,6 +136,24 @@ impl Plan<'_> {
         })
     }
 
+    /// The provenance record of several runs into one store: with the presets and methods of all, so that the store lacks what was
+    /// not reached.
+    ///
+    /// # Errors
+    /// Those of [`Self::provenance`], also for names that two of the runs have in common.
+    pub fn joint_provenance(plans: &[Self], here: &Provenance) -> Result<Provenance, EvalError> {
+        let mut joint = here.clone();
+        let (mut presets, mut methods) = (Vec::new(), Vec::new());
+        for plan in plans {
+            joint = plan.provenance(here.clone())?;
+            presets.append(&mut joint.presets);
+            methods.append(&mut joint.methods);
+        }
+        unique("methods", methods.iter().map(|method| method.name.as_str()))?;
+        unique("presets", presets.iter().map(|preset| preset.name.as_str()))?;
+        Ok(Provenance { presets, adapter: Provenance::adapters(&methods), methods, ..joint })
+    }
+
     fn preset_record(&self, dataset: &Dataset) -> Result<PresetRecord, EvalError> {
         let Dataset { name, preset, description, index, .. } = dataset;
         Ok(PresetRecord {

@@ -24,18 +24,16 @@ pub use breakdown::{Binned, by_distance_steps, by_overlap, within_distances};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
-pub use paired::{Paired, paired, paired_between, paired_scene_means};
+pub use paired::{Paired, of_selected as paired_of, paired, paired_between, paired_scene_means, scene_differences};
 pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
 pub use seeds::{Seeds, difference_of_seeds, of_seeds};
-pub use significance::sign_test;
-pub use summary::{Summary, summary};
+pub use selection::{SelectedTarget, score_of};
+pub use significance::{sign_test, student_quantile};
+pub use summary::{Summary, of_selected as summary_of, summary};
 pub use trend::{Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap};
 
 pub(crate) use contrast::contrast;
-pub(crate) use paired::{of_selected as paired_of, scene_differences};
-pub(crate) use selection::{SelectedTarget, score_of, select};
-pub(crate) use significance::student_quantile;
-pub(crate) use summary::of_selected as summary_of;
+pub(crate) use selection::select;
 
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

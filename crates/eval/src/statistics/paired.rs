@@ -60,7 +60,7 @@ pub fn paired_scene_means(results: &Results, a: &MetricQuery, b: &MetricQuery) -
 }
 
 /// Like [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.
-pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
+pub fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
     let (differences, unpaired) = differences(a, b);
     let clusters = clusters(&differences, Aggregation::SceneMeans);
     let (difference, parts) = mean_of_clusters(&clusters);
@@ -85,7 +85,7 @@ pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction:
 }
 
 /// The mean of `a − b` in each scene in which both have a score, in the order of the targets.
-pub(crate) fn scene_differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> Vec<(&'a str, f64)> {
+pub fn scene_differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> Vec<(&'a str, f64)> {
     let clusters = clusters(&differences(a, b).0, Aggregation::SceneMeans);
     clusters.into_iter().map(|cluster| (cluster.scene, cluster.sum / cluster.weight)).collect()
 }

@@ -7,7 +7,7 @@ use crate::{IDENTICAL, Results, TargetRow, TargetStatus};
 
 /// One target of a query.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct SelectedTarget<'a> {
+pub struct SelectedTarget<'a> {
     pub(crate) scene: &'a str,
     pub(crate) entry: u32,
     pub(crate) target: u32,
@@ -42,7 +42,7 @@ pub(crate) enum Outcome<'a> {
 
 impl<'a> SelectedTarget<'a> {
     /// A score of a target with this [`Self::id`].
-    pub(crate) fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
+    pub fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
         let outcome = Outcome::Score { value, identical: false };
         Self { scene, entry, target, frame: target.into(), distance: None, overlap: None, outcome }
     }
@@ -117,7 +117,7 @@ fn outcome<'a>(row: &'a TargetRow, metric: &str, is_requested: bool, absent: &'a
 }
 
 /// A target's finite score, with the PSNR of identical images capped; for rows without [`TargetRow::not_computed`].
-pub(crate) fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Option<f64> {
+pub fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Option<f64> {
     match (status, score) {
         (TargetStatus::Failed | TargetStatus::NonFinite, _) => None,
         (TargetStatus::Identical, None) if is_psnr(metric) => Some(DECIBEL_CAP),

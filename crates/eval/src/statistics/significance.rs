@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, PI};
 
 /// Quantile of Student's distribution with `freedom` ≥ 1 degrees for a probability in (0.5, 1).
-pub(crate) fn student_quantile(probability: f64, freedom: usize) -> f64 {
+pub fn student_quantile(probability: f64, freedom: usize) -> f64 {
     let within = 2.0 * probability - 1.0;
     let root = (freedom.clamp(1, usize::MAX) as f64).sqrt();
     // Bisection of the angle whose tangent is t / √freedom, in [0, π/2]; 60 steps resolve every bit.

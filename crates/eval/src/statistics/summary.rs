@@ -59,7 +59,7 @@ pub(super) fn to_publish(selected: &[SelectedTarget], aggregation: Aggregation) 
 }
 
 /// Like [`summary`], of targets that are already selected and ordered, with an interval from two scenes on.
-pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+pub fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
     let clusters = clusters(selected, aggregation);
     let (mean, parts) = mean_of_clusters(&clusters);
     let mut summary = Summary {

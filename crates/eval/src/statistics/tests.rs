@@ -296,7 +296,7 @@ fn intervals_need_two_scenes_and_finite_numbers() {
 #[test]
 fn intervals_do_not_depend_on_threads() {
     let mut random = SplitMix64::new(3);
-    let clusters: Vec<[f64; 2]> = (0..50).map(|_| [20.0 + 10.0 * uniform(&mut random), 1.0]).collect();
+    let clusters: Vec<[f64; 2]> = (0..50).map(|_| [20.0 + 10.0 * random.unit(), 1.0]).collect();
     let of_threads = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| interval_of_mean(&clusters).unwrap())
@@ -308,8 +308,8 @@ fn intervals_do_not_depend_on_threads() {
 #[test]
 fn intervals_have_their_nominal_coverage() {
     let mut random = SplitMix64::new(11);
-    let normal = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
-    let exponential = |random: &mut SplitMix64| -(1.0 - uniform(random)).ln() - 1.0;
+    let normal = |random: &mut SplitMix64| (0..12).map(|_| random.unit()).sum::<f64>() - 6.0;
+    let exponential = |random: &mut SplitMix64| -(1.0 - random.unit()).ln() - 1.0;
     let samples = 500;
     for (name, draw, scenes, least) in [
         ("normal", &normal as &dyn Fn(&mut SplitMix64) -> f64, 8, 0.92),
@@ -328,10 +328,6 @@ fn intervals_have_their_nominal_coverage() {
         println!("{name}, {scenes} scenes: {coverage}");
         assert!((least..=0.985).contains(&coverage), "{name}, {scenes} scenes: {coverage}");
     }
-}
-
-fn uniform(random: &mut SplitMix64) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Two targets of three are identical to the truth: one of PSNR 100 dB would lift the mean of its scene by 40 dB.

@@ -18,6 +18,7 @@ pub(crate) struct KnownResults(HashMap<TrialId, BTreeMap<String, Inputs>>);
 #[derive(Debug)]
 struct Inputs {
     trial: String,
+    targets: u32,
     data: Option<String>,
     input: Option<String>,
     /// Whether another run tries again: nothing says whether the reason for which a method of Python failed is still there.
@@ -28,10 +29,11 @@ impl KnownResults {
     pub(super) fn of(trials: impl Iterator<Item = TrialRow>, methods: &[MethodRecord]) -> Self {
         let is_python = |name: &str| methods.iter().any(|method| method.name == name && method.kind == PYTHON);
         let mut known = Self::default();
-        for TrialRow { key, trial_hash, data_hash, input_hash, status, .. } in trials {
+        for TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } in trials {
             let retried = status.is_incomplete() && is_python(&key.method);
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
-            by_method.insert(key.method, Inputs { trial: trial_hash, data: data_hash, input: input_hash, retried });
+            let inputs = Inputs { trial: trial_hash, targets, data: data_hash, input: input_hash, retried };
+            by_method.insert(key.method, inputs);
         }
         known
     }
@@ -54,9 +56,9 @@ impl KnownResults {
         self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
     }
 
-    /// The hash of the trial that a method's result belongs to.
-    pub(crate) fn trial_hash(&self, key: &TrialKey) -> Option<&str> {
-        self.get(key).map(|known| known.trial.as_str())
+    /// The hash of the trial that a method's result belongs to, and its number of targets.
+    pub(crate) fn trial(&self, key: &TrialKey) -> Option<(&str, u32)> {
+        self.get(key).map(|known| (known.trial.as_str(), known.targets))
     }
 
     /// Methods with a result for a trial.

@@ -1,5 +1,3 @@
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::EvalError;
@@ -16,30 +14,15 @@ pub(crate) fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<(), EvalError>
 
 /// Files of a folder, sorted by name; none if the folder does not exist.
 pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        outcome => outcome.map_err(EvalError::io("reading results", folder))?,
-    };
-    let mut paths = Vec::new();
-    for entry in entries {
-        paths.push(entry.map_err(EvalError::io("reading results", folder))?.path());
-    }
-    paths.sort();
-    Ok(paths)
+    atsplat_files::entries_if_exists(folder).map_err(EvalError::io("reading results", folder))
 }
 
 /// Bytes of a file; `None` if it does not exist.
 pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, EvalError> {
-    match fs::read(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        outcome => Ok(Some(outcome.map_err(EvalError::io("reading results", path))?)),
-    }
+    atsplat_files::read_if_exists(path).map_err(EvalError::io("reading results", path))
 }
 
 /// Removes a file if it exists.
 pub(super) fn remove(path: &Path) -> Result<(), EvalError> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(EvalError::io("removing results", path)(error)),
-        _ => Ok(()),
-    }
+    atsplat_files::remove_if_exists(path).map_err(EvalError::io("removing results", path))
 }

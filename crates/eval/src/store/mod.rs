@@ -78,10 +78,10 @@ impl Store {
 
     fn create_locked(folder: &Path, provenance: Provenance, lock: FolderLock) -> Result<Self, EvalError> {
         require_no_rows(folder)?;
+        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("creating a results store", &parts))?;
         let provenance = of_this_schema(provenance);
-        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
         let store = Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock };
         store.write_provenance()?;

@@ -80,6 +80,7 @@ const VERSIONS: &[&str] = &[
     include_str!("../../schema/v2.txt"),
     include_str!("../../schema/v3.txt"),
     include_str!("../../schema/v4.txt"),
+    include_str!("../../schema/v5.txt"),
 ];
 
 /// The schema version that is written.

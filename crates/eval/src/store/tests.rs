@@ -144,7 +144,8 @@ fn of_version(version: u32, added: &[&str]) {
     assert_eq!(read.trials, newest.trials.iter().map(without).collect::<Vec<_>>());
     assert_eq!(read.timings, [TimingRow { renderer_adapter: kept(&timing.renderer_adapter), ..timing.clone() }]);
     let refused = Store::resume(folder.path(), Provenance::default()).unwrap_err().to_string();
-    assert!(refused.contains(&format!("schema versions of the two runs differ: {version} and 4")), "{refused}");
+    let versions = format!("schema versions of the two runs differ: {version} and {SCHEMA_VERSION}");
+    assert!(refused.contains(&versions), "{refused}");
 }
 
 #[test]

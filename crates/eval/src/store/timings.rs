@@ -1,7 +1,7 @@
 //! [`TimingRow`]s as a separate table.
 //!
-//! The table is small and rewritten whenever a protocol has been timed. Stores of schema version 1 have none: their times
-//! were measured while other trials ran and are not read.
+//! The table is small and rewritten whenever a method has been timed under a protocol. Stores of schema version 1 have none:
+//! their times were measured while other trials ran and are not read.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -14,14 +14,16 @@ mod pass;
 mod quota;
 mod row;
 mod samples;
+mod spread;
 mod times;
 
 pub use load::Load;
 pub use machine::Machine;
 pub use pass::TimingPlan;
 pub use row::TimingRow;
+pub use spread::Spread;
 pub(crate) use times::times_on;
-pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
+pub use times::{GAUSSIANS_UNTIMED, NOTHING_ENCODED, Times, machine_of, times};
 
 pub(crate) use exclusion::evaluating;
 pub(crate) use load::processor_secs_of_stat;

@@ -52,7 +52,7 @@ const LONG: Duration = Duration::from_secs(1);
 /// Additional trials that are tried if a method rejects some.
 const SPARE: usize = 8;
 
-/// Times a plan's methods and adds the rows to the store, protocol by protocol. Undisturbed times of the same trials on the
+/// Times a plan's methods and adds the rows of each to the store as soon as it is timed. Undisturbed times of the same trials on the
 /// same machine type are not measured again. `step` is called after each method and protocol. The pass stops between two
 /// trials when `stop` returns true; the times of methods that were finished stay in the store.
 ///
@@ -114,64 +114,74 @@ impl Pass<'_> {
         let requested = self.timing.trials as usize;
         // No more can be prepared: if all methods have as many times, no image is decoded.
         let most = requested.min(index.entries().count());
-        let candidates = self.left(&known, dataset, methods.iter().collect(), most);
+        let all = index.entries().count().min(requested + SPARE);
+        let candidates = self.left(&known, dataset, methods.iter().collect(), most, &mut |tried: usize| tried >= all);
         if candidates.is_empty() {
             return Ok(());
         }
         let mut trials = TimingTrials::new(dataset, index, methods, requested);
         // Some entries have no trial.
         trials.prepare(requested);
-        let untimed = self.left(&known, dataset, candidates, trials.prepared.len());
-        let mut rows = Vec::new();
+        let prepared = trials.prepared.len();
+        let are_all = &mut |tried: usize| tried >= requested + SPARE || trials.get(tried).is_none();
+        let untimed = self.left(&known, dataset, candidates, prepared, are_all);
         // Images are decoded by now: decoding is part of neither the times nor the load.
-        let outcome = untimed.iter().try_for_each(|method| {
-            rows.extend(self.method(dataset, &mut trials, method.as_ref())?);
+        for method in untimed {
+            let rows = self.method(dataset, &mut trials, method.as_ref())?;
+            // At once, because a pass over many methods takes hours and may be killed.
+            if !rows.is_empty() {
+                self.store.add_timings(rows)?;
+            }
             (self.step)();
-            Ok(())
-        });
-        if !rows.is_empty() {
-            self.store.add_timings(rows)?;
         }
-        outcome
+        Ok(())
     }
 
     fn check_stop(&self) -> Result<(), EvalError> {
         if (self.stop)() { Err(EvalError::Stopped) } else { Ok(()) }
     }
 
-    /// The methods that are left to be timed on this many trials; every other one is a step that is done.
+    /// The methods that are left to be timed on this many trials; every other one is a step that is done. `are_all` says
+    /// whether this many trials are all that a method can be tried on.
     fn left<'m>(
         &self,
         known: &[TimingRow],
         dataset: &Dataset,
         methods: Vec<&'m Arc<dyn Method>>,
         trials: usize,
+        are_all: &mut dyn FnMut(usize) -> bool,
     ) -> Vec<&'m Arc<dyn Method>> {
-        let (left, done): (Vec<_>, Vec<_>) =
-            methods.into_iter().partition(|method| !self.is_timed(known, dataset, method.as_ref(), trials));
+        let is_timed = |method: &&Arc<dyn Method>| {
+            let (timed, tried) = self.known_trials(known, dataset, method.as_ref());
+            timed >= trials || are_all(tried)
+        };
+        let (done, left): (Vec<_>, Vec<_>) = methods.into_iter().partition(is_timed);
         for _ in done {
             (self.step)();
         }
         left
     }
 
-    /// Whether the known rows already have what this pass would measure.
-    fn is_timed(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, prepared: usize) -> bool {
+    /// On how many trials the known rows have what this pass would measure, and on how many the method was tried: those and the
+    /// ones that it rejected.
+    fn known_trials(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method) -> (usize, usize) {
         let name = method.record().name;
-        let valid = known.iter().filter(|row| {
-            row.key.is_of(&dataset.name, &name)
-                && row.machine == self.machine
-                && !row.load.is_busy()
-                && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
-                && (!row.is_timed() || self.is_enough(row))
-        });
-        let (timed, rejected): (Vec<_>, Vec<_>) = valid.partition(|row| row.is_timed());
-        timed.len() + rejected.len() >= prepared || (timed.is_empty() && !rejected.is_empty())
+        let is_of_pass = |row: &&TimingRow| row.key.is_of(&dataset.name, &name) && row.machine == self.machine;
+        let (timed, rejected): (Vec<_>, Vec<_>) = known.iter().filter(is_of_pass).partition(|row| row.is_timed());
+        let valid = |rows: &[&TimingRow]| rows.iter().filter(|row| self.is_valid(row)).count();
+        match (valid(&timed), valid(&rejected)) {
+            // Of a method that rejects every trial, only the first one has a row.
+            (0, 1..) if timed.is_empty() => (0, usize::MAX),
+            (timed, rejected) => (timed, timed + rejected),
+        }
     }
 
-    fn is_enough(&self, row: &TimingRow) -> bool {
+    /// Whether a row is of the trial as it is now, on a machine without other work, with as many repetitions as this pass makes.
+    fn is_valid(&self, row: &TimingRow) -> bool {
+        let Some((trial, targets)) = self.store.known().trial(&row.key) else { return false };
         let secs = row.encode.iter().chain(&row.render).sum();
-        self.timing.is_enough(row.repetitions(), secs)
+        let is_enough = !row.is_timed() || self.timing.is_enough(row.repetitions(targets), secs);
+        trial == row.trial_hash && !row.load.is_busy() && is_enough
     }
 
     /// The rows of one method: the requested number of timed trials and those that it rejected on the way, with the reason; the

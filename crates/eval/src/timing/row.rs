@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::samples::rendered_targets;
 use super::{Load, Machine};
 use crate::rows::finite;
 use crate::{EvalError, TrialKey};
@@ -50,9 +51,10 @@ impl TimingRow {
         self.detail.is_none()
     }
 
-    /// Number of repetitions without warm-up.
-    pub fn repetitions(&self) -> usize {
-        if self.encode.is_empty() { self.render.len() } else { self.encode.len() }
+    /// Number of repetitions without warm-up of a trial with this many targets, of which each renders a few.
+    pub fn repetitions(&self, targets: u32) -> usize {
+        let images = rendered_targets(targets as usize).len();
+        if self.encode.is_empty() { self.render.len().checked_div(images).unwrap_or(0) } else { self.encode.len() }
     }
 
     /// # Errors

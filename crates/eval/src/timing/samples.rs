@@ -9,7 +9,7 @@ use atsplat_protocol::trial::Trial;
 
 use super::load::LoadMonitor;
 use super::{TimingPlan, memory};
-use crate::method::{Method, Prediction, TrialInput};
+use crate::method::{Method, Prediction, Timed, TrialInput};
 use crate::runner::spread;
 
 /// Images that each repetition renders.
@@ -60,11 +60,11 @@ impl Samples {
     }
 
     fn measured(plan: TimingPlan, input: TrialInput<'_>, method: &dyn Method) -> Result<Self, String> {
-        let targets = spread(input.trial.targets().len(), IMAGES);
+        let targets = rendered_targets(input.trial.targets().len());
         let mut samples = Self::default();
         let is_peak_reset = memory::reset_peak();
         samples.held_bytes = memory::held_bytes();
-        let (mut repetitions, mut total, mut before_first) = (0, 0.0, None);
+        let (timed, mut repetitions, mut total, mut before_first) = (method.timed(), 0, 0.0, None);
         for _ in 0..plan.warm_up {
             let before = samples.clone();
             let secs = samples.repeat(input, method, &targets)?;
@@ -74,7 +74,7 @@ impl Samples {
             }
             samples = Self { warm_up: before.warm_up + 1, ..before };
         }
-        while !plan.is_enough(repetitions, total)
+        while !plan.is_enough(repetitions, samples.secs_of(timed))
             || (total < MIN_DURATION.as_secs_f64() && repetitions < MAX_REPETITIONS)
         {
             let secs = samples.repeat(input, method, &targets)?;
@@ -92,7 +92,6 @@ impl Samples {
         if samples.process_peak_bytes.is_some() {
             (samples.held_bytes, samples.peak_bytes) = (None, samples.process_peak_bytes);
         }
-        let timed = method.timed();
         if !timed.encoding {
             samples.encode.clear();
             samples.stages.clear();
@@ -102,6 +101,12 @@ impl Samples {
         }
         samples.check_stages()?;
         Ok(samples)
+    }
+
+    /// Seconds of the parts that are timed.
+    fn secs_of(&self, timed: Timed) -> f64 {
+        let encode = self.encode.iter().filter(|_| timed.encoding);
+        encode.chain(self.render.iter().filter(|_| timed.rendering)).sum()
     }
 
     /// A table has one sample of each stage for each repetition.
@@ -131,6 +136,11 @@ impl Samples {
         }
         Ok(start.elapsed().as_secs_f64())
     }
+}
+
+/// The targets that each repetition renders, of this many.
+pub(super) fn rendered_targets(targets: usize) -> Vec<usize> {
+    spread(targets, IMAGES)
 }
 
 /// Seconds to render one target.

@@ -1,14 +1,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_numeric::quantile;
 use serde::Serialize;
 
-use super::{Machine, TimingRow};
+use super::{Machine, Spread, TimingRow};
 use crate::rows::placement;
-use crate::{Results, TrialKey};
+use crate::{Results, TrialKey, TrialRow};
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from images";
+
+/// Why a method has rendering times but no time to the first image.
+pub const GAUSSIANS_UNTIMED: &str = "only its rendering was timed, not the making of its Gaussians";
 
 /// Times of one method under one protocol on one machine type.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -32,7 +34,8 @@ pub struct Times {
     pub encode: Option<Spread>,
     /// Seconds per rendered image.
     pub render: Option<Spread>,
-    /// Seconds from context images to the first rendered image: the sum of both, or the only one of them.
+    /// Seconds from context images to the first rendered image: the sum of both, or the only one of them. `None` for Gaussians of
+    /// which only the rendering was timed ([`GAUSSIANS_UNTIMED`]).
     pub first_image: Option<Spread>,
     /// Seconds of the encoding's stages by name.
     pub stages: BTreeMap<String, Spread>,
@@ -53,21 +56,8 @@ impl Times {
     }
 }
 
-/// Repeated measurements of one quantity.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Spread {
-    /// The median.
-    pub median: f64,
-    /// Median absolute deviation, unscaled.
-    pub mad: f64,
-    /// First and third quartile.
-    pub quartiles: [f64; 2],
-    /// Number of measurements.
-    pub samples: u64,
-    /// Half-width of the median's 95 % interval over repetitions, for these fixed trials.
-    pub error: f64,
-}
+/// A row with its trial.
+type TimedTrial<'a> = (&'a TimingRow, &'a TrialRow);
 
 /// A method's times under a protocol, on the protocol's machine ([`machine_of`]).
 ///
@@ -87,26 +77,27 @@ pub(crate) fn times_on(
     preset: &str,
     method: &str,
 ) -> Result<Times, String> {
-    let of_method = |row: &&TimingRow| row.key.is_of(preset, method) && is_current(results, row);
-    let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
+    let of_method = results.timings.iter().filter(|row| row.key.is_of(preset, method));
+    let all: Vec<TimedTrial<'_>> = of_method.filter_map(|row| Some((row, current_trial(results, row)?))).collect();
     let Some(machine) = machine else { return Err(untimed(results, &all)) };
-    let on_machine = |row: &&TimingRow| row.is_timed() && row.machine == *machine;
-    let rows = last_of_each_trial(all.iter().copied().filter(on_machine));
-    if rows.is_empty() {
-        let elsewhere = all.iter().find(|row| row.is_timed());
-        let message = |row: &&TimingRow| format!("timed on another machine: {}", row.machine);
+    let on_machine = |(row, _): &TimedTrial<'_>| row.is_timed() && row.machine == *machine;
+    let on_machine = last_of_each_trial(all.iter().copied().filter(on_machine));
+    if on_machine.is_empty() {
+        let elsewhere = all.iter().find(|(row, _)| row.is_timed());
+        let message = |(row, _): &TimedTrial<'_>| format!("timed on another machine: {}", row.machine);
         return Err(elsewhere.map_or_else(|| untimed(results, &all), message));
     }
-    Ok(Times::of(machine, &rows))
+    Ok(Times::of(machine, &on_machine))
 }
 
 /// Of several passes on one trial the last one counts. Shards of a run time different trials, each in another pass.
-fn last_of_each_trial<'a>(rows: impl Iterator<Item = &'a TimingRow>) -> Vec<&'a TimingRow> {
-    let mut last: BTreeMap<&TrialKey, &TimingRow> = BTreeMap::new();
-    for row in rows {
-        let known = last.entry(&row.key).or_insert(row);
-        if row.started > known.started {
-            *known = row;
+fn last_of_each_trial<'a>(all: impl Iterator<Item = TimedTrial<'a>>) -> Vec<TimedTrial<'a>> {
+    let mut last: BTreeMap<&TrialKey, TimedTrial<'a>> = BTreeMap::new();
+    for timed in all {
+        let (row, _) = timed;
+        let known = last.entry(&row.key).or_insert(timed);
+        if row.started > known.0.started {
+            *known = timed;
         }
     }
     last.into_values().collect()
@@ -114,7 +105,8 @@ fn last_of_each_trial<'a>(rows: impl Iterator<Item = &'a TimingRow>) -> Vec<&'a 
 
 impl Times {
     /// Joins the times of one method's trials, of which there is at least one.
-    fn of(machine: &Machine, rows: &[&TimingRow]) -> Self {
+    fn of(machine: &Machine, timed: &[TimedTrial<'_>]) -> Self {
+        let rows: Vec<&TimingRow> = timed.iter().map(|(row, _)| *row).collect();
         let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
         let stage = |name: &String| {
             let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
@@ -122,6 +114,8 @@ impl Times {
         };
         let encode = Spread::of(rows.iter().map(|row| row.encode.as_slice()));
         let render = Spread::of(rows.iter().map(|row| row.render.as_slice()));
+        let has_gaussians = timed.iter().any(|(_, trial)| trial.gaussians.is_some());
+        let repetitions = timed.iter().map(|(row, trial)| row.repetitions(trial.targets) as u64);
         let device = |row: &&TimingRow| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref());
         Self {
             machine: machine.clone(),
@@ -129,12 +123,13 @@ impl Times {
             device: rows.first().and_then(device),
             trials: rows.len() as u64,
             trials_there: rows.iter().fold(rows.len() as u64, |most, row| most.max(row.trials_there)),
-            repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
+            repetitions: repetitions.fold(u64::MAX, u64::min),
             warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
             encode,
             render,
             first_image: match (encode, render) {
                 (Some(encode), Some(render)) => Some(encode.plus(render)),
+                (None, Some(_)) if has_gaussians => None,
                 (encode, render) => encode.or(render),
             },
             stages: names.into_iter().filter_map(stage).collect(),
@@ -156,13 +151,13 @@ pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine>
     counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
 }
 
-/// Whether a row's trial is still the one that was evaluated; other images make it another trial.
-fn is_current(results: &Results, row: &TimingRow) -> bool {
-    results.trials.iter().any(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
+/// The trial of a row, if it is still the one that was evaluated; other images make it another trial.
+fn current_trial<'a>(results: &'a Results, row: &TimingRow) -> Option<&'a TrialRow> {
+    results.trials.iter().find(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
 }
 
-fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
-    if let Some(reason) = rows.iter().find_map(|row| row.detail.as_ref()) {
+fn untimed(results: &Results, all: &[TimedTrial<'_>]) -> String {
+    if let Some(reason) = all.iter().find_map(|(row, _)| row.detail.as_ref()) {
         return reason.clone();
     }
     if results.provenance.schema_version < FIRST_WITH_TIMINGS {
@@ -175,73 +170,12 @@ fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
 /// The first schema version with a table of times.
 const FIRST_WITH_TIMINGS: u32 = 2;
 
-impl Spread {
-    /// The spread over all repetitions of all trials; `None` without any.
-    fn of<'a>(trials: impl Iterator<Item = &'a [f64]> + Clone) -> Option<Self> {
-        let (median, mad) = median_and_mad(trials.clone().flatten().copied())?;
-        let mut all: Vec<f64> = trials.clone().flatten().copied().collect();
-        all.sort_by(f64::total_cmp);
-        let measured: Vec<&[f64]> = trials.filter(|samples| !samples.is_empty()).collect();
-        let variances = measured.iter().map(|samples| variance_of_median(samples));
-        Some(Self {
-            median,
-            mad,
-            quartiles: [quantile(&all, 0.25)?, quantile(&all, 0.75)?],
-            samples: all.len() as u64,
-            error: NORMAL_95 * variances.sum::<f64>().sqrt() / measured.len() as f64,
-        })
-    }
-
-    /// The sum of two consecutive times.
-    fn plus(self, other: Self) -> Self {
-        Self {
-            median: self.median + other.median,
-            mad: self.mad + other.mad,
-            quartiles: [self.quartiles[0] + other.quartiles[0], self.quartiles[1] + other.quartiles[1]],
-            samples: if self.samples < other.samples { self.samples } else { other.samples },
-            error: self.error.hypot(other.error),
-        }
-    }
-}
-
-/// The 97.5 % quantile of the standard normal distribution.
-const NORMAL_95: f64 = 1.96;
-
-/// Variance of the median of some repetitions, estimated from their MAD for a normal distribution.
-fn variance_of_median(samples: &[f64]) -> f64 {
-    // σ = 1.4826 · MAD; the variance of a median is π/2 · σ²/n.
-    let deviation = 1.4826 * median_and_mad(samples.iter().copied()).map_or(0.0, |(_, mad)| mad);
-    std::f64::consts::FRAC_PI_2 * deviation * deviation / samples.len() as f64
-}
-
-fn median_and_mad(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let median = quantile(&values, 0.5)?;
-    let mut distances: Vec<f64> = values.iter().map(|value| (value - median).abs()).collect();
-    distances.sort_by(f64::total_cmp);
-    Some((median, quantile(&distances, 0.5)?))
-}
-
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
     use crate::sample_rows::{PRESET, results, timing};
-
-    #[test]
-    fn a_spread_covers_all_repetitions() {
-        let spread = Spread::of([&[1.0, 2.0, 6.0][..], &[3.0, 100.0][..], &[][..]].into_iter()).unwrap();
-        Tolerance::F64.assert([spread.median, spread.mad], [3.0, 2.0], "median and MAD");
-        Tolerance::F64.assert(spread.quartiles, [2.0, 6.0], "quartiles");
-        assert_eq!(spread.samples, 5);
-        // MADs 1 and 48.5, of three and two repetitions.
-        let error =
-            1.96 * (std::f64::consts::FRAC_PI_2 * 1.4826 * 1.4826 * (1.0 / 3.0 + 48.5 * 48.5 / 2.0)).sqrt() / 2.0;
-        Tolerance::F64.assert([spread.error], [error], "error");
-        assert_eq!(Spread::of([&[][..]].into_iter()), None);
-    }
 
     #[test]
     fn times_come_from_one_machine_and_the_last_pass_on_each_trial() {
@@ -279,7 +213,20 @@ mod tests {
         }
         let found = times(&store, PRESET, "a").unwrap();
         assert_eq!((found.trials, found.trials_there, found.encode.unwrap().samples), (3, 3, 3));
-        Tolerance::F64.assert([found.encode.unwrap().median], [2.0], "the median of three trials");
+        Tolerance::F64.assert([found.encode.unwrap().median], [4.0], "the mean of three trials");
+    }
+
+    /// Gaussians that another program made: nobody knows how long that took.
+    #[test]
+    fn rendering_alone_is_no_time_to_the_first_image_of_gaussians() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+        store.timings = vec![timing("a", "x", &[], &[0.25, 0.5, 0.75])];
+        let imported = times(&store, PRESET, "a").unwrap();
+        assert_eq!((imported.encode, imported.first_image), (None, None));
+        Tolerance::F64.assert([imported.render.unwrap().median], [0.5], "an image");
+        store.trials[0].gaussians = None;
+        let without = times(&store, PRESET, "a").unwrap();
+        assert_eq!(without.first_image, without.render, "the nearest view has nothing to make");
     }
 
     #[test]
@@ -328,7 +275,7 @@ mod tests {
         let mut elsewhere = timing("b", "x", &[1.0], &[]);
         elsewhere.machine.processor = "another".to_owned();
         store.timings = vec![elsewhere, timing("a", "x", &[1.0], &[])];
-        store.trials.push(crate::TrialRow { key: store.timings[0].key.clone(), ..store.trials[0].clone() });
+        store.trials.push(TrialRow { key: store.timings[0].key.clone(), ..store.trials[0].clone() });
         let is_timed = [times(&store, PRESET, "a"), times(&store, PRESET, "b")].map(|found| found.is_ok());
         assert_eq!(is_timed.iter().filter(|timed| **timed).count(), 1, "rows of two machines are not compared");
     }

@@ -13,7 +13,7 @@ pub struct Sample {
     pub quality: Option<f64>,
     /// Why nothing was scored.
     pub unscored: Option<String>,
-    /// Median seconds from images in memory to the first rendered image, from a timing pass.
+    /// Seconds from images in memory to the first rendered image, from a timing pass ([`crate::timing::Times::first_image`]).
     pub secs: Option<f64>,
     /// Half-width of their 95 % interval ([`crate::timing::Spread::error`]).
     pub secs_error: f64,
@@ -25,7 +25,7 @@ pub struct Sample {
     pub untimed: Option<String>,
     /// What ran on a graphics adapter, as [`crate::timing::Times::device`].
     pub device: Option<String>,
-    /// Mean number of Gaussians.
+    /// Mean number of Gaussians, over the trials in which every setting made some if there are any.
     pub gaussians: Option<f64>,
     /// What the quality is over, and what is missing from it.
     pub counts: Counts,
@@ -153,6 +153,10 @@ pub struct Price {
     /// Seconds for the step; negative if the better point is faster. `None` if one of them is untimed, or if they differ by
     /// less than the measurement error.
     pub secs: Option<f64>,
+    /// Whether the machine was busy while one of them was timed, so that the seconds are not reliable.
+    pub busy: bool,
+    /// Whether the seconds of one of them are those of a whole answer ([`Sample::whole_answer`]).
+    pub whole_answer: bool,
     /// Gaussians for the step, likewise.
     pub gaussians: Option<f64>,
 }
@@ -265,23 +269,26 @@ impl Ranking<'_> {
         frontier
     }
 
-    /// Compares points off the frontier again whose point of comparison was dropped later: with the last point of the frontier that
-    /// costs no more, or the same.
+    /// Compares points off the frontier with its final points: they were compared with the last one before them, which may have been
+    /// dropped since, or be followed by one of the same cost. Of those that cost no more, or the same, the last with common targets
+    /// counts.
     fn compare_with_final(&self, points: &mut [Point], frontier: &[usize]) {
-        let is_final = |label: &str| frontier.iter().any(|on| points[*on].label == label);
-        let is_outdated = |point: &Point| {
-            let dropped = point.against.as_ref().is_some_and(|against| !is_final(&against.label));
-            point.standing != Standing::Frontier && dropped
-        };
-        let outdated: Vec<usize> = (0..points.len()).filter(|at| is_outdated(&points[*at])).collect();
-        for at in outdated {
-            let costs_no_more = |on: &&usize| **on < at || same_cost(&points[**on], &points[at]);
-            let Some(last) = frontier.iter().rev().find(costs_no_more) else { continue };
-            let difference = self.difference(&points[at], &points[*last]);
-            if difference.is_some_and(|difference| self.is_better(&difference.negated())) {
+        for at in (0..points.len()).filter(|at| !frontier.contains(at)) {
+            let point = &points[at];
+            let known = point.against.as_ref().map(|against| against.label.as_str());
+            let is_known = |on: &usize| known == Some(points[*on].label.as_str());
+            if point.standing == Standing::Worse && frontier.iter().any(is_known) {
+                continue;
+            }
+            let costs_no_more = |on: &usize| *on < at || same_cost(&points[*on], point);
+            let others = frontier.iter().rev().copied().filter(costs_no_more).take_while(|on| !is_known(on));
+            let mut differences = others.filter_map(|on| Some((on, self.difference(point, &points[on])?)));
+            let Some((last, difference)) = differences.next() else { continue };
+            if self.is_better(&difference.negated()) {
                 points[at].standing = Standing::Worse;
             }
-            points[at].against = self.compared(&points[at], &points[*last]);
+            let label = points[last].label.clone();
+            points[at].against = Some(PointDifference { label, difference });
         }
     }
 
@@ -357,6 +364,8 @@ fn price(from: &Point, to: &Point, step: f64) -> Option<Price> {
         gain_interval: if low <= high { [low, high] } else { [high, low] },
         step,
         secs: rate(from.secs, to.secs).filter(|_| apart),
+        busy: from.busy || to.busy,
+        whole_answer: from.whole_answer || to.whole_answer,
         gaussians: rate(from.gaussians, to.gaussians),
     })
 }

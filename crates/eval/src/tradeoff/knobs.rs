@@ -13,7 +13,8 @@ use crate::EvalError;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Knobs {
-    /// K, the number of Gaussians per token. Trained weights keep their first K Gaussians; a larger K needs other weights.
+    /// K, the number of Gaussians per token: the first K of each token, as the whole network makes them; a larger K needs other
+    /// weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians_per_token: Option<usize>,
     /// Ratios of expanded tokens, in [0, 1], one for each block that expands.
@@ -144,7 +145,7 @@ impl Knobs {
         self.check()?;
         let mut config = config.clone();
         if let Some(count) = self.gaussians_per_token {
-            config.head.gaussians_per_token = count;
+            config.head = config.head.keeping_first(count);
         }
         if let Some(ratios) = &self.ratios {
             let blocks: Vec<_> =
@@ -291,21 +292,30 @@ impl Knobs {
         Ok(preset)
     }
 
-    /// The index with fewer context views and unchanged targets.
+    /// The index with fewer context views and unchanged targets. Entries whose context views change lose their overlap, which is
+    /// that of all views. `dataset` is its name in errors.
     ///
     /// # Errors
     /// [`EvalError::Settings`] for zero views or more than an entry has.
-    pub fn index(&self, index: &EvaluationIndex) -> Result<EvaluationIndex, EvalError> {
+    pub fn index(&self, index: &EvaluationIndex, dataset: &str) -> Result<EvaluationIndex, EvalError> {
         let mut index = index.clone();
         let Some(views) = self.views else { return Ok(index) };
-        for entry in index.scenes.values_mut().flatten() {
-            let Some(last) = entry.context.len().checked_sub(1).filter(|last| (1..=last + 1).contains(&views)) else {
-                return invalid("views", &format!("from 1 to {}", entry.context.len()), views);
-            };
-            // Rounded to the nearest, so that both ends are included; a single view is the first one.
-            let steps = views.saturating_sub(1);
-            let position = |view: usize| if steps == 0 { 0 } else { (2 * view * last + steps) / (2 * steps) };
-            entry.context = (0..views).filter_map(|view| entry.context.get(position(view)).copied()).collect();
+        for (scene, entries) in &mut index.scenes {
+            for entry in entries {
+                let most = entry.context.len();
+                let Some(last) = most.checked_sub(1).filter(|last| (1..=last + 1).contains(&views)) else {
+                    let found = format!("{views} (scene {scene} of {dataset})");
+                    return invalid("views", &format!("from 1 to {most}"), found);
+                };
+                // Rounded to the nearest, so that both ends are included; a single view is the first one.
+                let steps = views.saturating_sub(1);
+                let position = |view: usize| if steps == 0 { 0 } else { (2 * view * last + steps) / (2 * steps) };
+                let context: Vec<_> =
+                    (0..views).filter_map(|view| entry.context.get(position(view)).copied()).collect();
+                if context != entry.context {
+                    (entry.context, entry.overlap) = (context, None);
+                }
+            }
         }
         Ok(index)
     }

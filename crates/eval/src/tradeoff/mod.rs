@@ -3,11 +3,16 @@
 //! A [`Sweep`] is a TOML list of settings ([`Knobs`]) at which one method is run. The results are [`Sample`]s, of which
 //! [`frontier()`] finds the Pareto-optimal ones, as far as scenes and repetitions can distinguish them.
 
+#[cfg(test)]
+mod cost_tests;
 mod frontier;
 mod knobs;
 mod parts;
+#[cfg(test)]
+mod parts_tests;
 mod report;
 mod sample;
+mod scored;
 #[cfg(test)]
 mod settings_tests;
 mod sweep;

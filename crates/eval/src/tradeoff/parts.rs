@@ -132,8 +132,13 @@ impl SweepBase {
 }
 
 /// Adapts weights to another K. Random tensors of another shape are generated again. Trained weights keep the first K
-/// Gaussians of each token, which are rows of the head's last layer; there cannot be more than they have.
-fn adapted(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsSource) -> Result<StoredTensors, EvalError> {
+/// Gaussians of each token, which are rows of the head's last layer; there cannot be more than they have. Their places do not
+/// change ([`atsplat_model::config::HeadConfig::keeping_first`]).
+pub(super) fn adapted(
+    config: &ModelConfig,
+    tensors: StoredTensors,
+    weights: &WeightsSource,
+) -> Result<StoredTensors, EvalError> {
     let WeightsSource::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
     let mut drawn = generated(&parameters(config), *seed);
     for (name, tensor) in tensors.tensors {
@@ -169,7 +174,7 @@ fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<S
 /// The dataset with the knobs' resolution and views.
 fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
     let Dataset { name, preset, source, description, index } = dataset;
-    let reduced = knobs.index(&index.index)?;
+    let reduced = knobs.index(&index.index, name)?;
     let index = match knobs.views {
         None => index.clone(),
         Some(_) => PlannedIndex {

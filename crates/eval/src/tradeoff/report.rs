@@ -13,7 +13,7 @@ use crate::store::Unfinished;
 pub struct TradeoffReport {
     /// One per protocol and metric.
     pub tradeoffs: Vec<Tradeoff>,
-    /// Runs that were interrupted: their means are over the trials that they reached.
+    /// Runs that were cut off: their means are over the trials that they reached, if any ([`crate::Results::cut_off`]).
     pub unfinished: Vec<Unfinished>,
 }
 
@@ -32,7 +32,7 @@ impl TradeoffReport {
 impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, tradeoff) in self.tradeoffs.iter().enumerate() {
-            let Tradeoff { preset, metric, unit, frontiers, incomplete, .. } = tradeoff;
+            let Tradeoff { preset, metric, unit, frontiers, incomplete, notes, .. } = tradeoff;
             for frontier in frontiers {
                 let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
                 let cost = match frontier.axis {
@@ -44,16 +44,28 @@ impl fmt::Display for TradeoffReport {
                 prices(f, frontier, unit)?;
             }
             incomplete.iter().try_for_each(|setting| writeln!(f, "  {setting}"))?;
+            notes.iter().try_for_each(|note| writeln!(f, "  {note}"))?;
         }
-        notes(f, &self.tradeoffs)?;
-        for Unfinished { preset, method, entries, total, .. } in &self.unfinished {
-            writeln!(
-                f,
-                "{preset}: the run of {method} is unfinished: its means are over {entries} of {total} index entries"
-            )?;
-        }
-        Ok(())
+        explanations(f, &self.tradeoffs)?;
+        unfinished(f, &self.unfinished)
     }
+}
+
+fn unfinished(f: &mut fmt::Formatter<'_>, unfinished: &[Unfinished]) -> fmt::Result {
+    let mut unreached: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for Unfinished { preset, method, entries, total, .. } in unfinished {
+        if *entries == 0 {
+            unreached.entry(preset).or_default().push(method);
+            continue;
+        }
+        writeln!(
+            f,
+            "{preset}: the run of {method} is unfinished: its means are over {entries} of {total} index entries"
+        )?;
+    }
+    unreached.iter().try_for_each(|(preset, methods)| {
+        writeln!(f, "{preset}: the run is unfinished: it has not reached {}", methods.join(", "))
+    })
 }
 
 impl fmt::Display for Incomplete {
@@ -78,7 +90,20 @@ impl fmt::Display for Incomplete {
     }
 }
 
+/// The marks of seconds, each explained below.
+const fn marks(whole_answer: bool, busy: bool) -> &'static str {
+    match (whole_answer, busy) {
+        (false, false) => "",
+        (true, false) => "‡",
+        (false, true) => "§",
+        (true, true) => "‡§",
+    }
+}
+
 fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
+    let mut on_frontier = frontier.points.iter().filter(|point| point.on_frontier());
+    let is_unsure = frontier.axis == Axis::Seconds && on_frontier.any(|point| point.busy);
+    let knee = if is_unsure { ", knee§" } else { ", knee" };
     writeln!(f, "  {:<40} {:>10} {:>18} {:>12}  difference, 95 %", "", "quality", "ms", "Gaussians")?;
     for point in &frontier.points {
         let Point { label, quality, secs, secs_error, busy, whole_answer, gaussians, against, standing, .. } = point;
@@ -87,9 +112,8 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
             Standing::Worse => " ",
             Standing::NotDistinguishable => "?",
         };
-        let whole_answer = if *whole_answer { "‡" } else { "" };
-        let busy = if *busy { "§" } else { "" };
-        let time = |secs| format!("{:.1} ±{:.1}{whole_answer}{busy}", 1e3 * secs, 1e3 * secs_error);
+        let marks = marks(*whole_answer, *busy);
+        let time = |secs| format!("{:.1} ±{:.1}{marks}", 1e3 * secs, 1e3 * secs_error);
         let ms = secs.map_or("-".to_owned(), time);
         let gaussians = gaussians.map_or("-".to_owned(), |count| format!("{count:.0}"));
         let difference = against.as_ref().map_or_else(String::new, |against| {
@@ -107,7 +131,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
         });
         let verdict = match standing {
             Standing::NotDistinguishable => ", not distinguishable",
-            Standing::Frontier if frontier.knee.as_ref() == Some(label) => ", knee",
+            Standing::Frontier if frontier.knee.as_ref() == Some(label) => knee,
             Standing::Frontier | Standing::Worse => "",
         };
         writeln!(f, "{mark} {label:<40} {quality:>10.4} {ms:>18} {gaussians:>12}  {difference}{verdict}")?;
@@ -119,15 +143,17 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
 }
 
 fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::Result {
-    for Price { from, to, gain, gain_interval: [low, high], step, secs, gaussians } in &frontier.prices {
-        let ms = secs.map(|secs| format!("{:+.1} ms", 1e3 * secs));
+    for price in &frontier.prices {
+        let Price { from, to, gain, gain_interval: [low, high], step, secs, gaussians, .. } = price;
+        let marks = marks(price.whole_answer, price.busy);
+        let ms = secs.map(|secs| format!("{:+.1} ms{marks}", 1e3 * secs));
         let gaussians = gaussians.map(|count| format!("{count:+.0} Gaussians"));
         let paid: Vec<String> = ms.into_iter().chain(gaussians).collect();
+        let paid = if paid.is_empty() { "no measurable time".to_owned() } else { paid.join(" and ") };
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         writeln!(
             f,
-            "  {from} to {to}, {gain:.4}{unit} better ({low:.4} to {high:.4}): the next {step}{unit} for {}",
-            paid.join(" and ")
+            "  {from} to {to}, {gain:.4}{unit} better ({low:.4} to {high:.4}): the next {step}{unit} for {paid}"
         )?;
     }
     if frontier.prices.is_empty() && frontier.points.len() > 1 {
@@ -136,12 +162,12 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
     Ok(())
 }
 
-fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
+fn explanations(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
     writeln!(
         f,
         "\n* on the frontier: better than the previous one by more than the interval of their difference, over the same scenes.\n\
-         ? not distinguishable from it. Milliseconds are of the timing pass, medians of encoding and of rendering one view,\n\
-         added: until the first image."
+         ? not distinguishable from it. Milliseconds are of the timing pass: medians of encoding and of rendering one view, added\n\
+         and averaged over the timed trials: until the first image. Gaussians are averaged over the trials that all settings finished."
     )?;
     let counts: BTreeMap<&str, (u64, u64)> =
         tradeoffs.iter().map(|tradeoff| (tradeoff.preset.as_str(), (tradeoff.leaked, tradeoff.targets))).collect();

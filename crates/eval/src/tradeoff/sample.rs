@@ -4,13 +4,11 @@ use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::unscored::why_unscored;
+use super::scored::{Scored, notes, pair_gaussians, scored};
 use super::{Axis, Counts, Frontier, Sample, frontier};
-use crate::statistics::{
-    Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
-};
-use crate::timing::{Machine, machine_of, times_on};
-use crate::{EvalError, MethodRecord, PresetRecord, Results, TargetRow, TrialKey};
+use crate::statistics::{Leaked, SelectedTarget, contrast, direction};
+use crate::timing::{Machine, machine_of};
+use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -39,6 +37,9 @@ pub struct Tradeoff {
     pub incomplete: Vec<Incomplete>,
     /// Labels of settings without any score, with the reason; they are in no frontier.
     pub unscored: Vec<(String, String)>,
+    /// What else a reader must know of settings, in whole sentences after their labels.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 impl Tradeoff {
@@ -74,7 +75,7 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
         let machine = machine_of(results, &preset.name);
         let scored = scored(results, machine, &preset.name, metric, leaked, aggregation);
         let machines = machine.into_iter().cloned().collect();
-        let tradeoff = of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines);
+        let tradeoff = of_scored((&preset.name, &preset.hash), metric, scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
     let presets = results.provenance.presets.iter();
@@ -82,27 +83,38 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
 }
 
 /// The frontiers over the methods of all protocols together, for sweeps of views or resolution. Labels include the protocol;
-/// differences are between targets of the same frame. Only times of one machine are compared.
+/// differences are between targets of the same frame, averaged as all protocols average them, or over scene means if they disagree.
+/// Only times of one machine are compared.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
 pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeoff, EvalError> {
     let presets = &results.provenance.presets;
     let machine = common_machine(results);
-    let mut all = Vec::new();
+    let (mut all, mut aggregations) = (Vec::new(), Vec::new());
     for preset in presets {
         let aggregation = preset.protocol()?.aggregation;
-        for (sample, selected) in scored(results, machine, &preset.name, metric, leaked, aggregation) {
-            let label = format!("{}, {}", sample.label, preset.name);
-            all.push((Sample { label, ..sample }, selected));
+        aggregations.push(aggregation);
+        for mut setting in scored(results, machine, &preset.name, metric, leaked, aggregation) {
+            setting.sample.label = format!("{}, {}", setting.sample.label, preset.name);
+            all.push(setting);
         }
     }
+    aggregations.dedup();
+    let (aggregation, note) = match aggregations[..] {
+        [] => (Aggregation::SceneMeans, None),
+        [common] => (common, None),
+        _ => (Aggregation::SceneMeans, Some(DIFFERENT_AGGREGATIONS.to_owned())),
+    };
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().cloned().collect();
-    let tradeoff =
-        of_scored(("different protocols", &hashes.join(" ")), metric, &all, Aggregation::SceneMeans, machines);
+    let mut tradeoff = of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);
+    tradeoff.notes.extend(note);
     Ok(with_targets(tradeoff, results, presets, leaked))
 }
+
+const DIFFERENT_AGGREGATIONS: &str =
+    "protocols average targets in different ways: qualities are as each averages them, differences are of scene means";
 
 /// The machine on which methods of different protocols are compared: the one on which most protocols were timed, of those the
 /// one with the most timed trials, the first in order if tied.
@@ -133,14 +145,15 @@ fn with_targets(tradeoff: Tradeoff, results: &Results, presets: &[PresetRecord],
 fn of_scored(
     (preset, protocol): (&str, &str),
     metric: &str,
-    scored: &[(Sample, Vec<SelectedTarget<'_>>)],
+    mut scored: Vec<Scored<'_>>,
     aggregation: Aggregation,
     machines: Vec<Machine>,
 ) -> Tradeoff {
     let step = quality_step(metric);
-    let samples: Vec<Sample> = scored.iter().map(|(sample, _)| sample.clone()).collect();
+    pair_gaussians(&mut scored);
+    let samples: Vec<Sample> = scored.iter().map(|setting| setting.sample.clone()).collect();
     let contrasts = |terms: &[(usize, f64)]| {
-        let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.1.as_slice(), *weight));
+        let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.selected.as_slice(), *weight));
         contrast(&terms.iter().map(term).collect::<Option<Vec<_>>>()?, aggregation)
     };
     let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -161,13 +174,14 @@ fn of_scored(
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
         machines,
         devices,
-        incomplete: incomplete(scored),
+        incomplete: incomplete(&scored),
+        notes: notes(&scored),
         unscored,
     }
 }
 
-fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
-    let images = scored.iter().flat_map(|(_, selected)| SelectedTarget::scored(selected));
+fn incomplete(scored: &[Scored<'_>]) -> Vec<Incomplete> {
+    let images = scored.iter().flat_map(|setting| SelectedTarget::scored(&setting.selected));
     let images: BTreeSet<_> = images.map(|(image, ..)| image).collect();
     let scenes: BTreeSet<&str> = images.iter().map(|(scene, ..)| *scene).collect();
     let (of_scenes, of_targets) = (scenes.len() as u64, images.len() as u64);
@@ -179,56 +193,7 @@ fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
         of_scenes,
         of_targets,
     };
-    scored.iter().map(|(sample, _)| sample).filter(lacks_some).map(of_sample).collect()
-}
-
-/// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
-///
-/// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
-/// first image. If a method has only one of the two, that one counts. Times on other machines than `machine` are left out.
-pub(super) fn scored<'a>(
-    results: &'a Results,
-    machine: Option<&Machine>,
-    preset: &'a str,
-    metric: &'a str,
-    leaked: Leaked,
-    aggregation: Aggregation,
-) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
-    let sample = |record: &'a MethodRecord| {
-        let method = record.name.as_str();
-        let cost = cost(results, preset, method);
-        let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
-        let selected = select(results, &query);
-        let summary = summary_of(&selected, aggregation);
-        let mut sample = Sample {
-            label: method.to_owned(),
-            quality: summary.mean,
-            unscored: summary.mean.is_none().then(|| why_unscored(results, &query, &summary)),
-            gaussians: cost.gaussians,
-            counts: Counts {
-                scenes: summary.scenes,
-                targets: summary.targets,
-                failed: summary.failed,
-                not_applicable: summary.not_applicable,
-                non_finite: summary.non_finite,
-                uncomputed: summary.uncomputed,
-                identical: summary.identical,
-            },
-            ..Sample::default()
-        };
-        match times_on(machine, results, preset, method) {
-            Ok(times) => {
-                sample.secs = times.first_image.map(|spread| spread.median);
-                sample.secs_error = times.first_image.map_or(0.0, |spread| spread.error);
-                sample.busy = times.busy;
-                sample.whole_answer = record.is_process() && times.encode.is_some();
-                sample.device = times.device;
-            }
-            Err(reason) => sample.untimed = Some(reason),
-        }
-        (cost.trials + cost.failed + cost.not_applicable > 0).then_some((sample, selected))
-    };
-    results.provenance.methods.iter().filter_map(sample).collect()
+    scored.iter().map(|setting| &setting.sample).filter(lacks_some).map(of_sample).collect()
 }
 
 /// The step of quality that is priced: 0.1 for decibels, 0.01 for everything else, in the metric's unit.

@@ -42,17 +42,21 @@ fn renderer_knobs_are_listed_in_the_name() {
 
 #[test]
 fn views_are_spread_evenly() {
-    let entry = IndexEntry { context: vec![0, 10, 20, 30, 40, 49], target: vec![5], overlap: None };
+    let entry = IndexEntry { context: vec![0, 10, 20, 30, 40, 49], target: vec![5], overlap: Some(0.5.into()) };
     let index = EvaluationIndex { scenes: [("a".to_owned(), vec![entry])].into_iter().collect() };
     let context = |views| {
-        let index = Knobs { views: Some(views), ..Knobs::default() }.index(&index)?;
-        Ok::<_, crate::EvalError>(index.scenes["a"][0].context.clone())
+        let index = Knobs { views: Some(views), ..Knobs::default() }.index(&index, "rooms")?;
+        let entry = &index.scenes["a"][0];
+        assert_eq!(entry.overlap.is_some(), views == 6, "the overlap is that of all six views");
+        Ok::<_, crate::EvalError>(entry.context.clone())
     };
     assert_eq!(context(1).unwrap(), [0]);
     assert_eq!(context(2).unwrap(), [0, 49]);
     assert_eq!(context(4).unwrap(), [0, 20, 30, 49]);
     assert_eq!(context(6).unwrap(), [0, 10, 20, 30, 40, 49]);
-    assert!(context(0).is_err() && context(7).is_err());
+    assert!(context(0).is_err());
+    let error = context(7).unwrap_err().to_string();
+    assert!(error.contains("from 1 to 6, found 7 (scene a of rooms)"), "{error}");
 }
 
 #[test]

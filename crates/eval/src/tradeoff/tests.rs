@@ -4,7 +4,7 @@ use atsplat_protocol::{Aggregation, Preset};
 use proptest::prelude::*;
 
 use super::Standing::{Frontier as On, NotDistinguishable as Unclear, Worse};
-use super::sample::scored;
+use super::scored::{Scored, scored};
 use super::*;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
@@ -218,7 +218,7 @@ fn samples_summarise_a_store() {
     }
     store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
     let found = scored(&store, machine_of(&store, PRESET), PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
-    let [(sample, _), (failed, _)] = &found[..] else { panic!("{found:?}") };
+    let [Scored { sample, .. }, Scored { sample: failed, .. }] = &found[..] else { panic!("{found:?}") };
     assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
     assert_eq!((failed.quality, failed.gaussians), (None, None));
     let values = [sample.quality, sample.secs, sample.gaussians].map(Option::unwrap);
@@ -394,6 +394,7 @@ fn the_methods_of_all_protocols_are_named_with_their_adapter() {
         machines: Vec::new(),
         incomplete: Vec::new(),
         unscored: Vec::new(),
+        notes: Vec::new(),
         devices: [("renderer on a card".to_owned(), labels.map(str::to_owned).to_vec())].into(),
     };
     let tradeoffs = vec![of("x", ["b", "c"]), of("y", ["a", "b"])];

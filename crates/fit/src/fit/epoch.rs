@@ -1,7 +1,7 @@
 //! What changes from step to step: the order of views, the background, the check that an epoch saw anything.
 
 use super::Fit;
-use crate::random::{Purpose, stream, uniform};
+use crate::random::{Purpose, stream};
 use crate::{Background, Fault, FitError};
 
 impl Fit {
@@ -24,7 +24,7 @@ impl Fit {
             (Background::Colour(rgb), _) => rgb,
             (Background::Random, Some(step)) => {
                 let mut random = stream(self.config.seed, Purpose::Background, step);
-                std::array::from_fn(|_| uniform(&mut random))
+                std::array::from_fn(|_| random.unit())
             }
             (Background::Black, _) | (Background::Random, None) => [0.0; 3],
         }

@@ -3,7 +3,7 @@ use atsplat_splat::Gaussians;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{Point, from_points};
-use crate::random::{Purpose, stream, uniform};
+use crate::random::{Purpose, stream};
 use crate::{FitError, Strategy, TrainingView, camera_extent};
 
 /// Most draws of a pixel for each point, on average.
@@ -43,7 +43,7 @@ pub fn in_frustums(
         if points.len() == count {
             break;
         }
-        let [view, row, column, depth] = std::array::from_fn(|_| uniform(&mut random));
+        let [view, row, column, depth] = std::array::from_fn(|_| random.unit());
         let depth = near * (far / near).powf(depth);
         points.extend(point(views, &cameras, view, DVec2::new(column, row), depth));
     }

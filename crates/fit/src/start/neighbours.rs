@@ -73,12 +73,12 @@ fn along(point: &[f64; 3], axis: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{Purpose, stream, uniform};
+    use crate::random::{Purpose, stream};
 
     #[test]
     fn agrees_with_comparing_all_pairs() {
         let mut random = stream(3, Purpose::Start, 0);
-        let mut points: Vec<[f64; 3]> = (0..300).map(|_| std::array::from_fn(|_| uniform(&mut random))).collect();
+        let mut points: Vec<[f64; 3]> = (0..300).map(|_| std::array::from_fn(|_| random.unit())).collect();
         points.extend_from_within(0..5);
         let expected = points.iter().enumerate().map(|(position, at)| {
             let others = points.iter().enumerate().filter(|(other, _)| *other != position);

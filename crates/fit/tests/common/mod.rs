@@ -9,9 +9,8 @@ use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
 use glam::{DMat3, DVec3};
 
 /// Uniform in [low, high).
-#[expect(clippy::cast_possible_truncation, reason = "a test's numbers are f32")]
 pub(crate) fn random(generator: &mut SplitMix64, low: f32, high: f32) -> f32 {
-    low + (high - low) * ((generator.next_u64() >> 40) as f64 / f64::from(1 << 24)) as f32
+    low + (high - low) * generator.unit_f32()
 }
 
 /// A cloud of coloured blobs around the origin.

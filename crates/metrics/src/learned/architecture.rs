@@ -40,14 +40,14 @@ pub enum Step {
     /// Rectified linear unit.
     Relu,
     /// Max pooling without padding.
-    Largest {
+    MaxPool {
         /// Side of the square.
         kernel: usize,
         /// Stride in pixels.
         stride: usize,
     },
-    /// Anti-aliased halving: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two reflected pixels as padding.
-    Blurred,
+    /// Anti-aliased halving of Zhang 2019: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two reflected pixels as padding.
+    BlurPool,
     /// Outputs the activations as features.
     Tap,
 }
@@ -94,9 +94,9 @@ impl Network {
         match self {
             Self::LpipsVgg => vgg(
                 |convolution| format!("features.{}", VGG_POSITIONS[convolution]),
-                &[Step::Largest { kernel: 2, stride: 2 }],
+                &[Step::MaxPool { kernel: 2, stride: 2 }],
             ),
-            Self::StLpipsVgg => vgg(st_vgg_name, &[Step::Largest { kernel: 2, stride: 1 }, Step::Blurred]),
+            Self::StLpipsVgg => vgg(st_vgg_name, &[Step::MaxPool { kernel: 2, stride: 1 }, Step::BlurPool]),
             Self::LpipsAlex => alex(),
             Self::StLpipsAlex => st_alex(),
         }
@@ -106,8 +106,8 @@ impl Network {
 fn fits(steps: &[Step], side: usize) -> bool {
     let after = steps.iter().try_fold(side, |side, step| match *step {
         Step::Convolution { kernel, stride, padding, .. } => Convolution::side(kernel, stride, padding, side),
-        Step::Largest { kernel, stride } => Convolution::side(kernel, stride, 0, side),
-        Step::Blurred => pooling::blurred_side(side),
+        Step::MaxPool { kernel, stride } => Convolution::side(kernel, stride, 0, side),
+        Step::BlurPool => pooling::blur_pooled_side(side),
         Step::Relu | Step::Tap => Some(side),
     });
     after.is_some_and(|side| side > 0)
@@ -145,7 +145,7 @@ fn vgg(name: impl Fn(usize) -> String, between: &[Step]) -> Vec<Step> {
 }
 
 fn alex() -> Vec<Step> {
-    let pool = || Step::Largest { kernel: 3, stride: 2 };
+    let pool = || Step::MaxPool { kernel: 3, stride: 2 };
     vec![
         layer("features.0".to_owned(), [3, 64], [11, 4, 2], true),
         Step::Tap,
@@ -163,18 +163,18 @@ fn alex() -> Vec<Step> {
 }
 
 fn st_alex() -> Vec<Step> {
-    let pool = || Step::Largest { kernel: 3, stride: 1 };
+    let pool = || Step::MaxPool { kernel: 3, stride: 1 };
     vec![
         layer("net.slice1.0".to_owned(), [3, 64], [11, 1, 2], false),
-        Step::Blurred,
+        Step::BlurPool,
         Step::Relu,
         Step::Tap,
         pool(),
-        Step::Blurred,
+        Step::BlurPool,
         layer("net.slice2.5".to_owned(), [64, 192], [5, 1, 2], true),
         Step::Tap,
         pool(),
-        Step::Blurred,
+        Step::BlurPool,
         layer("net.slice3.9".to_owned(), [192, 384], [3, 1, 1], true),
         Step::Tap,
         layer("net.slice4.11".to_owned(), [384, 256], [3, 1, 1], true),

@@ -22,12 +22,12 @@ pub use weights::{LoadError, WeightsAbsent, WeightsFolders, embedded_heads};
 /// Uniform numbers in (−bound, bound) from a seed and their position, as `oracle/seeded.py`.
 #[cfg(test)]
 pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
-    use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
+    use atsplat_numeric::{SPLIT_MIX_STEP, split_mix, unit_of_bits};
 
     #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
     let number = |position: u64| {
         let bits = split_mix(seed.wrapping_add(position + 1).wrapping_mul(SPLIT_MIX_STEP));
-        ((2.0 * ((bits >> 11) as f64 / (1u64 << 53) as f64) - 1.0) * bound) as f32
+        ((2.0 * unit_of_bits(bits) - 1.0) * bound) as f32
     };
     (0..count as u64).map(number).collect()
 }

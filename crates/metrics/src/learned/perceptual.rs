@@ -29,58 +29,53 @@ pub struct Perceptual {
 pub struct WeightsHashes {
     /// SHA-256 of the network's file, in hexadecimal.
     pub network: String,
-    /// SHA-256 of the heads' file, or of their tensors for embedded heads.
+    /// SHA-256 of the file with the heads, or of their tensors for embedded heads.
     pub heads: String,
-    /// Whether the network's file is the published one by its SHA-256; `None` if no hash is published.
-    pub is_published: Option<bool>,
 }
 
 #[derive(Clone, Debug)]
 enum Layer {
+    /// A convolution, and whether it ends in the rectified linear unit.
     Convolution(Convolution, bool),
-    Other(Step),
+    Relu,
+    MaxPool {
+        kernel: usize,
+        stride: usize,
+    },
+    BlurPool,
+    Tap,
 }
 
 impl Perceptual {
     /// Loads the network's file, found by its published name, and the embedded heads.
     ///
     /// # Errors
-    /// [`LoadError::Absent`], and as [`Perceptual::from_files`].
+    /// [`LoadError::Absent`], and as [`Perceptual::from_file`].
     pub fn find(network: Network, folders: &WeightsFolders) -> Result<Self, LoadError> {
         let path = folders.find(network).map_err(LoadError::Absent)?;
-        Self::from_files(network, &path, None)
+        Self::from_file(network, &path)
     }
 
-    /// Reads a network's weights from a `torch.save` or safetensors file: torchvision's state dict for LPIPS, the package's
-    /// file for ST-LPIPS. `heads` optionally names a file of heads of the lpips package.
+    /// Reads a network's weights from a `torch.save` or safetensors file: torchvision's state dict for LPIPS, to which the
+    /// embedded heads belong, or the package's file for ST-LPIPS, which contains its heads.
     ///
     /// # Errors
-    /// [`LoadError::Absent`] if a file does not exist; [`LoadError::File`], [`LoadError::Mismatch`].
-    pub fn from_files(network: Network, weights: &Path, heads: Option<&Path>) -> Result<Self, LoadError> {
-        for path in [Some(weights), heads].into_iter().flatten() {
-            if !path.is_file() {
-                return Err(LoadError::Absent(WeightsAbsent::new(network, vec![path.to_owned()])));
-            }
+    /// [`LoadError::Absent`] if the file does not exist; [`LoadError::File`], [`LoadError::Mismatch`].
+    pub fn from_file(network: Network, weights: &Path) -> Result<Self, LoadError> {
+        if !weights.is_file() {
+            return Err(LoadError::Absent(WeightsAbsent::new(network, vec![weights.to_owned()])));
         }
         let file = TensorFile::open(weights)?;
-        let (head_tensors, heads_hash) = match heads {
-            Some(path) => {
-                let heads = TensorFile::open(path)?;
-                (heads.stored, heads.sha256)
+        let (heads, heads_hash) = match embedded_heads(network).transpose()? {
+            Some(embedded) => {
+                let digest = embedded.digest();
+                (embedded, digest)
             }
-            None => match embedded_heads(network) {
-                Some(embedded) => {
-                    let embedded = embedded?;
-                    let digest = embedded.digest();
-                    (embedded, digest)
-                }
-                None => (file.stored.clone(), file.sha256.clone()),
-            },
+            None => (file.stored.clone(), file.sha256.clone()),
         };
         tracing::info!(metric = network.name(), file = %weights.display(), file.sha256, "read weights of a metric");
-        let is_published = network.is_published(&file.sha256);
-        let hashes = WeightsHashes { network: file.sha256, heads: heads_hash, is_published };
-        let perceptual = Self::from_tensors(network, &file.stored, &head_tensors, hashes)?;
+        let hashes = WeightsHashes { network: file.sha256, heads: heads_hash };
+        let perceptual = Self::from_tensors(network, &file.stored, &heads, hashes)?;
         Ok(Self { file: Some(weights.to_owned()), ..perceptual })
     }
 
@@ -102,7 +97,10 @@ impl Perceptual {
                 let shape = [channels_out, channels_in, kernel];
                 Ok(Layer::Convolution(Convolution::new(shape, stride, padding, &weight, bias), relu))
             }
-            other => Ok(Layer::Other(other)),
+            Step::Relu => Ok(Layer::Relu),
+            Step::MaxPool { kernel, stride } => Ok(Layer::MaxPool { kernel, stride }),
+            Step::BlurPool => Ok(Layer::BlurPool),
+            Step::Tap => Ok(Layer::Tap),
         };
         let layers = network.steps().into_iter().map(layer).collect::<Result<_, LoadError>>()?;
         let mut head_weights: [Vec<f32>; 5] = Default::default();
@@ -122,12 +120,14 @@ impl Perceptual {
         &self.hashes
     }
 
-    /// How the network's weights differ from the published ones: the file, its SHA-256 and the published one's; `None` if they are the
-    /// published ones, or if no hash is published.
+    /// How the network's weights differ from the published ones: the file, its SHA-256 and the start of the published
+    /// one's; `None` if they are the published ones.
     pub fn unpublished(&self) -> Option<String> {
-        let published = self.network.sha256_prefix().filter(|_| self.hashes.is_published == Some(false))?;
+        let (name, published, found) = (self.network.name(), self.network.sha256_prefix(), &self.hashes.network);
+        if self.network.is_published(found) {
+            return None;
+        }
         let file = self.file.as_deref().map_or_else(|| "tensors".to_owned(), |file| file.display().to_string());
-        let (name, found) = (self.network.name(), &self.hashes.network);
         Some(format!("{name}: expected the SHA-256 {published}… of the published weights, found {found} ({file})"))
     }
 
@@ -151,13 +151,13 @@ impl Perceptual {
         for layer in &self.layers {
             at = match layer {
                 Layer::Convolution(convolution, relu) => convolution.apply(&at, *relu),
-                Layer::Other(Step::Largest { kernel, stride }) => pooling::max_pool(&at, *kernel, *stride),
-                Layer::Other(Step::Blurred) => pooling::blurred(&at),
-                Layer::Other(Step::Tap) => {
+                Layer::MaxPool { kernel, stride } => pooling::max_pool(&at, *kernel, *stride),
+                Layer::BlurPool => pooling::blur_pool(&at),
+                Layer::Tap => {
                     maps.push(normalised(at.clone()));
                     continue;
                 }
-                Layer::Other(_) => {
+                Layer::Relu => {
                     rectify(&mut at.values);
                     continue;
                 }

@@ -26,15 +26,15 @@ pub(super) fn max_pool(input: &Activations, kernel: usize, stride: usize) -> Act
 const REFLECTED: usize = 2;
 
 /// Output side of the blur; `None` if the side is too small to reflect.
-pub(super) fn blurred_side(side: usize) -> Option<usize> {
+pub(super) fn blur_pooled_side(side: usize) -> Option<usize> {
     (side > REFLECTED).then(|| (side + 2 * REFLECTED - 3) / 2 + 1)
 }
 
-/// Anti-aliased downsampling of Zhang 2019 as used to train ST-LPIPS: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two
+/// Blur pooling of Zhang 2019, with which ST-LPIPS was trained: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two
 /// reflected pixels as padding. The input must be large enough to reflect.
 #[expect(clippy::expect_used, reason = "images are at least as large as the network's smallest side")]
-pub(super) fn blurred(input: &Activations) -> Activations {
-    let side = |side: usize| blurred_side(side).expect("a side that can be reflected");
+pub(super) fn blur_pool(input: &Activations) -> Activations {
+    let side = |side: usize| blur_pooled_side(side).expect("a side that can be reflected");
     let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
     let channels = input.channels;
     output.values.par_chunks_mut(output.width.max(1) * channels).enumerate().for_each(|(y, row)| {
@@ -95,12 +95,12 @@ mod tests {
     #[test]
     fn blurring_keeps_constants_and_reflects_edges() {
         let flat = Activations { height: 4, width: 3, channels: 2, values: vec![0.75; 24] };
-        let halved = blurred(&flat);
+        let halved = blur_pool(&flat);
         assert_eq!([halved.height, halved.width], [3, 3]);
         assert_values(&halved, &[0.75; 18]);
         // A ramp of 0 to 7: the blur of each column is its own value, except at the reflected edges.
         let columns = Activations { values: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].repeat(3), ..ramp(3, 8) };
         let mirrored = [1.0, 1.0, 3.0, 5.0, 6.5];
-        assert_values(&blurred(&columns), &mirrored.repeat(3));
+        assert_values(&blur_pool(&columns), &mirrored.repeat(3));
     }
 }

@@ -84,18 +84,19 @@ impl Network {
         }
     }
 
-    /// Prefix of the file's SHA-256, if the published name contains it.
-    pub const fn sha256_prefix(self) -> Option<&'static str> {
+    /// First eight digits of the published file's SHA-256, which torchvision's file names contain.
+    pub const fn sha256_prefix(self) -> &'static str {
         match self {
-            Self::LpipsVgg => Some("397923af"),
-            Self::LpipsAlex => Some("7be5be79"),
-            Self::StLpipsAlex | Self::StLpipsVgg => None,
+            Self::LpipsVgg => "397923af",
+            Self::LpipsAlex => "7be5be79",
+            Self::StLpipsAlex => "b356b382",
+            Self::StLpipsVgg => "44597da6",
         }
     }
 
-    /// Whether a file with this SHA-256, in hexadecimal, is the published one; `None` if no hash is published.
-    pub fn is_published(self, sha256: &str) -> Option<bool> {
-        self.sha256_prefix().map(|prefix| sha256.starts_with(prefix))
+    /// Whether a file with this SHA-256, in hexadecimal, is the published one.
+    pub fn is_published(self, sha256: &str) -> bool {
+        sha256.starts_with(self.sha256_prefix())
     }
 
     /// How to get the file.

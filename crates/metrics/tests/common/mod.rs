@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix, unit_of_bits};
 use atsplat_pixels::{DecodeLimits, Image, decode};
 
 pub(crate) fn fixture(name: &str) -> serde_json::Value {
@@ -50,7 +50,7 @@ pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, reason = "samples are f32")]
     let number = |position: u64| {
         let bits = split_mix(seed.wrapping_add(position + 1).wrapping_mul(SPLIT_MIX_STEP));
-        ((2.0 * ((bits >> 11) as f64 / (1u64 << 53) as f64) - 1.0) * bound) as f32
+        ((2.0 * unit_of_bits(bits) - 1.0) * bound) as f32
     };
     (0..count as u64).map(number).collect()
 }

@@ -12,6 +12,11 @@ use super::{Grid, OffsetActivation, OpacityActivation, QuaternionActivation, Sca
 pub struct HeadConfig {
     /// Gaussians of a token; `K` = 16 in the paper.
     pub gaussians_per_token: usize,
+    /// Cells into which a token's patch is divided, if they are more than the token's Gaussians, which then have the first of
+    /// them: only the first Gaussians of each token are kept ([`Self::keeping_first`]). Used by [`HeadFrame::Patch`] and
+    /// [`super::AnchorDesign::RayDepth`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub patch_cells: Option<usize>,
     /// Degree of the spherical harmonics, up to 4; iLRM's code uses only 0. Their coefficients are the raw outputs.
     pub sh_degree: u8,
     /// Frame of offsets and scales.
@@ -51,12 +56,21 @@ impl HeadFrame {
 }
 
 impl HeadConfig {
-    /// Grid of a patch's cells, one per Gaussian of a token: as square as possible, with at most as many rows as columns.
+    /// Grid of a patch's cells, one per Gaussian of a token unless [`Self::patch_cells`] says more: as square as possible, with at
+    /// most as many rows as columns.
     pub fn cells(&self) -> Grid {
-        let count = self.gaussians_per_token;
+        let count = self.patch_cells.unwrap_or(self.gaussians_per_token);
         let divides = |rows: &usize| count.is_multiple_of(*rows) && rows * rows <= count;
         let rows = (1..=count).take_while(|rows| rows * rows <= count).filter(divides).last().unwrap_or(1);
         Grid { rows, columns: count / rows }
+    }
+
+    /// The head that gives only the first `count` Gaussians of each token, as they are now; it needs the first rows of the last
+    /// layer's weights. If there are fewer, a head of `count` Gaussians.
+    #[must_use]
+    pub fn keeping_first(&self, count: usize) -> Self {
+        let cells = self.patch_cells.unwrap_or(self.gaussians_per_token);
+        Self { gaussians_per_token: count, patch_cells: (cells > count).then_some(cells), ..self.clone() }
     }
 
     /// Spherical-harmonics coefficients per colour channel.

@@ -80,6 +80,10 @@ fn the_head_frame_is_part_of_the_hash_and_the_default_is_not_written() {
     patch.head.frame = HeadFrame::Patch;
     assert_ne!(patch.hash().unwrap(), world.hash().unwrap());
     assert_eq!(ModelConfig::from_toml(&patch.to_toml().unwrap()).unwrap(), patch);
+    let mut few = patch.clone();
+    few.head = patch.head.keeping_first(4);
+    assert!(few.to_toml().unwrap().contains("patch-cells = 16") && !patch.to_toml().unwrap().contains("patch-cells"));
+    assert_eq!(ModelConfig::from_toml(&few.to_toml().unwrap()).unwrap(), few);
 }
 
 #[test]
@@ -88,6 +92,12 @@ fn cells_are_as_square_as_possible_and_never_higher_than_wide() {
         let head = HeadConfig { gaussians_per_token: count, ..ModelConfig::named("micro").unwrap().head };
         assert_eq!(head.cells(), Grid { rows, columns }, "{count}");
     }
+    let head = HeadConfig { gaussians_per_token: 12, ..ModelConfig::named("micro").unwrap().head };
+    let few = head.keeping_first(8);
+    assert_eq!((few.gaussians_per_token, few.cells()), (8, Grid { rows: 3, columns: 4 }), "not 2 rows");
+    assert_eq!(few.keeping_first(2).cells(), head.cells(), "of the first 8 of 12");
+    assert_eq!(few.keeping_first(12), head);
+    assert_eq!(few.keeping_first(32).cells(), Grid { rows: 4, columns: 8 });
 }
 
 #[test]
@@ -126,6 +136,7 @@ fn every_variant_can_be_configured() {
         ("kind = \"point-net\", neighbours = 16", "kind = \"none\""),
         ("upsampling = \"bilinear\"", "upsampling = \"nearest\""),
         ("gaussians-per-token = 16", "gaussians-per-token = 64"),
+        ("gaussians-per-token = 16", "gaussians-per-token = 4\npatch-cells = 16"),
         ("sh-degree = 0", "sh-degree = 4"),
         ("sh-degree = 0", "sh-degree = 0\nframe = \"patch\""),
     ] {
@@ -165,6 +176,7 @@ fn contradictions_name_their_field() {
         ("near = 0.1", "near = 0.0", "field anchors.depth.near: expected a positive number"),
         ("children = 2", "children = 0", "field expansion.children: expected 1 to 64, found 0"),
         ("gaussians-per-token = 16", "gaussians-per-token = 0", "field head.gaussians-per-token"),
+        ("sh-degree = 0", "sh-degree = 0\npatch-cells = 12", "field head.patch-cells: expected 16 to 4096, found 12"),
         ("sh-degree = 0", "sh-degree = 5", "field head.sh-degree: expected 0 to 4, found 5"),
         ("gain = 1.0", "gain = inf", "field head.offset.gain"),
         ("shift = -2.0", "shift = nan", "field head.opacity.shift"),

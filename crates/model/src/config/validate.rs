@@ -125,6 +125,9 @@ fn decoder(config: &ModelConfig) -> Result<(), ModelError> {
 fn head(config: &ModelConfig) -> Result<(), ModelError> {
     let head = &config.head;
     counted("head.gaussians-per-token", head.gaussians_per_token, 1, MAX_GAUSSIANS)?;
+    if let Some(cells) = head.patch_cells {
+        counted("head.patch-cells", cells, head.gaussians_per_token, MAX_GAUSSIANS)?;
+    }
     let degree = head.sh_degree <= MAX_SH_DEGREE;
     ensure(degree, "head.sh-degree", &format!("0 to {MAX_SH_DEGREE}"), &head.sh_degree)?;
     let placed = head.frame == HeadFrame::World || config.anchors.design.has_anchors();

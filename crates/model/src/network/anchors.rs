@@ -10,7 +10,7 @@ use super::Views;
 use super::layers::{Head, LayerBuilder};
 use super::patch_frame::PatchFrames;
 use crate::ModelError;
-use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, HeadFrame, ModelConfig};
+use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, HeadConfig, HeadFrame, ModelConfig};
 use crate::neighbours::nearest_neighbours;
 
 /// Predicts anchors and initial tokens from coarse features.
@@ -84,7 +84,7 @@ impl Anchors {
                 Ok(without_anchors(tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len())))
             }
             (AnchorDesign::RayDepth {}, ..) => {
-                let rays = cell_rays(scenes, grid, config.head.cells(), device)?;
+                let rays = cell_rays(scenes, grid, &config.head, device)?;
                 Ok(Tokens { rays: Some(rays), ..without_anchors(coarse) })
             }
             (AnchorDesign::PatchDepth {}, _, Some(head)) => {
@@ -160,8 +160,8 @@ fn rays(scenes: &[Views], grid: Grid, device: &Device) -> Result<[Tensor<3>; 2],
 
 /// Rays through the centres of a patch's cells, one per Gaussian of a token; origins and directions each
 /// `[scenes, tokens, K · 3]`.
-fn cell_rays(scenes: &[Views], grid: Grid, cells: Grid, device: &Device) -> Result<[Tensor<3>; 2], ModelError> {
-    let (count, Grid { rows, columns }) = (cells.len(), cells);
+fn cell_rays(scenes: &[Views], grid: Grid, head: &HeadConfig, device: &Device) -> Result<[Tensor<3>; 2], ModelError> {
+    let (count, Grid { rows, columns }) = (head.gaussians_per_token, head.cells());
     let fine = Grid { rows: grid.rows * rows, columns: grid.columns * columns };
     let mut all = Vec::new();
     for views in scenes {

@@ -51,7 +51,7 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
         (None, Some(anchors)) => {
             let repeated = anchors.clone().unsqueeze_dim::<4>(2).repeat_dim(2, per_token);
             let offsets = match &tokens.frames {
-                Some(frames) => frames.offsets(settings.cells(), centre),
+                Some(frames) => frames.offsets(settings, centre),
                 None => offset(settings.offset, centre),
             };
             offsets + repeated.reshape([scenes, count * per_token, 3])
@@ -69,7 +69,7 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
     let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(EPSILON * EPSILON).sqrt();
     let scale = part(place + 4, 3);
     let log_scales = match (&tokens.frames, settings.scale) {
-        (Some(frames), _) => frames.log_scales(settings.cells(), scale),
+        (Some(frames), _) => frames.log_scales(settings, scale),
         (None, ScaleActivation::ExpClamped { shift, max }) => (scale + shift).clamp_max(max),
         (None, ScaleActivation::Softplus { shift, gain }) => log_softplus(scale + shift, gain),
     };

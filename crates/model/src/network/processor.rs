@@ -28,7 +28,8 @@ impl Processor {
         if self == Self::Cpu || cfg!(feature = "gpu-network") {
             return Ok(());
         }
-        let why = "this build runs networks only on the CPU; build with `cargo build --features gpu-network` for wgpu";
+        let why = "this build runs networks only on the CPU; `cargo install --path crates/cli --locked --features \
+                   gpu-network` makes one for wgpu";
         Err(ModelError::Processor { processor: self, why: why.to_owned() })
     }
 

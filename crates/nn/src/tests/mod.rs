@@ -6,17 +6,14 @@ mod gradients;
 mod hard_cases;
 mod layers;
 
+use atsplat_numeric::SplitMix64;
 use burn::Tensor;
 use burn::tensor::{DType, Device, TensorData};
 
 /// Values in [−1, 1), the same on every machine.
 fn uniform(count: usize, seed: u64) -> Vec<f64> {
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
-    let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 23) - 1.0
-    };
-    (0..count).map(|_| next()).collect()
+    let mut random = SplitMix64::new(seed);
+    (0..count).map(|_| f64::from(2.0 * random.unit_f32() - 1.0)).collect()
 }
 
 fn tensor<const D: usize>(values: &[f64], shape: [usize; D], dtype: DType, device: &Device) -> Tensor<D> {

@@ -8,7 +8,7 @@ use atsplat_scene::geometry::{
     Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, score_conventions, verdict,
 };
 use atsplat_scene::{Scene, SceneError, WarningKind, Warnings};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::OpenCvError;
 use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
@@ -18,8 +18,7 @@ use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mu
 const GAPS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
 
 /// Which pairs of frames are compared.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PairChoice {
     /// From this many frames, evenly spread over those with an image, the widest gap of 64, 32, …, 1 such frames that
     /// still matches and was not measured from another frame. The choice depends on images only, because poses may be wrong.
@@ -29,7 +28,7 @@ pub enum PairChoice {
 }
 
 /// Options of [`check_geometry`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GeometryCheckOptions {
     /// Which frames are compared.
     pub pairs: PairChoice,
@@ -187,13 +186,10 @@ type Measured = (PairCheck, MatchedPair);
 type Described = Option<(View, Features)>;
 
 impl Matcher<'_> {
-    /// Measures the pair with the widest usable gap from one anchor, forwards or, near the end, backwards, that is not measured
-    /// yet: backwards it may be the pair of an earlier anchor, and would count twice.
+    /// Measures the pair with the widest usable gap from the candidate at `anchor`, forwards or, near the end, backwards, that
+    /// is not measured yet: backwards it may be the pair of an earlier anchor, and would count twice.
     fn measure_widest(&mut self, candidates: &[usize], anchor: usize) -> Result<(), OpenCvError> {
-        let Some(first) = candidates.get(anchor).copied() else {
-            self.skipped.push(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() });
-            return Ok(());
-        };
+        let first = candidates[anchor];
         let mut reason = "no other frame has an image".to_owned();
         let mut is_measured = false;
         for gap in GAPS {

@@ -5,7 +5,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::ProtocolError;
 use atsplat_scene::geometry::{EpipolarGeometry, PointMatch, View};
 use glam::DVec2;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::{Features, MatchOptions, OpenCvError, detect, match_mutual};
 
@@ -19,12 +19,12 @@ use super::{Features, MatchOptions, OpenCvError, detect, match_mutual};
 /// This is a lower bound that falls with the baseline and with blur, as sparse matching does. It is not the
 /// quantity that NoPoSplat publishes in its index (dense `RoMa` matches, code never released); do not mix the two in
 /// one set of bins.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FeatureCoverage {
     /// Cells along each side of the image; at least 1.
     pub cells: u32,
-    /// Largest distance of a match from its epipolar line, as a fraction of the image's diagonal.
+    /// Largest distance of a match from its epipolar line, root mean square of both images, as a fraction of the mean of
+    /// their diagonals.
     pub limit: f64,
     /// How features are found and matched.
     pub matching: MatchOptions,
@@ -129,7 +129,7 @@ impl ViewFeatures {
     }
 }
 
-/// Decides whether a match agrees with two cameras.
+/// Decides whether a match agrees with two cameras, whichever of them is the first.
 struct Agreement<'a> {
     first: &'a View,
     second: &'a View,
@@ -140,7 +140,8 @@ struct Agreement<'a> {
 impl<'a> Agreement<'a> {
     fn new(first: &'a View, second: &'a View, limit: f64) -> Self {
         let geometry = EpipolarGeometry::new(first, second);
-        Self { first, second, geometry, limit_px: limit * second.diagonal() }
+        let limit_px = limit * 0.5 * (first.diagonal() + second.diagonal());
+        Self { first, second, geometry, limit_px }
     }
 
     fn fits(&self, points: &PointMatch) -> bool {
@@ -149,17 +150,25 @@ impl<'a> Agreement<'a> {
         let points = PointMatch { first, second };
         match &self.geometry {
             Some(geometry) => geometry.distance(&points) <= self.limit_px && geometry.in_front(&points),
-            None => self.turned(first).is_some_and(|expected| expected.distance(second) <= self.limit_px),
+            None => self.turned_distance(&points).is_some_and(|distance| distance <= self.limit_px),
         }
     }
 
-    /// Where the second view sees what the first, from the same centre, sees at `pixel`.
-    fn turned(&self, pixel: DVec2) -> Option<DVec2> {
-        let ray = self.first.pixel_from_plane().inverse() * pixel.extend(1.0);
-        let world = self.first.camera.camera_from_world.inverse().transform_vector(ray);
-        let seen = self.second.pixel_from_plane() * self.second.camera.camera_from_world.transform_vector(world);
-        (seen.z > 0.0).then(|| seen.truncate() / seen.z)
+    /// Root mean square distance, in pixels, of each point from where the rotation maps the other one; `None` if that is
+    /// behind a camera.
+    fn turned_distance(&self, points: &PointMatch) -> Option<f64> {
+        let in_second = turned(self.first, self.second, points.first)?.distance_squared(points.second);
+        let in_first = turned(self.second, self.first, points.second)?.distance_squared(points.first);
+        Some((0.5 * (in_first + in_second)).sqrt())
     }
+}
+
+/// Where one view sees what another one, from the same centre, sees at `pixel`.
+fn turned(from: &View, into: &View, pixel: DVec2) -> Option<DVec2> {
+    let ray = from.pixel_from_plane().inverse() * pixel.extend(1.0);
+    let world = from.camera.camera_from_world.inverse().transform_vector(ray);
+    let seen = into.pixel_from_plane() * into.camera.camera_from_world.transform_vector(world);
+    (seen.z > 0.0).then(|| seen.truncate() / seen.z)
 }
 
 /// The overlap of [`FeatureCoverage::default`], for [`atsplat_protocol::overlap::OverlapEstimator::with_features`].
@@ -242,6 +251,27 @@ mod tests {
             [back.second_in_first, back.overlap()],
             "directions",
         );
+    }
+
+    /// A pixel of the smaller image is two of the larger one: the same offsets agree, whichever comes first.
+    #[test]
+    fn agreement_does_not_depend_on_the_order_of_images_of_two_sizes() {
+        let view_of =
+            |x: f64, side: u32| View { camera: view(x, 0.0).0, size: ImageSize { width: side, height: side } };
+        for x in [0.25, 0.0] {
+            let (large, small) = (view_of(0.0, 2 * SIZE), view_of(x, SIZE));
+            // The point (0.1, 0.05, 1), seen `offset` pixels too low in the smaller image.
+            let agrees = |offset: f64| {
+                let at = |place: DVec2, side: u32| f64::from(side) * (place + 0.5);
+                let first = at(DVec2::new(0.1, 0.05), 2 * SIZE);
+                let second = at(DVec2::new(0.1 - x, 0.05), SIZE) + DVec2::new(0.0, offset);
+                let forth = Agreement::new(&large, &small, 0.005).fits(&PointMatch { first, second });
+                let back = PointMatch { first: second, second: first };
+                [forth, Agreement::new(&small, &large, 0.005).fits(&back)]
+            };
+            // The root mean squares are 2.06 and 3.16 pixels, the limit 2.72.
+            assert_eq!([agrees(1.3), agrees(2.0)], [[true; 2], [false; 2]], "shifted by {x}");
+        }
     }
 
     #[test]

@@ -3,7 +3,6 @@ use std::collections::BTreeSet;
 use atsplat_pixels::ImageU8;
 use atsplat_scene::geometry::PointMatch;
 use glam::DVec2;
-use serde::{Deserialize, Serialize};
 
 use ::opencv::calib3d::{USAC_MAGSAC, find_fundamental_mat};
 use ::opencv::core::{DMatch, KeyPoint, Mat, NORM_L2, Point2d, Vector, no_array};
@@ -26,7 +25,7 @@ const CONFIDENCE: f64 = 0.9999;
 const MAX_ITERATIONS: i32 = 10_000;
 
 /// How features are found and matched.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MatchOptions {
     /// Number of an image's strongest features to use.
     pub max_features: usize,

@@ -1,6 +1,6 @@
 //! Synthetic images for tests.
 
-use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix, unit_of_bits};
 use atsplat_pixels::ImageU8;
 use glam::DVec2;
 
@@ -62,7 +62,7 @@ pub(crate) fn noise(x: f64, y: f64) -> f64 {
 /// A hash of both coordinates in [0, 1).
 fn lattice(x: f64, y: f64) -> f64 {
     let state = x.to_bits().wrapping_mul(SPLIT_MIX_STEP) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    (split_mix(state) >> 11) as f64 / (1u64 << 53) as f64
+    unit_of_bits(split_mix(state))
 }
 
 /// Rounds and clamps to a sample value.

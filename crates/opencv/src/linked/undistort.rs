@@ -1,7 +1,6 @@
 use atsplat_camera::{Camera, Distortion, ImageSize, Lens, NormalizedIntrinsics, PixelIntrinsics};
 use atsplat_pixels::ImageU8;
 use glam::DVec2;
-use serde::{Deserialize, Serialize};
 
 use ::opencv::calib3d::{estimate_new_camera_matrix_for_undistort_rectify, get_optimal_new_camera_matrix};
 use ::opencv::core::{BORDER_CONSTANT, Mat, Matx33d, Scalar, Size, Vec2f, Vector};
@@ -14,8 +13,7 @@ use super::{OpenCvError, called, mat_from_image, side};
 const NOWHERE: f32 = -1e6;
 
 /// The pinhole camera of the undistorted image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum UndistortMode {
     /// The same K: the scale at the principal point is unchanged, and parts of the border may be black.
     #[default]

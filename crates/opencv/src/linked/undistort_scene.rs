@@ -23,8 +23,8 @@ pub struct UndistortedFrames {
 /// in the list, because indices of protocols are positions in it.
 ///
 /// # Errors
-/// [`OpenCvError::Lens`] if a frame's lens has no pinhole camera for `mode`: no list is written then. [`OpenCvError::Io`] and
-/// [`OpenCvError::Pixels`] if a file cannot be written, and as [`Undistorter::new`].
+/// [`OpenCvError::Lens`] if a frame's lens has no pinhole camera for `mode`, [`OpenCvError::Io`] and [`OpenCvError::Pixels`] if a
+/// file cannot be written, and as [`Undistorter::new`]. Images may then remain, but no list, not even that of an earlier call.
 pub fn undistort_scene(
     scene: &Scene,
     mode: UndistortMode,
@@ -36,6 +36,8 @@ pub fn undistort_scene(
     std::fs::create_dir_all(&images).map_err(OpenCvError::io("creating a folder for images", &images))?;
     let list = folder.join("transforms.json");
     let list_file = AtomicFile::create(&list).map_err(OpenCvError::io("writing cameras", &list))?;
+    // An earlier list must not stand next to images that are replaced one by one.
+    atsplat_files::remove_if_exists(&list).map_err(OpenCvError::io("removing earlier cameras", &list))?;
     let mut previous: Option<LensMap> = None;
     let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
@@ -187,5 +189,28 @@ mod tests {
             assert!(centres[0].distance(centres[1]) < 1e-9, "{centres:?}");
             assert!((read.camera.intrinsics.fx - original.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
         }
+    }
+
+    /// The second lens has no new camera matrix.
+    #[test]
+    fn images_that_were_replaced_in_part_have_no_list() {
+        let folder = tempfile::tempdir().unwrap();
+        let png = encode_png(&shifted_noise(16, 16, 0, 0)).unwrap();
+        let undistorted = |mode, second: (f64, f64)| {
+            let frames = [(0.01, 0.0), second].into_iter().enumerate().map(|(at, (k1, p1))| {
+                let mut frame = frame(at, FrameImage::Encoded(SharedBytes::new(png.clone())));
+                frame.camera.intrinsics = NormalizedIntrinsics::new(0.5, 0.5, 0.5, 0.5).unwrap();
+                frame.camera.distortion = Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1, p2: 0.0 };
+                frame
+            });
+            let scene = Scene { key: "scene".to_owned(), url: None, frames: frames.collect() };
+            undistort_scene(&scene, mode, folder.path(), &mut Warnings::new(), &|| ())
+        };
+        undistorted(UndistortMode::KeepK, (0.01, 0.0)).unwrap();
+        let cameras = folder.path().join("transforms.json");
+        assert!(cameras.is_file());
+        let error = undistorted(UndistortMode::LongLrm, (0.0, 1.5)).unwrap_err();
+        assert!(matches!(error, OpenCvError::Lens { .. }), "{error}");
+        assert!(!cameras.exists() && folder.path().join("images/f_0.png").is_file());
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_numeric::median;
 use atsplat_scene::is_plain_name;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use ::opencv::core::{Mat, Vector};
 use ::opencv::imgcodecs::{IMWRITE_JPEG_QUALITY, imencode};
@@ -14,8 +14,7 @@ use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCaptur
 use super::{OpenCvError, called};
 
 /// Format of the written frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameFormat {
     /// `<timestamp>.jpg` at this quality, 0 to 100.
     Jpeg(u8),
@@ -76,7 +75,7 @@ impl ExtractedFrames {
 }
 
 /// Options of [`extract_frames`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExtractionOptions {
     /// Frames are written to `<folder>/<key>/<timestamp>.<extension>`, the layout of RE10K
     /// (`real_estate_10k_tools` `src/convert.py:69-73`).
@@ -91,7 +90,7 @@ pub struct ExtractionOptions {
 /// may vary. A timestamp gets the nearest frame, the earlier of two equally near ones, or none if that is more than half
 /// the median frame interval away. Seeking is inexact in some containers, so the video is decoded from its start to the
 /// last timestamp, once for the times and once for the images. Each file is written completely, then renamed into
-/// place. `progress` is called with the number of timestamps done.
+/// place; one with its timestamp in the other format, which readers might prefer, is removed. `progress` is called with the number of timestamps done.
 ///
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
@@ -164,14 +163,18 @@ fn select(schedule: &Schedule, timestamps_micros: &[i64]) -> (Vec<ExtractedFrame
 }
 
 fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
-    let (extension, parameters) = match format {
-        FrameFormat::Jpeg(quality) => (".jpg", Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)])),
-        FrameFormat::Png => (".png", Vector::new()),
+    let ([extension, other], parameters) = match format {
+        FrameFormat::Jpeg(quality) => {
+            ([".jpg", ".png"], Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)]))
+        }
+        FrameFormat::Png => ([".png", ".jpg"], Vector::new()),
     };
     let mut bytes = Vector::<u8>::new();
     called("encoding a frame", imencode(extension, image, &mut bytes, &parameters))?;
     let path = folder.join(format!("{timestamp}{extension}"));
     atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(OpenCvError::io("writing a frame", &path))?;
+    let other = folder.join(format!("{timestamp}{other}"));
+    atsplat_files::remove_if_exists(&other).map_err(OpenCvError::io("removing an earlier frame", &other))?;
     Ok(path)
 }
 
@@ -304,6 +307,8 @@ impl fmt::Display for ExtractedFrames {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use atsplat_numeric::Tolerance;
 
@@ -391,6 +396,20 @@ mod tests {
     }
 
     #[test]
+    fn frames_in_another_format_replace_those_of_their_timestamps() {
+        let folder = tempfile::tempdir().unwrap();
+        let cut = |format, timestamps: &[i64]| {
+            let options = ExtractionOptions { folder: folder.path().to_owned(), format };
+            extract_frames(&fixture("constant.mp4"), "scene", timestamps, &options, |_| ()).unwrap();
+            let files = std::fs::read_dir(folder.path().join("scene")).unwrap();
+            files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect::<BTreeSet<_>>()
+        };
+        cut(FrameFormat::Jpeg(95), &[0, 40_000]);
+        assert_eq!(cut(FrameFormat::Png, &[40_000]), BTreeSet::from(["0.jpg", "40000.png"].map(str::to_owned)));
+        assert_eq!(cut(FrameFormat::Jpeg(95), &[40_000]), BTreeSet::from(["0.jpg", "40000.jpg"].map(str::to_owned)));
+    }
+
+    #[test]
     fn invalid_videos_and_keys_are_errors() {
         let folder = tempfile::tempdir().unwrap();
         let options = ExtractionOptions { folder: folder.path().join("out"), format: FrameFormat::Png };
@@ -406,7 +425,7 @@ mod tests {
             assert!(matches!(attempt(&fixture("constant.mp4"), key), Some(OpenCvError::Video { .. })), "{key:?}");
         }
         let names = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
-        let names = names.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>();
+        let names = names.collect::<BTreeSet<_>>().into_iter().collect::<Vec<_>>();
         assert_eq!(names, ["cut.mp4", "empty.mp4", "text.mp4"], "rejected videos and keys leave no folder");
     }
 }

@@ -183,7 +183,7 @@ mod tests {
     use glam::{DMat3, DVec3};
 
     use super::*;
-    use crate::overlap::{DepthCovisibility, EpipolarRays};
+    use crate::overlap::EpipolarRays;
     use crate::samplers::test_scene::looking;
     use crate::test_source::{MemorySource, scene};
 
@@ -272,7 +272,7 @@ mod tests {
             std::fs::write(folder.path().join(format!("clip/{}.exr", frame.name)), bytes).unwrap();
         }
         let depths = DepthFolder::open(folder.path()).unwrap();
-        let estimator = OverlapEstimator::DepthCovisibility(DepthCovisibility::default());
+        let estimator = OverlapEstimator::DepthCovisibility {};
         for stated in [None, Some(ImageSize { width: 640, height: 360 })] {
             for frame in &mut clip.frames {
                 frame.stated_size = stated;

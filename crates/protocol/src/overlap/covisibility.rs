@@ -1,6 +1,5 @@
 use atsplat_camera::{Camera, ImageSize};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 use crate::ProtocolError;
 
@@ -31,71 +30,49 @@ impl<'a> DepthMap<'a> {
     }
 }
 
-/// Overlap by depth: of one view's pixels with known depth, the fraction whose surface point projects into the
-/// other view's image onto a pixel of the same depth; the smaller of both directions.
+/// Largest difference of two depths that agree, as a fraction of the depth that was read. On a surface seen at a grazing
+/// angle, depth changes by more than that within a pixel.
+const TOLERANCE: f64 = 0.01;
+
+/// Overlap by depth in [0, 1]: the smaller of [`fraction`] in both directions, so that it is symmetric in its arguments.
+///
+/// # Errors
+/// [`ProtocolError::Overlap`] if a view has no pixel of known depth.
+pub(super) fn overlap(a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
+    let (of_a, of_b) = (fraction(a, b)?, fraction(b, a)?);
+    Ok(if of_b < of_a { of_b } else { of_a })
+}
+
+/// Of one view's pixels with known depth, the fraction in [0, 1] whose surface point projects into the other view's image
+/// onto a pixel of the same depth.
 ///
 /// The other view's depth is read at the pixel that the point falls into, not interpolated: across the edge of a
 /// surface, interpolated depths belong to no surface. A point that falls onto a pixel of unknown depth counts as
 /// not seen. Lens distortion is ignored.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct DepthCovisibility {
-    /// Two depths `z` and `z'` agree if `|z − z'| ≤ tolerance · z'`. The default is 1 %; on a surface seen at a
-    /// grazing angle, depth changes by more than that within a pixel.
-    #[serde(default = "one_per_cent")]
-    pub relative_tolerance: f64,
-}
-
-const fn one_per_cent() -> f64 {
-    0.01
-}
-
-impl Default for DepthCovisibility {
-    fn default() -> Self {
-        Self { relative_tolerance: one_per_cent() }
-    }
-}
-
-impl DepthCovisibility {
-    /// Two-way overlap in [0, 1], symmetric in its arguments.
-    ///
-    /// # Errors
-    /// [`ProtocolError::Overlap`] if a view has no pixel of known depth.
-    pub fn overlap(&self, a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
-        let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
-        Ok(if of_b < of_a { of_b } else { of_a })
-    }
-
-    /// Fraction of `from`'s pixels with known depth that `into` also sees, in [0, 1].
-    ///
-    /// # Errors
-    /// Those of [`DepthCovisibility::overlap`].
-    pub fn fraction(
-        &self,
-        (from, depths): (&Camera, &DepthMap<'_>),
-        (into, other_depths): (&Camera, &DepthMap<'_>),
-    ) -> Result<f64, ProtocolError> {
-        let k = from.intrinsics.pixel_from_normalized(depths.size);
-        let other_k = into.intrinsics.pixel_from_normalized(other_depths.size);
-        let world_from_camera = from.camera_from_world.inverse();
-        let (mut known, mut seen) = (0u64, 0u64);
-        for row in 0..depths.size.height as usize {
-            for column in 0..depths.size.width as usize {
-                let Some(z) = depths.known(column, row) else { continue };
-                known += 1;
-                let ray = DVec3::new((column as f64 + 0.5 - k.cx) / k.fx, (row as f64 + 0.5 - k.cy) / k.fy, 1.0);
-                let point = into.camera_from_world.transform_point(world_from_camera.transform_point(ray * z));
-                let landed = pixel_of(point, &other_k, other_depths.size)
-                    .and_then(|(column, row)| other_depths.known(column, row));
-                let agrees = |other: f64| (point.z - other).abs() <= self.relative_tolerance * other;
-                seen += u64::from(landed.is_some_and(agrees));
-            }
+fn fraction(
+    (from, depths): (&Camera, &DepthMap<'_>),
+    (into, other_depths): (&Camera, &DepthMap<'_>),
+) -> Result<f64, ProtocolError> {
+    let k = from.intrinsics.pixel_from_normalized(depths.size);
+    let other_k = into.intrinsics.pixel_from_normalized(other_depths.size);
+    let world_from_camera = from.camera_from_world.inverse();
+    let (mut known, mut seen) = (0u64, 0u64);
+    for row in 0..depths.size.height as usize {
+        for column in 0..depths.size.width as usize {
+            let Some(z) = depths.known(column, row) else { continue };
+            known += 1;
+            let ray = DVec3::new((column as f64 + 0.5 - k.cx) / k.fx, (row as f64 + 0.5 - k.cy) / k.fy, 1.0);
+            let point = into.camera_from_world.transform_point(world_from_camera.transform_point(ray * z));
+            let landed =
+                pixel_of(point, &other_k, other_depths.size).and_then(|(column, row)| other_depths.known(column, row));
+            let agrees = |other: f64| (point.z - other).abs() <= TOLERANCE * other;
+            seen += u64::from(landed.is_some_and(agrees));
         }
-        if known == 0 {
-            return Err(unusable("a depth map has no pixel of known depth".to_owned()));
-        }
-        Ok(seen as f64 / known as f64)
     }
+    if known == 0 {
+        return Err(unusable("a depth map has no pixel of known depth".to_owned()));
+    }
+    Ok(seen as f64 / known as f64)
 }
 
 fn unusable(reason: String) -> ProtocolError {
@@ -169,7 +146,7 @@ mod tests {
         let (a, b) = (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::IDENTITY, DVec3::new(0.8, 0.0, 0.0)));
         let wall = vec![4.0f32; 80 * 60];
         let map = DepthMap::new(SIZE, &wall).unwrap();
-        let overlap = DepthCovisibility::default().overlap((&a, &map), (&b, &map)).unwrap();
+        let overlap = overlap((&a, &map), (&b, &map)).unwrap();
         Tolerance::EXACT.assert([overlap], [0.8], "64 of 80 columns");
     }
 
@@ -186,7 +163,7 @@ mod tests {
             let (a, b) = (&cameras[a], &cameras[b]);
             let (depth_a, depth_b) = (depth_of(a), depth_of(b));
             let maps = (DepthMap::new(SIZE, &depth_a).unwrap(), DepthMap::new(SIZE, &depth_b).unwrap());
-            let found = DepthCovisibility::default().fraction((a, &maps.0), (b, &maps.1)).unwrap();
+            let found = fraction((a, &maps.0), (b, &maps.1)).unwrap();
             let exact = exact_fraction(a, b);
             assert!((0.2..0.97).contains(&exact), "a trivial case: {exact}");
             outline.assert([found], [exact], "co-visible pixels");
@@ -199,11 +176,10 @@ mod tests {
             (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::from_rotation_y(std::f64::consts::PI), DVec3::ZERO));
         let depths = vec![3.0f32; 80 * 60];
         let map = DepthMap::new(SIZE, &depths).unwrap();
-        let covisibility = DepthCovisibility::default();
-        Tolerance::EXACT.assert([covisibility.overlap((&a, &map), (&b, &map)).unwrap()], [0.0], "back to back");
+        Tolerance::EXACT.assert([overlap((&a, &map), (&b, &map)).unwrap()], [0.0], "back to back");
         let unknown = [f32::NAN, f32::INFINITY, 0.0, -1.0].repeat(80 * 15);
         let holes = DepthMap::new(SIZE, &unknown).unwrap();
-        assert!(covisibility.overlap((&a, &map), (&a, &holes)).is_err(), "nothing to count");
+        assert!(overlap((&a, &map), (&a, &holes)).is_err(), "nothing to count");
         assert!(DepthMap::new(SIZE, &depths[1..]).is_err(), "one depth short");
     }
 
@@ -215,8 +191,7 @@ mod tests {
         let mut half = full.clone();
         half[..80 * 30].fill(f32::NAN);
         let (full, half) = (DepthMap::new(SIZE, &full).unwrap(), DepthMap::new(SIZE, &half).unwrap());
-        let covisibility = DepthCovisibility::default();
-        Tolerance::EXACT.assert([covisibility.fraction((&a, &half), (&a, &full)).unwrap()], [1.0], "known half");
-        Tolerance::EXACT.assert([covisibility.fraction((&a, &full), (&a, &half)).unwrap()], [0.5], "into holes");
+        Tolerance::EXACT.assert([fraction((&a, &half), (&a, &full)).unwrap()], [1.0], "known half");
+        Tolerance::EXACT.assert([fraction((&a, &full), (&a, &half)).unwrap()], [0.5], "into holes");
     }
 }

@@ -6,12 +6,12 @@
 
 use std::collections::HashMap;
 use std::fs::{self, OpenOptions};
-use std::io::{self, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use atsplat_files::{FileError, Sha256Digest};
+use atsplat_files::{FileError, Malformed, Sha256Digest, read_if_exists};
 use atsplat_scene::{FrameImage, Scene};
 
 use crate::ProtocolError;
@@ -58,13 +58,16 @@ impl ImageDigests {
     /// read again.
     ///
     /// # Errors
-    /// [`ProtocolError::Io`].
+    /// [`ProtocolError::Io`]; [`ProtocolError::Malformed`] for a file that is no cache, to which [`Self::save`] would append.
     pub fn open(file: &Path, reread: bool) -> Result<Self, ProtocolError> {
-        let text = match fs::read(file) {
-            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
-            Err(source) => return Err(FileError::during("reading hashes of images", file)(source)),
-        };
+        let bytes =
+            read_if_exists(file).map_err(FileError::during::<ProtocolError>("reading hashes of images", file))?;
+        let text = String::from_utf8_lossy(&bytes.unwrap_or_default()).into_owned();
+        if !is_cache(&text) {
+            let expected = "four fields: SHA-256 of a path, size, time, SHA-256 (if the file is not yours, remove it)";
+            let found = format!("{:?}", text.lines().next().unwrap_or_default());
+            return Err(Malformed::new("hashes of images", "line 1", expected, found).in_file(file).into());
+        }
         let known = text.lines().filter(|_| !reread).filter_map(parse_line).collect();
         Ok(Self { cache: Mutex::new(Cache { known, unsaved: String::new() }), file: Some(file.to_owned()) })
     }
@@ -146,6 +149,12 @@ impl FileVersion {
         let path = Sha256Digest::of(std::path::absolute(path).ok()?.as_os_str().as_encoded_bytes());
         settled.then_some(Self { path, bytes: metadata.len(), modified })
     }
+}
+
+/// Whether a text can be the content of a cache file: it has a line of one, or a crash left only the beginning of a line.
+fn is_cache(text: &str) -> bool {
+    let is_part_of_line = |byte: u8| byte.is_ascii_hexdigit() || byte == b' ' || byte == b'\n';
+    text.lines().any(|line| parse_line(line).is_some()) || text.bytes().all(is_part_of_line)
 }
 
 fn parse_line(line: &str) -> Option<(FileVersion, Sha256Digest)> {
@@ -312,6 +321,23 @@ mod tests {
         assert_eq!(hash(true), reread);
         fs::remove_file(&image).unwrap();
         assert_eq!(ImageDigests::open(&cache, false).unwrap().of(&dataset(), 1), None);
+    }
+
+    #[test]
+    fn a_file_of_the_user_is_not_taken_for_a_cache() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("digests.txt");
+        let digest = Sha256Digest::of(b"photo");
+        fs::write(&file, format!("{digest}  photo.png\n")).unwrap();
+        let error = ImageDigests::open(&file, false).unwrap_err().to_string();
+        assert!(error.contains("line 1") && error.contains("digests.txt"), "{error}");
+        assert!(ImageDigests::open(&file, true).is_err());
+        let line = format!("{digest} 12 1700000000000000000 {digest}\n");
+        // A crash can leave any part of the first line, to which later lines are appended.
+        for left in [String::new(), line[..70].to_owned(), format!("{}{line}", &line[..9]), line] {
+            fs::write(&file, &left).unwrap();
+            assert!(ImageDigests::open(&file, false).is_ok(), "{left}");
+        }
     }
 
     #[test]

@@ -13,6 +13,7 @@
 //! | preprocessing | its one-line `Display`, text | no |
 //! | normalisation | the rule as compact JSON, text | no |
 //! | near, far | before normalisation, f64 little-endian | no |
+//! | planes by disparity | nothing without them; else `planes by disparity`, as text, and multiples of the shorter side at the near plane, pixels at the far one, f64 little-endian | no |
 //!
 //! The hash of the data:
 //!

@@ -411,11 +411,16 @@ fn hashes_follow_the_documented_layout() {
     }
     one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
     one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };
-    let recipe = TrialRecipe { pose_normalisation: PoseNormalisation::None, ..recipe() };
-    let (trial, _) = only_trial(one, entry(&[0, 2], &[1]), recipe).unwrap();
+    let trial = |disparity_planes| {
+        let recipe = TrialRecipe { pose_normalisation: PoseNormalisation::None, disparity_planes, ..recipe() };
+        only_trial(one.clone(), entry(&[0, 2], &[1]), recipe).unwrap().0
+    };
+    let by_disparity = trial(Some(DisparityPlanes { near_sides: 3.0, far_pixels: 0.5 }));
+    let trial = trial(None);
     let oracle: serde_json::Value =
         serde_json::from_str(include_str!("../../tests/fixtures/trial_hash_oracle.json")).unwrap();
     assert_eq!(trial.preprocessing().to_string(), oracle["preprocessing"].as_str().unwrap());
     assert_eq!(trial.hash().to_string(), oracle["hash"].as_str().unwrap());
+    assert_eq!(by_disparity.hash().to_string(), oracle["hash_by_disparity"].as_str().unwrap());
     assert_eq!(trial.pose_hash().to_string(), oracle["pose_hash"].as_str().unwrap());
 }

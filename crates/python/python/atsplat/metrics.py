@@ -47,7 +47,7 @@ def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> Any:
     """SSIM, at most 1.
 
     Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (skimage, Gaussian), ``clipped``, ``8bit-truncated``,
-    ``8bit-rounded``, ``inria``, ``valid``, ``torchmetrics``, ``uniform-7x7``.
+    ``8bit-rounded``, ``inria``, ``inria-8bit-rounded``, ``valid``, ``torchmetrics``, ``uniform-7x7``.
     """
     return _score("ssim", a, b, convention, None)
 
@@ -55,7 +55,8 @@ def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> Any:
 def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLike[str] | None = None) -> Any:
     """LPIPS, at least 0.
 
-    Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (VGG16, v0.1), ``clipped``, ``8bit-truncated``, ``alex``.
+    Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (VGG16, v0.1), ``clipped``, ``8bit-truncated``,
+    ``inria-8bit-rounded``, ``alex``.
 
     Args:
         weights: folder with torchvision's ``vgg16-397923af.pth`` (or ``alexnet-owt-7be5be79.pth``), searched before torch's cache.

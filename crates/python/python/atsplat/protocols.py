@@ -75,8 +75,9 @@ class Protocol:
 
         Args:
             data: RE10K trajectories, ``.torch`` chunks, a ``transforms.json``, a COLMAP model, or a folder of them.
-            index: the evaluation index (JSON), or a folder in which the published one is found by its hash; by default
-                ``PROTOCOL.json`` or ``evaluation_index.json`` next to the data.
+            index: the evaluation index (JSON), or a folder in which the published one is found by its hash, at any depth; by
+                default the first of ``PROTOCOL.json``, ``evaluation_index_DATASET.json`` (such as
+                ``evaluation_index_re10k.json``) and ``evaluation_index.json`` next to the data.
             sampler: a sampling rule, by name or as a ``.toml``: instead of an index, for data without a published one.
             any_size: accept images of any size, which changes the protocol's hash.
             frames: folder of the frames of trajectories or a COLMAP model, if they are not next to the poses.

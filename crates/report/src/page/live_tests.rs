@@ -20,7 +20,7 @@ const BLOCKS: [[f32; 3]; 3] = [[0.45, 0.48, 0.52], [0.0, 0.45, 0.70], [0.90, 0.6
 /// Gaussians in front of the cameras, of all sizes, with colours that differ from left to right and from near to far.
 fn gaussians(count: u32) -> Gaussians {
     let mut random = SplitMix64::new(11);
-    let mut draw = |low: f32, high: f32| low + (high - low) * (random.next_u64() >> 40) as f32 / 16_777_216.0;
+    let mut draw = |low: f32, high: f32| low + (high - low) * random.unit_f32();
     let mut parts = GaussianParts::default();
     for _ in 0..count {
         let mean = [draw(-1.2, 1.2), draw(-0.8, 0.8), draw(1.5, 5.0)];

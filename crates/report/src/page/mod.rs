@@ -31,7 +31,7 @@ pub use tables::table_html;
 use crate::ReportError;
 use crate::emit::TableFormat;
 use crate::plot::Drawing;
-use crate::plot::svg::escaped_except;
+use crate::plot::drawing::svg::escaped_except;
 use crate::table::{Source, Table};
 
 /// The contents of a page.

@@ -244,7 +244,7 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
     assert_eq!(row.cell(index).print(column), "0.260 ‡ §");
     let time = cite::citation(&table, row, index, &[store]).unwrap();
     for expected in [
-        "Time (s) 0.260, median over 3 trials with 5 repetitions each, quartiles 0.25",
+        "Time (s) 0.260, median averaged over 3 trials with 5 repetitions each, quartiles 0.25",
         ", the whole answer, with reading and writing of files, unreliable: other work or a quota took 40 % of the \
          processors; method ATSplat",
         ", the timed processor, 2 threads on 2 logical processors",

@@ -1,11 +1,11 @@
 use atsplat_numeric::Extremes as _;
 use plotters::style::RGBColor;
 
-use super::axes::Axes;
-use super::scale::Scale;
-use super::series::{Estimate, QualityMetric, bars, level_whisker, note, number_axis, sentences};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{COLOURS, GREY, INK};
+use super::drawing::axes::Axes;
+use super::drawing::scale::Scale;
+use super::drawing::series::{Estimate, QualityMetric, bars, level_whisker, note, number_axis, sentences};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{COLOURS, GREY, INK};
 
 /// The cost of each change relative to the full method, measured next to published: differences are comparable even if
 /// absolute values are not.
@@ -52,8 +52,8 @@ impl Ablation {
         };
         let names = [with("measured", self.reference.measured), with("published", full)];
         let legend: Vec<&str> = names.iter().map(String::as_str).collect();
-        let bottom = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, [x, y]| {
-            drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::solid(BARS[at]));
+        let bottom = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, place| {
+            drawing.swatch(place, Fill::solid(BARS[at]));
         });
         let published_gap = |row: &AblationRow| match (&row.published, full) {
             (Some(Ok(value)), Some(full)) => Some(value - full),
@@ -73,8 +73,7 @@ impl Ablation {
         };
         let Extent { left, right, .. } = axes.inside;
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
-        let unit = if self.quality.unit.is_empty() { String::new() } else { format!(" in {}", self.quality.unit) };
-        let title = format!("{}{unit}: difference to “{}”", self.quality.name, self.reference.label);
+        let title = format!("{}: difference to “{}”", self.quality.name_with_unit(), self.reference.label);
         let below = axes.draw_x(&mut drawing, &number_axis(&title));
         drawing.text(TextLine::new("value (difference)", [right + 16.0, top - 12.0]).small().muted());
         let mut upper = top;

@@ -1,9 +1,9 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::{Axes, AxisText};
-use super::scale::{Scale, bounds, count_label};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
-use super::theme::{INK, MUTED, colour};
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::scale::{Scale, bounds, count_label};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
+use super::drawing::theme::{INK, MUTED, colour};
 
 /// The distribution of Gaussians per scene under uncertainty thresholds: one row per setting.
 #[derive(Clone, Debug)]
@@ -108,9 +108,7 @@ fn dashed(drawing: &mut Drawing, x: f64, [from, to]: [f64; 2]) {
 fn histogram(values: &[f64], scale: Scale) -> Vec<u64> {
     let mut columns = vec![0; COLUMNS];
     for value in values.iter().filter(|value| value.is_finite()) {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the columns")]
-        let column = (scale.position(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
-        columns[column] += 1;
+        columns[scale.column(*value, COLUMNS)] += 1;
     }
     columns
 }

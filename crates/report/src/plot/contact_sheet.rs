@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::image_grid::{GridCell, GridRow, ImageGrid};
+use super::drawing::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// What a network renders for some samples: a row each with the context views, then each render next to its ground truth.
 #[derive(Clone, Debug)]

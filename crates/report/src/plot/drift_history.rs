@@ -1,11 +1,11 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::Axes;
-use super::labels::Labels;
-use super::scale::Scale;
-use super::series::{Estimate, QualityMetric, bars, note, number_axis, whisker};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{COLOURS, GREY};
+use super::drawing::axes::Axes;
+use super::drawing::labels::Labels;
+use super::drawing::scale::Scale;
+use super::drawing::series::{Estimate, QualityMetric, bars, note, number_axis, whisker};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{COLOURS, GREY};
 
 /// The smallest visible height of a band, in pixels.
 const THINNEST: f64 = 4.0;
@@ -44,10 +44,10 @@ impl DriftHistory {
         let limited = self.runs.iter().any(|run| run.limits.is_some());
         let keys = [(SAME, true), (MOVED, drifted), (LIMITS, limited)];
         let keys: Vec<&str> = keys.iter().filter(|(_, is_used)| *is_used).map(|(name, _)| *name).collect();
-        let bottom = drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match keys[at] {
-            SAME => drawing.disc([x, y], 4.5, Fill::solid(COLOURS[0])),
-            MOVED => drawing.disc([x, y], 6.0, Fill::solid(COLOURS[1])),
-            _ => drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::faint(COLOURS[2], 0.3)),
+        let bottom = drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, place| match keys[at] {
+            SAME => drawing.disc(place, 4.5, Fill::solid(COLOURS[0])),
+            MOVED => drawing.disc(place, 6.0, Fill::solid(COLOURS[1])),
+            _ => drawing.swatch(place, Fill::faint(COLOURS[2], 0.3)),
         });
         let top = bottom + 34.0;
         let values = self.runs.iter().flat_map(|run| run.quality.extent().chain(run.limits.into_iter().flatten()));

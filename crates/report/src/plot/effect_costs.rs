@@ -1,10 +1,10 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::Axes;
-use super::scale::Scale;
-use super::series::{level_whisker, note, number_axis};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{COLOURS, INK};
+use super::drawing::axes::Axes;
+use super::drawing::scale::Scale;
+use super::drawing::series::{level_whisker, note, number_axis};
+use super::drawing::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
+use super::drawing::theme::{COLOURS, INK};
 
 /// What each effect of simulated frames costs where it runs.
 #[derive(Clone, Debug)]

@@ -1,11 +1,11 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::Axes;
-use super::labels::names_above;
-use super::scale::Scale;
-use super::series::number_axis;
-use super::shape::{Drawing, Extent, Fill, Role, Side, Stroke, TextLine};
-use super::theme::{GREY, GRID, MUTED, colour};
+use super::drawing::axes::Axes;
+use super::drawing::labels::names_above;
+use super::drawing::scale::Scale;
+use super::drawing::series::number_axis;
+use super::drawing::shape::{Drawing, Extent, Fill, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{GREY, GRID, MUTED, colour};
 
 /// Estimates against the truth, both in [0, 1], with a panel per estimator.
 #[derive(Clone, Debug)]
@@ -111,7 +111,7 @@ impl EstimatorScatter {
         for tick in &ticks {
             let y = axes.y_of(*tick);
             drawing.with(Role::Frame, |drawing| drawing.line([[left - 5.0, y], [left, y]], stroke));
-            let label = TextLine::new(super::scale::label(*tick, &ticks), [left - 8.0, y]).small().muted();
+            let label = TextLine::new(super::drawing::scale::label(*tick, &ticks), [left - 8.0, y]).small().muted();
             drawing.with(Role::Tick(axis), |drawing| drawing.text(label.side(Side::Right)));
         }
         let title = TextLine::new("estimate", [left - 36.0, top - 28.0]).small().muted();
@@ -151,7 +151,7 @@ fn interleaved(points: &[EstimatePoint], kinds: usize) -> Vec<EstimatePoint> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shape::Shape;
+    use super::super::drawing::shape::Shape;
     use super::*;
 
     #[test]

@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::image_grid::{GridCell, GridRow, ImageGrid};
+use super::drawing::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// Views rendered with expansion enabled in more and more of the decoder's blocks, followed by the truth.
 #[derive(Clone, Debug)]

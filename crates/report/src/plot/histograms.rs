@@ -1,9 +1,9 @@
 use atsplat_numeric::{Extremes as _, median};
 
-use super::axes::{Axes, AxisText};
-use super::scale::{Scale, label};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke, TextLine};
-use super::theme::colour;
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::scale::{Scale, label};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke, TextLine};
+use super::drawing::theme::colour;
 
 /// Groups compared by several measures: a small histogram per measure, with the first group filled, the others
 /// outlined, and groups of few values as single points.
@@ -132,9 +132,7 @@ fn shares(values: &[f64], scale: Scale) -> [f64; COLUMNS] {
     let mut shares = [0.0; COLUMNS];
     let finite = finite(values);
     for value in &finite {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the columns")]
-        let column = (scale.position(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
-        shares[column] += 1.0 / finite.len() as f64;
+        shares[scale.column(*value, COLUMNS)] += 1.0 / finite.len() as f64;
     }
     shares
 }

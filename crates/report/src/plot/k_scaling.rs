@@ -1,9 +1,9 @@
-use super::axes::{Axes, AxisText};
-use super::labels::Labels;
-use super::scale::{Scale, count_label};
-use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
-use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
-use super::theme::{COLOURS, GREY};
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::labels::Labels;
+use super::drawing::scale::{Scale, count_label};
+use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
+use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
+use super::drawing::theme::{COLOURS, GREY};
 
 /// Quality against the number of Gaussians per token.
 #[derive(Clone, Debug)]

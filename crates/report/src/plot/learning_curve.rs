@@ -1,10 +1,10 @@
 use atsplat_numeric::mean;
 
-use super::axes::{Axes, AxisText};
-use super::scale::{Scale, bounds, count_label, single_label};
-use super::series::number_axis;
-use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
-use super::theme::{GREY, colour};
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::scale::{Scale, bounds, count_label, single_label};
+use super::drawing::series::number_axis;
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
+use super::drawing::theme::{GREY, colour};
 
 /// Maximum number of points of a curve, each a mean over consecutive steps.
 const POINTS: usize = 200;

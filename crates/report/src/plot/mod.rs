@@ -2,46 +2,38 @@
 //! same everywhere and equal data gives equal bytes.
 
 mod ablation;
-mod axes;
 mod budget_histogram;
-mod check;
 mod contact_sheet;
+pub(crate) mod drawing;
 mod drift_history;
 mod effect_costs;
 mod estimator_scatter;
 mod expansion_strips;
 mod extrapolation;
-mod font;
 mod frontier;
 mod histograms;
-mod image_grid;
 mod k_scaling;
-mod labels;
 mod learning_curve;
 mod optimisation;
 mod overlap_bins;
 mod overlap_curves;
 mod overlap_histogram;
-mod render;
-mod scale;
 mod scatter;
-mod series;
-mod shape;
 mod stage_time;
 mod stress_errors;
-pub(crate) mod svg;
-#[cfg(test)]
-mod svg_reader;
 #[cfg(test)]
 mod tests;
-mod theme;
 mod token_expansion;
 mod uncertainty;
 
 pub use ablation::{Ablation, AblationRow};
 pub use budget_histogram::{BudgetHistogram, BudgetSeries};
-pub use check::{FaultKind, PlotFault};
 pub use contact_sheet::{ContactRow, ContactSheet};
+pub use drawing::check::{FaultKind, PlotFault};
+pub use drawing::render::PlotFormat;
+pub use drawing::series::{Estimate, Origin, QualityMetric};
+pub use drawing::shape::Drawing;
+pub use drawing::theme::{COLOURS, GREY, colour};
 pub use drift_history::{DriftHistory, DriftRun};
 pub use effect_costs::{EffectCostRow, EffectCosts};
 pub use estimator_scatter::{EstimatePoint, EstimatorPanel, EstimatorScatter};
@@ -55,12 +47,8 @@ pub use optimisation::{OptimisationCurves, OptimisationPanel, OptimisationPoint}
 pub use overlap_bins::{OverlapBinMeans, OverlapBinSeries};
 pub use overlap_curves::{OverlapBin, OverlapCurves, OverlapSeries};
 pub use overlap_histogram::OverlapHistogram;
-pub use render::PlotFormat;
 pub use scatter::{ScatterPanel, ScatterPoint, SceneScatter};
-pub use series::{Estimate, Origin, QualityMetric};
-pub use shape::Drawing;
 pub use stage_time::{StageTime, StageTimeRow};
 pub use stress_errors::{StressError, StressErrors};
-pub use theme::{COLOURS, GREY, colour};
 pub use token_expansion::{Expansion, TokenExpansion};
 pub use uncertainty::{UncertaintyRow, UncertaintyTriplets};

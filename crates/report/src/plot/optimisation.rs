@@ -1,12 +1,12 @@
 use atsplat_numeric::Extremes as _;
 use plotters::style::RGBColor;
 
-use super::axes::{Axes, AxisText};
-use super::labels::names_above;
-use super::scale::{Scale, single_label, time_unit};
-use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
-use super::shape::{Drawing, Extent, MARGIN, Stroke};
-use super::theme::colour;
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::labels::names_above;
+use super::drawing::scale::{Scale, single_label, time_unit};
+use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
+use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke};
+use super::drawing::theme::colour;
 
 /// Quality against the seconds that a trial's Gaussians were optimised for: held-out targets in the upper row, and in the
 /// lower row the context views that they were optimised on, so that overfitting shows.

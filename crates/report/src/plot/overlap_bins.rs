@@ -1,10 +1,10 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::Axes;
-use super::scale::Scale;
-use super::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{GRID, MUTED, colour};
+use super::drawing::axes::Axes;
+use super::drawing::scale::Scale;
+use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{GRID, MUTED, colour};
 
 /// Quality in each overlap bin, and the average over all scenes.
 #[derive(Clone, Debug)]

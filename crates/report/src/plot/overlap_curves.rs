@@ -1,12 +1,12 @@
-use super::axes::Axes;
-use super::labels::names_above;
-use super::scale::Scale;
-use super::series::{
+use super::drawing::axes::Axes;
+use super::drawing::labels::names_above;
+use super::drawing::scale::Scale;
+use super::drawing::series::{
     Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
     sentences,
 };
-use super::shape::{Drawing, Extent, Fill, MARGIN};
-use super::theme::{GRID, colour};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
+use super::drawing::theme::{GRID, colour};
 
 /// Quality against the overlap of the context views.
 #[derive(Clone, Debug)]

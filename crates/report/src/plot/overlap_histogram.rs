@@ -1,8 +1,8 @@
-use super::axes::{Axes, AxisText};
-use super::scale::Scale;
-use super::series::number_axis;
-use super::shape::{Drawing, Extent, Fill, MARGIN};
-use super::theme::{GREY, colour};
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::scale::Scale;
+use super::drawing::series::number_axis;
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
+use super::drawing::theme::{GREY, colour};
 
 /// A histogram of overlaps, stacked by bin.
 #[derive(Debug)]
@@ -33,9 +33,8 @@ impl OverlapHistogram<'_> {
         };
         let names: Vec<String> = used.iter().map(|bin| name(*bin)).collect();
         let legend: Vec<&str> = names.iter().map(String::as_str).collect();
-        let bottom = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, [x, y]| {
-            let swatch = Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0);
-            drawing.rectangle(swatch, Fill::solid(self.colour_of(used[at])));
+        let bottom = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, place| {
+            drawing.swatch(place, Fill::solid(self.colour_of(used[at])));
         });
         let top = bottom + 34.0;
         let axes = Axes {
@@ -43,7 +42,7 @@ impl OverlapHistogram<'_> {
             x: Scale::linear(0.0, 1.0),
             y: Scale::from_zero(stacks.iter().map(|column| column.iter().sum::<u64>() as f64)),
         };
-        let whole = |count: f64, _: &[f64]| super::scale::single_label(count);
+        let whole = |count: f64, _: &[f64]| super::drawing::scale::single_label(count);
         axes.draw_y(&mut drawing, &AxisText { title: "context sets in each 0.025 of overlap", label: &whole });
         for (bin, name) in used.iter().zip(&names) {
             drawing.data(name, |drawing| {
@@ -71,18 +70,13 @@ impl OverlapHistogram<'_> {
 
 /// Counts per column and bin; the last entry of a column counts overlaps outside every bin.
 fn stack(histogram: &OverlapHistogram<'_>) -> Vec<Vec<u64>> {
-    let outside = histogram.bins.len();
+    let (scale, outside) = (Scale::linear(0.0, 1.0), histogram.bins.len());
     let mut stacks = vec![vec![0u64; outside + 1]; COLUMNS];
     for (overlap, bin) in histogram.overlaps {
         if !(0.0..=1.0).contains(overlap) {
             continue;
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "inside 0..=COLUMNS by the check above"
-        )]
-        let column = ((overlap * COLUMNS as f64) as usize).min(COLUMNS - 1);
+        let column = scale.column(*overlap, COLUMNS);
         let bin = bin.filter(|bin| *bin < outside).unwrap_or(outside);
         if let Some(count) = stacks.get_mut(column).and_then(|counts| counts.get_mut(bin)) {
             *count += 1;

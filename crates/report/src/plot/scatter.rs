@@ -1,9 +1,9 @@
-use super::axes::Axes;
-use super::labels::Labels;
-use super::scale::Scale;
-use super::series::{QualityMetric, note, number_axis};
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{COLOURS, GREY, INK};
+use super::drawing::axes::Axes;
+use super::drawing::labels::Labels;
+use super::drawing::scale::Scale;
+use super::drawing::series::{QualityMetric, note, number_axis};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{COLOURS, GREY, INK};
 
 /// A method against each of several others, scene by scene: a small panel for each.
 #[derive(Clone, Debug)]
@@ -89,8 +89,7 @@ impl SceneScatter {
 
     /// The title of a method's axis.
     fn title_of(&self, method: &str) -> String {
-        let unit = if self.quality.unit.is_empty() { String::new() } else { format!(" in {}", self.quality.unit) };
-        format!("{}{unit} of {method}", self.quality.name)
+        format!("{} of {method}", self.quality.name_with_unit())
     }
 
     /// Position in [`KINDS`].

@@ -1,10 +1,10 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::Axes;
-use super::scale::{Scale, seconds_label, time_unit};
-use super::series::number_axis;
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{INK, SURFACE, colour, text_on};
+use super::drawing::axes::Axes;
+use super::drawing::scale::{Scale, seconds_label, time_unit};
+use super::drawing::series::number_axis;
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{INK, SURFACE, colour, text_on};
 
 /// Where the time goes: a bar per method, divided into stages.
 #[derive(Clone, Debug)]
@@ -45,8 +45,8 @@ impl StageTime {
                 names.push(name);
             }
         }
-        let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, [x, y]| {
-            drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::solid(colour(at)));
+        let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, place| {
+            drawing.swatch(place, Fill::solid(colour(at)));
         });
         let label = |row: &StageTimeRow| TextLine::new(&*row.label, [0.0; 2]).side(Side::Right).within(300.0);
         let left = 34.0 + self.rows.iter().map(|row| label(row).extent().width()).fold(80.0, f64::maximum_of);

@@ -1,7 +1,7 @@
-use super::axes::{Axes, AxisText};
-use super::scale::Scale;
-use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
-use super::theme::{GRID, INK, colour};
+use super::drawing::axes::{Axes, AxisText};
+use super::drawing::scale::Scale;
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::drawing::theme::{GRID, INK, colour};
 
 /// Errors of renderers on hard cases: a row per case, a dot per renderer next to its bound, failures crossed out.
 #[derive(Debug)]
@@ -158,8 +158,9 @@ mod tests {
         let of_renderer = |renderer: &str| {
             let items =
                 drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == renderer));
-            let is_dot =
-                |item: &&super::super::shape::Item| matches!(item.shape, super::super::shape::Shape::Disc { .. });
+            let is_dot = |item: &&super::super::drawing::shape::Item| {
+                matches!(item.shape, super::super::drawing::shape::Shape::Disc { .. })
+            };
             (items.clone().filter(is_dot).count(), items.filter(|item| !is_dot(item)).count())
         };
         assert_eq!((of_renderer("reference"), of_renderer("cpu")), ((4, 4), (2, 2)), "dots and bounds");

@@ -51,10 +51,11 @@ fn a_written_plot_is_checked_as_the_drawing_is() {
     for (name, drawing) in gallery() {
         let mut read = Drawing::of_svg(&drawing.to_svg().unwrap()).unwrap();
         assert_eq!(read.faults(), [], "{name}");
-        let lines =
-            |plot: &Drawing| plot.items.iter().filter(|item| !matches!(item.shape, shape::Shape::Text(_))).count();
+        let lines = |plot: &Drawing| {
+            plot.items.iter().filter(|item| !matches!(item.shape, drawing::shape::Shape::Text(_))).count()
+        };
         assert_eq!(lines(&read), lines(&drawing), "{name}");
-        read.items.retain(|item| item.role != shape::Role::Title);
+        read.items.retain(|item| item.role != drawing::shape::Role::Title);
         assert_eq!(read.faults().len(), 1, "{name}");
     }
     let wrong = Drawing::of_svg("<svg width=\"2\" height=\"2\">\n<path d=\"M0 0\"/>\n</svg>").unwrap_err();

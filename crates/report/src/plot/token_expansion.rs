@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
-use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
-use super::theme::{INK, SURFACE, colour};
+use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
+use super::drawing::theme::{INK, SURFACE, colour};
 
 /// Expanded tokens as seen by a camera: children around their parents.
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@ use atsplat_metrics::ColourMap;
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::image_grid::{GridCell, GridRow, ImageGrid};
+use super::drawing::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// The method's error, its predicted error, and where it adds Gaussians.
 #[derive(Clone, Debug)]

@@ -1,4 +1,4 @@
-use atsplat_eval::drift::{HistoricRun, NumberHistory, Verdict};
+use atsplat_drift::{HistoricRun, NumberHistory, Verdict};
 use atsplat_metrics::definition;
 
 use crate::counted;

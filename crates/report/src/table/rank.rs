@@ -160,7 +160,7 @@ fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
         return true;
     };
     let mut weights = cells.iter().filter_map(|cell| cell.metric_weights.as_deref());
-    weights.all(|sha256| network.is_published(sha256) != Some(false))
+    weights.all(|sha256| network.is_published(sha256))
 }
 
 /// The printed values of a column that may be ranked, with the positions of their rows.

@@ -18,7 +18,9 @@ impl ComparableResults<'_> {
         let zero_shot = zero_shot_note(record, &run.part.protocol.dataset);
         let thresholds = by_quantile(record).map(|thresholds| format!("thresholds {thresholds}"));
         let inference_only = self.is_inference_only(record).then(|| INFERENCE_ONLY.to_owned());
-        [untrained, zero_shot, thresholds, inference_only].into_iter().flatten().collect()
+        let machines = run.results().optimised_on(run.preset_name(), run.method()).len();
+        let machines = (machines > 1).then(|| format!("optimised for the same time on {machines} machines"));
+        [untrained, zero_shot, thresholds, inference_only, machines].into_iter().flatten().collect()
     }
 
     /// Whether an ablation that the paper trains has the weights of another network of any store, so that it was changed only
@@ -38,5 +40,29 @@ impl ComparableResults<'_> {
         let mut methods = self.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
         record.weights_sha256.is_some()
             && methods.any(|other| other.weights_sha256 == record.weights_sha256 && is_such(other))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::plot::Origin;
+    use crate::sample::{atsplat, preset, results};
+    use crate::table::{Mixing, Source, protocol_tables};
+
+    /// Machines take different numbers of steps in the same time.
+    #[test]
+    fn rows_of_an_optimisation_for_a_time_name_several_machines() {
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ())]);
+        let mut are_named = |machines: [&str; 2]| {
+            for (trial, machine) in results.trials.iter_mut().zip(machines.into_iter().cycle()) {
+                trial.notes = vec![format!("optimisation: 9 steps in its time on {machine}")];
+            }
+            let source = Source { label: "run", results: &results };
+            let table = protocol_tables(&[source], Mixing::Apart).unwrap().swap_remove(0);
+            let remark = "optimised for the same time on 2 machines";
+            let mut measured = table.rows.iter().filter(|row| row.origin == Origin::Measured);
+            measured.any(|row| row.remarks.iter().any(|said| said == remark))
+        };
+        assert!(!are_named(["one", "one"]) && are_named(["one", "other"]));
     }
 }

@@ -59,9 +59,9 @@ impl CellTiming {
     /// What a time says next to its number: over what it is the median, and the meaning of its marks.
     pub(crate) fn in_words(&self, print: impl Fn(f64) -> String) -> String {
         let [low, high] = self.spread.quartiles.map(print);
-        let trials = counted(self.trials, "trial");
+        let (trials, repetitions) = (counted(self.trials, "trial"), self.repetitions);
         let mut text =
-            format!(", median over {trials} with {} repetitions each, quartiles {low} to {high}", self.repetitions);
+            format!(", median averaged over {trials} with {repetitions} repetitions each, quartiles {low} to {high}");
         if let Some(scope) = self.scope {
             text.push_str(&format!(", {}", scope.remark()));
         }

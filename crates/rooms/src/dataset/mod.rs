@@ -192,10 +192,7 @@ fn make_folder(folder: &Path) -> Result<(), RoomsError> {
 
 /// Removes a file if there is one.
 fn remove_file(path: &Path) -> Result<(), RoomsError> {
-    match std::fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(FileError::during("removing", path)(error)),
-        _ => Ok(()),
-    }
+    atsplat_files::remove_if_exists(path).map_err(FileError::during("removing", path))
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {

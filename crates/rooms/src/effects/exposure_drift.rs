@@ -1,10 +1,11 @@
 //! Automatic exposure: a slow oscillation of the gain along the path.
 
+use atsplat_numeric::unit_of_bits;
 use glam::Vec3;
 
 use super::{Conditions, Effect, EffectKind, SceneContext};
 use crate::path::Shot;
-use crate::rng::{mix, unit_from_bits};
+use crate::rng::mix;
 
 #[derive(Debug)]
 pub(super) struct ExposureDrift {
@@ -20,7 +21,7 @@ pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
 
 impl ExposureDrift {
     pub(super) fn new(conditions: &Conditions) -> Self {
-        let draw = |salt: u64| unit_from_bits(mix(conditions.seed ^ salt));
+        let draw = |salt: u64| unit_of_bits(mix(conditions.seed ^ salt));
         Self { stops: conditions.drift, phase: draw(21) * std::f64::consts::TAU, per_second: 0.5 + draw(22) }
     }
 }

@@ -1,10 +1,11 @@
 //! Sensor noise: photon noise, whose variance grows with light, over an electronic noise floor.
 
+use atsplat_numeric::unit_of_bits;
 use glam::Vec3;
 
 use super::{Conditions, Effect, EffectKind, SceneContext};
 use crate::path::Shot;
-use crate::rng::{mix, unit_from_bits};
+use crate::rng::mix;
 
 #[derive(Debug)]
 pub(super) struct SensorNoise {
@@ -33,7 +34,7 @@ impl Effect for SensorNoise {
         let key = mix(self.seed ^ shot.timestamp_micros.cast_unsigned()) ^ pixel;
         // The sum of four uniform numbers is close to normal and has bounded tails.
         let normal = |channel: u64| {
-            let draws = (0..4).map(|draw| unit_from_bits(mix(key ^ (channel << 60) ^ (draw << 56)))).sum::<f64>();
+            let draws = (0..4).map(|draw| unit_of_bits(mix(key ^ (channel << 60) ^ (draw << 56)))).sum::<f64>();
             ((draws - 2.0) * 3f64.sqrt() * self.sigma) as f32
         };
         let strength = |light: f32| (0.1 + light.clamp(0.0, f32::MAX)).sqrt();

@@ -7,12 +7,12 @@ use atsplat_numeric::Tolerance;
 use super::both_encodings::{other_encoding, report_other_encoding};
 use super::order::report_order;
 use super::{ColmapCamera, ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
-use crate::camera_policy::report_cameras;
+use crate::checks::cameras::report_cameras;
+use crate::checks::ignored::Collections;
+use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
-use crate::ignored::Collections;
 use crate::nerfstudio::ImageFinder;
-use crate::unposed::unknown_pose;
 use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
 /// Subfolders of a capture that may contain its sparse model, in order of preference.
@@ -181,7 +181,10 @@ impl ColmapScenes {
 /// Keys and folders of the models under `path`, sorted by key.
 pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, SceneError> {
     if let Some(model) = model_in(path) {
-        return Ok(vec![(last_name(&capture_of(&model)), model)]);
+        let (opened, capture) = (absolute(path), capture_of(&model));
+        // The opened folder contains the capture's, if images are in its `colmap/`.
+        let named = if capture.starts_with(&opened) { opened } else { capture };
+        return Ok(vec![(last_name(&named), model)]);
     }
     let folders = list(path)?.into_iter().filter(|(_, is_folder)| *is_folder);
     Ok(folders.filter_map(|(name, _)| Some((name.clone(), model_in(&path.join(name))?))).collect())
@@ -273,33 +276,68 @@ fn report_other_models(key: &str, model: &Path, scenes: &[PathBuf], warnings: &m
     Ok(())
 }
 
-/// The folder that contains `images/`: the model's folder, or the parent of `sparse/` or `colmap/sparse/`.
+/// The folder that contains `images/`: the model's folder, or the parent of `sparse/` or, if `colmap/` has no `images/` itself, of
+/// `colmap/sparse/`.
 fn capture_of(model: &Path) -> PathBuf {
-    let model = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
+    let model = absolute(model);
     let up = |folder: &Path, name: &str| {
         folder.file_name().is_some_and(|last| last == name).then(|| folder.parent().map(Path::to_owned))?
     };
     let sparse = up(&model, "sparse").or_else(|| up(model.parent()?, "sparse"));
     match sparse {
+        Some(capture) if capture.join("images").is_dir() => capture,
         Some(capture) => up(&capture, "colmap").unwrap_or(capture),
         None => model,
     }
 }
 
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+
+    fn write_model(folder: &Path) {
+        fs::create_dir_all(folder).unwrap();
+        fs::write(folder.join("cameras.txt"), "1 PINHOLE 4 3 4 4 2 1.5\n").unwrap();
+        fs::write(folder.join("images.txt"), "1 1 0 0 0 0 0 0 1 a.png\n\n").unwrap();
+    }
+
+    /// As `image_undistorter` writes them into a folder `colmap` next to the photos; nerfstudio has images above `colmap/` only.
+    #[test]
+    fn images_are_those_next_to_sparse_also_in_a_folder_named_colmap() {
+        let folder = tempfile::tempdir().unwrap();
+        let desk = folder.path().join("desk");
+        write_model(&desk.join("colmap/sparse/0"));
+        let found = |opened: &str| {
+            let source = ColmapScenes::open(&folder.path().join(opened), ColmapOptions::default()).unwrap();
+            let key = source.keys()[0].clone();
+            let scene = source.load(&key, &mut Warnings::new()).unwrap();
+            let file = scene.frames[0].image.file().unwrap();
+            (key, file.strip_prefix(folder.path()).unwrap().display().to_string())
+        };
+        let opened = ["desk", "desk/colmap", "desk/colmap/sparse/0"];
+        for (images, keys) in [("desk/images", ["desk"; 3]), ("desk/colmap/images", ["desk", "colmap", "colmap"])] {
+            fs::create_dir_all(folder.path().join(images)).unwrap();
+            fs::write(folder.path().join(images).join("a.png"), "").unwrap();
+            for (opened, key) in opened.into_iter().zip(keys) {
+                assert_eq!(found(opened), (key.to_owned(), format!("{images}/a.png")), "{opened}");
+            }
+        }
+    }
 
     /// The folder of images may be given as `..` of a folder inside of it.
     #[test]
     fn a_folder_of_images_has_one_name_however_it_is_written() {
         let folder = tempfile::tempdir().unwrap();
         let (model, photos) = (folder.path().join("sparse"), folder.path().join("photos"));
-        std::fs::create_dir_all(photos.join("raw")).unwrap();
-        std::fs::create_dir_all(&model).unwrap();
-        std::fs::write(photos.join("a.png"), "").unwrap();
-        std::fs::write(model.join("cameras.txt"), "1 PINHOLE 4 3 4 4 2 1.5\n").unwrap();
-        std::fs::write(model.join("images.txt"), "1 1 0 0 0 0 0 0 1 a.png\n\n").unwrap();
+        fs::create_dir_all(photos.join("raw")).unwrap();
+        fs::write(photos.join("a.png"), "").unwrap();
+        write_model(&model);
         for root in [photos.clone(), photos.join("raw/..")] {
             let options = ColmapOptions { images_root: Some(root.clone()), ..ColmapOptions::default() };
             let source = ColmapScenes::open(&model, options).unwrap();

@@ -40,7 +40,7 @@ pub struct ExportSummary {
 /// A scene that cannot be read is skipped with a warning. If none can be read, nothing is written.
 ///
 /// # Errors
-/// [`ExportError`] if the file cannot be written; an existing file at `path` is then unchanged.
+/// [`ExportError`] if a scene cannot be fetched or the file cannot be written; an existing file at `path` is then unchanged.
 pub fn export(
     source: &dyn SceneSource,
     path: &Path,
@@ -53,6 +53,7 @@ pub fn export(
     let mut summary = ExportSummary::default();
     for keys in source.keys().chunks(SCENES_AT_ONCE) {
         let scenes = load_scenes(source, keys, warnings, &|_| step());
+        source.check_fetched()?;
         summary.skipped += (keys.len() - scenes.len()) as u64;
         for scene in scenes {
             table.push_scene(&scene, |batch| writer.write(&batch))?;

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use crate::cut_short::{JPEG_END, PNG_END, cut_short};
+use crate::checks::cut_short::{JPEG_END, PNG_END, cut_short};
 use crate::files::read_file;
 use crate::{FrameImage, SceneError};
 

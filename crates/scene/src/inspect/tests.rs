@@ -6,7 +6,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 
 use super::*;
-use crate::cut_short::PNG_END;
+use crate::checks::cut_short::PNG_END;
 use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
 use crate::{FrameImage, Scene, SharedBytes};
 
@@ -70,7 +70,7 @@ fn baselines_match_a_computation_by_hand() {
 fn frames_without_a_pose_are_counted_and_not_measured() {
     let mut line = scene("line", [0.0, 1.0, 100.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
     line.frames[2].image = FrameImage::Unposed("its rotation is none".to_owned());
-    line.frames[2].camera.camera_from_world = crate::unposed::unknown_pose();
+    line.frames[2].camera.camera_from_world = crate::checks::unposed::unknown_pose();
     let (report, _) = inspected(&TestSource::new([line]), InspectOptions::default());
     let b = report.baselines;
     assert_summary(b.step, 2, [1.0, 2.0, 3.0], "steps 1 and 3");

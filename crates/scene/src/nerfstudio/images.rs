@@ -166,7 +166,7 @@ pub(crate) fn is_of_images(name: &str) -> bool {
 }
 
 /// A folder's name without a number at its end, which for other folders than `images` need not be a factor.
-pub(crate) fn without_factor(component: &str) -> &str {
+fn without_factor(component: &str) -> &str {
     let is_factor = |tail: &str| !tail.is_empty() && tail.bytes().all(|byte| byte.is_ascii_digit());
     component.rsplit_once('_').filter(|(_, tail)| is_factor(tail)).map_or(component, |(base, _)| base)
 }

@@ -4,21 +4,23 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{Camera, CameraError, WorldFromCamera};
 use glam::DVec3;
 
-use super::images::{is_of_images, without_factor};
+use super::images::is_of_images;
 use super::lens::LensFields;
 use super::sizes::{images_for_sizes, lenses, needs_image_sizes};
 use super::unread_fields::{report_masks_of_names, report_unread_fields};
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
-use crate::camera_policy::report_cameras;
+use crate::checks::cameras::report_cameras;
+use crate::checks::ignored::Collections;
+use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
-use crate::ignored::Collections;
-use crate::unposed::unknown_pose;
 use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
-pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
+pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", UNDISTORTED];
+
+const UNDISTORTED: &str = "gaussian_splat";
 
 /// Prefix of the keys of scenes in subsets.
 pub const SUBSET_PREFIX: &str = "dl3dv_";
@@ -28,10 +30,8 @@ pub const SUBSET_PREFIX: &str = "dl3dv_";
 pub struct NerfstudioOptions {
     /// Which copy of the images to use.
     pub images: ImageFolder,
-    /// Transforms poses by the inverses of `applied_scale` and `applied_transform`, back to the world of structure from
-    /// motion. The papers do not; only needed to match a COLMAP model of the same capture.
-    pub undo_applied_transform: bool,
-    /// Prefers DL3DV's undistorted `gaussian_splat/` to `nerfstudio/` if a scene has both.
+    /// Prefers DL3DV's undistorted `gaussian_splat/` to the other variants of a scene; without any scene that has it, opening is an
+    /// error.
     pub prefer_gaussian_splat: bool,
 }
 
@@ -63,7 +63,8 @@ impl NerfstudioScenes {
     /// cannot be listed are left out; [`crate::open()`] counts them as unreadable scenes.
     ///
     /// # Errors
-    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
+    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`, or without a preferred
+    /// `gaussian_splat/`.
     pub fn open(path: &Path, options: NerfstudioOptions, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut scenes = scene_files(path, options.prefer_gaussian_splat)?;
         let collections = collections(path, &scenes);
@@ -77,6 +78,12 @@ impl NerfstudioScenes {
         });
         if scenes.is_empty() {
             let expected = "transforms.json in the folder, its nerfstudio/ or one of its subfolders";
+            return Err(SceneError::unrecognized(path, expected, "no such file"));
+        }
+        let is_undistorted =
+            |scene: &SceneFile| scene.file.parent().is_some_and(|folder| last_name(folder) == UNDISTORTED);
+        if options.prefer_gaussian_splat && !scenes.iter().any(is_undistorted) {
+            let expected = format!("undistorted captures, in a scene's {UNDISTORTED}/transforms.json");
             return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
         let keys = scenes.iter().map(|scene| scene.key.clone()).collect();
@@ -111,31 +118,12 @@ impl SceneSource for NerfstudioScenes {
         Times::FromNames
     }
 
-    /// With [`ImageFolder::Listed`] also the images: if the `transforms.json` states no sizes, theirs are read.
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        let file = &self.scene_file(key)?.file;
-        let mut files = vec![file.clone()];
-        if self.options.images == ImageFolder::Listed {
-            let root = file.parent().unwrap_or_else(|| Path::new("."));
-            let entries = list(root)?;
-            let is_scaled = |name: &str| {
-                let base = without_factor(name);
-                base != name && (is_of_images(name) || entries.iter().any(|(other, _)| other == base))
-            };
-            let is_copy = |name: &str| VARIANTS.contains(&name) || is_scaled(name);
-            let holds_images = |(name, is_folder): &&(String, bool)| {
-                if *is_folder { !is_copy(name) } else { split_image_name(name).is_some() }
-            };
-            files.extend(entries.iter().filter(holds_images).map(|(name, _)| root.join(name)));
-        }
-        Ok(files)
+        Ok(vec![self.scene_file(key)?.file.clone()])
     }
 
-    /// Those of the listed folder, if another copy is chosen and the `transforms.json` states no sizes.
+    /// Those of the listed folder, if the `transforms.json` states no sizes.
     fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        if self.options.images == ImageFolder::Listed {
-            return Ok(Vec::new());
-        }
         let (transforms, file) = self.transforms(key)?;
         if !needs_image_sizes(&transforms) {
             return Ok(Vec::new());
@@ -164,9 +152,7 @@ impl SceneSource for NerfstudioScenes {
         } else {
             lenses(key, &transforms, &images, file)?
         };
-        let applied =
-            self.options.undo_applied_transform.then(|| AppliedTransform::of(&transforms, file)).transpose()?;
-        let frames = frames(key, file, &transforms, (&lenses, images), applied, warnings)?;
+        let frames = frames(key, file, &transforms, (&lenses, images), warnings)?;
         let scene = Scene { key: key.to_owned(), url: subset, frames }.require_a_pose()?;
         report_cameras(&scene, self.times(), warnings);
         Ok(scene)
@@ -175,8 +161,7 @@ impl SceneSource for NerfstudioScenes {
     fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
         let (transforms, file) = self.transforms(key)?;
         let is_moved = transforms.applied_transform.is_some() || transforms.applied_scale.is_some();
-        let is_kept = is_moved && !self.options.undo_applied_transform;
-        is_kept.then(|| AppliedTransform::of(&transforms, file)).transpose()
+        is_moved.then(|| AppliedTransform::of(&transforms, file)).transpose()
     }
 }
 
@@ -185,13 +170,12 @@ fn find_images(finder: &mut ImageFinder<'_>, transforms: &Transforms) -> Result<
     frames.map(|(at, frame)| finder.find(&frame.file_path, &format!("frames[{at}].file_path"))).collect()
 }
 
-/// The frames, with a lens and an image for each. `applied` is undone. A frame whose pose is unusable keeps its position.
+/// The frames, with a lens and an image for each. A frame whose pose is unusable keeps its position.
 fn frames(
     key: &str,
     file: &Path,
     transforms: &Transforms,
     (lenses, images): (&[LensFields], Vec<FoundImage>),
-    applied: Option<AppliedTransform>,
     warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
     let mut frames = Vec::with_capacity(images.len());
@@ -203,7 +187,7 @@ fn frames(
     for (at, ((listed, lens), found)) in transforms.frames.iter().zip(lenses).zip(images).enumerate() {
         let lens = lens.resolve(&format!("frames[{at}]: "), file)?;
         let (camera_from_world, image) = match &listed.world_from_camera {
-            Ok(pose) => (applied.map_or(*pose, |applied| applied.original_pose(pose)).inverse(), found.image),
+            Ok(pose) => (pose.inverse(), found.image),
             Err(error) => {
                 let located = SceneError::camera(file, format!("frames[{at}].transform_matrix"))(error.clone());
                 (unknown_pose(), FrameImage::Unposed(located.to_string()))
@@ -234,7 +218,6 @@ fn frames(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AppliedTransform {
     moved_from_original: WorldFromCamera,
-    original_from_moved: WorldFromCamera,
     scale: f64,
 }
 
@@ -247,22 +230,14 @@ impl AppliedTransform {
         }
         let identity = WorldFromCamera::IDENTITY.to_rows();
         let rows = transforms.applied_transform.unwrap_or(identity);
-        let both = WorldFromCamera::from_rows(&rows).and_then(|moved_from_original| {
-            let inverse = moved_from_original.inverse();
-            Ok((moved_from_original, WorldFromCamera::new(inverse.rotation(), inverse.translation())?))
-        });
-        let (moved_from_original, original_from_moved) = both.map_err(SceneError::camera(file, "applied_transform"))?;
-        Ok(Self { moved_from_original, original_from_moved, scale })
+        let moved_from_original =
+            WorldFromCamera::from_rows(&rows).map_err(SceneError::camera(file, "applied_transform"))?;
+        Ok(Self { moved_from_original, scale })
     }
 
     /// Where a point of structure from motion, such as COLMAP's, is in the saved world.
     pub fn saved_point(&self, point: DVec3) -> DVec3 {
         self.moved_from_original.transform_point(point) * self.scale
-    }
-
-    /// A saved pose in the world of structure from motion.
-    fn original_pose(&self, pose: &WorldFromCamera) -> WorldFromCamera {
-        pose.scaled_by(self.scale.recip()).moved_by(&self.original_from_moved)
     }
 }
 
@@ -339,7 +314,7 @@ fn folders_in(path: &Path) -> Result<Vec<String>, SceneError> {
 pub(crate) fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> {
     let mut variants = VARIANTS;
     if prefer_gaussian_splat {
-        variants.swap(1, 2);
+        variants.rotate_right(1);
     }
     variants.iter().map(|variant| folder.join(variant).join("transforms.json")).find(|file| file.is_file())
 }

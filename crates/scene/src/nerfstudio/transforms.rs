@@ -18,10 +18,10 @@ pub struct Transforms {
     /// `src/scripts/convert_dl3dv_test.py`).
     pub frames: Vec<ListedFrame>,
     /// Row-major 3×4 transform that nerfstudio applied to the world of structure from motion before it wrote the poses.
-    /// The feed-forward papers do not undo it, and by default neither does this loader: any relative or mean-pose
-    /// normalisation removes it.
+    /// The feed-forward papers do not undo it, and neither does this loader: any relative or mean-pose normalisation
+    /// removes it.
     pub applied_transform: Option<[f64; 12]>,
-    /// Factor that nerfstudio applied to the world's lengths; by default not undone.
+    /// Factor that nerfstudio applied to the world's lengths; not undone.
     pub applied_scale: Option<f64>,
     /// Global fields that are not read, although they are about images or intrinsics.
     pub unread_fields: Vec<&'static str>,

@@ -64,16 +64,30 @@ fn transforms_are_found_at_every_depth() {
 
 #[test]
 fn the_variant_of_a_dl3dv_scene_is_an_option() {
+    let undistorted = TRANSFORMS.replace("a_7", "a_8");
     let folder = folder_of(&[
+        ("g/transforms.json", TRANSFORMS.as_bytes()),
+        ("g/gaussian_splat/transforms.json", undistorted.as_bytes()),
         ("h/nerfstudio/transforms.json", TRANSFORMS.as_bytes()),
-        ("h/gaussian_splat/transforms.json", TRANSFORMS.replace("a_7", "a_8").as_bytes()),
+        ("h/gaussian_splat/transforms.json", undistorted.as_bytes()),
+        ("i/nerfstudio/transforms.json", TRANSFORMS.as_bytes()),
     ]);
-    for (prefer_gaussian_splat, name) in [(false, "a_7"), (true, "a_8")] {
+    let opened = |below: &str, prefer_gaussian_splat| {
         let nerfstudio = NerfstudioOptions { prefer_gaussian_splat, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
-        let dataset = open_with(folder.path(), &options, &mut Warnings::new()).unwrap();
-        assert_eq!(dataset.load("h", &mut Warnings::new()).unwrap().frames[0].name, name);
+        open_with(folder.path().join(below), &options, &mut Warnings::new())
+    };
+    for (prefer_gaussian_splat, names) in [(false, ["a_7"; 3]), (true, ["a_8", "a_8", "a_7"])] {
+        let dataset = opened("", prefer_gaussian_splat).unwrap();
+        for (key, name) in ["g", "h", "i"].into_iter().zip(names) {
+            assert_eq!(dataset.load(key, &mut Warnings::new()).unwrap().frames[0].name, name, "{key}");
+        }
     }
+    for below in ["g", "g/gaussian_splat", "g/gaussian_splat/transforms.json"] {
+        assert_eq!(opened(below, true).unwrap().keys(), ["g"], "{below}");
+    }
+    let error = opened("i", true).unwrap_err().to_string();
+    assert!(error.contains("gaussian_splat/transforms.json"), "only distorted captures: {error}");
 }
 
 #[test]

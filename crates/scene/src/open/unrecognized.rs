@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::READERS;
 use crate::SceneError;
+use crate::checks::ignored::files_like_transforms;
 use crate::colmap::{folder_of_part, model_below, part_of_model};
 use crate::files::{has_extension, list, read_file};
-use crate::ignored::files_like_transforms;
 use crate::json;
 use crate::re10k::{read_trajectory, trajectory_files};
 

@@ -31,7 +31,7 @@ impl Naming {
     }
 }
 
-/// Assigns each frame its image from the first of `folders` that contains images.
+/// Assigns each frame its image from the first of `folders` that contains images with a number in their name.
 ///
 /// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`, which is asked only then.
 /// Otherwise a frame without a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are
@@ -43,7 +43,7 @@ pub(super) fn attach_images(
     expected: impl FnOnce() -> bool,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
-    let listing = match (first_with_images(folders)?, folders.first()) {
+    let listing = match (first_with_numbers(folders)?, folders.first()) {
         (Some(listing), _) => listing,
         (None, Some(folder)) if expected() => ImageListing::empty(folder.clone()),
         (None, _) => return Ok(()),
@@ -79,13 +79,16 @@ pub(super) fn attach_images(
     Ok(())
 }
 
-/// The images with a number in their name. Of several with one number the last is used, with a warning.
+/// The images with a number in their name. Of several with one number the one named as documented is used, with a warning, because
+/// others may be masks or depth maps.
 fn stems_by_number<'a>(listing: &'a ImageListing, key: &str, warnings: &mut Warnings) -> BTreeMap<i64, &'a str> {
     let mut stems: BTreeMap<i64, &str> = BTreeMap::new();
     let mut repeated = Vec::new();
     for (number, stem) in listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))) {
         if let Some(other) = stems.insert(number, stem) {
-            repeated.push(format!("{stem} is used, not {other}"));
+            let (used, unused) = if rank(other) < rank(stem) { (other, stem) } else { (stem, other) };
+            stems.insert(number, used);
+            repeated.push(format!("{used} is used, not {unused}"));
         }
     }
     if let Some(first) = repeated.first() {
@@ -96,23 +99,41 @@ fn stems_by_number<'a>(listing: &'a ImageListing, key: &str, warnings: &mut Warn
     stems
 }
 
-/// The first folder with images; otherwise the first that exists.
-pub(super) fn first_with_images(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
-    let mut empty = None;
+/// The first folder with images that have a number in their name; otherwise the first that exists.
+fn first_with_numbers(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
+    let mut other = None;
     for folder in folders {
         match ImageListing::read(folder)? {
-            Some(listing) if listing.stems().next().is_some() => return Ok(Some(listing)),
-            Some(listing) => empty = empty.or(Some(listing)),
+            Some(listing) if has_numbers(&listing) => return Ok(Some(listing)),
+            Some(listing) => other = other.or(Some(listing)),
             None => {}
         }
     }
-    Ok(empty)
+    Ok(other)
+}
+
+/// Whether one of `folders` contains images that can belong to rows.
+pub(super) fn have_numbers(folders: &[PathBuf]) -> bool {
+    first_with_numbers(folders).ok().flatten().is_some_and(|listing| has_numbers(&listing))
+}
+
+fn has_numbers(listing: &ImageListing) -> bool {
+    listing.stems().any(|stem| number_of(stem).is_some())
 }
 
 /// The number at the end of a stem, after the last underscore: `00012`, `frame_00012`, `45979267`.
 fn number_of(stem: &str) -> Option<i64> {
     let digits = stem.rsplit('_').next()?;
-    digits.bytes().all(|byte| byte.is_ascii_digit()).then(|| digits.parse().ok())?
+    is_number(digits).then(|| digits.parse().ok())?
+}
+
+/// How far a stem is from the documented names: a number alone, then `frame_` and a number.
+fn rank(stem: &str) -> usize {
+    ["", "frame_"].iter().position(|prefix| stem.strip_prefix(*prefix).is_some_and(is_number)).unwrap_or(2)
+}
+
+fn is_number(digits: &str) -> bool {
+    digits.bytes().all(|byte| byte.is_ascii_digit())
 }
 
 /// The naming scheme that finds more images; timestamps in case of a tie.
@@ -210,9 +231,25 @@ mod tests {
     #[test]
     fn two_images_with_one_number_are_reported() {
         let (scene, warnings) = attach(&["1.jpg", "frame_00001.jpg", "2.jpg", "3.jpg"]);
-        assert_eq!(names(&scene), ["frame_00001.jpg", "2.jpg", "3.jpg"]);
+        assert_eq!(names(&scene), ["1.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
-        assert!(warnings.kept()[0].detail.contains("frame_00001 is used, not 1"), "{:?}", warnings.kept());
+        assert!(warnings.kept()[0].detail.contains("1 is used, not frame_00001"), "{:?}", warnings.kept());
+    }
+
+    /// Before and after the frames in the order of names.
+    #[test]
+    fn masks_and_depth_maps_are_not_used_as_frames() {
+        for frames in [["0.jpg", "33366.jpg", "66733.jpg"], ["frame_1.png", "frame_2.png", "frame_3.png"]] {
+            let others = frames.into_iter().flat_map(|frame| {
+                let (_, number) = frame.rsplit_once('_').unwrap_or(("", frame));
+                ["depth", "mask"].map(|kind| format!("{kind}_{number}"))
+            });
+            let files: Vec<String> = others.chain(frames.map(str::to_owned)).collect();
+            let (scene, warnings) = attach(&files.iter().map(String::as_str).collect::<Vec<_>>());
+            assert_eq!(names(&scene), frames);
+            let detail = &warnings.kept()[0].detail;
+            assert!(warnings.total() == 1 && detail.starts_with("6 images have the same number"), "{detail}");
+        }
     }
 
     /// As masks next to frames.

@@ -2,12 +2,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use super::frames::{attach_images, first_with_images};
+use super::frames::{attach_images, have_numbers};
 use super::trajectory::read_partly_posed;
-use crate::camera_policy::report_cameras;
+use crate::checks::cameras::report_cameras;
+use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::list;
-use crate::ignored::Collections;
 use crate::{FrameImage, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
 /// How RE10K trajectories are read.
@@ -22,9 +22,10 @@ pub struct Re10kOptions {
 /// The key is the file's stem. Trajectories are `<key>.txt` in the folder (the official layout), or `<key>/<key>.txt`.
 /// Images (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
-/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. An
-/// image with a timestamp or number that no row has is counted. Without such a folder the scene has no images; if
-/// there is a `frames_root`, or another scene has images, they are missing.
+/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. The first
+/// of these folders with an image whose name ends in a number is used, and of several images with one number that named
+/// by it alone. An image with a timestamp or number that no row has is counted. Without such a folder the scene has no
+/// images; if there is a `frames_root`, or another scene has images, they are missing.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
     path: PathBuf,
@@ -97,10 +98,7 @@ impl Re10kScenes {
     }
 
     fn has_images(&self) -> bool {
-        let has_images = |(key, file): (&String, &TrajectoryFile)| {
-            let found = first_with_images(&self.image_folders(key, file)).ok().flatten();
-            found.is_some_and(|listing| listing.stems().next().is_some())
-        };
+        let has_images = |(key, file): (&String, &TrajectoryFile)| have_numbers(&self.image_folders(key, file));
         *self.has_images.get_or_init(|| self.keys.iter().zip(&self.files).any(has_images))
     }
 
@@ -228,6 +226,29 @@ mod tests {
         let ([a, b], missing) = first_images(None);
         assert!(matches!((&a, &b), (FrameImage::Absent, FrameImage::Absent)), "{a:?} {b:?}");
         assert_eq!(missing, 0, "nobody stated where frames should be");
+    }
+
+    #[test]
+    fn a_cover_does_not_hide_the_frames_below() {
+        let folder = tempfile::tempdir().unwrap();
+        let clips = folder.path();
+        fs::create_dir_all(clips.join("a/images")).unwrap();
+        for key in ["a", "b"] {
+            fs::write(clips.join(format!("{key}.txt")), ROWS).unwrap();
+        }
+        fs::write(clips.join("a/cover.jpg"), b"").unwrap();
+        let first_images = || {
+            let scenes = Re10kScenes::open(clips, Re10kOptions::default(), &mut Warnings::new()).unwrap();
+            ["a", "b"].map(|key| scenes.load(key, &mut Warnings::new()).unwrap().frames[0].image.clone())
+        };
+        let [a, b] = first_images();
+        assert!(matches!((&a, &b), (FrameImage::Missing(_), FrameImage::Absent)), "a cover is no frame: {a:?} {b:?}");
+        for time in [0, 7] {
+            fs::write(clips.join(format!("a/images/{time}.png")), b"").unwrap();
+        }
+        let [a, b] = first_images();
+        assert!(matches!(&a, FrameImage::File(path) if path.ends_with("a/images/0.png")), "{a:?}");
+        assert!(matches!(&b, FrameImage::Missing(_)), "{b:?}");
     }
 
     /// One clip has lost its folder; in the other layout, `images/` next to the only trajectory of a folder.

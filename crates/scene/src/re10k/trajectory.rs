@@ -4,9 +4,9 @@ use std::path::Path;
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_files::quoted;
 
+use crate::checks::unposed::unknown_pose;
 use crate::files::read_file;
 use crate::number::{Columns, parse_f64, parse_i64};
-use crate::unposed::unknown_pose;
 use crate::{Frame, FrameImage, Scene, SceneError};
 
 const FORMAT: &str = "RE10K trajectory";

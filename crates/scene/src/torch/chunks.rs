@@ -6,9 +6,9 @@ use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Chunk;
-use crate::camera_policy::report_cameras;
+use crate::checks::cameras::report_cameras;
+use crate::checks::ignored::Collections;
 use crate::files::read_file;
-use crate::ignored::Collections;
 use crate::json;
 use crate::{Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
@@ -27,7 +27,16 @@ pub struct TorchChunks {
     keys: Vec<String>,
     /// Position in `chunks`, by key.
     chunk_of: HashMap<String, usize>,
+    /// Whether what is wrong with the chunks was reported when they were listed.
+    reported: bool,
     recent: Mutex<ChunkCache>,
+}
+
+/// A chunk, and what is wrong with it apart from its scenes.
+#[derive(Debug)]
+struct ParsedChunk {
+    chunk: Chunk,
+    problems: Warnings,
 }
 
 impl TorchChunks {
@@ -37,7 +46,8 @@ impl TorchChunks {
     ///
     /// Without an `index.json` every chunk's list is read, but no images. A scene whose chunk is missing, a chunk that
     /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index lists
-    /// in another chunk, or in none, such as one without a key, is found when a scene of its chunk is first loaded.
+    /// in another chunk, or in none, such as one without a key, is reported whenever the first listed scene of its
+    /// chunk is loaded: warnings depend on which scenes are loaded, not on their order.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
@@ -82,8 +92,8 @@ impl TorchChunks {
 
     fn new(folder: PathBuf, chunks: Vec<PathBuf>, scenes: Vec<(String, usize)>, reported: bool) -> Self {
         let keys = scenes.iter().map(|(key, _)| key.clone()).collect();
-        let recent = Mutex::new(ChunkCache { chunks: Vec::new(), reported: vec![reported; chunks.len()] });
-        Self { folder, chunks, keys, chunk_of: scenes.into_iter().collect(), recent }
+        let chunk_of = scenes.into_iter().collect();
+        Self { folder, chunks, keys, chunk_of, reported, recent: Mutex::default() }
     }
 
     fn indexed(folder: PathBuf, index: &Path, found: &[PathBuf], warnings: &mut Warnings) -> Result<Self, SceneError> {
@@ -162,27 +172,32 @@ impl TorchChunks {
         Ok((position, path))
     }
 
-    fn chunk(&self, position: usize, path: &Path, warnings: &mut Warnings) -> Result<Arc<Chunk>, SceneError> {
+    fn chunk(&self, position: usize, path: &Path) -> Result<Arc<ParsedChunk>, SceneError> {
         if let Some(chunk) = self.recent.lock().unwrap_or_else(PoisonError::into_inner).get(position) {
             return Ok(chunk);
         }
         // Parsed outside the lock: two threads may parse the same chunk, which costs less than waiting.
         let mut from_chunk = Warnings::new();
-        let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
-        if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
-            // These come with whichever scene is loaded first. Among scenes that cannot be loaded, their place would depend on
-            // threads; and no index lists an entry without a key.
-            warnings.merge(from_chunk.with_kind_as(WarningKind::UnreadableScene, WarningKind::UnindexedScene));
-            for key in chunk.keys() {
-                let (kind, problem) = match self.chunk_of.get(key) {
-                    Some(listed) if *listed == position => continue,
-                    Some(_) => (WarningKind::DuplicateScene, "lists it in another chunk: this one is not used"),
-                    None => (WarningKind::UnindexedScene, "does not list it for this chunk"),
-                };
-                warnings.push(kind, key, format!("{INDEX} {problem} ({})", path.display()));
-            }
+        let chunk = Chunk::open(path, &mut from_chunk)?;
+        // No index lists an entry without a key.
+        let mut problems = from_chunk.with_kind_as(WarningKind::UnreadableScene, WarningKind::UnindexedScene);
+        for key in chunk.keys() {
+            let (kind, problem) = match self.chunk_of.get(key) {
+                Some(listed) if *listed == position => continue,
+                Some(_) => (WarningKind::DuplicateScene, "lists it in another chunk: this one is not used"),
+                None => (WarningKind::UnindexedScene, "does not list it for this chunk"),
+            };
+            problems.push(kind, key, format!("{INDEX} {problem} ({})", path.display()));
         }
-        Ok(chunk)
+        let parsed = Arc::new(ParsedChunk { chunk, problems });
+        self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &parsed);
+        Ok(parsed)
+    }
+
+    /// Whether no scene is listed before `key` in the chunk at `position`.
+    fn is_first(&self, key: &str, position: usize) -> bool {
+        let is_before = |other: &String| self.chunk_of.get(other).is_some_and(|chunk| *chunk < position);
+        self.keys.get(self.keys.partition_point(is_before)).is_some_and(|first| first == key)
     }
 }
 
@@ -197,7 +212,11 @@ impl SceneSource for TorchChunks {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let (position, path) = self.place_of(key)?;
-        let record = self.chunk(position, path, warnings)?.record(key)?;
+        let parsed = self.chunk(position, path)?;
+        if !self.reported && self.is_first(key, position) {
+            warnings.merge(parsed.problems.clone());
+        }
+        let record = parsed.chunk.record(key)?;
         record.report_radial(warnings);
         let scene = record.to_scene(path)?;
         report_cameras(&scene, Times::Given, warnings);
@@ -206,18 +225,16 @@ impl SceneSource for TorchChunks {
 }
 
 /// Cache of the most recently used chunks, the latest at the end.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct ChunkCache {
-    chunks: Vec<(usize, Arc<Chunk>)>,
-    /// Whether the warnings of a chunk have been reported.
-    reported: Vec<bool>,
+    chunks: Vec<(usize, Arc<ParsedChunk>)>,
 }
 
 impl ChunkCache {
     /// Each is a mapped file and a list of scenes: enough for every thread to use another chunk.
     const CAPACITY: usize = 32;
 
-    fn get(&mut self, position: usize) -> Option<Arc<Chunk>> {
+    fn get(&mut self, position: usize) -> Option<Arc<ParsedChunk>> {
         let at = self.chunks.iter().position(|(cached, _)| *cached == position)?;
         let entry = self.chunks.remove(at);
         let chunk = Arc::clone(&entry.1);
@@ -225,15 +242,13 @@ impl ChunkCache {
         Some(chunk)
     }
 
-    /// Inserts a chunk; returns whether its warnings are not reported yet.
-    fn put(&mut self, position: usize, chunk: &Arc<Chunk>) -> bool {
+    fn put(&mut self, position: usize, chunk: &Arc<ParsedChunk>) {
         if self.get(position).is_none() {
             if self.chunks.len() >= Self::CAPACITY {
                 self.chunks.remove(0);
             }
             self.chunks.push((position, Arc::clone(chunk)));
         }
-        self.reported.get_mut(position).is_some_and(|reported| !std::mem::replace(reported, true))
     }
 }
 

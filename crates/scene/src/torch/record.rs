@@ -4,9 +4,9 @@ use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_pickle::shortened;
 
 use super::{Dict, TorchError, Value};
-use crate::cut_short::cut_short;
+use crate::checks::cut_short::cut_short;
+use crate::checks::unposed::{no_pose, unknown_pose};
 use crate::files::read_file;
-use crate::unposed::{no_pose, unknown_pose};
 use crate::{Frame, FrameImage, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// Columns of a `cameras` row.

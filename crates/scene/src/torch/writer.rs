@@ -173,7 +173,7 @@ pub struct ExportedChunks {
 /// after each scene. If no scene can be read, not even an index is written.
 ///
 /// # Errors
-/// [`SceneError::Io`] if a chunk cannot be written.
+/// [`SceneError::Io`] if a scene cannot be fetched or a chunk cannot be written; the index of chunks written before is then empty.
 pub fn export_chunks(
     source: &dyn SceneSource,
     folder: &Path,
@@ -191,6 +191,7 @@ pub fn export_chunks(
         match outcome {
             Ok(()) => {}
             Err(error) if is_unreadable || matches!(error, SceneError::Torch { .. }) => {
+                source.check_fetched()?;
                 skipped += 1;
                 warnings.push(WarningKind::UnreadableScene, key, error.to_string());
             }

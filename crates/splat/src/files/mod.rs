@@ -23,10 +23,17 @@ use std::path::Path;
 use atsplat_files::{FileError, Writer};
 use serde::Serialize;
 
-pub use opacities::opacities_as_stored;
+pub use opacities::interpret;
 
 use crate::sh::C0;
 use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
+
+/// How the doubt of [`interpret`] about opacities begins.
+pub const OPACITIES: &str = "every opacity of the file lies in [0, 1]";
+/// How that of [`Import::doubts`] about scales begins.
+pub const LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
+/// How that of [`Import::doubts`] about colours begins.
+pub const COLOURS: &str = "every coefficient of the file lies in [0, 1]";
 
 /// First bytes of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
@@ -91,7 +98,7 @@ pub struct Import {
     /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
     pub antialiased: Option<bool>,
     /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
-    /// where all others write logits, without marking the file. [`opacities_as_stored`] converts them.
+    /// where all others write logits, without marking the file. [`interpret`] converts them.
     pub opacities_may_be_no_logits: bool,
     /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
     /// are negative, so that these may be scales without their logarithm.
@@ -108,12 +115,10 @@ impl Import {
     /// What may be stored in another way than it was read, in words. Opacities are not among it, because a caller may know
     /// how they are stored.
     pub fn doubts(&self) -> Vec<String> {
-        let scales =
-            "every log-scale of the file lies in (0, 1]: they may be scales without their logarithm".to_owned();
-        let colours =
-            "every coefficient of the file lies in [0, 1], without view dependence: they may be colours, of which \
-                       (colour - 0.5) / 0.282 is the coefficient"
-                .to_owned();
+        let scales = format!("{LOG_SCALES}: they may be scales without their logarithm");
+        let colours = format!(
+            "{COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
+        );
         let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
         self.scales_may_be_no_logarithms
             .then_some(scales)

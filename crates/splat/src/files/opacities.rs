@@ -1,25 +1,45 @@
 use std::fmt;
 use std::path::Path;
 
-use super::{Encoding, Format, Import};
+use super::{Encoding, Format, Import, OPACITIES};
 use crate::{Gaussians, SplatError};
 
-/// The Gaussians of a PLY file that stores opacities where others store logits, as pixelSplat's and NoPoSplat's exporters write
-/// it, and a warning if some are outside [0, 1]: their logits become NaN.
+/// The Gaussians that were read from a file, and what may be stored in it in another way than it was read, in words. With
+/// `opacities_as_stored`, a PLY file contains opacities where others contain logits, as pixelSplat's and NoPoSplat's exporters
+/// write it; opacities outside [0, 1] become NaN, with a warning.
 ///
 /// # Errors
-/// [`SplatError::Format`] for the formats that store opacities by definition: their readers have made logits of them.
-pub fn opacities_as_stored(
-    gaussians: &Gaussians,
+/// [`SplatError::Format`] for `opacities_as_stored` with the formats that store opacities by definition: their readers have
+/// made logits of them.
+pub fn interpret(
+    gaussians: Gaussians,
     import: &Import,
+    opacities_as_stored: bool,
     path: &Path,
-) -> Result<(Gaussians, Option<String>), SplatError> {
+) -> Result<(Gaussians, Vec<String>), SplatError> {
+    let mut warnings = Vec::new();
+    let gaussians = if opacities_as_stored {
+        let (converted, warning) = converted(&gaussians, import, path)?;
+        warnings.extend(warning);
+        converted
+    } else {
+        if import.opacities_may_be_no_logits {
+            let advice = "see --opacities-as-stored, in Python opacities_as_stored=True";
+            warnings.push(format!("{OPACITIES}: they may not be logits; {advice}"));
+        }
+        gaussians
+    };
+    warnings.extend(import.doubts());
+    Ok((gaussians, warnings))
+}
+
+fn converted(gaussians: &Gaussians, import: &Import, path: &Path) -> Result<(Gaussians, Option<String>), SplatError> {
     if !matches!(import.format, Format::Ply(_)) {
         return Err(SplatError::Format {
             path: path.to_owned(),
-            location: "--opacities-as-stored".to_owned(),
+            location: "opacities as stored".to_owned(),
             expected: "a PLY file without logits".to_owned(),
-            found: format!("{}, which stores opacities anyway; leave the option out", import.format),
+            found: format!("{}, which stores opacities anyway; leave this option out", import.format),
         });
     }
     let stored = &gaussians.parts().opacity_logits;
@@ -62,8 +82,8 @@ mod tests {
         ] {
             let path = fixtures.join(name);
             let (gaussians, import) = read(&path).unwrap();
-            let error = opacities_as_stored(&gaussians, &import, &path).unwrap_err().to_string();
-            let expected = format!("found {format}, which stores opacities anyway; leave the option out");
+            let error = interpret(gaussians, &import, true, &path).unwrap_err().to_string();
+            let expected = format!("found {format}, which stores opacities anyway; leave this option out");
             assert!(error.contains(name) && error.ends_with(&expected), "{error}");
         }
     }
@@ -87,10 +107,13 @@ mod tests {
             let output = Output::Ply(Encoding::BinaryLittleEndian);
             write(&path, &Gaussians::new(parts.clone()).unwrap(), output).unwrap();
             let (kept, import) = read(&path).unwrap();
-            let (converted, found) = opacities_as_stored(&kept, &import, &path).unwrap();
-            assert_eq!(found.as_deref(), warning);
+            let (converted, found) = interpret(kept.clone(), &import, true, &path).unwrap();
+            assert_eq!(found, warning.as_slice());
             assert_eq!(converted.validate().count(Field::OpacityLogits, Problem::NotANumber), lost);
             assert_eq!(converted.parts().opacity_logits.first(), Some(&3.0f32.ln()));
+            let (unchanged, found) = interpret(kept.clone(), &import, false, &path).unwrap();
+            assert_eq!(unchanged, kept);
+            assert_eq!(found.iter().filter(|text| text.starts_with(OPACITIES)).count(), usize::from(lost == 0));
         }
     }
 }

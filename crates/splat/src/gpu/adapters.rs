@@ -159,13 +159,20 @@ pub fn examine(observer: &dyn SelfTestObserver) -> Vec<ExaminedAdapter> {
     examined.collect()
 }
 
-/// The cached verdict of an earlier test with default options.
+/// The cached verdict of an earlier test.
 pub(super) fn cached_verdict(
     description: &AdapterDescription,
     options: &GpuOptions,
     observer: &dyn SelfTestObserver,
 ) -> Option<Verdict> {
-    (*options == GpuOptions::default()).then(|| observer.cached(&VerdictKey::of(description))).flatten()
+    cache_key(description, options).and_then(|key| observer.cached(&key))
+}
+
+/// The key of a verdict that stays valid: of a test with default options, on a driver that reports its version. Metal reports none,
+/// so that an update of the system would not be noticed.
+pub(super) fn cache_key(description: &AdapterDescription, options: &GpuOptions) -> Option<VerdictKey> {
+    let stays_valid = *options == GpuOptions::default() && !description.driver.is_empty();
+    stays_valid.then(|| VerdictKey::of(description))
 }
 
 /// All adapters; a driver that panics while listing them counts as having none.
@@ -301,6 +308,23 @@ mod tests {
                 .contains("one named 'apple', by the environment variable ATSPLAT_ADAPTER")
         );
         assert!(!expected(&choice).contains(ADAPTER_VARIABLE));
+    }
+
+    #[test]
+    fn verdicts_are_cached_for_drivers_that_report_a_version() {
+        struct Passed;
+        impl SelfTestObserver for Passed {
+            fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
+                Some(Verdict { fault: None })
+            }
+        }
+        let unnamed = one("Apple M2", "Metal", AdapterKind::Integrated);
+        let named = AdapterDescription { driver: "Mesa 25.0".to_owned(), ..unnamed.clone() };
+        let usual = GpuOptions::default();
+        let limited = GpuOptions { memory_limit: 1 << 30, ..usual };
+        let found = [(&named, &usual), (&unnamed, &usual), (&named, &limited)]
+            .map(|(description, options)| cached_verdict(description, options, &Passed).is_some());
+        assert_eq!(found, [true, false, false]);
     }
 
     #[test]

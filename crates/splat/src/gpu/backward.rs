@@ -9,7 +9,7 @@ use super::job::Job;
 use super::kernels::{Kernel, Pool};
 use super::lists::{Lists, list};
 use super::record::Recorder;
-use super::render::{Resources, bytes_needed, check_memory, composite, pair_capacity};
+use super::render::{Resources, bytes_needed, bytes_of_least_lists, check_memory, composite, pair_capacity};
 use super::sort::{word, words};
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
@@ -27,6 +27,9 @@ struct Sums {
     translations: wgpu::Buffer,
 }
 
+/// Of lists: keys and values twice, digits, sorted pairs, boxes, owners, sums.
+const BYTES_PER_PAIR: u64 = 84;
+
 /// Rejects what has no gradients.
 pub(super) fn check(
     context: &Context,
@@ -35,7 +38,8 @@ pub(super) fn check(
     images: &GpuImageGradients,
 ) -> Result<(), SplatError> {
     job.check(context)?;
-    check_memory(bytes_with_gradients(job), limits.memory_limit)?;
+    let lists = bytes_of_least_lists(job.splats(), BYTES_PER_PAIR);
+    check_memory(bytes_with_gradients(job).saturating_add(lists), limits.memory_limit)?;
     job.gaussians.check(context)?;
     check_images(context, &job.strips(context)?, job.view(), images)
 }
@@ -69,9 +73,8 @@ pub(super) fn record(
     ];
     let blocks = job.blocks(&flags)?;
     let strips = job.strips(context)?;
-    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
     let room = limits.memory_limit.saturating_sub(bytes_with_gradients(job));
-    let most = pair_capacity(context, room, 84, 48);
+    let most = pair_capacity(context, room, BYTES_PER_PAIR, 48);
     let (plan, windows) = bounds.plan(context, Key::new(job, true), (&strips, job), most);
 
     let scene = forward::project(recorder, pool, job, &blocks, report)?;

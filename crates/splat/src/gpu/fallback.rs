@@ -1,4 +1,4 @@
-use super::adapters::{AdapterChoice, Candidates, candidates, resolve};
+use super::adapters::{AdapterChoice, AdapterDescription, Candidates, candidates, resolve};
 use super::{GpuError, GpuOptions, GpuRenderer, SelfTestObserver};
 use crate::Renderer;
 use crate::cpu::{CpuOptions, CpuRenderer};
@@ -7,6 +7,8 @@ use crate::cpu::{CpuOptions, CpuRenderer};
 pub struct ChosenRenderer {
     /// On a GPU, or on the CPU.
     pub renderer: Box<dyn Renderer>,
+    /// Its adapter; `None` for the CPU.
+    pub adapter: Option<AdapterDescription>,
     /// Why each adapter before it cannot be used, best first, for a warning. A single [`GpuError::NoAdapter`] if there
     /// are no adapters.
     pub skipped: Vec<GpuError>,
@@ -17,6 +19,7 @@ impl std::fmt::Debug for ChosenRenderer {
         formatter
             .debug_struct("ChosenRenderer")
             .field("renderer", &self.renderer.name())
+            .field("adapter", &self.adapter)
             .field("skipped", &self.skipped)
             .finish()
     }
@@ -42,17 +45,20 @@ pub fn with_fallback(
         return Err(none);
     }
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
-    let (opened, mut skipped) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, observer));
+    let (opened, mut skipped) = first_success(adapters, |candidate| {
+        GpuRenderer::open(&candidate, options, observer).map(|renderer| (renderer, candidate.1))
+    });
     skipped.extend(none);
     for reason in &skipped {
         tracing::info!(%reason, "graphics adapter skipped");
     }
+    let (opened, adapter) = opened.unzip();
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),
         None => Box::new(CpuRenderer::new(cpu)),
     };
     tracing::info!(renderer = renderer.name(), "chose a renderer");
-    Ok(ChosenRenderer { renderer, skipped })
+    Ok(ChosenRenderer { renderer, adapter, skipped })
 }
 
 /// The first candidate that opens, and the failures before it.

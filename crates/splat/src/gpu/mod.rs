@@ -127,8 +127,8 @@ impl GpuRenderer {
             let mut renderer = Self::with_context(context, options)?;
             if known.is_none() {
                 let tested = self_test::self_test(&mut renderer, &|stage| observer.begins(description, stage));
-                if let Some(verdict) = Verdict::of(&tested).filter(|_| options == GpuOptions::default()) {
-                    observer.store(&VerdictKey::of(description), &verdict);
+                if let (Some(key), Some(verdict)) = (adapters::cache_key(description, &options), Verdict::of(&tested)) {
+                    observer.store(&key, &verdict);
                 }
                 tested?;
             }

@@ -2,8 +2,10 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
     /// Limit on the bytes of one forward or backward pass on the device, including Gaussians and tile lists; tile lists
-    /// are split to fit. Buffers kept between passes also stay within it. Not counted: up to 64 MiB of staging buffers,
-    /// and other buffers of the caller, such as other scenes or earlier images.
+    /// are split to fit. Buffers are kept between passes, and freed when they and new ones would exceed it. One that is
+    /// reused may be longer than the pass needs, usually by a quarter, so that a pass near the limit may take that much
+    /// more. Not counted: up to 64 MiB of staging buffers, and other buffers of the caller, such as other scenes or
+    /// earlier images.
     pub memory_limit: u64,
     /// Limit on the bytes of a buffer, if smaller than the adapter's.
     pub binding_limit: u64,

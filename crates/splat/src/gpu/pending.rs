@@ -131,8 +131,8 @@ impl GpuRenderer {
     }
 
     /// Backward pass for Gaussians and image gradients on the device, into buffers that stay there: one submission,
-    /// without waiting for the device. Non-finite image gradients are not detected: the results become 0 or the largest
-    /// f32. Stages are not timed.
+    /// without waiting for the device. Image gradients are not checked: one that is not finite makes gradients of the
+    /// Gaussians listed in its tile, of the pose and of the background NaN or the largest f32. Stages are not timed.
     ///
     /// # Errors
     /// As [`crate::Renderer::backward`].

@@ -24,10 +24,14 @@ pub(super) struct Resources<'a> {
 /// Allocates a buffer by name, part and bytes.
 pub(super) type Allocate<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize, u64) -> Result<wgpu::Buffer, GpuError>;
 
+/// Of lists: keys and values twice, digits, sorted pairs, boxes.
+const BYTES_PER_PAIR: u64 = 32;
+
 /// Rejects what cannot be rendered.
 pub(super) fn check(context: &Context, limits: &GpuOptions, job: Job<'_>) -> Result<(), SplatError> {
     job.check(context)?;
-    check_memory(bytes_needed(job), limits.memory_limit)?;
+    let lists = bytes_of_least_lists(job.splats(), BYTES_PER_PAIR);
+    check_memory(bytes_needed(job).saturating_add(lists), limits.memory_limit)?;
     Ok(job.gaussians.check(context)?)
 }
 
@@ -44,9 +48,8 @@ pub(super) fn record(
         [(flag::EXTRAS, images::with_extras(options.channels)), (flag::APPLY_EXPOSURE, options.exposure.is_some())];
     let blocks = job.blocks(&flags)?;
     let strips = job.strips(context)?;
-    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes.
     let room = limits.memory_limit.saturating_sub(bytes_needed(job));
-    let most = pair_capacity(context, room, 32, 8);
+    let most = pair_capacity(context, room, BYTES_PER_PAIR, 8);
     let (plan, windows) = bounds.plan(context, Key::new(job, false), (&strips, job), most);
 
     let scene = forward::project(recorder, pool, job, &blocks, report)?;
@@ -94,10 +97,17 @@ const fn bytes_of_splats(count: u64, pixels: u64) -> u64 {
     count.saturating_mul(82).saturating_add(pixels.saturating_mul(32))
 }
 
+/// Bytes of lists for a pair per ten splats. With shorter lists, windows would be so small that their kernels would go through the
+/// splats thousands of times.
+pub(super) const fn bytes_of_least_lists(splats: u64, per_pair: u64) -> u64 {
+    (splats / 10).saturating_mul(per_pair)
+}
+
 /// Rejects what cannot be rendered within the limit, before it is copied to the device.
 pub(super) fn check_memory_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
-    let splats = bytes_of_splats(gaussians.len() as u64, view.pixels() as u64);
-    check_memory(splats.saturating_add(gaussians.size_in_bytes()), limit)
+    let count = gaussians.len() as u64;
+    let others = gaussians.size_in_bytes().saturating_add(bytes_of_least_lists(count, BYTES_PER_PAIR));
+    check_memory(bytes_of_splats(count, view.pixels() as u64).saturating_add(others), limit)
 }
 
 /// Number of (tile, Gaussian) pairs that fit, given the bytes per pair in total and in the widest buffer.

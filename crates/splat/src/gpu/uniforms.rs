@@ -34,7 +34,7 @@ pub(super) struct ViewBlock {
 }
 
 /// Views of a batch at most, which wgpu's default uniform buffers of 64 KiB hold.
-const MOST_VIEWS: u32 = 160;
+pub(super) const MOST_VIEWS: u32 = 160;
 
 /// Views of a batch, all of whose blocks a uniform buffer of this many bytes holds.
 pub(super) fn most_views(bytes: u64) -> u32 {

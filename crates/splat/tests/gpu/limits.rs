@@ -6,7 +6,7 @@ use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, Renderer
 use atsplat_tests::skip;
 
 use crate::scenes::{
-    assert_bound, assert_identical, cloud, everything, gpu, image_gradients, narrow as narrow_images, open, view,
+    assert_bound, assert_identical, cloud, dust, everything, gpu, image_gradients, narrow as narrow_images, open, view,
 };
 
 /// Parts of 640 Gaussians, strips of two tile rows, dispatches in two dimensions.
@@ -76,14 +76,8 @@ fn opengl_is_within_the_bound() {
         skip("opengl_is_within_the_bound", "ATSPLAT_TEST_OPENGL is not 1");
         return;
     }
-    let mut gl = match GpuRenderer::new(&AdapterChoice::Name("(gl)".to_owned()), GpuOptions::default()) {
-        Ok(gl) => gl,
-        Err(error @ GpuError::NoAdapter { .. }) => {
-            skip("opengl_is_within_the_bound", format!("no OpenGL adapter: {error}"));
-            return;
-        }
-        Err(error) => panic!("{error}"),
-    };
+    // Whoever sets the variable has an adapter.
+    let mut gl = GpuRenderer::new(&AdapterChoice::Name("(gl)".to_owned()), GpuOptions::default()).unwrap();
     let (gaussians, view) = (cloud(2000, 3, 7), view(70, 50));
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
     assert_bound(&gl.render(&gaussians, &view, &everything()).unwrap(), &expected, "OpenGL");
@@ -122,6 +116,24 @@ fn exceeding_a_limit_is_a_typed_error() {
     gpu.render(&cloud(100, 0, 1), &view(8, 8), &everything()).unwrap();
 }
 
+/// Without room for lists, there would be a window for every tile, and then an error. With the least room there are few windows.
+#[test]
+fn a_limit_without_room_for_lists_is_refused_at_once() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (dust(4000), view(320, 240));
+    let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
+    let within = |memory_limit| {
+        let options = GpuOptions { memory_limit, ..GpuOptions::default() };
+        let mut limited = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), options).unwrap();
+        let outcome = limited.render(&gaussians, &view, &everything());
+        (outcome, limited.counts().repeats)
+    };
+    let (Err(SplatError::Memory { needed, .. }), 0) = within(100_000) else { panic!("more than 100 kB are needed") };
+    assert!(matches!(within(needed - 1), (Err(SplatError::Memory { .. }), 0)));
+    let (rendering, repeats) = within(needed);
+    assert!(rendering.unwrap() == expected && (1..10).contains(&repeats), "{repeats}");
+}
+
 #[test]
 fn falls_back_to_the_cpu_except_for_an_unknown_adapter_name() {
     let choice = AdapterChoice::Name("no adapter has this name".to_owned());
@@ -130,7 +142,7 @@ fn falls_back_to_the_cpu_except_for_an_unknown_adapter_name() {
     // The self-test fits on no adapter.
     let none = GpuOptions { memory_limit: 1000, ..GpuOptions::default() };
     let mut fallback = with_fallback(&AdapterChoice::Automatic, none, CpuOptions::default(), &()).unwrap();
-    assert!(fallback.renderer.name().starts_with("cpu"));
+    assert!(fallback.renderer.name().starts_with("cpu") && fallback.adapter.is_none());
     let adapters = adapters().len();
     assert_eq!(fallback.skipped.len(), if adapters == 0 { 1 } else { adapters }, "{fallback:?}");
     fallback.renderer.render(&cloud(10, 0, 1), &view(8, 8), &everything()).unwrap();

@@ -140,10 +140,10 @@ impl Learned {
                     let at = conv2d(at, weight.clone(), Some(bias.clone()), options.clone());
                     if *relu { activation::relu(at) } else { at }
                 }
-                Layer::Other(Step::Largest { kernel, stride }) => {
+                Layer::Other(Step::MaxPool { kernel, stride }) => {
                     max_pool2d(at, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
                 }
-                Layer::Other(Step::Blurred) => blurred(&at),
+                Layer::Other(Step::BlurPool) => blurred(&at),
                 Layer::Other(Step::Tap) => {
                     maps.push(normalised(at.clone()));
                     at

@@ -36,8 +36,7 @@ impl Mixture {
     fn plan(&self, id: SampleId) -> (&dyn Source, bool) {
         let mut random = SplitMix64::for_scene(id.seed, &format!("mixture {}", id.number));
         let total: f64 = self.sources.iter().map(|(share, _)| share).sum();
-        let unit = (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let mut remaining = unit * total;
+        let mut remaining = random.unit() * total;
         let chosen = self.sources.iter().find(|(share, _)| {
             remaining -= share;
             remaining < 0.0

@@ -74,7 +74,7 @@ pub(crate) fn sample(number: u64) -> Sample {
     let posed = |name: &str, places: [f64; 2]| {
         let mut random = SplitMix64::for_scene(number, name);
         let count = 2 * SIZE.height * SIZE.width * 3;
-        let images = (0..count).map(|_| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32).collect();
+        let images = (0..count).map(|_| random.unit_f32()).collect();
         PosedImages { size: SIZE, images, cameras: places.map(camera).to_vec() }
     };
     Sample {

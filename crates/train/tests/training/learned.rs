@@ -14,7 +14,7 @@ const DIFFERENCES: Tolerance = Tolerance::relative(0.02);
 
 fn numbers(name: &str, count: usize, bound: f32) -> Vec<f32> {
     let mut random = SplitMix64::for_scene(11, name);
-    (0..count).map(|_| ((random.next_u64() >> 40) as f32 / (1u32 << 23) as f32 - 1.0) * bound).collect()
+    (0..count).map(|_| (2.0 * random.unit_f32() - 1.0) * bound).collect()
 }
 
 /// Weights from a seed, large enough that every layer contributes.
@@ -46,7 +46,7 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
     for network in Network::ALL {
         let [weights, heads] = weights(network);
         let loss = Learned::new(network, &weights, &heads, "seeded".to_owned(), &Device::flex().autodiff()).unwrap();
-        let hashes = WeightsHashes { network: String::new(), heads: String::new(), is_published: None };
+        let hashes = WeightsHashes { network: String::new(), heads: String::new() };
         let metric = Perceptual::from_tensors(network, &weights, &heads, hashes).unwrap();
         let evaluated = loss.evaluate(&render, &truth, stack);
         let [of_render, of_truth] = [&render, &truth].map(|samples| metric.features(&image(samples)).unwrap());

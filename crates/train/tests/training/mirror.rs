@@ -14,7 +14,7 @@ const RENDERED: Tolerance = Tolerance::absolute(2e-5);
 
 fn gaussians(mirror: bool) -> Gaussians {
     let mut random = SplitMix64::new(5);
-    let mut unit = || (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32;
+    let mut unit = || random.unit_f32();
     let mut parts = GaussianParts::default();
     let side = if mirror { -1.0 } else { 1.0 };
     for _ in 0..60 {

@@ -118,8 +118,8 @@ fn slopes_have_their_nominal_coverage() {
     let mut held = 0;
     for _ in 0..samples {
         let names: Vec<String> = (0..30).map(|at| format!("{at:02}")).collect();
-        let xs: Vec<f64> = names.iter().map(|_| uniform(&mut random)).collect();
-        let noise = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
+        let xs: Vec<f64> = names.iter().map(|_| random.unit()).collect();
+        let noise = |random: &mut SplitMix64| (0..12).map(|_| random.unit()).sum::<f64>() - 6.0;
         let scenes: Vec<_> = names
             .iter()
             .zip(&xs)

@@ -135,7 +135,7 @@ fn lacking(sources: &[Source<'_>], preset: &PresetRecord) -> Vec<String> {
 
 /// The methods on each frontier, what bold and question mark mean, means over fewer targets, and the methods without a point.
 fn note(tradeoff: &Tradeoff, title: &dyn Fn(&str) -> String) -> Vec<String> {
-    let Tradeoff { frontiers, targets, leaked, incomplete, .. } = tradeoff;
+    let Tradeoff { frontiers, targets, leaked, incomplete, notes, .. } = tradeoff;
     let mut parts = Vec::new();
     if *leaked > 0 {
         parts.push(format!("{leaked} of {targets} targets are context views, which an optimisation fits."));
@@ -161,6 +161,7 @@ fn note(tradeoff: &Tradeoff, title: &dyn Fn(&str) -> String) -> Vec<String> {
         targets: [counts.targets, *of_targets],
     };
     parts.extend(fewer_targets(&incomplete.iter().map(fewer).collect::<Vec<_>>()));
+    parts.extend(notes.iter().map(|note| format!("{note}.")));
     for frontier in frontiers {
         let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (label, why) in &frontier.left_out {

@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
-use atsplat_eval::timing::times;
+use atsplat_eval::timing::{GAUSSIANS_UNTIMED, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 use atsplat_metrics::Definition;
 use atsplat_protocol::{Aggregation, OverlapBins};
@@ -81,7 +81,7 @@ impl<'a> Study<'a> {
         }
         let title = title_of(self.results, method);
         let timed = times(self.results, &preset.name, &method.name).and_then(|times| {
-            let first_image = times.first_image.ok_or("neither encoding nor rendering was timed")?;
+            let first_image = times.first_image.ok_or(GAUSSIANS_UNTIMED)?;
             Ok((times, first_image))
         });
         let (times, first_image) = match timed {

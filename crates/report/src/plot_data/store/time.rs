@@ -27,7 +27,7 @@ impl ProtocolResults<'_> {
         let rows: Vec<StageTimeRow> = self.methods().map(row).collect();
         let plot = StageTime {
             title: "Where the time goes until the first image".to_owned(),
-            subtitle: format!("{}; medians and quartiles{}", self.subject(), timed.in_words()),
+            subtitle: format!("{}; medians and quartiles, averaged over trials{}", self.subject(), timed.in_words()),
             rows,
         };
         (!plot.rows.is_empty()).then(|| plot.draw())

@@ -42,8 +42,8 @@ fn spread(name: &str, timing: &CellTiming) -> String {
     let [low, high] = spread.quartiles;
     let all = if trials == trials_there && *trials < 3 { " (all)" } else { "" };
     format!(
-        "time, {name}: median {:.4} s, MAD {:.4}, quartiles {low:.4} to {high:.4}; {repetitions} repetitions of {}{all}, \
-         {warm_up} warm-up",
+        "time, {name}: median {:.4} s, MAD {:.4}, quartiles {low:.4} to {high:.4}, averaged over trials; {repetitions} repetitions \
+         of {}{all}, {warm_up} warm-up",
         spread.median,
         spread.mad,
         counted(*trials, "trial"),

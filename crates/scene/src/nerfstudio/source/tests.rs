@@ -74,19 +74,6 @@ fn numbered_cameras_are_not_scaled_copies_of_each_other() {
     assert_eq!((warnings.count(WarningKind::MissingImage), warnings.count(WarningKind::ImageAtOtherPath)), (1, 0));
 }
 
-/// What is fetched for a scene: a folder with a number at its end is a copy only next to the one that it is a copy of.
-#[test]
-fn folders_of_numbered_cameras_belong_to_the_scene() {
-    let folder = capture(json!({ "fl_x": 16 }), &[("cam_1/0.png", json!({}))]);
-    for name in ["cam_1", "cam_1_2", "cam_2", "images", "images_4", "nerfstudio", "train", "train_8"] {
-        fs::create_dir(folder.path().join(name)).unwrap();
-    }
-    let source = open(&folder, ImageFolder::Listed);
-    let files = source.files(&source.keys()[0]).unwrap();
-    let names: Vec<String> = files.iter().map(|file| last_name(file)).collect();
-    assert_eq!(names, ["transforms.json", "cam_1", "cam_2", "images", "train"]);
-}
-
 /// The camera of the second frame, and its image, are half as large.
 #[test]
 fn without_sizes_a_frames_own_lengths_are_in_pixels_of_its_own_image() {

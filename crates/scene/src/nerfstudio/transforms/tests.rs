@@ -31,10 +31,6 @@ fn message(root: &Value) -> String {
 
 /// Loads `root` as a scene in a folder with `files`.
 fn load(root: &Value, files: &[&str], images: ImageFolder) -> Result<(Scene, Warnings), SceneError> {
-    load_with(root, files, NerfstudioOptions { images, ..NerfstudioOptions::default() })
-}
-
-fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result<(Scene, Warnings), SceneError> {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("transforms.json"), root.to_string()).unwrap();
     for file in files {
@@ -43,6 +39,7 @@ fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result
         let image = image_bytes(8, 6);
         fs::write(path, image).unwrap();
     }
+    let options = NerfstudioOptions { images, ..NerfstudioOptions::default() };
     let source = NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap();
     let mut warnings = Warnings::new();
     let scene = source.load(&source.keys()[0], &mut warnings)?;
@@ -367,7 +364,7 @@ fn an_image_of_another_shape_is_not_decoded() {
 }
 
 #[test]
-fn the_applied_transform_is_undone_only_on_request() {
+fn the_applied_transform_is_told_and_not_undone() {
     let applied = json!([[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]]);
     let root = transforms(|root| {
         root["applied_transform"] = applied;
@@ -375,31 +372,23 @@ fn the_applied_transform_is_undone_only_on_request() {
     });
     let kept = parse(&root).unwrap().applied_transform.unwrap();
     Tolerance::EXACT.assert([kept[3], kept[7], kept[11]], [5.0, 6.0, 7.0], "kept");
-    let centre = |undo_applied_transform| {
-        let options = NerfstudioOptions { undo_applied_transform, ..NerfstudioOptions::default() };
-        let (scene, _) = load_with(&root, &[], options).unwrap();
-        scene.frames[0].camera.camera_from_world.inverse().centre().to_array()
-    };
-    Tolerance::F64.assert(centre(false), [1.0, 2.0, 3.0], "as in the papers");
-    // saved = 2 · (A · original + a), so original = Aᵀ · (saved / 2 − a).
-    let (x, y, z) = (0.5 - 5.0, 1.0 - 6.0, 1.5 - 7.0);
-    Tolerance::F64.assert(centre(true), [z, x, y], "undone");
+    let (scene, _) = load(&root, &[], ImageFolder::Listed).unwrap();
+    let centre = scene.frames[0].camera.camera_from_world.inverse().centre();
+    Tolerance::F64.assert(centre.to_array(), [1.0, 2.0, 3.0], "as in the papers");
 
-    let applied = |root: &Value, undo_applied_transform| {
+    let applied = |root: &Value| {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("transforms.json");
         fs::write(&file, root.to_string()).unwrap();
-        let options = NerfstudioOptions { undo_applied_transform, ..NerfstudioOptions::default() };
-        let source = NerfstudioScenes::open(&file, options, &mut Warnings::new()).unwrap();
+        let source = NerfstudioScenes::open(&file, NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
         source.applied_transform(&source.keys()[0])
     };
-    let kept = applied(&root, false).unwrap().unwrap();
-    Tolerance::F64.assert(kept.saved_point(DVec3::new(z, x, y)).to_array(), [1.0, 2.0, 3.0], "a point moves along");
-    Tolerance::F64.assert(kept.saved_point(DVec3::new(1.0, 2.0, 3.0)).to_array(), [14.0, 18.0, 16.0], "by hand");
-    assert_eq!(applied(&root, true).unwrap(), None, "the cameras are in the points' world");
-    assert_eq!(applied(&transforms(|_| ()), false).unwrap(), None, "nothing is applied");
+    let told = applied(&root).unwrap().unwrap();
+    // saved = 2 · (A · original + a).
+    Tolerance::F64.assert(told.saved_point(DVec3::new(1.0, 2.0, 3.0)).to_array(), [14.0, 18.0, 16.0], "a point moves");
+    assert_eq!(applied(&transforms(|_| ())).unwrap(), None, "nothing is applied");
     let mirrored = transforms(|root| root["applied_transform"] = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]));
-    let error = applied(&mirrored, false).unwrap_err().to_string();
+    let error = applied(&mirrored).unwrap_err().to_string();
     assert!(error.contains("applied_transform"), "{error}");
 }
 

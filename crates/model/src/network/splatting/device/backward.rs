@@ -1,4 +1,4 @@
-use atsplat_splat::gpu::{GpuError, GpuGaussians, GpuPart, GpuRenderer};
+use atsplat_splat::gpu::{GpuGaussians, GpuPart, GpuRenderer};
 use atsplat_splat::{SplatError, sh_coefficients};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
@@ -7,8 +7,8 @@ use burn::tensor::{FloatDType, Shape, Slice};
 
 use super::super::copies::Copies;
 use super::super::{INPUTS, Inputs, Request};
-use super::Scenes;
 use super::tensors::{gradient_tensors, image_gradients, in_u32};
+use super::{Scenes, make_room};
 
 /// Gradients with respect to the inputs, summed over the views of each scene in their order.
 pub(super) fn gradients(
@@ -22,20 +22,29 @@ pub(super) fn gradients(
         [Scenes { gaussians, count }] if *count > 1 => (gaussians, *count),
         _ => return gradients_scene_by_scene(renderer, scenes, images, shapes, request),
     };
-    let by_images = image_gradients(renderer, images, request)?;
-    let pending = renderer.backward_batch(gaussians, in_u32(count), &request.views, &request.options, &by_images);
-    let gradients = pending.and_then(|pending| {
-        let settled = renderer.settle(&pending)?;
-        gradient_tensors(renderer, settled.result, shapes, &images.device())
-    });
-    match gradients {
-        // A pair of the backward pass takes six times the memory of a pair of the forward pass, which fitted.
-        Err(SplatError::Gpu(GpuError::TooLarge { .. }) | SplatError::Memory { .. }) => {
+    // A pair of the backward pass takes six times the memory of a pair of the forward pass, which fitted.
+    match gradients_at_once(renderer, (gaussians, count), images, shapes, request) {
+        Ok(gradients) => Ok(gradients),
+        Err(error) => {
+            make_room(renderer, error)?;
             let scenes = separated(renderer, gaussians, count, images)?;
             gradients_scene_by_scene(renderer, &scenes, images, shapes, request)
         }
-        gradients => gradients,
     }
+}
+
+/// All scenes of a batch by one launch of each kernel.
+fn gradients_at_once(
+    renderer: &mut GpuRenderer,
+    (gaussians, count): (&GpuGaussians, usize),
+    images: &FloatTensor<Cube>,
+    shapes: &[Shape; INPUTS],
+    request: &Request,
+) -> Result<Inputs<Cube>, SplatError> {
+    let by_images = image_gradients(renderer, images, request)?;
+    let pending = renderer.backward_batch(gaussians, in_u32(count), &request.views, &request.options, &by_images)?;
+    let settled = renderer.settle(&pending)?;
+    gradient_tensors(renderer, settled.result, shapes, &images.device())
 }
 
 /// The scenes of a batch, each in separate buffers, on the device of a tensor.

@@ -1,4 +1,4 @@
-use atsplat_splat::gpu::{GpuError, GpuRenderer};
+use atsplat_splat::gpu::GpuRenderer;
 use atsplat_splat::{GaussianCounts, SplatError};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
@@ -6,8 +6,8 @@ use burn::backend::{Cube, TensorMetadata as _};
 use burn::tensor::Slice;
 
 use super::super::{Inputs, Request};
-use super::Scenes;
 use super::tensors::{gaussians_of, image_tensor, in_u32};
+use super::{Scenes, make_room};
 
 /// Renders every view; the Gaussians' buffers are kept for the backward pass.
 pub(super) fn rendered(
@@ -20,8 +20,11 @@ pub(super) fn rendered(
         // What is too large for one launch is rendered scene by scene. The backward pass needs room for a few tiles of each splat.
         scenes if scenes == 1 || 2 * splats > renderer.part_length(request.sh_degree) => None,
         scenes => match batch(renderer, inputs, scenes, request) {
-            Err(SplatError::Gpu(GpuError::TooLarge { .. }) | SplatError::Memory { .. }) => None,
-            rendered => Some(rendered?),
+            Ok(rendered) => Some(rendered),
+            Err(error) => {
+                make_room(renderer, error)?;
+                None
+            }
         },
     };
     let (scenes, counts, images) = match at_once {

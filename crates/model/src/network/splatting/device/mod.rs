@@ -7,7 +7,8 @@ mod tensors;
 
 use std::sync::Arc;
 
-use atsplat_splat::gpu::GpuGaussians;
+use atsplat_splat::SplatError;
+use atsplat_splat::gpu::{GpuError, GpuGaussians, GpuRenderer};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Cube, TensorMetadata as _};
@@ -31,6 +32,26 @@ pub(in crate::network) enum Recorded {
 pub(in crate::network) struct Scenes {
     gaussians: GpuGaussians,
     count: usize,
+}
+
+/// Makes room to do scenes one by one after an error of all at once; returns errors that this does not avoid.
+fn make_room(renderer: &mut GpuRenderer, error: SplatError) -> Result<(), SplatError> {
+    if !is_too_large(&error) {
+        return Err(error);
+    }
+    tracing::debug!(%error, "doing the scenes of a batch one by one");
+    if matches!(error, SplatError::Gpu(GpuError::OutOfMemory { .. })) {
+        renderer.free_buffers();
+    }
+    Ok(())
+}
+
+/// Whether less work at once avoids the error: a launch, the limit on memory or the adapter's memory was too small.
+const fn is_too_large(error: &SplatError) -> bool {
+    matches!(
+        error,
+        SplatError::Memory { .. } | SplatError::Gpu(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. })
+    )
 }
 
 impl RenderBackend for Cube {
@@ -73,5 +94,29 @@ impl RenderBackend for Cube {
         });
         let unknown = |shape: &Shape| Self::float_full(shape.clone(), f32::NAN.into(), &device, FloatDType::F32);
         gradients.unwrap_or_else(|| shapes.each_ref().map(unknown))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_batch_without_room_is_done_scene_by_scene() {
+        let adapter = || "a card".to_owned();
+        let reason = || "none left".to_owned();
+        let too_large =
+            GpuError::TooLarge { adapter: adapter(), what: "views", unit: "views", needed: 162, limit: 160 };
+        let errors: [(SplatError, bool); 6] = [
+            (GpuError::OutOfMemory { adapter: adapter(), reason: reason() }.into(), true),
+            (too_large.into(), true),
+            (SplatError::Memory { needed: 9, limit: 8 }, true),
+            (GpuError::Refused { adapter: adapter(), reason: reason() }.into(), false),
+            (GpuError::Device { adapter: adapter(), reason: reason() }.into(), false),
+            (SplatError::Length { field: "views", expected: 1, found: 0 }, false),
+        ];
+        for (error, expected) in errors {
+            assert_eq!(is_too_large(&error), expected, "{error}");
+        }
     }
 }

@@ -1,0 +1,166 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_eval::statistics::{SelectedTarget, score_of, summary_of};
+use atsplat_eval::{Results, TargetStatus};
+use atsplat_protocol::Aggregation;
+use serde::{Deserialize, Serialize};
+
+use super::probe::Stage;
+use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
+
+/// One number of an accepted run, kept when the rows are replaced by a later acceptance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct AcceptedNumber {
+    /// Position in the baseline's history, from 0.
+    pub acceptance: usize,
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// Mean over scenes.
+    pub mean: f64,
+    /// Its 95 % interval; `None` with one scene.
+    pub interval: Option<[f64; 2]>,
+    /// How far the mean of a later run may change; `None` for a deterministic method, which is compared bit by bit.
+    pub limit: Option<f64>,
+    /// Verdict against the previous acceptance; `None` if there was none.
+    pub verdict: Option<Verdict>,
+}
+
+/// The history of one number over all acceptances and the current run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumberHistory {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// Accepted runs, oldest first, then the current run if it has the number.
+    pub runs: Vec<HistoricRun>,
+    /// Number of acceptances without the number, or from before numbers were recorded.
+    pub unknown: usize,
+    /// The verdict on the current run.
+    pub verdict: Verdict,
+}
+
+/// A number in one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HistoricRun {
+    /// The date of its acceptance, or `now`.
+    pub label: String,
+    /// Mean over scenes.
+    pub mean: f64,
+    /// Its 95 % interval.
+    pub interval: Option<[f64; 2]>,
+    /// The range of means that the previous baseline allowed.
+    pub limits: Option<[f64; 2]>,
+    /// The verdict against that baseline.
+    pub verdict: Option<Verdict>,
+    /// Difference from that baseline's mean.
+    pub moved: Option<f64>,
+    /// Why it was accepted; for the current run, the first stage that changed.
+    pub why: Option<String>,
+}
+
+type Name = (String, String, String);
+
+/// Mean and interval of every metric of every method under every preset.
+fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> {
+    let mut names: BTreeSet<(&str, &str, &str)> = BTreeSet::new();
+    let mut groups: BTreeMap<(&str, &str), Vec<&BaselineTarget>> = BTreeMap::new();
+    for row in targets {
+        let (preset, method) = (row.key.preset.as_str(), row.key.method.as_str());
+        names.extend(row.scores.keys().map(|metric| (preset, method, metric.as_str())));
+        groups.entry((preset, method)).or_default().push(row);
+    }
+    for rows in groups.values_mut() {
+        rows.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+    }
+    let of = |(preset, method, metric): (&str, &str, &str)| {
+        let selected = groups.get(&(preset, method))?.iter().filter_map(|row| selected(row, metric));
+        let summary = summary_of(&selected.collect::<Vec<_>>(), Aggregation::SceneMeans);
+        Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), (summary.mean?, summary.interval)))
+    };
+    names.into_iter().filter_map(of).collect()
+}
+
+/// A target of a table's mean: scored, and not identical to the truth.
+fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<'a>> {
+    let value = score_of(row.status, row.scores.get(metric).copied(), metric)?;
+    let id = (row.key.scene.as_str(), row.key.entry, row.target);
+    (row.status != TargetStatus::Identical).then(|| SelectedTarget::of_score(id, value))
+}
+
+impl Baseline {
+    /// With the numbers of its rows and none of earlier acceptances.
+    pub(super) fn with_numbers_of_rows(self) -> Self {
+        Self { numbers: of_rows(&self, None), ..self }
+    }
+}
+
+/// The numbers of a baseline's rows, which belong to its last acceptance. `report` compares them with the previous one.
+pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
+    let acceptance = baseline.history.len().saturating_sub(1);
+    let number = |((preset, method, metric), (mean, interval)): (Name, _)| {
+        let same = |name: (&String, &String, &String)| name == (&preset, &method, &metric);
+        let mut limits = baseline.limits.iter();
+        let limit = limits.find(|limit| same((&limit.preset, &limit.method, &limit.metric))).map(|limit| limit.limit);
+        let mut comparisons = report.iter().flat_map(|report| &report.comparisons);
+        let compared = comparisons.find(|number| same((&number.preset, &number.method, &number.metric)));
+        let verdict = compared.map(|comparison| comparison.verdict);
+        AcceptedNumber { acceptance, preset, method, metric, mean, interval, limit, verdict }
+    };
+    means(&baseline.targets).into_iter().map(number).collect()
+}
+
+/// The history of every number in a report, in its order.
+pub fn histories(baseline: &Baseline, results: &Results, report: &DriftReport) -> Vec<NumberHistory> {
+    let now = means(&results.targets.iter().map(BaselineTarget::from).collect::<Vec<_>>());
+    report.comparisons.iter().map(|comparison| history(baseline, comparison, &now, report)).collect()
+}
+
+fn history(
+    baseline: &Baseline,
+    comparison: &Comparison,
+    now: &BTreeMap<Name, (f64, Option<[f64; 2]>)>,
+    report: &DriftReport,
+) -> NumberHistory {
+    let Comparison { preset, method, metric, verdict, .. } = comparison;
+    let is_same =
+        |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
+    let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(is_same).collect();
+    let range = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
+    let mut runs = Vec::new();
+    let mut before: Option<&AcceptedNumber> = None;
+    for number in &numbers {
+        let accepted = baseline.history.get(number.acceptance);
+        runs.push(HistoricRun {
+            label: accepted.map_or_else(|| number.acceptance.to_string(), |accepted| accepted.date.clone()),
+            mean: number.mean,
+            interval: number.interval,
+            limits: before.map(|before| range(before.mean, before.limit)),
+            verdict: number.verdict,
+            moved: before.map(|before| number.mean - before.mean),
+            why: accepted.map(|accepted| accepted.reason.clone()),
+        });
+        before = Some(number);
+    }
+    let unknown = baseline.history.len().saturating_sub(runs.len());
+    if let Some((mean, interval)) = now.get(&(preset.clone(), method.clone(), metric.clone())) {
+        runs.push(HistoricRun {
+            label: "now".to_owned(),
+            mean: *mean,
+            interval: *interval,
+            limits: before.map(|before| range(before.mean, comparison.limit)),
+            verdict: Some(*verdict),
+            moved: before.map(|before| mean - before.mean),
+            why: report.first_stage().map(Stage::name).map(str::to_owned),
+        });
+    }
+    let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());
+    NumberHistory { preset, method, metric, runs, unknown, verdict: *verdict }
+}

@@ -1,0 +1,186 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_eval::statistics::{SelectedTarget, scene_differences, score_of, student_quantile, summary_of};
+use atsplat_eval::{Results, TargetRow, TargetStatus};
+use atsplat_numeric::{Extremes as _, Tolerance, mean};
+use atsplat_protocol::Aggregation;
+use serde::{Deserialize, Serialize};
+
+/// How far a mean may change before it counts as drift.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Limit {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// In the metric's unit.
+    pub limit: f64,
+    /// Number of runs it was estimated from; with 1 run it is the least limit.
+    pub runs: u64,
+    /// How far the mean of one scene may change, from the same runs; `None` with 1 run, and in baselines of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<f64>,
+}
+
+/// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
+pub fn least_limit(metric: &str) -> f64 {
+    if is_decibels(metric) { 0.01 } else { 0.0005 }
+}
+
+/// How far the mean of one of several scenes may change: as far as repeated runs showed, and at least by 0.5 dB, or 0.02 for
+/// everything else.
+///
+/// Of a limit without [`Limit::scene`], what repeated runs showed is estimated: where noise is independent in each scene, it is larger
+/// there than in their mean by the root of their number; twice as much, because the largest of them is compared. The least limit of
+/// a mean is not noise, and estimates nothing.
+pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
+    let estimated = |known: &Limit| {
+        let is_noise = known.runs > 1 && known.limit > least_limit(metric);
+        is_noise.then(|| 2.0 * known.limit * (scenes as f64).sqrt())
+    };
+    let noise = known.and_then(|known| known.scene.or_else(|| estimated(known)));
+    let least = if is_decibels(metric) { 0.5 } else { 0.02 };
+    noise.map_or(least, |noise| least.maximum_of(noise))
+}
+
+/// How far a target's score of a deterministic method may differ from the baseline's on another machine type: 0.001 dB, and
+/// 1e-5 for everything else. Fused multiply-adds change the last bits of networks and renders; a larger change means that
+/// another token was selected, or a real change.
+pub fn metric_bound(metric: &str) -> Tolerance {
+    Tolerance::absolute(if is_decibels(metric) { 1e-3 } else { 1e-5 })
+}
+
+fn is_decibels(metric: &str) -> bool {
+    atsplat_metrics::definition(metric).is_some_and(|definition| definition.unit == "dB")
+}
+
+/// Limits above this multiple of the least one let real changes pass, and are pointed out.
+const WIDE: f64 = 10.0;
+
+/// The largest multiple of the largest difference between two of the repeated runs that a limit may have.
+const MOST_DIFFERENCES: f64 = 4.0;
+
+impl Limit {
+    /// How many times the least limit it is, if that is so much that changes of that size would go unnoticed.
+    pub fn wide(&self) -> Option<f64> {
+        let times = self.limit / least_limit(&self.metric);
+        (times > WIDE).then_some(times)
+    }
+}
+
+/// Limits of all metrics of non-deterministic methods, from repeated runs of the same plan.
+///
+/// With `n` runs whose means have the standard deviation `s`, the difference between the baseline's mean and that of another
+/// run stays within `t · s · √2` in 99 of 100 cases, where `t` is Student's quantile with `n − 1` degrees of freedom. For few runs
+/// `t` is so large (63.7 for two) that no change would ever be beyond the limit: it is at most [`MOST_DIFFERENCES`] times the
+/// largest difference between two of the runs, which decides up to about four runs. The limit of a scene's mean is as many times the
+/// largest difference of one.
+pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
+    let Some(first) = runs.first() else { return Vec::new() };
+    let random: BTreeSet<&str> = first
+        .provenance
+        .methods
+        .iter()
+        .filter(|method| !method.deterministic)
+        .map(|method| method.name.as_str())
+        .collect();
+    let queries: BTreeSet<(&str, &str, &str)> = first
+        .targets
+        .iter()
+        .filter(|row| random.contains(row.key.method.as_str()))
+        .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
+        .collect();
+    let limit = |(preset, method, metric): (&str, &str, &str)| {
+        let scores = compared_scores(runs, preset, method, metric);
+        let compared: Vec<Vec<SelectedTarget>> = scores.iter().map(selected).collect();
+        let means: Vec<f64> = compared.iter().filter_map(|run| summary_of(run, Aggregation::SceneMeans).mean).collect();
+        let least = least_limit(metric);
+        let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
+        let scene = largest_of_scene(&compared).map(|largest| MOST_DIFFERENCES * largest);
+        let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
+        Limit { preset, method, metric, limit, runs: means.len() as u64, scene }
+    };
+    queries.into_iter().map(limit).collect()
+}
+
+/// Scores by scene, entry and target.
+type Scores = BTreeMap<(String, u32, u32), f64>;
+
+/// The scores of the runs as they are compared: of the targets with a score in all of them that is not of a render identical to the
+/// truth.
+fn compared_scores(runs: &[&Results], preset: &str, method: &str, metric: &str) -> Vec<Scores> {
+    let scores = |run: &&Results| -> Scores {
+        let score = |row: &TargetRow| {
+            let score = score_of(row.status, row.scores.get(metric).copied(), metric)?;
+            let id = (row.key.scene.clone(), row.key.entry, row.target);
+            (row.status != TargetStatus::Identical).then_some((id, score))
+        };
+        run.targets_of(preset, method).filter_map(score).collect()
+    };
+    let all: Vec<Scores> = runs.iter().map(scores).collect();
+    let in_all = |id: &(String, u32, u32)| all.iter().all(|run| run.contains_key(id));
+    let common = |run: &Scores| -> Scores {
+        run.iter().filter(|(id, _)| in_all(id)).map(|(id, score)| (id.clone(), *score)).collect()
+    };
+    all.iter().map(common).collect()
+}
+
+fn selected(scores: &Scores) -> Vec<SelectedTarget<'_>> {
+    let scores = scores.iter();
+    scores
+        .map(|((scene, entry, target), value)| SelectedTarget::of_score((scene.as_str(), *entry, *target), *value))
+        .collect()
+}
+
+/// The largest difference of a scene's mean between two of the runs; `None` with one run, or without a scene.
+fn largest_of_scene(runs: &[Vec<SelectedTarget<'_>>]) -> Option<f64> {
+    let mut largest = None;
+    for (at, run) in runs.iter().enumerate() {
+        for other in runs.iter().skip(at + 1) {
+            for (_, change) in scene_differences(other, run) {
+                largest = Some(largest.map_or(change.abs(), |known: f64| known.maximum_of(change.abs())));
+            }
+        }
+    }
+    largest
+}
+
+fn spread(means: &[f64]) -> Option<f64> {
+    let freedom = means.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
+    let mean = mean(means.iter().copied())?;
+    let variance = means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / freedom as f64;
+    let [low, high] = means.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+        [low.minimum_of(*value), high.maximum_of(*value)]
+    });
+    Some((student_quantile(0.995, freedom) * (2.0 * variance).sqrt()).minimum_of(MOST_DIFFERENCES * (high - low)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Student's quantile of one degree of freedom is 63.7: unbounded, the limit of two runs would be 63.7 times their difference.
+    #[test]
+    fn limits_of_few_runs_are_a_small_multiple_of_what_the_runs_showed() {
+        let close = Tolerance::relative(1e-9);
+        close.assert([spread(&[20.0, 20.5]).unwrap(), spread(&[20.0, 20.5, 20.25]).unwrap()], [2.0, 2.0], "four times");
+        // Σ(x − x̄)² = 28 and t(0.995; 6) = 3.707: 3.707 · √(2 · 28 / 6).
+        let seven = spread(&[-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]).unwrap();
+        Tolerance::absolute(1e-2).assert([seven], [11.33], "Student's, which is less than 24");
+        assert_eq!(spread(&[20.0]), None);
+        Tolerance::EXACT.assert([spread(&[20.0, 20.0]).unwrap()], [0.0], "equal runs");
+    }
+
+    #[test]
+    fn limits_of_more_than_ten_times_the_least_are_wide() {
+        let of = |metric: &str, limit| {
+            let (preset, method, metric) = ("p".to_owned(), "m".to_owned(), metric.to_owned());
+            Limit { preset, method, metric, limit, runs: 2, scene: None }.wide()
+        };
+        assert_eq!([of("psnr", 0.09), of("ssim", 0.0045)], [None; 2]);
+        Tolerance::relative(1e-9).assert([of("psnr", 0.5).unwrap(), of("ssim", 0.05).unwrap()], [50.0, 100.0], "times");
+    }
+}

@@ -1,0 +1,151 @@
+use std::collections::BTreeMap;
+
+use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_splat::Gaussians;
+use serde::Serialize;
+
+use super::outputs::{
+    context, mean_scores, of_gaussians, of_images, of_renders, of_scores, of_views, rendered, resized, scored, targets,
+};
+use super::sheet::sheet_view;
+use super::{Outputs, Stage, Stages, View};
+use crate::DriftError;
+
+/// Which stages changed since the baseline, and their effects on the numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Attribution {
+    /// Every stage of [`Stage::PROBED`], in pipeline order.
+    pub stages: Vec<StageChange>,
+    /// Every metric of the probe.
+    pub metrics: Vec<MetricEffect>,
+}
+
+/// A stage's current output for the baseline's input, compared with the baseline's output.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct StageChange {
+    /// Which stage.
+    pub stage: Stage,
+    /// Whether it differs by more than machines may differ.
+    pub verdict: StageVerdict,
+    /// Values that differ at all.
+    pub differing: u64,
+    /// Number of values in the baseline.
+    pub values: u64,
+    /// Number of values now.
+    pub values_now: u64,
+    /// Largest difference of a value; NaN if any value is NaN.
+    pub largest: f64,
+}
+
+/// Whether a stage's output changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StageVerdict {
+    /// Values were compared and are the same.
+    Same,
+    /// There were no values to compare.
+    Empty,
+    /// The output changed.
+    Changed,
+}
+
+/// The change of a metric from the baseline to now, split by stage.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct MetricEffect {
+    /// Id of the metric.
+    pub metric: String,
+    /// The baseline's mean over the probe's targets.
+    pub baseline: f64,
+    /// The current mean.
+    pub now: f64,
+    /// The effect of each stage, in the order of [`Attribution::stages`]; they sum to `now − baseline`.
+    pub effects: Vec<f64>,
+}
+
+impl Attribution {
+    /// The first stage that changed.
+    pub fn first(&self) -> Option<Stage> {
+        self.stages.iter().find(|stage| stage.verdict == StageVerdict::Changed).map(|stage| stage.stage)
+    }
+}
+
+/// Attributes changes by replacing stages one at a time. Each stage runs on the baseline's input, which shows whether it
+/// changed independently of the others. The probe is also run from each stage's baseline input to the end: replacing the
+/// baseline's output of one more stage by the current one changes each metric by that stage's effect.
+///
+/// With `same_machine`, outputs must be bit-identical. Otherwise networks may differ by a thousandth of their largest value,
+/// renders by 1e-4 and metrics by a relative 1e-9; decoding and resizing are integer operations and exact everywhere.
+///
+/// # Errors
+/// [`DriftError::Stage`] naming the stage that fails.
+pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) -> Result<Attribution, DriftError> {
+    let Outputs { inputs, views, .. } = baseline;
+    let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
+    let resized_alone = resized(stages, inputs, &baseline.decoded)?;
+    let gaussians = stages.model(context(inputs, views)?)?;
+    let renders = rendered(stages, &baseline.gaussians, targets(inputs, views)?)?;
+    let scores = scored(stages, &baseline.renders, targets(inputs, views)?)?;
+    let alone = [
+        of_images(&decoded),
+        of_views(&resized_alone),
+        of_gaussians(&gaussians),
+        of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),
+        of_scores(&scores),
+    ];
+    let changes = Stage::PROBED.into_iter().zip(&alone);
+    let changes = changes.map(|(stage, now)| change(stage, &baseline.values(stage), now, same_machine)).collect();
+
+    let from_gaussians = |gaussians: &Gaussians, views: &[View]| {
+        let targets = targets(inputs, views)?;
+        Ok::<_, DriftError>(mean_scores(&scored(stages, &rendered(stages, gaussians, targets)?, targets)?))
+    };
+    let from_views = |views: &[View]| from_gaussians(&stages.model(context(inputs, views)?)?, views);
+    // Numbers with the current implementation from each stage on; the baseline's numbers last.
+    let numbers = [
+        from_views(&resized(stages, inputs, &decoded)?)?,
+        from_views(&resized_alone)?,
+        from_gaussians(&gaussians, views)?,
+        mean_scores(&scored(stages, &renders, targets(inputs, views)?)?),
+        mean_scores(&scores),
+        baseline.mean_scores(),
+    ];
+    let [now, .., then] = &numbers;
+    let effect = |(metric, baseline): (&String, &f64)| {
+        let of = |scores: &BTreeMap<String, f64>| scores.get(metric).copied();
+        let effects: Option<Vec<f64>> =
+            numbers.windows(2).map(|pair| Some(of(pair.first()?)? - of(pair.last()?)?)).collect();
+        Some(MetricEffect { metric: metric.clone(), baseline: *baseline, now: of(now)?, effects: effects? })
+    };
+    Ok(Attribution { stages: changes, metrics: then.iter().filter_map(effect).collect() })
+}
+
+fn change(stage: Stage, then: &[f64], now: &[f64], same_machine: bool) -> StageChange {
+    let size = then.iter().fold(0.0, |size: f64, value| size.maximum_of(value.abs()));
+    let tolerance = match stage {
+        _ if same_machine => Tolerance::EXACT,
+        Stage::Data | Stage::Decode | Stage::Resize => Tolerance::EXACT,
+        Stage::Model => Tolerance::absolute(1e-3 * size),
+        Stage::Renderer => Tolerance::absolute(1e-4),
+        Stage::Metric => Tolerance::relative(1e-9),
+    };
+    let pairs = || then.iter().zip(now);
+    let verdict = if tolerance.check(now.iter().copied(), then.iter().copied()).is_err() {
+        StageVerdict::Changed
+    } else if then.is_empty() {
+        StageVerdict::Empty
+    } else {
+        StageVerdict::Same
+    };
+    StageChange {
+        stage,
+        verdict,
+        differing: pairs().filter(|(a, b)| !Tolerance::EXACT.accepts(**a, **b)).count() as u64
+            + then.len().abs_diff(now.len()) as u64,
+        values: then.len() as u64,
+        values_now: now.len() as u64,
+        largest: pairs().fold(0.0, |largest: f64, (a, b)| largest.maximum_of((a - b).abs())),
+    }
+}

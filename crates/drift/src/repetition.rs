@@ -1,0 +1,48 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_eval::{Results, TrialKey};
+
+use super::provenance::differences;
+use super::{Difference, DriftError, acceptable};
+
+/// Checks that results are a repetition of a run, so that nothing but repeating it makes their numbers differ: a finished run of
+/// the same protocols, methods and metrics on the same targets and data.
+///
+/// # Errors
+/// [`DriftError::Unacceptable`] with the first difference, and as [`acceptable`].
+pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftError> {
+    acceptable(repeat)?;
+    let unacceptable = |found| Err(DriftError::Unacceptable { expected: "a repetition of the run", found });
+    let differences = differences(&run.provenance, &repeat.provenance);
+    if let Some(Difference { what, baseline, now }) = differences.into_iter().find(is_of_plan) {
+        let [of_run, of_repeat] = [baseline, now].map(|value| value.unwrap_or_else(|| "none".to_owned()));
+        return unacceptable(format!("{what}: {of_repeat} instead of {of_run}"));
+    }
+    let [expected, found] = [run, repeat].map(targets);
+    if let Some((key, target)) = expected.difference(&found).next() {
+        return unacceptable(format!("no target {target} of {key}"));
+    }
+    if let Some((key, target)) = found.difference(&expected).next() {
+        return unacceptable(format!("target {target} of {key}, which the run lacks"));
+    }
+    let known: BTreeMap<&TrialKey, Option<&str>> =
+        run.trials.iter().map(|trial| (&trial.key, trial.data_hash.as_deref())).collect();
+    let is_other = |key: &TrialKey, data: Option<&str>| known.get(key).is_some_and(|known| *known != data);
+    match repeat.trials.iter().find(|trial| is_other(&trial.key, trial.data_hash.as_deref())) {
+        Some(trial) => unacceptable(format!("other images or cameras in {}", trial.key)),
+        None => Ok(()),
+    }
+}
+
+/// Whether a difference is one of protocols, methods or metrics; the same data may be elsewhere, and so may the files that another
+/// run of a method wrote.
+fn is_of_plan(difference: &Difference) -> bool {
+    let what = difference.what.as_str();
+    let places = [("preset ", ", dataset"), ("method ", ", folder")];
+    let is_place = places.iter().any(|(kind, field)| what.starts_with(kind) && what.ends_with(field));
+    !is_place && ["preset ", "method ", "metric "].iter().any(|kind| what.starts_with(kind))
+}
+
+fn targets(results: &Results) -> BTreeSet<(&TrialKey, u32)> {
+    results.targets.iter().map(|row| (&row.key, row.target)).collect()
+}

@@ -1,0 +1,209 @@
+use std::cmp::Ordering;
+
+use atsplat_eval::statistics::{Paired, direction};
+use atsplat_metrics::Direction;
+use serde::{Deserialize, Serialize};
+
+use super::probe::{Attribution, Stage, StageVerdict};
+use super::{DataComparison, Difference};
+
+/// Comparison of results with a baseline.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct DriftReport {
+    /// The worst verdict of all parts.
+    pub verdict: Verdict,
+    /// One per metric, method and preset.
+    pub comparisons: Vec<Comparison>,
+    /// Changes other than of scores.
+    pub findings: Vec<Finding>,
+    /// The images that the numbers were computed from.
+    pub data: DataComparison,
+    /// Settings that affect numbers and differ.
+    pub differences: Vec<Difference>,
+    /// Which stage changed a probe's numbers; `None` if no probe was run.
+    pub attribution: Option<Attribution>,
+    /// Why there is no attribution although the baseline has a probe.
+    pub not_attributed: Option<String>,
+}
+
+/// Outcome of a comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Nothing changed.
+    Same,
+    /// All changes are within their bound or limit.
+    Within,
+    /// There was nothing to compare.
+    Nothing,
+    /// Something changed.
+    Drifted,
+}
+
+/// How two numbers were compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Basis {
+    /// Bit by bit: a deterministic method on the same machine type.
+    Exact,
+    /// Target by target within [`super::metric_bound`], or else as [`Self::Interval`]: a deterministic method on another machine type.
+    Bound,
+    /// The paired interval against a limit: drift if the whole interval is beyond the limit, or if the mean of a scene changed by more
+    /// than [`super::scene_limit`], as the interval of few changed scenes contains 0.
+    Interval,
+}
+
+/// One metric of one method under one preset in baseline and results.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Comparison {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// The verdict on this number.
+    pub verdict: Verdict,
+    /// How it was reached.
+    pub basis: Basis,
+    /// The baseline's mean over scenes, over the targets that are compared: common ones whose render is identical to the truth in
+    /// neither run, because tables leave those out.
+    pub baseline: Option<f64>,
+    /// The results' mean over the same targets.
+    pub now: Option<f64>,
+    /// Results minus baseline over the same targets; `None` if there are none.
+    pub paired: Option<Paired>,
+    /// Common targets that are left out because their render is identical to the truth in one run or both.
+    pub identical: u64,
+    /// Targets whose score changed.
+    pub changed: u64,
+    /// Largest change of a target's score.
+    pub largest: f64,
+    /// Scene, entry and frame of the largest change.
+    pub largest_at: Option<String>,
+    /// The scene whose mean changed most.
+    pub largest_scene: Option<SceneChange>,
+    /// How far the mean may change, if intervals decide.
+    pub limit: Option<f64>,
+    /// How far the mean of a scene may change, if intervals decide.
+    pub scene_limit: Option<f64>,
+}
+
+/// A scene with the change of its mean.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SceneChange {
+    /// The scene.
+    pub scene: String,
+    /// Results minus baseline.
+    pub change: f64,
+}
+
+impl Comparison {
+    /// Whether the mean improved, by the metric's direction; `None` if it did not change.
+    pub fn improved(&self) -> Option<bool> {
+        match (direction(&self.metric), self.paired.as_ref()?.difference.partial_cmp(&0.0)?) {
+            (_, Ordering::Equal) => None,
+            (Direction::Higher, order) => Some(order == Ordering::Greater),
+            (Direction::Lower, order) => Some(order == Ordering::Less),
+        }
+    }
+}
+
+/// A kind of change other than of a score, with its count.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Finding {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// What changed.
+    pub kind: FindingKind,
+    /// Whether it counts as drift.
+    pub verdict: Verdict,
+    /// Number of occurrences.
+    pub count: u64,
+    /// The first occurrence.
+    pub example: String,
+}
+
+/// Kinds of changes other than of scores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FindingKind {
+    /// The protocol's or the index's hash: the numbers are not comparable.
+    Protocol,
+    /// Targets of the baseline without a row in the results.
+    Missing,
+    /// Targets that the baseline does not have; not drift, but not monitored either.
+    New,
+    /// Trials with another hash: frames, cameras or preprocessing.
+    Trial,
+    /// Targets that tables group otherwise: by whether they are context frames, their distance from these, or their overlap.
+    Grouping,
+    /// Targets with another status, such as failed instead of scored.
+    Status,
+    /// Context or target images with other samples, from the data, decoding or resizing.
+    Data,
+    /// Renders that are not bit-identical.
+    Render,
+    /// Trials with other token or Gaussian counts.
+    Count,
+    /// Scores that are no longer computed.
+    Score,
+    /// Scores that the baseline does not have; not drift, but not monitored either.
+    NewScore,
+}
+
+impl FindingKind {
+    /// Description in reports.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Protocol => "another protocol",
+            Self::Missing => "targets are missing",
+            Self::New => "targets are new",
+            Self::Trial => "trials have changed",
+            Self::Grouping => "targets have another mark of context frames, distance or overlap",
+            Self::Status => "targets have another status",
+            Self::Data => "images have changed",
+            Self::Render => "renders are not bit-identical",
+            Self::Count => "trials have other numbers of tokens or Gaussians",
+            Self::Score => "scores are no longer computed",
+            Self::NewScore => "scores are new",
+        }
+    }
+}
+
+impl DriftReport {
+    /// Whether the verdict is drift.
+    pub fn drifted(&self) -> bool {
+        self.verdict == Verdict::Drifted
+    }
+
+    /// The first stage that changed. Changed images are attributed to the data unless decoding or resizing changed on the
+    /// probe, since those stages can produce other images from the same files.
+    pub fn first_stage(&self) -> Option<Stage> {
+        let probed = self.attribution.as_ref().and_then(Attribution::first);
+        let explained = matches!(probed, Some(Stage::Decode | Stage::Resize));
+        if self.data.verdict() == StageVerdict::Changed && !explained { Some(Stage::Data) } else { probed }
+    }
+
+    /// Adds the attribution of a probe.
+    #[must_use]
+    pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
+        match attribution {
+            Ok(attribution) => {
+                let found = attribution.stages.iter().map(|stage| match stage.verdict {
+                    StageVerdict::Same => Verdict::Same,
+                    StageVerdict::Empty => Verdict::Nothing,
+                    StageVerdict::Changed => Verdict::Drifted,
+                });
+                Self { verdict: found.fold(self.verdict, Verdict::max), attribution: Some(attribution), ..self }
+            }
+            Err(error) => Self { verdict: Verdict::Drifted, not_attributed: Some(error.to_string()), ..self },
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! What an acceptance says: what is no longer guarded, what else has changed, and whether a number moved.
+
+use atsplat_eval::{MetricRecord, SkippedEntry};
+
+use super::*;
+
+/// What accepting results after others prints.
+fn said(then: &Results, now: &Results) -> String {
+    let before = Baseline::new(then, &[], acceptance("first"));
+    let report = compare(now, &before);
+    let baseline = before.accept(now, &[], acceptance("second"));
+    let path = std::path::Path::new("b.json");
+    AcceptanceReport::new(path, baseline, acceptance("second"), now, Some(&report)).to_string()
+}
+
+/// Two of six scenes, as with a limit.
+#[test]
+fn targets_that_a_new_baseline_lacks_are_named_and_move_no_number() {
+    let whole = store(true, 6, 0.0, 1);
+    let mut part = whole.clone();
+    part.trials.truncate(2);
+    part.targets.truncate(6);
+    let lost = format!(
+        "warning: {PRESET}, m: 12 targets of the old baseline are no longer guarded, such as scene 002 0 frame 0\n"
+    );
+    let same = said(&whole, &part);
+    assert!(same.contains(&lost) && same.contains("\nno number moved; acceptance 2 of this baseline\n"), "{same}");
+    part.targets[4].scores.values_mut().for_each(|score| *score += 1.0);
+    let moved = said(&whole, &part);
+    assert!(moved.contains(&lost) && moved.contains("\nnumbers moved; acceptance 2 of this baseline\n"), "{moved}");
+    let more = said(&part, &whole);
+    assert!(!more.contains("warning") && more.contains("\nnumbers moved; "), "{more}");
+    let mut other = whole.clone();
+    for key in other.trials.iter_mut().map(|row| &mut row.key).chain(other.targets.iter_mut().map(|row| &mut row.key)) {
+        key.method = "n".to_owned();
+    }
+    let other = said(&whole, &other);
+    assert!(other.contains("m: 18 targets of the old baseline are no longer guarded"), "{other}");
+    assert!(other.contains("\nthe old baseline contains none of these numbers; "), "{other}");
+}
+
+/// LPIPS's weights are missing now, and the protocol is another one; PSNR is the same.
+#[test]
+fn lost_scores_and_other_changes_are_named_and_move_no_number() {
+    let mut then = store(true, 4, 0.0, 1);
+    then.targets.iter_mut().for_each(|row| _ = row.scores.insert("lpips".to_owned(), 0.2));
+    let mut now = store(true, 4, 0.0, 1);
+    now.provenance.presets[0].hash = "b".to_owned();
+    let absent = Some("no weights; looked in no folder".to_owned());
+    now.provenance.metrics.push(MetricRecord { id: "lpips".to_owned(), absent, ..MetricRecord::default() });
+    let text = said(&then, &now);
+    for part in [
+        "\nwarning: a metric is not guarded: lpips: no weights\n",
+        "m: 12 targets of the old baseline are no longer guarded by all of their scores, such as scene 000 0 frame 0: lpips\n",
+        "\nchanged: sampled: another protocol: 1, such as was a, is now b\n",
+        "\nno number moved; acceptance 2 of this baseline\n",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
+#[test]
+fn scenes_that_a_run_left_out_are_named() {
+    let text = |change: fn(&mut Results)| {
+        let mut results = store(true, 2, 0.0, 1);
+        change(&mut results);
+        summary(&results, Baseline::new(&results, &[], acceptance("first")))
+    };
+    let limited = text(|results| {
+        results.provenance.limit = Some(2);
+        (results.provenance.presets[0].entries, results.provenance.presets[0].entries_of_index) = (2, 6);
+    });
+    let left_out = "warning: sampled: 2 of 6 index entries, by a limit of 2 scenes: the others are not guarded\n";
+    assert!(limited.contains(left_out), "{limited}");
+    let whole = text(|results| {
+        results.provenance.limit = Some(9);
+        (results.provenance.presets[0].entries, results.provenance.presets[0].entries_of_index) = (2, 2);
+    });
+    assert!(!whole.contains("warning"), "a limit that leaves nothing out: {whole}");
+    let skipped = text(|results| {
+        results.provenance.presets[0].entries = 3;
+        results.provenance.skipped = vec![SkippedEntry {
+            preset: PRESET.to_owned(),
+            scene: "scene 007".to_owned(),
+            reason: "missing-frame".to_owned(),
+            detail: "frame 7".to_owned(),
+            ..SkippedEntry::default()
+        }];
+    });
+    let entry = "warning: sampled: 1 index entry was skipped: scene scene 007, entry 0: missing-frame: frame 7\n";
+    assert!(skipped.contains(entry), "{skipped}");
+}
+
+#[test]
+fn a_run_that_was_killed_between_two_protocols_cannot_become_a_baseline() {
+    let mut results = store(true, 4, 0.0, 1);
+    results.provenance.presets[0].entries = 4;
+    acceptable(&results).unwrap();
+    results.provenance.presets.push(PresetRecord { name: "q".to_owned(), entries: 5, ..PresetRecord::default() });
+    let error = acceptable(&results).unwrap_err().to_string();
+    assert!(error.contains("a store is not done: 0 of 5 entries of q under m"), "{error}");
+}

@@ -1,0 +1,199 @@
+use super::shape::{Drawing, Extent, Role, Side, Stroke, TextLine};
+use super::theme::GREY;
+
+/// Places labels next to marks so that none covers a mark or another label.
+#[derive(Debug)]
+pub(in crate::plot) struct Labels {
+    bounds: Extent,
+    /// Marks and labels.
+    taken: Vec<Extent>,
+    /// Pieces of lines, which a connection may cross but no label.
+    lines: Vec<Extent>,
+}
+
+const GAPS: [f64; 10] = [11.0, 17.0, 28.0, 44.0, 64.0, 90.0, 120.0, 150.0, 190.0, 240.0];
+/// Square pixels that a label may cover.
+const FREE: f64 = 0.5;
+/// A label farther than this from its mark gets a connecting line.
+const NEAR: f64 = 17.0;
+
+impl Labels {
+    pub(in crate::plot) const fn new(bounds: Extent) -> Self {
+        Self { bounds, taken: Vec::new(), lines: Vec::new() }
+    }
+
+    /// Keeps labels off a mark.
+    pub(in crate::plot) fn avoid(&mut self, [x, y]: [f64; 2], radius: f64) {
+        self.taken.push(Extent::new(x - radius, y - radius, x + radius, y + radius));
+    }
+
+    /// Keeps labels off a line, in steps of a few pixels.
+    pub(in crate::plot) fn avoid_line(&mut self, points: &[[f64; 2]]) {
+        for pair in points.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            let steps = ((to[0] - from[0]).hypot(to[1] - from[1]) / 3.0).ceil().clamp(1.0, 1000.0);
+            let mut step = 0.0;
+            while step <= steps {
+                let share = step / steps;
+                let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+                self.lines.push(Extent::new(x - 2.0, y - 2.0, x + 2.0, y + 2.0));
+                step += 1.0;
+            }
+        }
+    }
+
+    /// Draws a label as near to its mark as there is room; its position and side are replaced. A far label is connected to
+    /// its mark by a line, which keeps off other labels too.
+    pub(in crate::plot) fn place(&mut self, drawing: &mut Drawing, text: &TextLine, mark: [f64; 2]) {
+        let (_, placed) = self.best(text, mark);
+        self.draw(drawing, placed, mark);
+    }
+
+    /// Like [`Self::place`], unless the label would cover something; returns whether it is drawn.
+    pub(in crate::plot) fn place_if_free(&mut self, drawing: &mut Drawing, text: &TextLine, mark: [f64; 2]) -> bool {
+        let (covered, placed) = self.best(text, mark);
+        let is_free = covered < FREE;
+        if is_free {
+            self.draw(drawing, placed, mark);
+        }
+        is_free
+    }
+
+    /// The nearest place where a label covers least: how much it covers there, its distance, and the label.
+    fn best(&self, text: &TextLine, mark: [f64; 2]) -> (f64, (f64, TextLine)) {
+        let half = text.height() / 2.0;
+        let candidates = GAPS.iter().flat_map(|gap| around(mark, *gap, half).map(|(at, side)| (*gap, at, side)));
+        let placed = candidates.map(|(gap, at, side)| {
+            let text = TextLine { at, side, ..text.clone() };
+            let extent = text.extent();
+            let covered: f64 = self.taken.iter().chain(&self.lines).map(|other| extent.shared(*other)).sum();
+            let crossed = if gap > NEAR { self.crossed(connection(mark, extent)) } else { 0.0 };
+            let outside = if self.bounds.contains(extent) { 0.0 } else { 1e4 };
+            (covered + crossed + outside, (gap, text))
+        });
+        let cost = |(covered, (gap, _)): &(f64, (f64, TextLine))| covered * 100.0 + gap;
+        let best = placed.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        best.unwrap_or_else(|| (f64::INFINITY, (0.0, text.clone())))
+    }
+
+    fn draw(&mut self, drawing: &mut Drawing, (gap, text): (f64, TextLine), mark: [f64; 2]) {
+        let extent = text.extent();
+        self.taken.push(extent);
+        if gap > NEAR {
+            let line = connection(mark, extent);
+            drawing.with(Role::Frame, |drawing| drawing.line(line, Stroke::new(GREY, 1.0)));
+            self.avoid_line(&line);
+        }
+        drawing.text(text);
+    }
+
+    /// How much of a line is over what is taken, apart from the mark where it begins.
+    fn crossed(&self, [from, to]: [[f64; 2]; 2]) -> f64 {
+        // The mark itself is within 18 pixels of its middle.
+        let mark = (18.0 / (to[0] - from[0]).hypot(to[1] - from[1])).clamp(0.0, 1.0);
+        let step = |at: u32| {
+            let share = mark + (0.98 - mark) * f64::from(at) / 48.0;
+            let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+            let place = Extent::new(x - 1.5, y - 1.5, x + 1.5, y + 1.5);
+            self.taken.iter().map(|other| place.shared(*other)).sum::<f64>()
+        };
+        (0..=48).map(step).sum()
+    }
+}
+
+/// From a mark to the nearest place of a label.
+fn connection([x, y]: [f64; 2], label: Extent) -> [[f64; 2]; 2] {
+    [[x, y], [x.clamp(label.left, label.right), y.clamp(label.top, label.bottom)]]
+}
+
+/// Positions around a mark for a label of this half height, in order of preference.
+fn around([x, y]: [f64; 2], gap: f64, half: f64) -> [([f64; 2], Side); 12] {
+    let slanted = 0.75 * gap;
+    let (above, below) = (y - gap - half + 2.0, y + gap + half - 2.0);
+    [
+        ([x + gap, y], Side::Left),
+        ([x, above], Side::Middle),
+        ([x, below], Side::Middle),
+        ([x - gap, y], Side::Right),
+        ([x + slanted, above + gap - slanted + 2.0], Side::Left),
+        ([x + slanted, below - gap + slanted - 2.0], Side::Left),
+        ([x - slanted, above + gap - slanted + 2.0], Side::Right),
+        ([x - slanted, below - gap + slanted - 2.0], Side::Right),
+        ([x + gap, y - slanted / 2.0 - half], Side::Left),
+        ([x + gap, y + slanted / 2.0 + half], Side::Left),
+        ([x - gap, y - slanted / 2.0 - half], Side::Right),
+        ([x - gap, y + slanted / 2.0 + half], Side::Right),
+    ]
+}
+
+/// The middles of labels, given the wanted middle and the height of each: without overlap, near the wanted places, and
+/// inside `low..high` if there is room; in the order of `wanted`.
+pub(in crate::plot) fn spread(wanted: &[(f64, f64)], low: f64, high: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..wanted.len()).collect();
+    order.sort_by(|a, b| wanted[*a].0.total_cmp(&wanted[*b].0));
+    let mut placed: Vec<f64> = wanted.iter().map(|(middle, _)| *middle).collect();
+    let mut least = low;
+    for &at in &order {
+        let half = wanted[at].1 / 2.0;
+        placed[at] = if placed[at] > least + half { placed[at] } else { least + half };
+        least = placed[at] + half;
+    }
+    let mut most = high;
+    for &at in order.iter().rev() {
+        let half = wanted[at].1 / 2.0;
+        placed[at] = if placed[at] < most - half { placed[at] } else { most - half };
+        most = placed[at] - half;
+    }
+    placed
+}
+
+/// Names above a plot, each over the middle of its part, moved sideways where they would touch.
+pub(in crate::plot) fn names_above(drawing: &mut Drawing, y: f64, parts: &[(String, [f64; 2])], [low, high]: [f64; 2]) {
+    let text = |name: &str, x: f64| TextLine::new(name, [x, y]).small().muted().side(Side::Middle);
+    let wanted: Vec<(f64, f64)> = parts
+        .iter()
+        .map(|(name, [from, to])| (f64::midpoint(*from, *to), text(name, 0.0).extent().width() + 8.0))
+        .collect();
+    for ((name, _), x) in parts.iter().zip(spread(&wanted, low, high)) {
+        drawing.text(text(name, x));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_of_the_same_mark_do_not_overlap() {
+        let bounds = Extent::new(0.0, 0.0, 400.0, 300.0);
+        let (mut labels, mut drawing) = (Labels::new(bounds), Drawing::new(400, 300));
+        for name in ["one", "two", "three", "four", "five", "six"] {
+            labels.place(&mut drawing, &TextLine::new(name, [0.0, 0.0]), [200.0, 150.0]);
+        }
+        let names: Vec<Extent> = drawing
+            .items
+            .iter()
+            .filter_map(|item| match &item.shape {
+                super::super::shape::Shape::Text(text) => Some(text.extent()),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(names.len(), 6);
+        for (at, extent) in names.iter().enumerate() {
+            assert!(bounds.contains(*extent));
+            assert!(names[at + 1..].iter().all(|other| extent.shared(*other) == 0.0), "{extent:?}");
+        }
+    }
+
+    #[test]
+    fn spreading_keeps_order_and_distance() {
+        let placed = spread(&[50.0, 10.0, 12.0, 49.0].map(|middle| (middle, 15.0)), 0.0, 60.0);
+        assert_eq!(placed, [52.5, 7.5, 22.5, 37.5]);
+        assert_eq!(
+            spread(&[(10.0, 30.0), (12.0, 10.0)], 0.0, 90.0),
+            [15.0, 35.0],
+            "a label of two lines takes more room"
+        );
+        assert_eq!(spread(&[], 0.0, 60.0), Vec::<f64>::new());
+    }
+}

@@ -1,0 +1,127 @@
+//! The scripts of CI, of reports and of experiments decide rightly, on programs that stand in for the real ones.
+
+#![cfg(target_os = "linux")]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn file(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}
+
+/// A folder with stand-ins for these programs, in `bin/`.
+struct Stage(tempfile::TempDir);
+
+impl Stage {
+    fn new(programs: &[&str]) -> Self {
+        let stage = Self(tempfile::tempdir().unwrap());
+        fs::create_dir(stage.path("bin")).unwrap();
+        for name in programs {
+            symlink(fs::canonicalize(file("tests/tests/fixtures/stand_in")).unwrap(), stage.path("bin").join(name))
+                .unwrap();
+        }
+        stage
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    /// Runs a script here, with stand-ins on the path that each do `does`. Returns whether it succeeded, and the calls.
+    fn run(&self, script: &Path, args: &[&str], does: &str) -> (bool, Vec<String>) {
+        let calls = self.path("calls");
+        fs::write(&calls, "").unwrap();
+        let path = format!("{}:{}", self.path("bin").display(), std::env::var("PATH").unwrap());
+        let mut command = Command::new("bash");
+        command.arg(script).args(args).current_dir(self.0.path());
+        command.env("PATH", path).env("CALLS", &calls).env("DO", does);
+        let succeeded = command.output().unwrap().status.success();
+        (succeeded, fs::read_to_string(calls).unwrap().lines().map(str::to_owned).collect())
+    }
+}
+
+/// Whether `.ci/skips` accepts a log, and what it prints.
+fn skips(log: &str, data_is_required: &str) -> (bool, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log");
+    fs::write(&path, log).unwrap();
+    let mut command = Command::new("bash");
+    command.arg(file(".ci/skips")).arg(path).env("ATSPLAT_REQUIRE_SHARED_DATA", data_is_required);
+    let output = command.output().unwrap();
+    (output.status.success(), String::from_utf8(output.stdout).unwrap())
+}
+
+#[test]
+fn tests_without_real_data_are_counted_and_other_skips_must_be_expected() {
+    let data = "SKIPPED second: no real data (/a: b)\n\
+                SKIPPED first: no real data (/a)\n\
+                SKIPPED first: no real data (/a)\n";
+    let others = "SKIPPED opengl_is_within_the_bound: ATSPLAT_TEST_OPENGL is not 1\n\
+                  SKIPPED test_torch.py: could not import 'torch': No module named 'torch'\n";
+    for not_required in ["", "0"] {
+        let (accepted, text) = skips(&format!("{data}{others}"), not_required);
+        assert!(accepted && text.starts_with("SKIPPED first: no real data (/a)\n"), "{text}");
+        assert!(text.ends_with("2 tests are skipped for want of real data\n"), "{text}");
+    }
+    assert_eq!(skips(others, "1"), (true, others.to_owned()));
+    let (accepted, text) = skips(data, "1");
+    assert!(!accepted && text.contains("NOT EXPECTED: SKIPPED second: no real data (/a: b)\n"), "{text}");
+    for line in [
+        "SKIPPED opengl: a part of a name",
+        "SKIPPED opengl_is_within_the_bound_too: another name",
+        "SKIPPED splat::gpu: no graphics adapter: none",
+        "SKIPPED third: it says no real data (at its end)",
+    ] {
+        assert_eq!(skips(line, ""), (false, format!("NOT EXPECTED: {line}\n")));
+    }
+}
+
+#[test]
+fn an_interrupted_simulation_of_the_claims_is_repeated_and_a_whole_one_kept() {
+    let stage = Stage::new(&["atsplat"]);
+    stage.write("data/rooms-64/train/left/over", "");
+    for whole in ["rooms-128-test", "yards-test"] {
+        stage.write(&format!("data/{whole}/manifest.json"), "{}");
+    }
+    // The script ends at the first weights, which are in no history here.
+    let simulate = r#"mkdir -p "$3"; touch "$3/manifest.json""#;
+    let (_, calls) = stage.run(&file("eval/experiments/claims/run"), &["atsplat", "out"], simulate);
+    let simulated: Vec<&str> =
+        calls.iter().filter_map(|call| call.strip_prefix("atsplat data simulate ")?.split(' ').next()).collect();
+    assert_eq!(simulated, ["data/rooms-64", "data/rooms-64-test"]);
+    assert!(!stage.path("data/rooms-64/train").exists(), "the simulation begins anew");
+}
+
+#[test]
+fn a_baseline_is_replaced_only_if_a_number_moved() {
+    let stage = Stage::new(&["cargo", "git"]);
+    fs::create_dir_all(stage.path("target/release")).unwrap();
+    symlink(stage.path("bin/git"), stage.path("target/release/atsplat")).unwrap();
+    stage.write("reports/regenerate", &fs::read_to_string(file("reports/regenerate")).unwrap());
+    // The other baseline does not exist yet.
+    stage.write("eval/baselines/quick.json", "{}");
+    for (status, succeeds, accepted) in [(0, true, "quick-yards"), (3, true, "quick quick-yards"), (1, false, "")] {
+        let does = format!(
+            r#"case "$(basename "$0") $1 $2" in
+                "cargo metadata "*) echo '{{"target_directory":"{}"}}' ;;
+                "atsplat drift accept") ;;
+                "atsplat drift "*) exit {status} ;;
+            esac"#,
+            stage.path("target").display()
+        );
+        let (succeeded, calls) = stage.run(&stage.path("reports/regenerate"), &["why"], &does);
+        assert_eq!(succeeded, succeeds, "drift exits with {status}: {calls:?}");
+        let accepts = calls.iter().filter(|call| call.starts_with("atsplat drift accept"));
+        let baselines: Vec<&str> =
+            accepts.filter_map(|call| call.split("eval/baselines/").nth(1)?.split(".json").next()).collect();
+        assert_eq!(baselines.join(" "), accepted, "drift exits with {status}");
+    }
+}
