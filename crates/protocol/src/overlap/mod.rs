@@ -2,10 +2,9 @@
 //! directions. They measure different things: do not mix numbers of different estimators, or the numbers that NoPoSplat
 //! publishes (`RoMa` matches, code never released), in one set of bins.
 //!
-//! Against the true co-visibility of scenes of the simulator's first generation (`atsplat protocol estimators`: 192 pairs
-//! of rooms, 192 of yards), Spearman's rank correlation is 0.49 in rooms and −0.26 in yards for rays along epipolar lines,
-//! and 1.00 and 0.94 for depth. Epipolar lines ignore occlusion: around an object in the middle, nearly every ray of one
-//! view crosses the other view.
+//! Against the true co-visibility of simulated scenes (`atsplat protocol estimators`: 192 pairs of rooms, 192 of yards),
+//! Spearman's rank correlation is 0.49 in rooms and −0.27 in yards for rays along epipolar lines, and 1.00 and 0.98 for depth.
+//! Epipolar lines ignore occlusion: around an object in the middle, nearly every ray of one view crosses the other one.
 
 mod annotate;
 mod binned;
