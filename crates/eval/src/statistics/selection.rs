@@ -41,7 +41,7 @@ pub(crate) enum Outcome<'a> {
 }
 
 impl<'a> SelectedTarget<'a> {
-    /// A score of a target with this [`Self::id`].
+    /// A score of the target with this identity: scene, entry, and position among its targets.
     pub fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
         let outcome = Outcome::Score { value, identical: false };
         Self { scene, entry, target, frame: target.into(), distance: None, overlap: None, outcome }
