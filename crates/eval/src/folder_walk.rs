@@ -5,8 +5,11 @@ use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 
 /// Visits folders at any depth, each once. Links are followed last, so that a folder has its own name, and only to
-/// folders that were not visited yet, so that they cannot loop. Hidden folders are left out, but for the first.
+/// folders that were not visited yet, so that they cannot loop, and that do not contain the first one, which would lead through
+/// the whole file system. Hidden folders are left out, but for the first.
 pub(crate) struct FolderWalk {
+    /// The first folder, without links in its path; `None` if it cannot be found.
+    start: Option<PathBuf>,
     /// The next one is the last.
     pending: Vec<PathBuf>,
     links: VecDeque<PathBuf>,
@@ -20,6 +23,8 @@ pub(crate) enum LeftOut {
     Hidden,
     /// It was visited under another name; with its path without links.
     Visited(PathBuf),
+    /// It contains the folder with which the walk began; with its path without links.
+    Containing(PathBuf),
     Unreadable(io::Error),
 }
 
@@ -34,8 +39,8 @@ pub(crate) struct VisitedFolder {
 
 impl FolderWalk {
     pub(crate) fn from(folder: &Path) -> Self {
-        let pending = vec![folder.to_owned()];
-        Self { pending, links: VecDeque::new(), visited: BTreeSet::new(), left_out: Vec::new() }
+        let (start, pending) = (folder.canonicalize().ok(), vec![folder.to_owned()]);
+        Self { start, pending, links: VecDeque::new(), visited: BTreeSet::new(), left_out: Vec::new() }
     }
 
     /// Visits the next folder.
@@ -66,6 +71,9 @@ impl FolderWalk {
         if self.visited.contains(&canonical) {
             return Err(LeftOut::Visited(canonical));
         }
+        if self.start.as_ref().is_some_and(|start| *start != canonical && start.starts_with(&canonical)) {
+            return Err(LeftOut::Containing(canonical));
+        }
         self.visited.insert(canonical);
         let entries = fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>);
         let (mut folders, mut files) = (Vec::new(), Vec::new());
@@ -91,6 +99,7 @@ impl fmt::Display for LeftOut {
         match self {
             Self::Hidden => write!(f, "hidden"),
             Self::Visited(path) => write!(f, "the same folder as {}, which is searched once", path.display()),
+            Self::Containing(path) => write!(f, "{} contains the folder that is searched", path.display()),
             Self::Unreadable(error) => write!(f, "cannot be read: {error}"),
         }
     }
@@ -118,6 +127,7 @@ mod tests {
         match why {
             LeftOut::Hidden => "hidden",
             LeftOut::Visited(_) => "visited",
+            LeftOut::Containing(_) => "containing",
             LeftOut::Unreadable(_) => "unreadable",
         }
     }
@@ -132,6 +142,21 @@ mod tests {
         let deep = ["b", "b/1", "b/1/2", "b/1/2/3", "b/1/2/3/4", "b/1/2/3/4/5", "b/1/2/3/4/5/6"];
         let expected: Vec<&str> = ["", "a", "a/c"].into_iter().chain(deep).collect();
         assert_eq!(walked(root.path()), [expected, vec!["a/.git: hidden"]]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_do_not_lead_out_to_what_contains_the_start() {
+        let outside = tempfile::tempdir().unwrap();
+        let start = outside.path().join("data");
+        for folder in [start.join("a"), outside.path().join("b/c")] {
+            fs::create_dir_all(folder).unwrap();
+        }
+        for (target, link) in [(outside.path(), "above"), (&*outside.path().join("b"), "beside")] {
+            std::os::unix::fs::symlink(target, start.join(link)).unwrap();
+        }
+        let visited = vec!["", "a", "beside", "beside/c"];
+        assert_eq!(walked(&start), [visited, vec!["above: containing"]]);
     }
 
     /// A link leads into the other folder first, another one to all of it, and a third from there to the start.

@@ -1,4 +1,4 @@
-//! Sample rows for tests.
+//! Sample rows for tests, also those of `atsplat-drift`, which contain this file as a module: types come from the module above.
 
 use super::timing::{Load, Machine, TimingRow};
 use super::{MetricRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};

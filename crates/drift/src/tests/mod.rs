@@ -1,3 +1,4 @@
+// Some of them for `sample_rows`, which takes its types from the module above.
 use atsplat_eval::{
     MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus, timing,
 };

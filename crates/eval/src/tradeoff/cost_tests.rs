@@ -75,16 +75,20 @@ fn gaussians_are_averaged_over_common_trials() {
         }
     }
     store.targets.retain(|row| row.key.method == "frugal" || row.key.scene == "sparse");
+    let noted = |store: &Results| only(store).notes.into_iter().map(|note| note.text).collect::<Vec<_>>();
     assert_eq!(costs(&only(&store), Axis::Gaussians), [("frugal", 1000.0), ("lavish", 2000.0)]);
+    let expected = "Gaussians are averaged over the 1 trials that all settings finished, of 2";
+    assert!(noted(&store).contains(&expected.to_owned()), "{:?}", noted(&store));
     // Without a trial in common, each is over its own.
     store.trials.retain(|row| row.key.method == "lavish" || row.key.scene == "dense");
     assert_eq!(costs(&only(&store), Axis::Gaussians), [("lavish", 2000.0), ("frugal", 10_000.0)]);
+    assert!(noted(&store).iter().any(|note| note.starts_with("No trial was finished by all")), "{:?}", noted(&store));
 }
 
 #[test]
 fn times_of_other_trials_and_rows_of_several_machines_are_named() {
     let mut store = store(&["a", "b", "c"], &scenes());
-    assert_eq!(only(&store).notes, [""; 0]);
+    assert_eq!(only(&store).notes, []);
     store.timings.retain(|row| row.key.method != "b" || row.key.scene == "dense");
     for (row, machine) in store.trials.iter_mut().filter(|row| row.key.method == "c").zip(["two threads", "sixteen"]) {
         row.notes = vec!["something else".to_owned(), format!("optimisation: 147 steps in its time on {machine}")];
@@ -94,7 +98,7 @@ fn times_of_other_trials_and_rows_of_several_machines_are_named() {
         "b: timed on 1 of the 2 trials that have times: times of different trials are compared",
         "c: optimised on several machines, which take different numbers of steps in the same time: sixteen; two threads",
     ];
-    assert_eq!(found.notes, expected);
+    assert_eq!(found.notes.iter().map(ToString::to_string).collect::<Vec<_>>(), expected);
     let text = text(found);
     assert!(expected.iter().all(|note| text.contains(&format!("\n  {note}\n"))), "{text}");
 }
@@ -145,6 +149,27 @@ fn a_point_is_worse_than_a_later_one_of_the_same_cost() {
     let standings = found.points.iter().map(|point| (point.standing, point.against.as_ref().unwrap().label.as_str()));
     let expected = [(Standing::Frontier, "better"), (Standing::Worse, "better"), (Standing::Frontier, "first")];
     assert_eq!(standings.collect::<Vec<_>>(), expected);
+}
+
+/// The third has targets in common with the first alone, which the second has replaced as the last of the frontier.
+#[test]
+fn a_point_is_not_compared_with_one_that_it_beats() {
+    let timed = |label: &str, quality, secs| Sample {
+        label: label.to_owned(),
+        quality: Some(quality),
+        secs: Some(secs),
+        ..Sample::default()
+    };
+    let samples = [timed("first", 20.0, 1.0), timed("second", 22.0, 2.0), timed("elsewhere", 24.0, 3.0)];
+    let contrasts = |terms: &[(usize, f64)]| {
+        let has = |sample: usize| terms.iter().any(|(at, _)| *at == sample);
+        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
+        let found = Contrast { value, interval: Some([value - 1.0, value + 1.0]), scenes: 6, unpaired: 0 };
+        (!(has(1) && has(2))).then_some(found)
+    };
+    let found = frontier(&samples, &contrasts, Direction::Higher, Axis::Seconds, 0.1);
+    let last = found.points.last().unwrap();
+    assert_eq!((last.standing, last.against.is_none()), (Standing::NotDistinguishable, true), "{last:?}");
 }
 
 /// Six scenes, in which the second setting is 1 dB better.

@@ -271,7 +271,7 @@ impl Ranking<'_> {
 
     /// Compares points off the frontier with its final points: they were compared with the last one before them, which may have been
     /// dropped since, or be followed by one of the same cost. Of those that cost no more, or the same, the last with common targets
-    /// counts.
+    /// counts, unless the point is better: that one was not the last when they were compared.
     fn compare_with_final(&self, points: &mut [Point], frontier: &[usize]) {
         for at in (0..points.len()).filter(|at| !frontier.contains(at)) {
             let point = &points[at];
@@ -283,7 +283,9 @@ impl Ranking<'_> {
             let costs_no_more = |on: &usize| *on < at || same_cost(&points[*on], point);
             let others = frontier.iter().rev().copied().filter(costs_no_more).take_while(|on| !is_known(on));
             let mut differences = others.filter_map(|on| Some((on, self.difference(point, &points[on])?)));
-            let Some((last, difference)) = differences.next() else { continue };
+            let Some((last, difference)) = differences.find(|(_, difference)| !self.is_better(difference)) else {
+                continue;
+            };
             if self.is_better(&difference.negated()) {
                 points[at].standing = Standing::Worse;
             }

@@ -24,5 +24,5 @@ pub use frontier::{Axis, Contrasts, Counts, Frontier, Point, PointDifference, Pr
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, SweepBase, parts};
 pub use report::TradeoffReport;
-pub use sample::{Incomplete, Tradeoff, across, quality_step, tradeoffs};
+pub use sample::{Incomplete, Note, Tradeoff, across, quality_step, tradeoffs};
 pub use sweep::{Setting, Sweep};

@@ -1,4 +1,5 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
@@ -37,9 +38,26 @@ pub struct Tradeoff {
     pub incomplete: Vec<Incomplete>,
     /// Labels of settings without any score, with the reason; they are in no frontier.
     pub unscored: Vec<(String, String)>,
-    /// What else a reader must know of settings, in whole sentences after their labels.
+    /// What else a reader must know.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
+}
+
+/// What a reader must know of one setting, or of all.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Note {
+    /// The setting's label; `None` for all settings.
+    pub label: Option<String>,
+    /// A sentence without full stop, in lower case after a label.
+    pub text: String,
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.label.iter().try_for_each(|label| write!(f, "{label}: "))?;
+        f.write_str(&self.text)
+    }
 }
 
 impl Tradeoff {
@@ -104,7 +122,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let (aggregation, note) = match aggregations[..] {
         [] => (Aggregation::SceneMeans, None),
         [common] => (common, None),
-        _ => (Aggregation::SceneMeans, Some(DIFFERENT_AGGREGATIONS.to_owned())),
+        _ => (Aggregation::SceneMeans, Some(Note { label: None, text: DIFFERENT_AGGREGATIONS.to_owned() })),
     };
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().cloned().collect();
@@ -114,7 +132,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
 }
 
 const DIFFERENT_AGGREGATIONS: &str =
-    "protocols average targets in different ways: qualities are as each averages them, differences are of scene means";
+    "Protocols average targets in different ways: qualities are as each averages them, differences are of scene means";
 
 /// The machine on which methods of different protocols are compared: the one on which most protocols were timed, of those the
 /// one with the most timed trials, the first in order if tied.
@@ -150,7 +168,7 @@ fn of_scored(
     machines: Vec<Machine>,
 ) -> Tradeoff {
     let step = quality_step(metric);
-    pair_gaussians(&mut scored);
+    let paired = pair_gaussians(&mut scored);
     let samples: Vec<Sample> = scored.iter().map(|setting| setting.sample.clone()).collect();
     let contrasts = |terms: &[(usize, f64)]| {
         let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.selected.as_slice(), *weight));
@@ -175,7 +193,7 @@ fn of_scored(
         machines,
         devices,
         incomplete: incomplete(&scored),
-        notes: notes(&scored),
+        notes: notes(&scored).into_iter().chain(paired).collect(),
         unscored,
     }
 }

@@ -6,7 +6,7 @@ use atsplat_numeric::mean;
 use atsplat_protocol::Aggregation;
 
 use super::unscored::why_unscored;
-use super::{Counts, Sample};
+use super::{Counts, Note, Sample};
 use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_of};
 use crate::timing::{GAUSSIANS_UNTIMED, Machine, times_on};
 use crate::{MethodRecord, Results, TrialKey, TrialStatus};
@@ -109,34 +109,41 @@ fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTre
 }
 
 /// Takes the means of Gaussians over the trials in which every setting with a score made some, because costs of different trials
-/// cannot be compared. If there is no such trial, they stay as they are.
-pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) {
+/// cannot be compared. If there is no such trial, they stay as they are. Says so where these are not all trials.
+pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
     let ranked = all.iter().filter(|setting| setting.sample.quality.is_some() && !setting.gaussians.is_empty());
-    let trials = ranked.map(|setting| setting.gaussians.keys().copied().collect::<BTreeSet<_>>());
-    let Some(common) = trials.reduce(|common, trials| &common & &trials) else { return };
+    let trials: Vec<BTreeSet<_>> = ranked.map(|setting| setting.gaussians.keys().copied().collect()).collect();
+    let most = trials.iter().map(BTreeSet::len).max()?;
+    let common = trials.into_iter().reduce(|common, trials| &common & &trials)?;
     for Scored { sample, gaussians, .. } in all {
         let counts = gaussians.iter().filter(|(trial, _)| common.contains(*trial));
         sample.gaussians = mean(counts.map(|(_, count)| *count as f64)).or(sample.gaussians);
     }
+    let text = match common.len() {
+        0 => "No trial was finished by all settings: Gaussians of each are averaged over its own trials".to_owned(),
+        count if count < most => {
+            format!("Gaussians are averaged over the {count} trials that all settings finished, of {most}")
+        }
+        _ => return None,
+    };
+    Some(Note { label: None, text })
 }
 
 /// What a reader must know of settings: which were timed on other trials, or optimised on several machines.
-pub(super) fn notes(all: &[Scored<'_>]) -> Vec<String> {
+pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
     let timed_on: BTreeSet<TrialId<'_>> = all.iter().flat_map(|setting| &setting.timed).copied().collect();
     let mut notes = Vec::new();
     for Scored { sample, timed, optimised_on, .. } in all {
-        let label = &sample.label;
+        let mut note = |text| notes.push(Note { label: Some(sample.label.clone()), text });
         if !timed.is_empty() && *timed != timed_on {
             let [some, of] = [timed.len(), timed_on.len()];
-            notes.push(format!(
-                "{label}: timed on {some} of the {of} trials that have times: times of different trials are compared"
-            ));
+            note(format!("timed on {some} of the {of} trials that have times: times of different trials are compared"));
         }
         if optimised_on.len() > 1 {
             let machines: Vec<&str> = optimised_on.iter().copied().collect();
             let machines = machines.join("; ");
-            notes.push(format!(
-                "{label}: optimised on several machines, which take different numbers of steps in the same time: {machines}"
+            note(format!(
+                "optimised on several machines, which take different numbers of steps in the same time: {machines}"
             ));
         }
     }

@@ -151,9 +151,9 @@ impl FileVersion {
     }
 }
 
-/// Whether a text can be the content of a cache file: it has a line of one, or a crash left only the beginning of a line.
+/// Whether a text can be the content of a cache file: it has a line of one, or a crash left the beginning of a line alone, or zeros.
 fn is_cache(text: &str) -> bool {
-    let is_part_of_line = |byte: u8| byte.is_ascii_hexdigit() || byte == b' ' || byte == b'\n';
+    let is_part_of_line = |byte: u8| byte.is_ascii_hexdigit() || matches!(byte, b' ' | b'\n' | 0);
     text.lines().any(|line| parse_line(line).is_some()) || text.bytes().all(is_part_of_line)
 }
 
@@ -334,7 +334,7 @@ mod tests {
         assert!(ImageDigests::open(&file, true).is_err());
         let line = format!("{digest} 12 1700000000000000000 {digest}\n");
         // A crash can leave any part of the first line, to which later lines are appended.
-        for left in [String::new(), line[..70].to_owned(), format!("{}{line}", &line[..9]), line] {
+        for left in [String::new(), "\0".repeat(9), line[..70].to_owned(), format!("{}{line}", &line[..9]), line] {
             fs::write(&file, &left).unwrap();
             assert!(ImageDigests::open(&file, false).is_ok(), "{left}");
         }

@@ -11,7 +11,7 @@ use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
-use crate::files::{last_name, list, read_file, split_image_name};
+use crate::files::{is_read, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
 use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
 
@@ -276,7 +276,7 @@ fn report_other_models(key: &str, model: &Path, scenes: &[PathBuf], warnings: &m
     Ok(())
 }
 
-/// The folder that contains `images/`: the model's folder, or the parent of `sparse/` or, if `colmap/` has no `images/` itself, of
+/// The folder that contains `images/`: the model's folder, or the parent of `sparse/` or, if `colmap/` has no images itself, of
 /// `colmap/sparse/`.
 fn capture_of(model: &Path) -> PathBuf {
     let model = absolute(model);
@@ -285,10 +285,15 @@ fn capture_of(model: &Path) -> PathBuf {
     };
     let sparse = up(&model, "sparse").or_else(|| up(model.parent()?, "sparse"));
     match sparse {
-        Some(capture) if capture.join("images").is_dir() => capture,
+        Some(capture) if has_images(&capture) => capture,
         Some(capture) => up(&capture, "colmap").unwrap_or(capture),
         None => model,
     }
+}
+
+/// Whether there are images in `images/`, or folders, in which there may be some.
+fn has_images(capture: &Path) -> bool {
+    list(&capture.join("images")).is_ok_and(|found| found.iter().any(|(name, is_folder)| *is_folder || is_read(name)))
 }
 
 fn absolute(path: &Path) -> PathBuf {
@@ -318,14 +323,16 @@ mod tests {
             let key = source.keys()[0].clone();
             let scene = source.load(&key, &mut Warnings::new()).unwrap();
             let file = scene.frames[0].image.file().unwrap();
-            (key, file.strip_prefix(folder.path()).unwrap().display().to_string())
+            (key, file.strip_prefix(folder.path()).unwrap().to_owned())
         };
+        // An empty folder is left over.
+        fs::create_dir_all(desk.join("colmap/images")).unwrap();
         let opened = ["desk", "desk/colmap", "desk/colmap/sparse/0"];
         for (images, keys) in [("desk/images", ["desk"; 3]), ("desk/colmap/images", ["desk", "colmap", "colmap"])] {
             fs::create_dir_all(folder.path().join(images)).unwrap();
             fs::write(folder.path().join(images).join("a.png"), "").unwrap();
             for (opened, key) in opened.into_iter().zip(keys) {
-                assert_eq!(found(opened), (key.to_owned(), format!("{images}/a.png")), "{opened}");
+                assert_eq!(found(opened), (key.to_owned(), Path::new(images).join("a.png")), "{opened}");
             }
         }
     }

@@ -80,8 +80,10 @@ impl NerfstudioScenes {
             let expected = "transforms.json in the folder, its nerfstudio/ or one of its subfolders";
             return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
-        let is_undistorted =
-            |scene: &SceneFile| scene.file.parent().is_some_and(|folder| last_name(folder) == UNDISTORTED);
+        let is_undistorted = |scene: &SceneFile| {
+            let file = std::path::absolute(&scene.file).unwrap_or_else(|_| scene.file.clone());
+            file.parent().is_some_and(|folder| last_name(folder) == UNDISTORTED)
+        };
         if options.prefer_gaussian_splat && !scenes.iter().any(is_undistorted) {
             let expected = format!("undistorted captures, in a scene's {UNDISTORTED}/transforms.json");
             return Err(SceneError::unrecognized(path, expected, "no such file"));

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use atsplat_eval::PresetRecord;
 use atsplat_eval::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, summary};
 use atsplat_eval::timing::{Times, times};
-use atsplat_eval::tradeoff::{Axis, Incomplete, Tradeoff, tradeoffs};
+use atsplat_eval::tradeoff::{Axis, Incomplete, Note, Tradeoff, tradeoffs};
 
 use super::first_metric;
 use super::subject::{FewerTargets, fewer_targets, subject, title_of, unfinished};
@@ -161,7 +161,10 @@ fn note(tradeoff: &Tradeoff, title: &dyn Fn(&str) -> String) -> Vec<String> {
         targets: [counts.targets, *of_targets],
     };
     parts.extend(fewer_targets(&incomplete.iter().map(fewer).collect::<Vec<_>>()));
-    parts.extend(notes.iter().map(|note| format!("{note}.")));
+    parts.extend(notes.iter().map(|Note { label, text }| match label {
+        Some(label) => format!("{}: {text}.", title(label)),
+        None => format!("{text}."),
+    }));
     for frontier in frontiers {
         let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (label, why) in &frontier.left_out {

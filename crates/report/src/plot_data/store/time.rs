@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use atsplat_eval::MethodRecord;
-use atsplat_eval::timing::{Times, machine_of, times};
+use atsplat_eval::timing::{GAUSSIANS_UNTIMED, Times, machine_of, times};
 
 use super::ProtocolResults;
 use crate::plot::{Drawing, StageTime, StageTimeRow};
@@ -42,6 +42,10 @@ fn stage_time_row(label: String, is_process: bool, times: Result<Times, String>)
             return StageTimeRow { label, stages: Vec::new(), total: None, spread: None, untimed: Some(reason) };
         }
     };
+    if times.first_image.is_none() && times.render.is_some() {
+        let untimed = Some(GAUSSIANS_UNTIMED.to_owned());
+        return StageTimeRow { label, stages: Vec::new(), total: None, spread: None, untimed };
+    }
     let mut stages: Vec<(String, f64)> =
         in_order(&times.stages).into_iter().map(|(name, spread)| (name.clone(), spread.median)).collect();
     if let Some(encode) = times.encode {
@@ -120,6 +124,18 @@ mod tests {
         let (names, secs) = row(false, &[("coarse", 0.06), ("head", 0.2)]);
         assert_eq!(names, "coarse, head, render a view");
         Tolerance::F64.assert(secs, [0.06, 0.2, 0.005], "without a rest");
+    }
+
+    /// What takes the time until their first image is not known.
+    #[test]
+    fn gaussians_that_were_made_elsewhere_have_no_bar() {
+        let mut imported = with_stages(&[]);
+        for row in &mut imported.timings {
+            row.encode.clear();
+            row.stages.clear();
+        }
+        let row = stage_time_row(String::new(), false, times(&imported, "re10k-2v-256", "atsplat"));
+        assert_eq!((row.stages, row.total, row.untimed.as_deref()), (vec![], None, Some(GAUSSIANS_UNTIMED)));
     }
 
     /// Medians of stages may add up to more than the median of the whole.
