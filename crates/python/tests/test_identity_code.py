@@ -144,8 +144,8 @@ def test_the_identity_is_that_of_the_code_that_runs(tmp_path, monkeypatch, edite
 
 @pytest.mark.parametrize("edited", ["GAIN = 1\ndef gain(): return 2\n", "GAIN = 2\ndef gain(): return 1\n"])
 def test_a_module_whose_file_has_changed_since_it_was_imported_is_a_warning(tmp_path, monkeypatch, edited):
-    if "GAIN = 2" in edited and sys.dont_write_bytecode:
-        pytest.skip("constants are compared with the compiled form of a module")
+    # Constants are compared with the compiled form of a module.
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
     monkeypatch.syspath_prepend(str(tmp_path))
     file, method = tmp_path / "changed_since.py", method_of("""
         def method(images, context, target):
