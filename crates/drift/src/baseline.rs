@@ -239,10 +239,10 @@ impl Baseline {
         let text = self.to_text(path)?;
         atsplat_files::write(path, text.as_bytes()).map_err(DriftError::io("writing a baseline", path))?;
         let probe = Self::probe_path(path);
-        if self.probe.is_none() && probe.exists() {
-            std::fs::remove_file(&probe).map_err(DriftError::io("removing an older baseline's probe", &probe))?;
+        if self.probe.is_some() {
+            return Ok(());
         }
-        Ok(())
+        atsplat_files::remove_if_exists(&probe).map_err(DriftError::io("removing an older baseline's probe", &probe))
     }
 
     /// Writes the baseline and, next to it, the values of its probe. Both are complete before the first of them replaces an

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::{FileError, date, unix_seconds, write_unsynced};
+use crate::{FileError, date, read_if_exists, unix_seconds, write_unsynced};
 
 /// The locked file. It stays behind, empty, in a folder that something was written to.
 const LOCK: &str = "run.lock";
@@ -101,10 +101,7 @@ impl Drop for FolderLock {
 
 /// An error for a file in the place of a holder's description that no lock wrote.
 fn require_holder(path: &Path) -> io::Result<()> {
-    match fs::read(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        outcome => require_description(&outcome?),
-    }
+    read_if_exists(path)?.map_or(Ok(()), |bytes| require_description(&bytes))
 }
 
 fn require_description(bytes: &[u8]) -> io::Result<()> {

@@ -130,21 +130,21 @@ fn differences_are_averaged_as_all_protocols_average() {
     }
 }
 
+fn timed(label: &str, quality: f64, secs: f64) -> Sample {
+    Sample { label: label.to_owned(), quality: Some(quality), secs: Some(secs), secs_error: 0.1, ..Sample::default() }
+}
+
+/// The difference of their qualities, give or take 1.
+fn within_one(samples: &[Sample], terms: &[(usize, f64)]) -> Contrast {
+    let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
+    Contrast { value, interval: Some([value - 1.0, value + 1.0]), scenes: 9, unpaired: 0 }
+}
+
 /// The second costs the same as the third, which is better, but is dearer than the first.
 #[test]
 fn a_point_is_worse_than_a_later_one_of_the_same_cost() {
-    let timed = |label: &str, quality, secs| Sample {
-        label: label.to_owned(),
-        quality: Some(quality),
-        secs: Some(secs),
-        secs_error: 0.1,
-        ..Sample::default()
-    };
     let samples = [timed("first", 20.0, 1.0), timed("twin", 20.5, 2.0), timed("better", 25.0, 2.05)];
-    let contrasts = |terms: &[(usize, f64)]| {
-        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
-        Some(Contrast { value, interval: Some([value - 1.0, value + 1.0]), scenes: 9, unpaired: 0 })
-    };
+    let contrasts = |terms: &[(usize, f64)]| Some(within_one(&samples, terms));
     let found = frontier(&samples, &contrasts, Direction::Higher, Axis::Seconds, 0.1);
     let standings = found.points.iter().map(|point| (point.standing, point.against.as_ref().unwrap().label.as_str()));
     let expected = [(Standing::Frontier, "better"), (Standing::Worse, "better"), (Standing::Frontier, "first")];
@@ -154,18 +154,10 @@ fn a_point_is_worse_than_a_later_one_of_the_same_cost() {
 /// The third has targets in common with the first alone, which the second has replaced as the last of the frontier.
 #[test]
 fn a_point_is_not_compared_with_one_that_it_beats() {
-    let timed = |label: &str, quality, secs| Sample {
-        label: label.to_owned(),
-        quality: Some(quality),
-        secs: Some(secs),
-        ..Sample::default()
-    };
     let samples = [timed("first", 20.0, 1.0), timed("second", 22.0, 2.0), timed("elsewhere", 24.0, 3.0)];
     let contrasts = |terms: &[(usize, f64)]| {
         let has = |sample: usize| terms.iter().any(|(at, _)| *at == sample);
-        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
-        let found = Contrast { value, interval: Some([value - 1.0, value + 1.0]), scenes: 6, unpaired: 0 };
-        (!(has(1) && has(2))).then_some(found)
+        (!(has(1) && has(2))).then(|| within_one(&samples, terms))
     };
     let found = frontier(&samples, &contrasts, Direction::Higher, Axis::Seconds, 0.1);
     let last = found.points.last().unwrap();

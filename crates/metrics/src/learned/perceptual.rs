@@ -15,7 +15,9 @@ use crate::{MetricError, NonFinite};
 #[derive(Clone, Debug)]
 pub struct Perceptual {
     network: Network,
-    layers: Vec<Layer>,
+    steps: Vec<Step>,
+    /// Those of the steps, in their order.
+    convolutions: Vec<Convolution>,
     /// Channel weights of each layer.
     heads: [Vec<f32>; 5],
     hashes: WeightsHashes,
@@ -31,19 +33,6 @@ pub struct WeightsHashes {
     pub network: String,
     /// SHA-256 of the file with the heads, or of their tensors for embedded heads.
     pub heads: String,
-}
-
-#[derive(Clone, Debug)]
-enum Layer {
-    /// A convolution, and whether it ends in the rectified linear unit.
-    Convolution(Convolution, bool),
-    Relu,
-    MaxPool {
-        kernel: usize,
-        stride: usize,
-    },
-    BlurPool,
-    Tap,
 }
 
 impl Perceptual {
@@ -89,25 +78,23 @@ impl Perceptual {
         heads: &StoredTensors,
         hashes: WeightsHashes,
     ) -> Result<Self, LoadError> {
-        let layer = |step| match step {
-            Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu } => {
-                let tensor = |part: &str, shape: &[usize]| numbers(network, weights, &format!("{name}.{part}"), shape);
-                let weight = tensor("weight", &[channels_out, channels_in, kernel, kernel])?;
-                let bias = tensor("bias", &[channels_out])?;
-                let shape = [channels_out, channels_in, kernel];
-                Ok(Layer::Convolution(Convolution::new(shape, stride, padding, &weight, bias), relu))
-            }
-            Step::Relu => Ok(Layer::Relu),
-            Step::MaxPool { kernel, stride } => Ok(Layer::MaxPool { kernel, stride }),
-            Step::BlurPool => Ok(Layer::BlurPool),
-            Step::Tap => Ok(Layer::Tap),
-        };
-        let layers = network.steps().into_iter().map(layer).collect::<Result<_, LoadError>>()?;
+        let steps = network.steps();
+        let mut convolutions = Vec::new();
+        for step in &steps {
+            let Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, .. } = step else {
+                continue;
+            };
+            let tensor = |part: &str, shape: &[usize]| numbers(network, weights, &format!("{name}.{part}"), shape);
+            let weight = tensor("weight", &[*channels_out, *channels_in, *kernel, *kernel])?;
+            let bias = tensor("bias", &[*channels_out])?;
+            let shape = [*channels_out, *channels_in, *kernel];
+            convolutions.push(Convolution::new(shape, *stride, *padding, &weight, bias));
+        }
         let mut head_weights: [Vec<f32>; 5] = Default::default();
         for ((slot, name), channels) in head_weights.iter_mut().zip(Network::heads()).zip(network.channels()) {
             *slot = numbers(network, heads, &name, &[1, channels, 1, 1])?;
         }
-        Ok(Self { network, layers, heads: head_weights, hashes, file: None })
+        Ok(Self { network, steps, convolutions, heads: head_weights, hashes, file: None })
     }
 
     /// The network.
@@ -136,6 +123,7 @@ impl Perceptual {
     ///
     /// # Errors
     /// [`MetricError::TooSmall`], [`MetricError::NonFinite`].
+    #[expect(clippy::expect_used, reason = "convolutions come from the same steps")]
     pub fn features(&self, image: &Image) -> Result<Features, MetricError> {
         let size = [image.width(), image.height()];
         let smallest = self.network.smallest_side();
@@ -148,20 +136,17 @@ impl Perceptual {
         }
         let mut maps = Vec::new();
         let mut at = scaled(image);
-        for layer in &self.layers {
-            at = match layer {
-                Layer::Convolution(convolution, relu) => convolution.apply(&at, *relu),
-                Layer::MaxPool { kernel, stride } => pooling::max_pool(&at, *kernel, *stride),
-                Layer::BlurPool => pooling::blur_pool(&at),
-                Layer::Tap => {
-                    maps.push(normalised(at.clone()));
-                    continue;
+        let mut convolutions = self.convolutions.iter();
+        for step in &self.steps {
+            match step {
+                Step::Convolution { relu, .. } => {
+                    at = convolutions.next().expect("each such step has one").apply(&at, *relu);
                 }
-                Layer::Relu => {
-                    rectify(&mut at.values);
-                    continue;
-                }
-            };
+                Step::Relu => rectify(&mut at.values),
+                Step::MaxPool { kernel, stride } => at = pooling::max_pool(&at, *kernel, *stride),
+                Step::BlurPool => at = pooling::blur_pool(&at),
+                Step::Tap => maps.push(normalised(at.clone())),
+            }
         }
         Ok(Features { image: size, maps })
     }

@@ -4,7 +4,7 @@
 
 use std::fmt;
 use std::future::Future;
-use std::io::{self, Write as _};
+use std::io::Write as _;
 use std::ops::Range;
 use std::path::Path;
 use std::pin::pin;
@@ -125,10 +125,9 @@ impl Connected {
 
     /// The new version; `None` if the file is gone.
     async fn write(&self, Upload { name, file, replaces }: &Upload) -> Result<Option<Version>, ObjectError> {
-        let bytes = match std::fs::read(file) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            outcome => outcome.map_err(FileError::during::<ObjectError>("reading what to write", file.clone()))?,
-        };
+        let bytes = atsplat_files::read_if_exists(file);
+        let bytes = bytes.map_err(FileError::during::<ObjectError>("reading what to write", file.clone()))?;
+        let Some(bytes) = bytes else { return Ok(None) };
         let (written, payload) = (bytes.len(), PutPayload::from(bytes.clone()));
         let place = self.place(name)?;
         let mode = replaces
@@ -367,6 +366,8 @@ fn text_of(error: &dyn std::error::Error) -> String {
 
 #[cfg(test)]
 mod unit_tests {
+    use std::io;
+
     use super::*;
 
     #[test]

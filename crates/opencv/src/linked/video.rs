@@ -90,7 +90,8 @@ pub struct ExtractionOptions {
 /// may vary. A timestamp gets the nearest frame, the earlier of two equally near ones, or none if that is more than half
 /// the median frame interval away. Seeking is inexact in some containers, so the video is decoded from its start to the
 /// last timestamp, once for the times and once for the images. Each file is written completely, then renamed into
-/// place; one with its timestamp in the other format, which readers might prefer, is removed. `progress` is called with the number of timestamps done.
+/// place; one with its timestamp in the other format, which readers might prefer, is removed. `progress` is called with
+/// the number of timestamps done.
 ///
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in

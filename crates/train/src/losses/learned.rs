@@ -21,15 +21,11 @@ const EPSILON: f64 = 1e-10;
 pub struct Learned {
     network: Network,
     sha256: String,
-    layers: Vec<Layer>,
+    steps: Vec<Step>,
+    /// Those of the steps, in their order.
+    convolutions: Vec<Convolution>,
     /// One weight per channel of each feature map, `[1, channels, 1, 1]`.
     heads: Vec<Tensor<4>>,
-}
-
-#[derive(Debug)]
-enum Layer {
-    Convolution(Box<Convolution>),
-    Other(Step),
 }
 
 #[derive(Debug)]
@@ -37,7 +33,6 @@ struct Convolution {
     weight: Tensor<4>,
     bias: Tensor<1>,
     options: ConvOptions<2>,
-    relu: bool,
 }
 
 impl Learned {
@@ -72,23 +67,24 @@ impl Learned {
             let absent = || TrainError::malformed(network.name(), name, format!("a tensor of shape {shape:?}"), "none");
             Ok::<_, TrainError>(TensorData::new(tensor.ok_or_else(absent)?.to_f32()?, shape))
         };
-        let layer = |step| match step {
-            Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu } => {
-                let shape = [channels_out, channels_in, kernel, kernel];
-                let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, device);
-                let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[channels_out])?, device);
-                let options = ConvOptions::new([stride; 2], [padding; 2], [1; 2], 1);
-                Ok(Layer::Convolution(Box::new(Convolution { weight, bias, options, relu })))
-            }
-            other => Ok(Layer::Other(other)),
-        };
-        let layers = network.steps().into_iter().map(layer).collect::<Result<_, TrainError>>()?;
+        let steps = network.steps();
+        let mut convolutions = Vec::new();
+        for step in &steps {
+            let Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, .. } = step else {
+                continue;
+            };
+            let shape = [*channels_out, *channels_in, *kernel, *kernel];
+            let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, device);
+            let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[*channels_out])?, device);
+            let options = ConvOptions::new([*stride; 2], [*padding; 2], [1; 2], 1);
+            convolutions.push(Convolution { weight, bias, options });
+        }
         let heads = Network::heads()
             .into_iter()
             .zip(network.channels())
             .map(|(name, channels)| Ok(Tensor::from_data(numbers(heads, &name, &[1, channels, 1, 1])?, device)));
         let heads = heads.collect::<Result<_, TrainError>>()?;
-        Ok(Self { network, sha256, layers, heads })
+        Ok(Self { network, sha256, steps, convolutions, heads })
     }
 
     /// The network's name and the hash of its weights.
@@ -127,28 +123,30 @@ impl Learned {
     }
 
     /// Five feature maps of images `[views, height, width, 3]`, normalised over the channels of each pixel.
+    #[expect(clippy::expect_used, reason = "convolutions come from the same steps")]
     fn features(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
         let device = images.device();
         let [shift, scale] = SCALING.map(|numbers| Tensor::<1>::from_floats(numbers, &device).reshape([1, 1, 1, 3]));
         let scaled = (images * 2.0 - 1.0 - shift) / scale;
         let mut at = scaled.permute([0, 3, 1, 2]);
         let mut maps = Vec::new();
-        for layer in &self.layers {
-            at = match layer {
-                Layer::Convolution(layer) => {
-                    let Convolution { weight, bias, options, relu } = layer.as_ref();
+        let mut convolutions = self.convolutions.iter();
+        for step in &self.steps {
+            at = match step {
+                Step::Convolution { relu, .. } => {
+                    let Convolution { weight, bias, options } = convolutions.next().expect("each such step has one");
                     let at = conv2d(at, weight.clone(), Some(bias.clone()), options.clone());
                     if *relu { activation::relu(at) } else { at }
                 }
-                Layer::Other(Step::MaxPool { kernel, stride }) => {
+                Step::Relu => activation::relu(at),
+                Step::MaxPool { kernel, stride } => {
                     max_pool2d(at, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
                 }
-                Layer::Other(Step::BlurPool) => blurred(&at),
-                Layer::Other(Step::Tap) => {
+                Step::BlurPool => blurred(&at),
+                Step::Tap => {
                     maps.push(normalised(at.clone()));
                     at
                 }
-                Layer::Other(_) => activation::relu(at),
             };
         }
         maps

@@ -383,9 +383,9 @@ fn the_applied_transform_is_told_and_not_undone() {
         let source = NerfstudioScenes::open(&file, NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
         source.applied_transform(&source.keys()[0])
     };
-    let told = applied(&root).unwrap().unwrap();
+    let found = applied(&root).unwrap().unwrap();
     // saved = 2 · (A · original + a).
-    Tolerance::F64.assert(told.saved_point(DVec3::new(1.0, 2.0, 3.0)).to_array(), [14.0, 18.0, 16.0], "a point moves");
+    Tolerance::F64.assert(found.saved_point(DVec3::new(1.0, 2.0, 3.0)).to_array(), [14.0, 18.0, 16.0], "a point moves");
     assert_eq!(applied(&transforms(|_| ())).unwrap(), None, "nothing is applied");
     let mirrored = transforms(|root| root["applied_transform"] = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]));
     let error = applied(&mirrored).unwrap_err().to_string();
