@@ -69,8 +69,9 @@ pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Ten
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_model::weights::ModelWeights;
+
+    use super::*;
 
     #[test]
     fn every_embedded_file_is_complete_and_names_its_network() {

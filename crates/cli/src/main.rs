@@ -42,7 +42,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use atsplat_eval::Provenance;
+use atsplat_results::Provenance;
 use clap::{Parser, Subcommand};
 
 use crate::exit::{Exit, WithStrict, done};

@@ -4,12 +4,12 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
-use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request, Written, counted, store_labels};
+use atsplat_results::Results;
 use serde_json::json;
 
 use crate::objects::CacheArgs;

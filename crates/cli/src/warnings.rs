@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::method::STEPS_TAKEN;
-use atsplat_eval::{Results, WarningCount};
+use atsplat_results::trial_notes::STEPS_TAKEN;
+use atsplat_results::{Results, WarningCount};
 use atsplat_scene::Warnings;
 
 use crate::print::{print_status, warn};
@@ -69,7 +69,7 @@ pub(crate) fn print_warnings(warnings: &Warnings) {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::Provenance;
+    use atsplat_results::Provenance;
     use atsplat_scene::WarningKind;
 
     use super::*;

@@ -61,7 +61,7 @@ fn a_run_records_arguments_that_are_not_utf_8() {
     let command = command.args(["run", "tiny.toml", "--method", "warp", "--out", "store", "--data"]).arg(data);
     let output = command.current_dir(here).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let command = atsplat_eval::Results::read(&here.join("store")).unwrap().provenance.command;
+    let command = atsplat_results::Results::read(&here.join("store")).unwrap().provenance.command;
     assert_eq!(command.last().unwrap(), "caf\u{fffd}");
 }
 

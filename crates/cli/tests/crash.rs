@@ -10,7 +10,7 @@ use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use atsplat_eval::Results;
+use atsplat_results::Results;
 use evaluation::{FRAMES, bare, write_noise};
 
 fn command(here: &Path, out: &str) -> Command {

@@ -7,8 +7,8 @@ mod evaluation;
 
 use std::path::Path;
 
-use atsplat_eval::Results;
 use atsplat_numeric::Tolerance;
+use atsplat_results::Results;
 use atsplat_splat::gpu::adapters;
 use atsplat_tests::skip_without_graphics;
 use common::{atsplat, succeed};
@@ -129,7 +129,7 @@ fn results_of_an_adapter_say_so_and_are_not_mixed_with_the_cpus() {
         found.targets.iter().filter(|row| row.key.method == method).map(|row| row.scores["psnr"]).collect()
     };
     Tolerance::absolute(0.02).assert(scores("3dgs-2"), scores("cpu"), "PSNR");
-    let gaussians = |rows: &[&atsplat_eval::TrialRow]| rows.iter().map(|row| row.gaussians).collect::<Vec<_>>();
+    let gaussians = |rows: &[&atsplat_results::TrialRow]| rows.iter().map(|row| row.gaussians).collect::<Vec<_>>();
     assert_eq!(gaussians(&on_adapter), gaussians(&on_cpu));
     let text = succeed(here, &["report", "store", "--out", "page"]);
     let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();

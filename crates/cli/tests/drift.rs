@@ -6,8 +6,8 @@ mod common;
 
 use std::path::Path;
 
-use atsplat_eval::timing::{Load, Machine, TimingRow};
-use atsplat_eval::{
+use atsplat_results::times::{Load, Machine, TimingRow};
+use atsplat_results::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow,
     TrialStatus,
 };

@@ -12,7 +12,7 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use atsplat_eval::Results;
+use atsplat_results::Results;
 use common::{atsplat, succeed};
 use evaluation::write_noise;
 

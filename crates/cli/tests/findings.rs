@@ -8,9 +8,9 @@ mod evaluation;
 use atsplat_files::Sha256Digest;
 use std::path::Path;
 
-use atsplat_eval::Results;
 use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::IndexFile;
+use atsplat_results::Results;
 use common::{atsplat, succeed, write_trajectory};
 use evaluation::{write_index, write_preset};
 

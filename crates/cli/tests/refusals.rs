@@ -6,8 +6,8 @@ mod render_scene;
 
 use std::fs;
 
-use atsplat_eval::Results;
 use atsplat_model::ModelConfig;
+use atsplat_results::Results;
 use common::{atsplat, succeed, write_trajectory};
 use evaluation::{bare, write_noise};
 use render_scene::SCENE;

@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, SystemTime};
 
-use atsplat_eval::Results;
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, TensorFile, generated};
+use atsplat_results::Results;
 use common::{atsplat, succeed};
 use evaluation::{bare, write_noise};
 

@@ -8,10 +8,10 @@ mod evaluation;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_eval::runner::image_path;
-use atsplat_eval::{Results, TargetStatus, TrialKey};
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode, encode_png, exr};
+use atsplat_results::store::images::image_path;
+use atsplat_results::{Results, TargetStatus, TrialKey};
 use atsplat_rooms::{
     EffectChoice, ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
 };
@@ -326,7 +326,7 @@ fn a_store_of_a_newer_version_or_other_settings_is_not_resumed() {
     assert!(other.code == 1 && other.stderr.contains("metrics of the two runs differ"), "{}", other.stderr);
     let path = here.join("store/provenance.json");
     let text = std::fs::read_to_string(&path).unwrap();
-    let written = format!("\"schema-version\": {}", atsplat_eval::store::SCHEMA_VERSION);
+    let written = format!("\"schema-version\": {}", atsplat_results::store::SCHEMA_VERSION);
     std::fs::write(&path, text.replace(&written, "\"schema-version\": 99")).unwrap();
     let newer = atsplat(here, &args);
     assert!(newer.code == 1 && newer.stderr.contains("a newer atsplat is needed"), "{}", newer.stderr);

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use atsplat_eval::{Results, Shard};
+use atsplat_results::{Results, Shard};
 use atsplat_scene::Warnings;
 use atsplat_scene::torch::export_chunks;
 use common::{atsplat, succeed};

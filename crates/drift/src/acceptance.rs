@@ -2,8 +2,8 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::{GapKind, MetricRecord, Provenance, Results, TargetStatus, TrialKey, TrialStatus};
 use atsplat_numeric::counted;
+use atsplat_results::{GapKind, MetricRecord, Provenance, Results, TargetStatus, TrialKey, TrialStatus};
 use serde::{Deserialize, Serialize};
 
 use super::probe::Recipe;
@@ -142,7 +142,7 @@ fn otherwise_changed(report: &DriftReport) -> Vec<String> {
 fn limited(provenance: &Provenance) -> Vec<String> {
     let Some(limit) = provenance.limit else { return Vec::new() };
     let partial = provenance.presets.iter().filter(|preset| preset.entries < preset.entries_of_index);
-    let line = |preset: &atsplat_eval::PresetRecord| {
+    let line = |preset: &atsplat_results::PresetRecord| {
         let (entries, all) = (preset.entries, preset.entries_of_index);
         format!("{}: {entries} of {all} index entries, by a limit of {limit} scenes", preset.name)
     };

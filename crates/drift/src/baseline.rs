@@ -1,9 +1,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::timing::Machine;
-use atsplat_eval::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 use atsplat_files::{AtomicFile, Sha256Digest};
+use atsplat_results::times::platform;
+use atsplat_results::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use atsplat_splat::cpu::processor;
 use serde::{Deserialize, Serialize};
 
 use super::data::{images_of, images_of_targets};
@@ -172,9 +173,8 @@ impl Baseline {
         let stages = Pipeline::of(&recipe)?;
         let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
         let (mut baseline, values) = self.with_probe(recipe, &outputs)?;
-        let Machine { platform, processor, .. } = Machine::current();
         if let Some(probe) = &mut baseline.probe {
-            (probe.platform, probe.processor) = (Some(platform), Some(processor));
+            (probe.platform, probe.processor) = (Some(platform()), Some(processor()));
         }
         Ok((baseline, values))
     }

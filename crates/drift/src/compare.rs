@@ -1,9 +1,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{Paired, SelectedTarget, direction, paired_of, scene_differences, score_of, summary_of};
-use atsplat_eval::{Results, TargetStatus, TrialKey, TrialStatus};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
+use atsplat_results::statistics::{
+    Paired, SelectedTarget, direction, paired_of, scene_differences, score_of, summary_of,
+};
+use atsplat_results::{Results, TargetStatus, TrialKey, TrialStatus};
 
 use super::data::compare_images;
 use super::provenance::{differences, same_machine};
@@ -25,7 +27,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     for group in groups {
         let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&empty));
         let (preset, method) = group;
-        let deterministic = |provenance: &atsplat_eval::Provenance| {
+        let deterministic = |provenance: &atsplat_results::Provenance| {
             provenance.method(method).is_some_and(|record| record.deterministic)
         };
         let basis = match deterministic(&baseline.provenance) && deterministic(&results.provenance) {
@@ -69,7 +71,7 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
 
 /// Presets whose hash or index hash differs.
 fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
-    let finding = |then: &atsplat_eval::PresetRecord| {
+    let finding = |then: &atsplat_results::PresetRecord| {
         let now = results.provenance.preset(&then.name)?;
         let hashes = [(&then.hash, &now.hash), (&then.index_sha256, &now.index_sha256)];
         let (before, after) = hashes.into_iter().find(|(then, now)| then != now)?;

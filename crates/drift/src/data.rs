@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::{Results, TrialKey};
+use atsplat_results::{Results, TrialKey};
 use serde::{Deserialize, Serialize};
 
 use super::probe::StageVerdict;

@@ -1,8 +1,8 @@
 use std::collections::BTreeSet;
 use std::fmt;
 
-use atsplat_eval::excerpts;
 use atsplat_numeric::counted;
+use atsplat_results::excerpts;
 
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};

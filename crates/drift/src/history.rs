@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{SelectedTarget, score_of, summary_of};
-use atsplat_eval::{Results, TargetStatus};
 use atsplat_protocol::Aggregation;
+use atsplat_results::statistics::{SelectedTarget, score_of, summary_of};
+use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
 use super::probe::Stage;

@@ -1,9 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{SelectedTarget, scene_differences, score_of, student_quantile, summary_of};
-use atsplat_eval::{Results, TargetRow, TargetStatus};
 use atsplat_numeric::{Extremes as _, Tolerance, mean};
 use atsplat_protocol::Aggregation;
+use atsplat_results::statistics::{SelectedTarget, scene_differences, score_of, student_quantile, summary_of};
+use atsplat_results::{Results, TargetRow, TargetStatus};
 use serde::{Deserialize, Serialize};
 
 /// How far a mean may change before it counts as drift.

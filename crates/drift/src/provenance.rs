@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::Provenance;
+use atsplat_results::Provenance;
 use serde::Serialize;
 
 /// A setting that differs from the baseline's.

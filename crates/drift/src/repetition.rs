@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::{Results, TrialKey};
+use atsplat_results::{Results, TrialKey};
 
 use super::provenance::differences;
 use super::{Difference, DriftError, acceptable};

@@ -1,7 +1,7 @@
 use std::cmp::Ordering;
 
-use atsplat_eval::statistics::{Paired, direction};
 use atsplat_metrics::Direction;
+use atsplat_results::statistics::{Paired, direction};
 use serde::{Deserialize, Serialize};
 
 use super::probe::{Attribution, Stage, StageVerdict};

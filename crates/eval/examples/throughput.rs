@@ -16,12 +16,13 @@ use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Splatting, Tri
 use atsplat_eval::runner::{
     Dataset, KeepImages, Plan, PlannedIndex, Selection, current_provenance, named_metrics, run,
 };
-use atsplat_eval::timing::{TimingPlan, times};
-use atsplat_eval::{MethodRecord, Store};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_files::Sha256Digest;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
+use atsplat_results::times::times;
+use atsplat_results::{MethodRecord, Store};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::{GaussianParts, Gaussians};
 

@@ -1,10 +1,17 @@
 use atsplat_model::ModelError;
 use atsplat_model::network::{Device, Processor};
+use atsplat_results::AdapterRecord;
 use atsplat_splat::SplatError;
-use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, SelfTestObserver};
+use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, GpuOptions, GpuRenderer, SelfTestObserver};
 
 use crate::EvalError;
 use crate::method::{Backend, Splatting};
+
+/// How results name a graphics adapter.
+pub fn adapter_record(adapter: &AdapterDescription) -> AdapterRecord {
+    let AdapterDescription { name, backend, driver, .. } = adapter.clone();
+    AdapterRecord { name, backend, driver }
+}
 
 /// Least limit on an adapter's memory: more than its self-test needs.
 const LEAST_MEMORY: u64 = 64 << 20;
@@ -41,7 +48,7 @@ impl ComputeDevice {
         let options = GpuOptions { memory_limit: memory_limit.max(LEAST_MEMORY), ..GpuOptions::default() };
         let renderer = GpuRenderer::observed(&AdapterChoice::Index(number), options, observer);
         let renderer = renderer.map_err(|error| ModelError::from(SplatError::from(error)))?;
-        let backend = Backend::shared(Box::new(renderer), Some((&description).into()));
+        let backend = Backend::shared(Box::new(renderer), Some(adapter_record(&description)));
         Ok(Self { processor: Processor::Wgpu(Some(number)), backend })
     }
 

@@ -217,8 +217,9 @@ impl fmt::Display for EstimatorReport {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_numeric::Tolerance;
+
+    use super::*;
 
     #[test]
     fn accuracy_is_over_the_pairs_with_an_estimate() {

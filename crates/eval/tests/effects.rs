@@ -9,13 +9,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
+use atsplat_eval::GaussianFrame;
 use atsplat_eval::method::{AtSplat, Method, Ply, Splatting, WeightsSource};
 use atsplat_eval::runner::Dataset;
-use atsplat_eval::{GaussianFrame, TargetRow};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::ModelWeights;
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_protocol::Preset;
+use atsplat_results::TargetRow;
 use atsplat_scene::preprocess::{Resize, Step};
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use atsplat_splat::files::{self, Encoding, Output};

@@ -11,7 +11,7 @@ use atsplat_camera::{Camera, Similarity};
 use atsplat_eval::GaussianFrame;
 use atsplat_eval::method::{ChangedConstants, ConstantsChoice, Method, Ply, Splatting, TrialInput};
 use atsplat_eval::runner::Dataset;
-use atsplat_eval::tradeoff::RendererKnobs;
+use atsplat_eval::sweep::RendererKnobs;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_pixels::Image;
 use atsplat_protocol::EvaluationIndex;

@@ -8,11 +8,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::Similarity;
+use atsplat_eval::GaussianFrame;
 use atsplat_eval::doubts::FLAT;
 use atsplat_eval::method::{
     AtSplat, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource, constants_of,
 };
-use atsplat_eval::{GapKind, GaussianFrame};
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
@@ -22,6 +22,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
+use atsplat_results::GapKind;
 use atsplat_splat::effects::EffectSelection;
 use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, View, files};

@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::PoseNormalisation;
+use atsplat_eval::EvalError;
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
-use atsplat_eval::runner::{KeepImages, Summary, current_provenance, image_path, run};
-use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
+use atsplat_eval::runner::{KeepImages, current_provenance, run};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
+use atsplat_results::RunCounts;
+use atsplat_results::store::images::image_path;
+use atsplat_results::{MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
 use common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
 
-fn evaluate(folder: &Path, walls: Walls, methods: Vec<Arc<dyn Method>>) -> Result<(Results, Summary), EvalError> {
+fn evaluate(folder: &Path, walls: Walls, methods: Vec<Arc<dyn Method>>) -> Result<(Results, RunCounts), EvalError> {
     Run::new(vec![dataset(walls, &[entry(&[0, 4], &[1, 6])])], methods).run(folder)
 }
 

@@ -8,17 +8,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{
-    DROPPED_BY_SPLIT, IndexNotice, KeepImages, Missing, NOT_SAMPLED, PlannedIndex, UNPUBLISHED_WEIGHTS,
-    current_provenance, image_path,
-};
-use atsplat_eval::{
-    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
-};
+use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, current_provenance};
 use atsplat_metrics::learned::{Network, Step};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_pixels::Image;
 use atsplat_protocol::SamplingRule;
+use atsplat_results::store::images::image_path;
+use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_SAMPLED, UNPUBLISHED_WEIGHTS};
+use atsplat_results::{
+    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
+};
 use atsplat_scene::Warnings;
 use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite};
 

@@ -4,10 +4,11 @@ mod common;
 
 use std::sync::Arc;
 
+use atsplat_eval::GaussianFrame;
 use atsplat_eval::method::{Method, NearestView, Ply, Renders, Splatting};
 use atsplat_eval::runner::{Dataset, KeepImages};
-use atsplat_eval::{GaussianFrame, Results, TargetStatus};
 use atsplat_pixels::encode_png;
+use atsplat_results::{Results, TargetStatus};
 use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, files};
 use common::{Run, Walls, dataset, entry, image};

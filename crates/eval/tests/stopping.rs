@@ -5,11 +5,12 @@ mod common;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use atsplat_eval::EvalError;
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, TrialInput, Warp};
 use atsplat_eval::runner::{Selection, current_provenance, evaluate_trial, run_until};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, MethodRecord, Results, Store};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
+use atsplat_results::{MethodRecord, Results, Store};
 use common::{Run, Walls, baselines, dataset, entry, rows};
 
 /// The plane warp, which counts its calls and knows one at which it was interrupted.

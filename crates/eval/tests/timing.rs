@@ -11,10 +11,11 @@ use std::time::{Duration, Instant};
 
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Timed, TrialInput};
 use atsplat_eval::runner::{Dataset, KeepImages};
-use atsplat_eval::timing::{Load, TimingPlan, TimingRow, times};
-use atsplat_eval::{MethodRecord, Results, Store, TrialStatus};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_numeric::median;
 use atsplat_protocol::trial::Trial;
+use atsplat_results::times::{Load, TimingRow, times};
+use atsplat_results::{MethodRecord, Results, Store, TrialStatus};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 use common::{Run, Walls, dataset, entry, grey, record};
 use rayon::prelude::*;
@@ -420,24 +421,4 @@ fn a_burst_marks_the_trial_that_it_disturbs_alone() {
     assert!(burst.is_busy() && burst.others.unwrap() > 0.3, "{burst:?}");
     // Other tests may run at the same time, but the load is measured for each row.
     assert!(before != burst && after != burst, "{before:?} {after:?}");
-}
-
-/// Two baselines on two simulated yards, written when `--timing` put times into the rows (`atsplat run tiny.toml --data
-/// data/test --method warp --method nearest-view --metrics psnr --timing`, schema version 1).
-#[test]
-fn times_of_an_older_schema_are_not_read() {
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-v1");
-    let results = Results::read(&fixture).unwrap();
-    assert_eq!((results.trials.len(), results.targets.len(), results.timings.len()), (4, 8, 0));
-    assert!(results.targets.iter().all(|row| row.scores.contains_key("psnr")), "everything else is read");
-    let reason = times(&results, "tiny", "warp").unwrap_err();
-    assert!(reason.contains("older atsplat") && reason.contains("--timing"), "{reason}");
-    let copy = tempfile::tempdir().unwrap();
-    for file in std::fs::read_dir(&fixture).unwrap().map(|file| file.unwrap()) {
-        std::fs::copy(file.path(), copy.path().join(file.file_name())).unwrap();
-    }
-    let error = Store::resume(copy.path(), results.provenance.clone()).unwrap_err().to_string();
-    assert!(error.contains("schema versions") && error.contains("another folder"), "{error}");
-    let merged = Results::merge(vec![results.clone()]).unwrap().results;
-    assert_eq!((merged.trials, merged.timings.len()), (results.trials, 0));
 }

@@ -10,8 +10,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, Timed, TrialInput};
-use atsplat_eval::timing::{Load, TimingPlan, TimingRow, times};
-use atsplat_eval::{MethodRecord, Results, Store};
+use atsplat_eval::timing::TimingPlan;
+use atsplat_results::times::{Load, TimingRow, times};
+use atsplat_results::{MethodRecord, Results, Store};
 use common::{Run, Walls, dataset, entry, grey, record};
 
 struct Grey(Duration);

@@ -6,16 +6,18 @@ mod common;
 
 use std::sync::Arc;
 
+use atsplat_eval::ComputeDevice;
 use atsplat_eval::method::{ConstantsChoice, Method, Prediction, START_POINTS, TrialInput, WeightsSource};
 use atsplat_eval::runner::{Dataset, Plan, current_provenance};
-use atsplat_eval::statistics::Leaked;
+use atsplat_eval::sweep::{Part, Setting, Sweep, SweepBase, parts};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
-use atsplat_eval::{ComputeDevice, GapKind, Results, Store, TrainingRecord};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, generated};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
+use atsplat_results::statistics::Leaked;
+use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
+use atsplat_results::{GapKind, Results, Store, TrainingRecord};
 use common::{Run, Walls, dataset, entry};
 
 fn swept() -> SweepBase {

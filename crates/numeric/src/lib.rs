@@ -1,6 +1,6 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
 //! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`] and [`quantile`], the random number
-//! generator [`SplitMix64`], and numbers with their unit or noun in messages.
+//! generator [`SplitMix64`], evenly [`spread`] positions, and numbers with their unit or noun in messages.
 
 mod bytes;
 mod count;
@@ -8,6 +8,7 @@ mod extremes;
 mod order;
 mod random;
 mod rank;
+mod spread;
 mod tolerance;
 
 pub use bytes::format_bytes;
@@ -16,4 +17,5 @@ pub use extremes::Extremes;
 pub use order::{mean, median, quantile};
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;
+pub use spread::spread;
 pub use tolerance::{Mismatch, Tolerance};

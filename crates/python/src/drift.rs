@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use atsplat_drift::probe::{Pipeline, attribute};
 use atsplat_drift::{Acceptance, Baseline, acceptable, compare, no_longer_guarded};
 use atsplat_eval::runner::current_provenance;
-use atsplat_eval::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
 use atsplat_files::date;
+use atsplat_results::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
 use pyo3::prelude::*;
 
 use crate::error::Failure;

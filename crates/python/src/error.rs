@@ -12,6 +12,7 @@ use atsplat_metrics::learned::LoadError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 use atsplat_report::ReportError;
+use atsplat_results::ResultsError;
 use atsplat_scene::{SceneError, UnreadOption};
 use atsplat_splat::SplatError;
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -67,8 +68,8 @@ impl Failure {
     }
 
     /// A store with the results of another run: what differs, and the argument that decides about it.
-    pub(crate) fn of_store(error: EvalError, folder: &Path) -> Self {
-        let EvalError::Differences { what, name, differences, .. } = &error else { return error.into() };
+    pub(crate) fn of_store(error: ResultsError, folder: &Path) -> Self {
+        let ResultsError::Differences { what, name, differences, .. } = &error else { return error.into() };
         let field = match *what {
             "methods" => "method",
             "presets" => "protocols",
@@ -196,54 +197,72 @@ failures! {
 
 impl From<EvalError> for Failure {
     fn from(error: EvalError) -> Self {
-        if matches!(error, EvalError::Stopped) {
-            return Self::Python(PyKeyboardInterrupt::new_err(()));
+        match error {
+            EvalError::Stopped => Self::Python(PyKeyboardInterrupt::new_err(())),
+            EvalError::Results(error) => error.into(),
+            error => Self::Library { message: in_python(&error), place: of_evaluation(&error) },
         }
-        Self::Library { message: in_python(&error), place: of_store(&error) }
+    }
+}
+
+impl From<ResultsError> for Failure {
+    fn from(error: ResultsError) -> Self {
+        Self::Library { message: store_in_python(&error), place: of_store(&error) }
     }
 }
 
 /// The message; where the library's gives advice about options of the command line, with advice about arguments instead.
 fn in_python(error: &EvalError) -> String {
+    let EvalError::NoIndex { data, accepted, sampler } = error else { return message(error) };
+    let file =
+        if accepted.is_empty() { "an index".to_owned() } else { format!("the file of {}", accepted.join(" or ")) };
+    let rule = sampler.as_ref().map_or_else(|| "…".to_owned(), |name| format!("{name:?}"));
+    format!(
+        "no evaluation index in {}: give {file} (index=…), or a sampling rule for data without an index (sampler={rule})",
+        data.display()
+    )
+}
+
+/// As [`in_python`].
+fn store_in_python(error: &ResultsError) -> String {
     match error {
-        EvalError::NoIndex { data, accepted, sampler } => {
-            let file = if accepted.is_empty() {
-                "an index".to_owned()
-            } else {
-                format!("the file of {}", accepted.join(" or "))
-            };
-            let rule = sampler.as_ref().map_or_else(|| "…".to_owned(), |name| format!("{name:?}"));
-            format!(
-                "no evaluation index in {}: give {file} (index=…), or a sampling rule for data without an index (sampler={rule})",
-                data.display()
-            )
-        }
-        EvalError::InUse { folder, by } => format!(
+        ResultsError::InUse { folder, by } => format!(
             "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a folder of \
              its own, with shard=(1, 2) and shard=(2, 2), and merge the parts with atsplat.merge",
             folder.display()
         ),
-        EvalError::HasResults { folder, found } => {
+        ResultsError::HasResults { folder, found } => {
             format!("out: expected a folder without results, found {found} in {}", folder.display())
         }
         _ => message(error),
     }
 }
 
-fn of_store(error: &EvalError) -> Place {
+fn of_evaluation(error: &EvalError) -> Place {
     match error {
         EvalError::Io(error) => of_file(error),
         EvalError::Malformed(error) => of_malformed(error),
-        EvalError::TooNew { path, .. } | EvalError::SchemaHash { path, .. } => Place::file(path).at("schema-version"),
-        EvalError::NoStore { folder } | EvalError::InUse { folder, .. } => Place::file(folder),
-        EvalError::HasResults { folder, .. } => Place::file(folder).at("out"),
         EvalError::NoIndex { data, .. } => Place::file(data).at("index"),
-        EvalError::Unknown { what, .. }
-        | EvalError::Settings { what, .. }
-        | EvalError::Different { what, .. }
-        | EvalError::Differences { what, .. } => Place::field(what),
-        EvalError::NotFinite { field, .. } | EvalError::Disagreement { field, .. } => Place::field(field),
+        EvalError::Unknown { what, .. } | EvalError::Settings { what, .. } => Place::field(what),
         EvalError::Protocol(error) => of_protocol(error),
+        _ => Place::default(),
+    }
+}
+
+fn of_store(error: &ResultsError) -> Place {
+    match error {
+        ResultsError::Io(error) => of_file(error),
+        ResultsError::Malformed(error) => of_malformed(error),
+        ResultsError::TooNew { path, .. } | ResultsError::SchemaHash { path, .. } => {
+            Place::file(path).at("schema-version")
+        }
+        ResultsError::NoStore { folder } | ResultsError::InUse { folder, .. } => Place::file(folder),
+        ResultsError::HasResults { folder, .. } => Place::file(folder).at("out"),
+        ResultsError::Different { what, .. }
+        | ResultsError::Differences { what, .. }
+        | ResultsError::Invalid { what, .. } => Place::field(what),
+        ResultsError::NotFinite { field, .. } | ResultsError::Disagreement { field, .. } => Place::field(field),
+        ResultsError::Digests(error) => of_protocol(error),
         _ => Place::default(),
     }
 }

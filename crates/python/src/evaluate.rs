@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use atsplat_eval::method::{ConstantsChoice, Method, NearestView, Splatting, Warp};
 use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, current_provenance, run_until};
-use atsplat_eval::{MethodRecord, Shard, Store};
 use atsplat_protocol::trial::Prefetch;
+use atsplat_results::{MethodRecord, Shard, Store};
 use atsplat_splat::RasterMode;
 use pyo3::prelude::*;
 

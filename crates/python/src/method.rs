@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use atsplat_eval::MethodRecord;
 use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput, check_range};
 use atsplat_protocol::trial::Trial;
+use atsplat_results::MethodRecord;
 use atsplat_splat::Problem;
 
 use crate::array::Images;

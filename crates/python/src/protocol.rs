@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use atsplat_eval::runner::{Dataset, IndexChoice, MISSING_SCENES, Selection};
+use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
 use atsplat_protocol::{Preset, SamplingRule};
+use atsplat_results::warning_kinds::MISSING_SCENES;
 use atsplat_scene::{ImageOptions, SceneSource, Warnings};
 use pyo3::prelude::*;
 

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, table_html};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables as tables_of};
 use atsplat_report::{Report, Request, store_labels};
+use atsplat_results::Results;
 use pyo3::prelude::*;
 
 use crate::error::Failure;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use atsplat_eval::{GapKind, Results, RunReport};
+use atsplat_results::{GapKind, Results, RunReport};
 use pyo3::prelude::*;
 use serde::Serialize;
 use serde_json::{Value, json};

@@ -3,10 +3,10 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_eval::runner::{Dataset, Selection, evaluate_trial};
-use atsplat_eval::{MethodRecord, TargetRow, TrialRow};
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::trial::{self, Prefetch, TargetImages, TrialRecipe};
 use atsplat_protocol::{EvaluationIndex, ProtocolError};
+use atsplat_results::{MethodRecord, TargetRow, TrialRow};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 

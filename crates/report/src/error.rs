@@ -1,7 +1,7 @@
-use atsplat_eval::EvalError;
 use atsplat_files::FileError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
+use atsplat_results::ResultsError;
 
 /// An error while making a report.
 #[derive(Debug, thiserror::Error)]
@@ -33,7 +33,7 @@ pub enum ReportError {
     Protocol(#[from] ProtocolError),
     /// A store is invalid.
     #[error(transparent)]
-    Store(#[from] EvalError),
+    Store(#[from] ResultsError),
     /// A value cannot be represented in JSON.
     #[error("writing JSON: {0}")]
     Json(#[from] serde_json::Error),

@@ -1,13 +1,13 @@
 //! A synthetic store for tests: two protocols, three methods, a hostile scene name, a failed trial, a leaked target, LPIPS
 //! without weights.
 
-use atsplat_eval::timing::{Load, Machine, TimingRow};
-use atsplat_eval::{
+use atsplat_model::ModelConfig;
+use atsplat_protocol::Preset;
+use atsplat_results::times::{Load, Machine, TimingRow};
+use atsplat_results::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow, TargetStatus, TrialKey,
     TrialRow, TrialStatus,
 };
-use atsplat_model::ModelConfig;
-use atsplat_protocol::Preset;
 
 /// A name that injects a script if it is not escaped.
 pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'&|*_\\\u{1b}[31m";

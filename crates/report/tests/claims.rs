@@ -4,12 +4,12 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::Results;
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between, summary};
 use atsplat_protocol::Aggregation;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
+use atsplat_results::Results;
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between, summary};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")

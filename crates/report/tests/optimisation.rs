@@ -5,8 +5,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::Results;
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, by_overlap, summary};
+use atsplat_results::Results;
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery, by_overlap, summary};
 
 /// A column of the page's tables: a store, and a bin of overlap if it has several.
 struct Column {

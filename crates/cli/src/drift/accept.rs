@@ -2,8 +2,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_drift::{Acceptance, AcceptanceReport, Baseline, acceptable, check_repetition, compare};
-use atsplat_eval::Results;
 use atsplat_files::date;
+use atsplat_results::Results;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::recipe;

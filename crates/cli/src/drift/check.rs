@@ -2,7 +2,7 @@ use std::path::Path;
 
 use atsplat_drift::probe::{Outputs, Pipeline, Recipe, attribute};
 use atsplat_drift::{Baseline, DriftReport, Verdict, compare};
-use atsplat_eval::Results;
+use atsplat_results::Results;
 
 use super::{Args, recipe};
 use crate::exit::Exit;

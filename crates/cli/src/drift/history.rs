@@ -2,8 +2,8 @@
 
 use anyhow::Context as _;
 use atsplat_drift::{Baseline, DriftReport, NumberHistory, histories};
-use atsplat_eval::Results;
 use atsplat_report::plot_data::drift_plot;
+use atsplat_results::Results;
 
 use crate::parse;
 use crate::plot::{PendingPlot, PlotFile};

@@ -7,12 +7,12 @@ mod output;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use atsplat_eval::GaussianFrame;
 use atsplat_eval::reconstruct::{
     self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report, SceneFormat,
     TokenRecord, rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
-use atsplat_eval::{AdapterRecord, GaussianFrame};
 use atsplat_model::budget;
 use atsplat_scene::{Frame, Warnings};
 use atsplat_splat::Gaussians;
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         weights,
         seed,
         device: processor,
-        adapter: network.adapter().as_ref().map(AdapterRecord::from),
+        adapter: network.adapter().as_ref().map(atsplat_eval::adapter_record),
         input_size: reconstruction.input_size,
         tokens: TokenRecord::of(&reconstruction),
         output,

@@ -214,7 +214,7 @@ impl NetworkArgs {
 pub(crate) fn same_network(requested: &ModelConfig, written_for: &ModelConfig) -> anyhow::Result<()> {
     let ModelConfig { name, title, notes, inferred, .. } = written_for.clone();
     let computed = ModelConfig { name, title, notes, inferred, ..requested.clone() };
-    let differences = atsplat_eval::differences(&computed, written_for);
+    let differences = atsplat_results::differences(&computed, written_for);
     if differences.is_empty() {
         return Ok(());
     }

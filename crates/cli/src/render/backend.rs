@@ -1,5 +1,6 @@
 use anyhow::Context;
-use atsplat_eval::{AdapterRecord, method};
+use atsplat_eval::method;
+use atsplat_results::AdapterRecord;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
 use atsplat_splat::gpu::{AdapterChoice, ChosenRenderer, GpuOptions, with_fallback};
 use atsplat_splat::{ReferenceRenderer, Renderer};
@@ -54,7 +55,7 @@ pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyho
             tests.finish();
             let reasons: Vec<String> = skipped.iter().map(ToString::to_string).collect();
             let note = (!reasons.is_empty()).then(|| format!("{} renders: {}", renderer.name(), reasons.join("; ")));
-            Backend { renderer, adapter: adapter.as_ref().map(AdapterRecord::from), note }
+            Backend { renderer, adapter: adapter.as_ref().map(atsplat_eval::adapter_record), note }
         }
     })
 }

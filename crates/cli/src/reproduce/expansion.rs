@@ -114,10 +114,11 @@ fn first_trials(dataset: &Dataset) -> EvaluationIndex {
 mod tests {
     use std::sync::Arc;
 
-    use super::*;
     use atsplat_eval::discovery::simulated_datasets;
     use atsplat_pixels::{ImageU8, encode_png};
     use atsplat_scene::{FrameImage, Scene, SceneError, SceneSource, SharedBytes, Warnings};
+
+    use super::*;
 
     /// The scenes of another source, the images of some of which are cut to half: their headers are whole.
     struct CutShort {

@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use atsplat_eval::file_name;
 use atsplat_eval::method::{Method, TrialInput};
-use atsplat_eval::runner::{Dataset, spread};
+use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
+use atsplat_numeric::spread;
 use atsplat_pixels::{ImageU8, Rounding};
 use atsplat_protocol::trial::Trial;
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use atsplat_report::page::Film;
+use atsplat_results::file_name;
 
 /// Maximum number of frames of a film.
 const FRAMES: usize = 16;

@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
+use atsplat_eval::ComputeDevice;
 use atsplat_eval::discovery::{DiscoveredDatasets, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
 use atsplat_eval::weights_list::WeightsList;
-use atsplat_eval::{ComputeDevice, Results};
 use atsplat_files::is_toml_path;
 use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
@@ -23,6 +23,7 @@ use atsplat_report::page::PlotSection;
 use atsplat_report::plot_data::optimisation_section;
 use atsplat_report::store_labels;
 use atsplat_report::table::Source;
+use atsplat_results::Results;
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 

@@ -3,13 +3,13 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use atsplat_eval::Results;
 use atsplat_eval::discovery::NotRun;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
+use atsplat_results::Results;
 use indexmap::IndexSet;
 
 use crate::print::print_text;

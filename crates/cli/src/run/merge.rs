@@ -4,8 +4,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::store::Merged;
-use atsplat_eval::{Results, RunReport};
+use atsplat_results::store::Merged;
+use atsplat_results::{Results, RunReport};
 use serde::Serialize;
 
 use crate::objects::CacheArgs;

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow, ensure};
 use atsplat_eval::method::{Method, MethodSpec};
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::{GapKind, RunReport};
+use atsplat_results::{GapKind, RunReport};
 use atsplat_scene::Warnings;
 
 use crate::parse::{once, usage_error};

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
-use atsplat_eval::{Results, SkippedEntry};
 use atsplat_protocol::{DropReason, Preset};
+use atsplat_results::{Results, SkippedEntry};
 use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
 use crate::dataset_args::ImageArgs;

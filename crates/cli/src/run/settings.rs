@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use atsplat_eval::EvalError;
 use atsplat_eval::runner::{Dataset, KeepImages, Selection, suite};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
+use atsplat_results::{Provenance, ResultsError, Shard, Store};
 
 use crate::parse::{self, named, usage_error};
 use crate::requirements::{Requirement, check_all};
@@ -58,7 +59,7 @@ pub(crate) struct EvaluationArgs {
 
 impl EvaluationArgs {
     /// Opens the store in a folder: resumed or new.
-    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
+    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, ResultsError> {
         let store = Store::resume(folder, provenance)?;
         if self.verify { store.reread_images() } else { Ok(store) }
     }
@@ -129,7 +130,7 @@ impl SettingArgs {
     }
 
     /// Opens the store in the folder of [`Self::out`], or in that of its copy.
-    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
+    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, ResultsError> {
         self.evaluation.store(folder, provenance)
     }
 

@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use atsplat_eval::runner::Findings;
-use atsplat_eval::{EvalError, Results, Store, TargetRow, TrialKey, TrialRow};
+use atsplat_results::{Results, ResultsError, Store, TargetRow, TrialKey, TrialRow};
 
 use crate::objects::{has_copies, with_urls};
 
 /// Puts URLs in place of the paths of copies in the warnings, skipped entries and rows of a store that was just finished, as stores
 /// are compared between machines.
-pub(crate) fn name_urls(folder: &Path, results: Results) -> Result<Results, EvalError> {
+pub(crate) fn name_urls(folder: &Path, results: Results) -> Result<Results, ResultsError> {
     if !has_copies() {
         return Ok(results);
     }
@@ -31,7 +31,7 @@ pub(crate) fn name_urls(folder: &Path, results: Results) -> Result<Results, Eval
         let targets: Vec<TargetRow> = of_row.map(|target| with(target, of_target)).collect();
         store.append(&with(row, of_trial), &targets)?;
     }
-    store.set_findings(findings);
+    store.set_findings(findings.warnings, findings.skipped);
     store.finish()
 }
 
@@ -63,7 +63,7 @@ fn of_target(row: &mut TargetRow) {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{Provenance, SkippedEntry, WarningCount};
+    use atsplat_results::{Provenance, SkippedEntry, WarningCount};
     use serde_json::json;
 
     use super::*;

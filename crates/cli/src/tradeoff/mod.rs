@@ -5,9 +5,9 @@ mod sweep;
 use std::path::PathBuf;
 
 use anyhow::bail;
-use atsplat_eval::Results;
-use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{TradeoffReport, across, tradeoffs};
+use atsplat_results::Results;
+use atsplat_results::statistics::Leaked;
+use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
 use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};

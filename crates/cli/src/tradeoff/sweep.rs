@@ -3,10 +3,11 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
-use atsplat_eval::{GapKind, Results};
+use atsplat_eval::sweep::{Part, Sweep, SweepBase, parts};
 use atsplat_metrics::Suite;
+use atsplat_results::statistics::Leaked;
+use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
+use atsplat_results::{GapKind, Results};
 use atsplat_scene::Warnings;
 
 use crate::objects::check_reading;

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::bail;
-use atsplat_eval::store::PROVENANCE;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
+use atsplat_results::store::PROVENANCE;
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, journal};
 
 use crate::device::DeviceArgs;

@@ -6,8 +6,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use atsplat_eval::{Results, TargetRow, TrialRow};
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_results::{Results, TargetRow, TrialRow};
 
 /// Frames of a scene of [`write_noise`].
 pub(crate) const FRAMES: u32 = 40;

@@ -1,9 +1,8 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::network_views;
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Score, Suite, definition};
-use atsplat_model::network::{Device, Network};
+use atsplat_model::network::{Device, Network, Views};
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
 use atsplat_model::{ModelConfig, ModelError, parameters::parameters};
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode};
@@ -91,7 +90,7 @@ impl Stages for Pipeline {
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
         let reconstruct = || {
             let cameras = context.iter().map(|view| view.camera).collect();
-            let views = network_views(context.iter().map(|view| &view.image), cameras)?;
+            let views = Views::of_images(context.iter().map(|view| &view.image), cameras)?;
             self.network.reconstruct(&views, 0)
         };
         reconstruct().map(|reconstruction| reconstruction.gaussians).map_err(|error| Stage::Model.failed()(&error))

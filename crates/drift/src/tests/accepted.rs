@@ -1,6 +1,6 @@
 //! What an acceptance says: what is no longer guarded, what else has changed, and whether a number moved.
 
-use atsplat_eval::{MetricRecord, SkippedEntry};
+use atsplat_results::{MetricRecord, SkippedEntry};
 
 use super::*;
 

@@ -10,10 +10,10 @@ fn means_are_those_of_tables_where_renders_are_identical_to_the_truth() {
         (row.status, row.scores) = (TargetStatus::Identical, std::collections::BTreeMap::new());
     }
     let (leaked, identical) =
-        (atsplat_eval::statistics::Leaked::Included, atsplat_eval::statistics::Identical::Excluded);
+        (atsplat_results::statistics::Leaked::Included, atsplat_results::statistics::Identical::Excluded);
     let query =
-        atsplat_eval::statistics::MetricQuery { preset: PRESET, method: "m", metric: "psnr", leaked, identical };
-    let table = atsplat_eval::statistics::summary(&base, &query, atsplat_protocol::Aggregation::SceneMeans).mean;
+        atsplat_results::statistics::MetricQuery { preset: PRESET, method: "m", metric: "psnr", leaked, identical };
+    let table = atsplat_results::statistics::summary(&base, &query, atsplat_protocol::Aggregation::SceneMeans).mean;
     let report = compare(&base, &baseline);
     let [comparison] = &report.comparisons[..] else { panic!("{report}") };
     assert_eq!(comparison.now, table);

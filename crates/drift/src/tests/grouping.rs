@@ -1,6 +1,6 @@
 //! The fields that tables group or leave out targets by.
 
-use atsplat_eval::TargetRow;
+use atsplat_results::TargetRow;
 
 use super::*;
 

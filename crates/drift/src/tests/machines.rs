@@ -1,8 +1,9 @@
 //! On which machines results and probes give the same bits.
 
-use atsplat_eval::Provenance;
-use atsplat_eval::runner::current_provenance;
 use atsplat_pixels::Image;
+use atsplat_results::Provenance;
+use atsplat_results::times::platform;
+use atsplat_splat::cpu::processor;
 
 use super::*;
 use crate::probe::Stages;
@@ -25,7 +26,7 @@ fn another_driver_does_not_loosen_the_comparison() {
 /// The probe's renders differ in the last bits from those of this machine.
 #[test]
 fn a_probe_is_judged_by_the_machine_that_ran_it() {
-    let here = current_provenance("0.1.0", None, Vec::new());
+    let here = Provenance { platform: platform(), processor: processor(), ..Provenance::default() };
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let inputs = Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap();
     let mut outputs = run(&pipeline, &inputs).unwrap();

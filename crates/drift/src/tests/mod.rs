@@ -1,9 +1,6 @@
-// Some of them for `sample_rows`, which takes its types from the module above.
-use atsplat_eval::{
-    MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus, timing,
-};
 use atsplat_files::date;
 use atsplat_numeric::{SplitMix64, Tolerance};
+use atsplat_results::{MethodRecord, MetricRecord, PresetRecord, Results, TargetStatus, TrialStatus};
 
 use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;
@@ -17,7 +14,7 @@ mod grouping;
 mod machines;
 mod planted;
 mod repetition;
-#[path = "../../../eval/src/sample_rows.rs"]
+#[path = "../../../results/src/sample_rows.rs"]
 #[expect(dead_code, reason = "times are not compared")]
 mod sample_rows;
 

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_protocol::trial::Skipped;
+use atsplat_results::warning_kinds::MISSING_SCENES;
 use serde::Serialize;
 
-use crate::runner::{Dataset, MISSING_SCENES, Missing, Selection};
+use crate::runner::{Dataset, Missing, Selection};
 
 /// Scenes, frames or index entries that are not in an [`ExpansionReport`](super::ExpansionReport).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

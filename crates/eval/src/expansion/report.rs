@@ -1,11 +1,11 @@
 use std::fmt;
 
+use atsplat_results::statistics::{MIN_SCENES, interval_of_mean};
 use indexmap::IndexMap;
 use serde::Serialize;
 
 use super::thresholds::{PUBLISHED, at_quantiles};
 use super::{BlockMeasurement, ExpansionGap, TrialMeasurement};
-use crate::statistics::{MIN_SCENES, interval_of_mean};
 
 /// Token expansion of a network over the trials of a protocol. [`Display`](fmt::Display) prints Markdown.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -7,7 +7,6 @@ use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
 use crate::method::trial_seed;
-use crate::reconstruct::network_views;
 
 /// The scene to analyse, as input of network and renderer.
 #[derive(Clone, Debug)]
@@ -64,5 +63,5 @@ impl Subject {
 pub(crate) fn views(trial: &Trial) -> Result<Views, ExpansionError> {
     let decoded: Vec<Arc<ImageU8>> = trial.context().iter().map(ContextView::image).collect::<Result<_, _>>()?;
     let cameras = trial.context().iter().map(|view| view.camera).collect();
-    Ok(network_views(decoded.iter().map(AsRef::as_ref), cameras)?)
+    Ok(Views::of_images(decoded.iter().map(AsRef::as_ref), cameras)?)
 }

@@ -79,8 +79,9 @@ fn three_digits(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_numeric::Tolerance;
+
+    use super::*;
 
     #[test]
     fn each_block_has_another_quantile() {

@@ -101,8 +101,9 @@ fn imaginary_of([w, x, y, z]: [f32; 4]) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_numeric::{SplitMix64, Tolerance};
+
+    use super::*;
     use glam::{DMat3, DQuat, DVec3};
 
     /// What the page reads, written from the description of the format.

@@ -2,11 +2,11 @@ use std::sync::Arc;
 
 use atsplat_model::network::{MatmulPrecision, Network, Reconstruction, Views};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_results::{MethodRecord, TrainingRecord};
 
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrialInput, trial_seed};
-use crate::reconstruct::network_views;
-use crate::{EvalError, MethodRecord, TrainingRecord};
+use crate::{EvalError, adapter_record};
 
 /// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
 /// but not at 256×448.
@@ -96,7 +96,7 @@ impl AtSplat {
         };
         weights.describe(&network, &mut record)?;
         splatting.describe(&mut record);
-        record.record_network(&network);
+        record.record_network(network.adapter().as_ref().map(adapter_record));
         let matmul_precision = MatmulPrecision::default();
         Ok(Self {
             network,
@@ -198,7 +198,7 @@ impl AtSplat {
 /// The trial's context views as the input of a network.
 pub(super) fn context_views(input: &TrialInput<'_>) -> Result<Views, MethodError> {
     let cameras = input.trial.context().iter().map(|view| view.camera).collect();
-    network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))
+    Views::of_images(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))
 }
 
 /// A note for a trial under another pose normalisation than that of the weights' training, if it is known.

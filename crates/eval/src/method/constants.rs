@@ -2,7 +2,7 @@ use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalP
 use atsplat_splat::{ClampedGradient, Extent, MAX_SH_DEGREE, PrincipalPoint, RendererConstants, ShAxes};
 
 use crate::EvalError;
-use crate::tradeoff::RendererKnobs;
+use crate::sweep::RendererKnobs;
 
 /// Which renderer constants a method uses.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -130,8 +130,9 @@ const INRIA: &str = "diff-gaussian-rasterization";
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_protocol::Preset;
+
+    use super::*;
 
     /// Compares with the renderer's preset of the published rasterizer.
     #[test]

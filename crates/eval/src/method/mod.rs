@@ -32,7 +32,7 @@ pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use exec::{Exec, ExecSettings};
 pub use layout::{FoundFiles, Layout, RequestedScene};
 pub use nearest_view::NearestView;
-pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS, STEPS_TAKEN};
+pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{BROKEN, Ply};
 pub use range::check_range;
 pub use renders::Renders;
@@ -41,7 +41,7 @@ pub use spec::{InvalidMethod, MethodKind, MethodSpec};
 pub use splatting::{Backend, DRAWN_CLASSIC, Splatting};
 pub use warp::Warp;
 
-use crate::MethodRecord;
+use atsplat_results::MethodRecord;
 
 /// A novel-view-synthesis method under evaluation.
 pub trait Method: Debug + Send + Sync {

@@ -2,9 +2,9 @@ use std::sync::Arc;
 
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{ContextView, TargetView};
+use atsplat_results::MethodRecord;
 
 use super::{Method, MethodError, Prediction, Rendered, Timed, TrialInput, render_each};
-use crate::MethodRecord;
 
 /// A lower baseline: copies the context image whose camera is closest to the target's. Ties, to a relative 1e-9, go to
 /// the first in the trial's order.

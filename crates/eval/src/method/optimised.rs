@@ -1,17 +1,18 @@
-use std::collections::BTreeSet;
 use std::time::Instant;
 
 use atsplat_fit::start::in_frustums;
 use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, TrainingViews, camera_extent};
 use atsplat_model::network::Network;
+use atsplat_results::trial_notes::{IN_TIME_ON, STEPS_TAKEN};
+use atsplat_results::{MethodRecord, TrainingRecord};
 use atsplat_splat::Gaussians;
 
 use super::atsplat::{context_views, method_error, other_poses};
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
-use crate::timing::Machine;
-use crate::{EvalError, MethodRecord, Results, TrainingRecord};
+use crate::timing::this_machine;
+use crate::{EvalError, adapter_record};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
@@ -38,26 +39,11 @@ pub struct Optimised {
     trained_poses: Option<String>,
 }
 
-/// How the note begins that says how many steps an optimisation took; it is not a warning.
-pub const STEPS_TAKEN: &str = "optimisation: ";
-
-/// What the note says, between steps and machine, of an optimisation for a time.
-const IN_TIME_ON: &str = " steps in its time on ";
-
 /// The note about the steps that an optimisation took. How many fit into a time depends on the machine, which is then named.
 fn steps_note(budget: Budget, steps: u64) -> String {
     match budget {
         Budget::Steps(_) => format!("{STEPS_TAKEN}{steps} steps"),
-        Budget::Seconds(_) => format!("{STEPS_TAKEN}{steps}{IN_TIME_ON}{}", Machine::current()),
-    }
-}
-
-impl Results {
-    /// The machines, with their threads, on which a method was optimised for a time: on each of them, another number of steps fits
-    /// into it. None for other methods, and for rows of older versions.
-    pub fn optimised_on(&self, preset: &str, method: &str) -> BTreeSet<&str> {
-        let notes = self.trials_of(preset, method).flat_map(|trial| &trial.notes);
-        notes.filter_map(|note| Some(note.strip_prefix(STEPS_TAKEN)?.split_once(IN_TIME_ON)?.1)).collect()
+        Budget::Seconds(_) => format!("{STEPS_TAKEN}{steps}{IN_TIME_ON}{}", this_machine()),
     }
 }
 
@@ -142,7 +128,7 @@ impl Optimised {
             self.record.parameters.extend(parameters([("optimised-on", "the renderer's adapter".into())]));
         }
         if let Some(network) = &self.network {
-            self.record.record_network(network);
+            self.record.record_network(network.adapter().as_ref().map(adapter_record));
         }
         // How many steps fit into a time differs from run to run.
         self.record.deterministic &= matches!(self.budget, Budget::Steps(_));
@@ -238,11 +224,11 @@ mod tests {
     use atsplat_model::{ImageSize, ModelConfig};
     use atsplat_pixels::ImageU8;
     use atsplat_protocol::Preset;
+    use atsplat_results::AdapterRecord;
     use atsplat_splat::Renderer;
     use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
 
     use super::*;
-    use crate::AdapterRecord;
     use crate::method::atsplat::tests::trials;
     use crate::method::{AtSplat, Backend};
 
@@ -299,7 +285,7 @@ mod tests {
         let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
         let (cost, _) = rendered(&timed);
         assert!(!timed.record().deterministic && cost.gaussians.is_some_and(|count| count <= 400));
-        let on = format!(" steps in its time on {}", Machine::current());
+        let on = format!(" steps in its time on {}", this_machine());
         let says = |note: &String| note.starts_with("optimisation: ") && note.ends_with(&on);
         assert!(cost.notes.iter().any(says), "{:?}", cost.notes);
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use atsplat_protocol::trial::Trial;
 use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_results::MethodRecord;
 use atsplat_splat::files::Import;
 use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
@@ -12,7 +13,7 @@ use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
 };
-use crate::{EvalError, GaussianFrame, MethodRecord};
+use crate::{EvalError, GaussianFrame};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr};
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
+use atsplat_results::MethodRecord;
 
 use super::frame_files::FrameFiles;
 use super::range::{check_bytes, check_range};
@@ -14,7 +15,7 @@ use super::{
     FoundFiles, Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Timed, TrialInput, below,
     folder_name, render_each,
 };
-use crate::{EvalError, MethodRecord};
+use crate::EvalError;
 
 /// Images rendered by another program, found by scene and frame.
 ///
@@ -30,7 +31,7 @@ use crate::{EvalError, MethodRecord};
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
-/// first may be `<scene>-0`. Folders that `--keep-images` names otherwise ([`crate::file_name()`]) are known too. A folder
+/// first may be `<scene>-0`. Folders that `--keep-images` names otherwise ([`atsplat_results::file_name()`]) are known too. A folder
 /// with the name of a scene of the index is that scene's alone, except among the images of a store, where all names end with
 /// the entry.
 ///

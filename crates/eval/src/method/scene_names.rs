@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use atsplat_protocol::EvaluationIndex;
 
-use crate::file_name::file_name;
-use crate::store::PROVENANCE;
+use atsplat_results::file_name;
+use atsplat_results::store::PROVENANCE;
 
 /// Names that a scene's files may have in a folder of imported results. The name of a scene never refers to an entry of another
 /// one.

@@ -7,7 +7,7 @@ use atsplat_files::InvalidText;
 use atsplat_fit::{Budget, Strategy};
 use thiserror::Error;
 
-use crate::runner::{CONTEXT, TRUTH};
+use atsplat_results::store::images::{CONTEXT, TRUTH};
 
 /// A method that is not loaded yet: `KIND` or `NAME=KIND`.
 #[derive(Clone, Debug, PartialEq)]

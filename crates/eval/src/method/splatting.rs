@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use atsplat_fit::FitDevice;
 use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
+use atsplat_results::{AdapterRecord, MethodRecord};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
 use atsplat_splat::{
@@ -12,7 +13,6 @@ use atsplat_splat::{
 };
 
 use super::{BROKEN, ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
-use crate::{AdapterRecord, MethodRecord};
 
 /// How the note of a trial begins whose Gaussians may be meant for [`RasterMode::Antialiased`], but are drawn in the classic mode
 /// because none was chosen.

@@ -1,12 +1,12 @@
 use atsplat_camera::{DirectionScale, ImageSize, Projector, Ray};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::TargetView;
+use atsplat_results::MethodRecord;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::nearest_view::nearest;
 use super::{Method, MethodError, Prediction, Rendered, Timed, TrialInput, render_each};
-use crate::MethodRecord;
 
 /// A lower baseline: a plane sweep with a single plane that faces the target camera.
 ///

@@ -25,7 +25,6 @@ mod render_json;
 mod renders;
 mod report;
 mod scene_file;
-mod views;
 
 use atsplat_model::network::{Network, Reconstruction};
 use atsplat_protocol::trial::Skipped;
@@ -38,7 +37,6 @@ pub use render_json::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};
 pub use scene_file::{OutputRecord, SceneFormat, write_gaussians};
-pub use views::network_views;
 
 /// Why photos cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]
@@ -98,11 +96,12 @@ pub fn reconstruct(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_model::ModelConfig;
     use atsplat_model::network::Device;
     use atsplat_rooms::{Request, SceneKind, SceneSeed, SimulatedScenes, Split};
     use atsplat_scene::SceneSource as _;
+
+    use super::*;
 
     #[test]
     fn reconstructs_a_simulated_scene_in_one_call() {

@@ -6,11 +6,11 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_results::TRAINED_POSES;
+use atsplat_results::TrainingRecord;
 use serde::Serialize;
 
-use crate::TrainingRecord;
 use crate::method::WeightsSource;
-use crate::rows::TRAINED_POSES;
 
 /// A network configuration and the location of its weights, which are not loaded yet.
 #[derive(Debug)]

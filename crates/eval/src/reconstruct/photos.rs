@@ -14,7 +14,7 @@ use atsplat_splat::Gaussians;
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
-use super::{ReconstructError, network_views};
+use super::ReconstructError;
 
 /// iLRM's planes in the normalised world, which the presets infer for ATSplat too.
 const NEAR_FAR: NearFar = NearFar { near: 0.01, far: 500.0 };
@@ -114,7 +114,7 @@ impl Photos {
     pub fn views(&self) -> Result<Views, ReconstructError> {
         let images: Result<Vec<Arc<ImageU8>>, _> = self.trial.context().par_iter().map(ContextView::image).collect();
         let cameras = self.trial.context().iter().map(|view| view.camera).collect();
-        Ok(network_views(images?.iter().map(AsRef::as_ref), cameras)?)
+        Ok(Views::of_images(images?.iter().map(AsRef::as_ref), cameras)?)
     }
 
     /// Transforms Gaussians from the network's frame into the axes and unit of length of the scene.

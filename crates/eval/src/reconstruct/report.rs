@@ -6,10 +6,10 @@ use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
 use atsplat_model::network::Processor;
 use atsplat_numeric::format_bytes;
+use atsplat_results::AdapterRecord;
 use serde::Serialize;
 
 use super::{BlockRecord, InputRecord, ModelRecord, OutputRecord, RendersRecord, TokenRecord, WeightsRecord};
-use crate::AdapterRecord;
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
 #[derive(Debug, Serialize)]

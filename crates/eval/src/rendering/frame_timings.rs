@@ -105,8 +105,9 @@ impl fmt::Display for FrameTimings {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_numeric::Tolerance;
+
+    use super::*;
 
     fn frame(ms: f64) -> FrameTiming {
         let secs = ms / 1e3;

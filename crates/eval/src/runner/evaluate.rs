@@ -11,16 +11,18 @@ use atsplat_numeric::mean;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
+use atsplat_results::store::images::{self, CONTEXT, TRUTH, hash_of_bytes};
+use atsplat_results::{MethodRecord, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::image_files::{self, CONTEXT, ImageSink, TRUTH};
+use super::kept_images::ImageSink;
 use super::metric_ids;
 use super::resemblance::{self, Compared};
-use super::scored::{compare, hash_of_bytes, unscored_row};
+use super::scored::{compare, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
+use crate::EvalError;
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
-use crate::{EvalError, MethodRecord, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// Targets that are rendered in one batch.
 const BATCH: usize = 4;
@@ -171,7 +173,7 @@ impl Evaluation<'_> {
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
         let compared = scored.filter(|_| is_checked).map(|truth| Compared::of(&image, truth, row.leaked));
         if let Some(store) = self.images.all() {
-            image_files::write_render(store, &row, &image)?;
+            images::write_render(store, &row, &image).map_err(EvalError::from)?;
         }
         Ok(ScoredTarget { row, drawn, effects, suspicion, compared })
     }
@@ -210,7 +212,7 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
     let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
     let context = context.map(|(view, image)| (CONTEXT, view.frame, image));
     for (method, frame, image) in truths.chain(context) {
-        image_files::write_image(store, &key.of_method(method), frame as u64, image)?;
+        images::write_image(store, &key.of_method(method), frame as u64, image)?;
     }
     Ok(())
 }
@@ -221,7 +223,7 @@ fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) 
     for batch in positions.chunks(BATCH) {
         for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
             if let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) {
-                image_files::write_render(store, row, &rendered.image)?;
+                images::write_render(store, row, &rendered.image).map_err(EvalError::from)?;
             }
         }
     }

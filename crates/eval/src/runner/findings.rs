@@ -5,27 +5,14 @@ use atsplat_metrics::Suite;
 use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
+use atsplat_results::RunCounts;
+use atsplat_results::warning_kinds::{SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS};
+use atsplat_results::{Provenance, SkippedEntry, WarningCount};
 use atsplat_scene::Warnings;
 
 use super::shared_files::SHARED_FILES;
-use super::{Dataset, Missing, Plan, Selection, Summary};
+use super::{Dataset, Missing, Plan, Selection};
 use crate::method::Method;
-use crate::{Provenance, SkippedEntry, WarningCount};
-
-/// How the kinds of warnings begin about methods whose settings other presets state; the method's name follows.
-const UNLISTED_SETTINGS: &str =
-    "methods with the preset's own poses and planes, because it states none of the method they name";
-/// How the kinds of warnings begin about methods for which nobody chose a setting, although the preset lists one for their name, which
-/// follows.
-const SETTINGS_NOT_CHOSEN: &str =
-    "methods with the preset's own poses and planes, although it states others for a method of their name";
-/// The kind of the warning about learned metrics with other weights than the published ones, whose numbers are of another metric.
-pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than the published ones";
-
-/// Whether a kind of warning is about a whole run, which every shard of it counts.
-pub(crate) fn is_of_run(kind: &str) -> bool {
-    kind.starts_with(UNLISTED_SETTINGS) || kind.starts_with(SETTINGS_NOT_CHOSEN) || kind == UNPUBLISHED_WEIGHTS
-}
 
 /// Whether a kind of warning is about a method that is not among `methods`.
 fn is_of_another_method(kind: &str, methods: &BTreeSet<String>) -> bool {
@@ -93,7 +80,7 @@ impl Findings {
 
     /// Adds the notices of a dataset's index, and counts what it misses. A shard counts a part of them, so that merged
     /// counts are those of one run.
-    pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection, summary: &mut Summary) {
+    pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection, summary: &mut RunCounts) {
         for (kind, notice) in &dataset.index.notices {
             let count = selection.share_of(notice.count);
             if count > 0 {

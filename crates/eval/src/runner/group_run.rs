@@ -4,18 +4,20 @@ use std::sync::Arc;
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_results::store::images;
+use atsplat_results::{Store, TrialKey};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::findings::SceneWarnings;
-use super::image_files::{self, ImageSink};
 use super::images_and_times::ImagesAndTimes;
+use super::kept_images::ImageSink;
 use super::outdated::Outdated;
 use super::plan::{Dataset, Plan};
 use super::run::Progress;
+use crate::EvalError;
 use crate::method::Method;
-use crate::{EvalError, Store, TrialKey};
 
 /// Groups methods with the same pose normalisation and near/far planes, which share their trials.
 pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
@@ -251,13 +253,13 @@ impl GroupRun<'_> {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            image_files::remove(self.images.store, &key)?;
+            images::remove(self.images.store, &key)?;
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
             self.images_and_times.remove_outdated_times(&row)?;
             self.store.append(&row, &targets)?;
-            image_files::publish(self.images.store, &row.key)?;
+            images::publish(self.images.store, &row.key)?;
             (self.step)();
         }
         Ok((evaluated, resumed))

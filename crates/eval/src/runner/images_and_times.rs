@@ -5,11 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use atsplat_protocol::trial::Trial;
+use atsplat_results::store::StoredImage;
+use atsplat_results::store::images::{self, CONTEXT, TRUTH};
+use atsplat_results::{ResultsError, Store, TrialKey, TrialRow};
 
+use super::KeepImages;
 use super::group_run::to_u32;
-use super::image_files::{self, CONTEXT, KeepImages, TRUTH};
-use crate::store::StoredImage;
-use crate::{EvalError, Store, TrialKey, TrialRow};
 
 /// Images and times that a store contained when a run began.
 #[derive(Debug)]
@@ -25,8 +26,8 @@ pub(super) struct ImagesAndTimes<'a> {
 
 impl<'a> ImagesAndTimes<'a> {
     /// After the images of a run that was killed are settled.
-    pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, EvalError> {
-        image_files::settle(store)?;
+    pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, ResultsError> {
+        images::settle(store)?;
         let kept = if keep == KeepImages::All { store.images_of_results()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
         Ok(Self { store, kept, timed: Mutex::new(timed), renewed: Mutex::default() })
@@ -35,18 +36,23 @@ impl<'a> ImagesAndTimes<'a> {
     /// Whether the run keeps all images, and the store has a result without one of its images, or with another result's.
     pub(super) fn lacks_images(&self, key: &TrialKey) -> bool {
         let is_stored = |StoredImage { key, frame, hash }: &StoredImage| {
-            image_files::is_stored(self.store.folder(), key, *frame, hash.as_deref())
+            images::is_stored(self.store.folder(), key, *frame, hash.as_deref())
         };
         self.kept.get(key).is_some_and(|images| !images.iter().all(is_stored))
     }
 
     /// Removes the images of a trial's results that were computed from other data, and the images of that data.
-    pub(super) fn remove_outdated_images(&self, preset: &str, trial: &Trial, data_hash: &str) -> Result<(), EvalError> {
+    pub(super) fn remove_outdated_images(
+        &self,
+        preset: &str,
+        trial: &Trial,
+        data_hash: &str,
+    ) -> Result<(), ResultsError> {
         let (scene, entry) = (trial.scene().to_owned(), to_u32(trial.entry_number()));
         self.remove_images_of(&TrialKey { preset: preset.to_owned(), method: String::new(), scene, entry }, data_hash)
     }
 
-    fn remove_images_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), EvalError> {
+    fn remove_images_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), ResultsError> {
         let known = self.store.known();
         let outdated: Vec<&str> = known.outdated(trial, data_hash).collect();
         // Once in a run: methods with other poses evaluate the trial after those that have replaced their images.
@@ -57,11 +63,11 @@ impl<'a> ImagesAndTimes<'a> {
         let is_all = known.methods(&trial.preset, &trial.scene, trial.entry).count() == outdated.len();
         let of_data = [TRUTH, CONTEXT].into_iter().filter(|_| is_all);
         let mut names = outdated.iter().copied().chain(of_data);
-        names.try_for_each(|name| image_files::remove(self.store.folder(), &trial.of_method(name)))
+        names.try_for_each(|name| images::remove(self.store.folder(), &trial.of_method(name)))
     }
 
     /// Removes the times of the row that this one replaces, unless that was made from the same data and files.
-    pub(super) fn remove_outdated_times(&self, row: &TrialRow) -> Result<(), EvalError> {
+    pub(super) fn remove_outdated_times(&self, row: &TrialRow) -> Result<(), ResultsError> {
         let TrialRow { key, trial_hash, data_hash, input_hash, .. } = row;
         let data_hash = data_hash.as_deref().unwrap_or_default();
         if self.store.known().contains(key, trial_hash, data_hash, input_hash.as_deref()) {
@@ -77,9 +83,10 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::image_files::image_path;
+    use atsplat_results::Provenance;
+    use atsplat_results::store::images::image_path;
+
     use super::*;
-    use crate::Provenance;
     use crate::sample_rows::{key, target, trial};
 
     const NAMES: [&str; 4] = ["a", "b", TRUTH, CONTEXT];

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, Preset, SamplingRule};
+use atsplat_results::SAMPLED_BY;
 use atsplat_scene::{SceneSource, WarningKind, Warnings};
 
 use super::IndexFolder;
 use super::index_notices::{self, IndexNotice};
 use crate::EvalError;
-use crate::rows::SAMPLED_BY;
 
 /// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -140,11 +140,12 @@ mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
     use atsplat_protocol::IndexEntry;
     use atsplat_protocol::extrapolation::Margin;
+    use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_SAMPLED};
     use atsplat_scene::{Frame, FrameImage, Scene, SceneError};
     use glam::{DMat3, DVec3};
 
     use super::*;
-    use crate::runner::{DROPPED_BY_SPLIT, Missing, NOT_SAMPLED};
+    use crate::runner::Missing;
 
     /// Scenes of cameras in a row, by their numbers of frames; the first frame of the first scene has lost its image.
     struct Lengths {

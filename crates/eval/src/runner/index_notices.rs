@@ -4,19 +4,10 @@ use std::collections::BTreeMap;
 
 use atsplat_protocol::extrapolation::ExtrapolationReport;
 use atsplat_protocol::{BuiltIndex, IndexNotices};
+use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_READ, UNREADABLE_IMAGE, WITHOUT_ENTRY, WITHOUT_IMAGE};
 use atsplat_scene::{WarningKind, Warnings};
 
-/// Prefix of warning kinds for published entries that the derived split drops.
-pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
-
-const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
-const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
 const REPEATED_IMAGE: &str = "frames that repeat an earlier frame's image file, which are not sampled";
-const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
-const NOT_READ: &str = "scenes that are not read, and not sampled";
-
-/// Prefixes of warning kinds for scenes and frames of the data that the sampled index leaves out.
-pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
 
 /// Irregularities of an index of one kind.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,12 +3,46 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use atsplat_files::entries_if_exists;
 use atsplat_numeric::{SplitMix64, mean, median};
+use atsplat_results::store::images::{self, CONTEXT, TRUTH};
+use atsplat_results::{Results, TargetRow, TrialKey};
 
-use super::image_files::{self, CONTEXT, TRUTH};
 use super::{Dataset, metric_ids};
-use crate::store::disk;
-use crate::{EvalError, Results, TargetRow, TrialKey};
+use crate::EvalError;
+
+/// Which images a store keeps in addition to its rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum KeepImages {
+    /// None.
+    #[default]
+    Nothing,
+    /// Those of each method's six trials with the lowest and two with the highest mean PSNR, and of the two nearest to the median
+    /// among eight random ones; also the other methods' images of these trials, where they were rendered.
+    Worst,
+    /// All.
+    All,
+}
+
+/// Decides which images are stored, and where.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ImageSink<'a> {
+    pub(super) keep: KeepImages,
+    pub(super) store: &'a Path,
+    pub(super) worst: &'a WorstSoFar,
+}
+
+impl<'a> ImageSink<'a> {
+    /// The store, if it keeps all images.
+    pub(super) fn all(self) -> Option<&'a Path> {
+        (self.keep == KeepImages::All).then_some(self.store)
+    }
+
+    /// The store, if it keeps the worst trials' images and a trial with these rows is among them so far.
+    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
+        (self.keep == KeepImages::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
+    }
+}
 
 // Numbers of trials whose images are kept with `KeepImages::Worst`: of the lowest and of the highest mean PSNR, and of those
 // nearest to the median among a random sample.
@@ -63,20 +97,21 @@ pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Resul
     let kept: Vec<TrialKey> = methods.iter().flat_map(|method| chosen(results, preset, method, psnr)).collect();
     let mut without = 0;
     for key in &kept {
-        without += u64::from(!image_files::has_images(store, key)?);
+        without += u64::from(!images::has_images(store, key)?);
     }
     if without > 0 {
         tracing::warn!(preset, without, "trials that earlier runs evaluated without images have none");
     }
     for name in methods.into_iter().chain([TRUTH, CONTEXT]) {
-        let folders = kept.iter().map(|key| image_files::folder(store, &key.of_method(name))).collect();
-        retain(&image_files::folder_of_method(store, preset, name), &folders)?;
+        let folders = kept.iter().map(|key| images::folder(store, &key.of_method(name))).collect();
+        retain(&images::folder_of_method(store, preset, name), &folders)?;
     }
     Ok(())
 }
 
 fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
-    for path in disk::files(folder)?.into_iter().filter(|path| path.is_dir() && !kept.contains(path)) {
+    let entries = entries_if_exists(folder).map_err(EvalError::io("reading images", folder))?;
+    for path in entries.into_iter().filter(|path| path.is_dir() && !kept.contains(path)) {
         fs::remove_dir_all(&path).map_err(EvalError::io("removing images", &path))?;
     }
     Ok(())

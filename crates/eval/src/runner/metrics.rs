@@ -3,9 +3,10 @@ use std::path::Path;
 use atsplat_metrics::learned::{Network, WeightsFolders};
 use atsplat_metrics::{Definition, Measure, Networks, Suite, definition, definitions};
 use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, Preset, PsnrConvention, SsimConvention};
+use atsplat_results::MetricRecord;
 
 use super::Dataset;
-use crate::{EvalError, MetricRecord};
+use crate::EvalError;
 
 /// Cache of ground-truth features for learned metrics, in bytes.
 const FEATURE_CACHE_BYTES: usize = 512 << 20;

@@ -1,4 +1,4 @@
-//! Evaluates presets × methods × trials into a [`Store`](crate::Store).
+//! Evaluates presets × methods × trials into a [`Store`](atsplat_results::Store).
 //!
 //! Trials are prepared ahead within the limits of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several trials, or the
 //! targets of one, are evaluated concurrently without timing; a [timing pass](crate::timing) follows if requested. Failures
@@ -8,7 +8,6 @@ mod dataset;
 mod evaluate;
 mod findings;
 mod group_run;
-mod image_files;
 mod images_and_times;
 mod index;
 mod index_folder;
@@ -27,16 +26,15 @@ mod single;
 mod suspicious;
 
 pub use dataset::IndexChoice;
-pub use findings::{Findings, UNPUBLISHED_WEIGHTS};
-pub use image_files::{CONTEXT, KeepImages, TRUTH, image_path, is_image_of};
+pub use findings::Findings;
 pub use index::PlannedIndex;
 pub use index_folder::IndexFolder;
-pub use index_notices::{DROPPED_BY_SPLIT, IndexNotice, Missing, NOT_SAMPLED};
+pub use index_notices::{IndexNotice, Missing};
+pub use kept_images::KeepImages;
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
-pub use plan::{Dataset, Plan, Summary, current_provenance};
-pub use run::{MISSING_SCENES, run, run_until};
-pub use selection::{Selection, spread};
+pub use plan::{Dataset, Plan, current_provenance};
+pub use run::{run, run_until};
+pub use selection::Selection;
 pub use single::evaluate_trial;
 
-pub(crate) use findings::is_of_run;
 pub(crate) use group_run::{groups, key_of, recipe};

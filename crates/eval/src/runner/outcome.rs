@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use atsplat_numeric::spread;
 use atsplat_protocol::DropReason;
 use atsplat_protocol::trial::SkipReason;
+use atsplat_results::{Results, SkippedEntry, TargetRow, TargetStatus};
 
-use super::{Plan, Selection, spread};
+use super::{Plan, Selection};
+use crate::EvalError;
 use crate::method::{FoundFiles, Method, RequestedScene};
-use crate::{EvalError, Results, SkippedEntry, TargetRow, TargetStatus};
 
 /// Scenes per dataset whose imported files are looked for before the run; all of them if there is no file of these.
 const CHECKED_SCENES: usize = 32;

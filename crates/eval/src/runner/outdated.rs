@@ -1,11 +1,12 @@
 use std::collections::BTreeSet;
 
 use atsplat_protocol::trial::{Skipped, Trial};
+use atsplat_results::{Store, TrialKey};
 
 use super::findings::depends_on_poses;
 use super::group_run::to_u32;
 use super::plan::{Dataset, Plan};
-use crate::{EvalError, Store, TrialKey};
+use crate::EvalError;
 
 const RECOMPUTE: &str = "run these methods too, so that they are recomputed";
 const RESTORE: &str = "restore the data";

@@ -5,14 +5,16 @@ use atsplat_files::unix_seconds;
 use atsplat_metrics::Suite;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::Prefetch;
+use atsplat_results::store::images::{CONTEXT, TRUTH};
+use atsplat_results::times::Machine;
+use atsplat_results::{MethodRecord, PresetRecord, Provenance};
 use atsplat_scene::SceneSource;
-use serde::Serialize;
 
 use super::selection::Selected;
-use super::{CONTEXT, KeepImages, PlannedIndex, Selection, TRUTH, metric_records};
+use super::{KeepImages, PlannedIndex, Selection, metric_records};
+use crate::EvalError;
 use crate::method::Method;
-use crate::timing::{Machine, TimingPlan};
-use crate::{EvalError, MethodRecord, PresetRecord, Provenance, Results, TargetStatus, TrialRow, TrialStatus};
+use crate::timing::{TimingPlan, this_machine};
 
 /// A dataset with the protocol that it is evaluated under.
 #[derive(Clone)]
@@ -46,45 +48,6 @@ pub struct Plan<'a> {
     pub images: KeepImages,
     /// How far ahead trials are prepared.
     pub prefetch: Prefetch,
-}
-
-/// Counts of a run's outcomes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Summary {
-    /// Trials evaluated in this run.
-    pub evaluated: u64,
-    /// Trials whose results were already in the store.
-    pub resumed: u64,
-    /// Trials, new and old, that failed or have failed targets.
-    pub incomplete: u64,
-    /// Trials, new and old, that their method does not support; they do not count as failures.
-    pub not_applicable: u64,
-    /// Targets, new and old, with non-finite samples.
-    pub non_finite: u64,
-    /// Trials, new and old, of whose Gaussians none contributes to any target's render.
-    #[serde(rename = "undrawn")]
-    pub empty_renders: u64,
-    /// Index entries without a trial.
-    pub skipped: u64,
-    /// Scenes and frames of the data that are not in a sampled index: not read, without an entry, without an image.
-    pub not_sampled: u64,
-    /// Scenes of the indices that the datasets lack.
-    #[serde(rename = "not-there")]
-    pub missing_scenes: u64,
-}
-
-impl Summary {
-    /// Counts the outcomes of all trials and targets of the store, new and old.
-    pub(super) fn add_totals(&mut self, results: &Results) {
-        let trials =
-            |is_counted: fn(&TrialRow) -> bool| results.trials.iter().filter(|row| is_counted(row)).count() as u64;
-        self.incomplete = trials(|trial| trial.status.is_incomplete());
-        self.not_applicable = trials(|trial| trial.status == TrialStatus::NotApplicable);
-        self.empty_renders = trials(TrialRow::renders_nothing);
-        self.non_finite =
-            results.targets.iter().filter(|target| target.status == TargetStatus::NonFinite).count() as u64;
-    }
 }
 
 impl std::fmt::Debug for Dataset {
@@ -227,7 +190,7 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Resul
 /// The part of a provenance record that describes the machine and the moment. `commit` is the build's, `command` the
 /// command line.
 pub fn current_provenance(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
-    let Machine { processor, platform, threads, .. } = Machine::current();
+    let Machine { processor, platform, threads, .. } = this_machine();
     Provenance {
         atsplat: version.to_owned(),
         commit: commit.map(str::to_owned),

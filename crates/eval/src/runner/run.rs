@@ -1,18 +1,18 @@
 use atsplat_protocol::{EvaluationIndex, KnownIndex};
+use atsplat_results::RunCounts;
+use atsplat_results::warning_kinds::MISSING_SCENES;
+use atsplat_results::{Results, Store};
 
 use super::findings::SceneWarnings;
 use super::group_run::{GroupRun, groups};
-use super::image_files::ImageSink;
 use super::images_and_times::ImagesAndTimes;
+use super::kept_images::ImageSink;
 use super::kept_images::{WorstSoFar, prune};
 use super::outdated::Outdated;
-use super::plan::{Dataset, Plan, Summary};
+use super::plan::{Dataset, Plan};
 use super::selection::Selected;
 use super::{Findings, KeepImages};
-use crate::{EvalError, Results, Store, timing};
-
-/// The kind of the warning about scenes of an index that the data lack.
-pub const MISSING_SCENES: &str = "scenes of the index that are not in the data";
+use crate::{EvalError, timing};
 
 /// Runs a plan into a store that was created or resumed with [`Plan::provenance`], and finishes the store. Up-to-date
 /// results are not recomputed. If the plan has a timing pass, it follows the evaluation. `step` is called [`Plan::steps`]
@@ -21,7 +21,7 @@ pub const MISSING_SCENES: &str = "scenes of the index that are not in the data";
 /// # Errors
 /// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
 /// rayon thread while something else is evaluated.
-pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
+pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, RunCounts), EvalError> {
     run_until(plan, store, step, &|| false)
 }
 
@@ -35,7 +35,7 @@ pub fn run_until(
     mut store: Store,
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Results, Summary), EvalError> {
+) -> Result<(Results, RunCounts), EvalError> {
     let methods = plan.methods_of_scenes();
     let plan = &Plan { methods: &methods, ..*plan };
     let Progress { findings, mut summary, .. } = evaluate(plan, &store, step, stop)?;
@@ -44,7 +44,7 @@ pub fn run_until(
     }
     summary.skipped += findings.skipped_entries();
     let findings = findings.with_earlier(plan, store.provenance());
-    store.set_findings(findings);
+    store.set_findings(findings.warnings, findings.skipped);
     let folder = store.folder().to_owned();
     let results = store.finish()?;
     summary.add_totals(&results);
@@ -101,7 +101,7 @@ fn check_missing_scenes(
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     pub(super) findings: Findings,
-    pub(super) summary: Summary,
+    pub(super) summary: RunCounts,
     /// Warnings about the scenes of the current dataset.
     pub(super) warnings: SceneWarnings,
 }

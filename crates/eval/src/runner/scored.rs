@@ -5,7 +5,7 @@ use atsplat_metrics::{NotComputed, Score, Suite, definition};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 
-use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
+use atsplat_results::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
 
 /// The row of a target before it is rendered.
 pub(super) fn unscored_row(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
@@ -74,11 +74,6 @@ fn possible(id: &str, score: f64) -> bool {
 fn hash_of(render: &Image) -> String {
     let bytes: Vec<u8> = render.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
     Sha256Digest::of(&bytes).to_string()
-}
-
-/// SHA-256 of the samples.
-pub(super) fn hash_of_bytes(truth: &ImageU8) -> String {
-    Sha256Digest::of(truth.samples()).to_string()
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 use std::collections::HashMap;
 
+use atsplat_numeric::spread;
 use atsplat_protocol::EvaluationIndex;
+use atsplat_results::Shard;
 
 use super::Dataset;
-use crate::Shard;
 
 /// Which scenes of an index are run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,18 +73,11 @@ impl Selection {
     }
 }
 
-/// `count` of `all` positions, evenly spread and including the first: `⌊k · all / count⌋`; all of them if `count ≥ all`.
-pub fn spread(all: usize, count: usize) -> Vec<usize> {
-    if count >= all {
-        return (0..all).collect();
-    }
-    (0..count).map(|k| k * all / count).collect()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_protocol::IndexEntry;
+
+    use super::*;
 
     fn index(scenes: u32) -> EvaluationIndex {
         let entry = IndexEntry { context: vec![0], target: vec![1], overlap: None };
@@ -93,13 +87,6 @@ mod tests {
         }
         index.scenes.insert("null".to_owned(), Vec::new());
         index
-    }
-
-    #[test]
-    fn positions_are_spread_evenly() {
-        assert_eq!(spread(10, 4), [0, 2, 5, 7]);
-        assert_eq!(spread(3, 5), [0, 1, 2]);
-        assert_eq!((spread(5, 0), spread(0, 3)), (vec![], vec![]));
     }
 
     #[test]

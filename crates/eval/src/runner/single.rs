@@ -2,14 +2,15 @@ use std::path::Path;
 
 use atsplat_metrics::Suite;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
+use atsplat_results::{TargetRow, TrialRow};
 
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::group_run::key_of;
-use super::image_files::ImageSink;
+use super::kept_images::ImageSink;
 use super::kept_images::WorstSoFar;
 use super::{Dataset, KeepImages};
+use crate::EvalError;
 use crate::method::Method;
-use crate::{EvalError, TargetRow, TrialRow};
 
 /// The rows of one trial under one method, as [`super::run()`] stores them; a method that fails gives failed rows.
 ///

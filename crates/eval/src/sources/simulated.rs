@@ -39,9 +39,10 @@ fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_protocol::IndexFile;
     use atsplat_scene::SceneSource;
+
+    use super::*;
 
     #[test]
     fn every_simulated_preset_finds_its_scenes() {

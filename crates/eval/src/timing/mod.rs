@@ -4,7 +4,7 @@
 //! work, so a clock around a method would include foreign work. No clock runs during evaluation. A [pass](TimingPlan) follows
 //! it, in its own thread pool and while nothing is evaluated anywhere in the process: some trials of each protocol, one at a
 //! time, under each method, with warm-up and repetitions. The load of the rest of the machine is part of the result
-//! ([`Load`]).
+//! ([`Load`](atsplat_results::times::Load)).
 
 mod exclusion;
 mod load;
@@ -12,21 +12,12 @@ mod machine;
 pub mod memory;
 mod pass;
 mod quota;
-mod row;
 mod samples;
-mod spread;
-mod times;
 
-pub use load::Load;
-pub use machine::Machine;
+pub use machine::this_machine;
 pub use pass::TimingPlan;
-pub use row::TimingRow;
-pub use spread::Spread;
-pub(crate) use times::times_on;
-pub use times::{GAUSSIANS_UNTIMED, NOTHING_ENCODED, Times, machine_of, times};
 
 pub(crate) use exclusion::evaluating;
 pub(crate) use load::processor_secs_of_stat;
 pub(crate) use memory::status_bytes;
 pub(crate) use pass::pass;
-pub(crate) use row::merged;

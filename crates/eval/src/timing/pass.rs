@@ -3,18 +3,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use atsplat_files::unix_seconds;
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, spread};
 use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
+use atsplat_results::Store;
+use atsplat_results::times::{Load, Machine, TimingRow};
 use rayon::ThreadPool;
 
 use super::exclusion;
 use super::load::{CountedTime, LoadMonitor};
 use super::samples::{PreparedTrial, Samples};
-use super::{Load, Machine, TimingRow};
+use super::this_machine;
+use crate::EvalError;
 use crate::method::Method;
-use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
-use crate::{EvalError, Store};
+use crate::runner::{Dataset, Plan, groups, key_of, recipe};
 
 /// How many trials are timed, and how often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +69,7 @@ pub(crate) fn pass(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(), EvalError> {
     let _exclusive = exclusion::exclusive()?;
-    let machine = Machine::current();
+    let machine = this_machine();
     let threads = rayon::current_num_threads();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| EvalError::Settings {
         what: "timing pass",

@@ -6,14 +6,12 @@ use std::time::{Duration, Instant};
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::Trial;
+use atsplat_results::times::rendered_targets;
 
 use super::load::LoadMonitor;
 use super::{TimingPlan, memory};
 use crate::method::{Method, Prediction, Timed, TrialInput};
-use crate::runner::spread;
 
-/// Images that each repetition renders.
-const IMAGES: usize = 3;
 /// Short work is repeated for at least this long, so that the machine's load can be measured.
 const MIN_DURATION: Duration = LoadMonitor::SHORTEST;
 /// Maximum number of repetitions for that purpose.
@@ -136,11 +134,6 @@ impl Samples {
         }
         Ok(start.elapsed().as_secs_f64())
     }
-}
-
-/// The targets that each repetition renders, of this many.
-pub(super) fn rendered_targets(targets: usize) -> Vec<usize> {
-    spread(targets, IMAGES)
 }
 
 /// Seconds to render one target.

@@ -127,9 +127,10 @@ impl TrainedNetworks {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_model::weights::TensorFile;
+
     use super::*;
     use crate::discovery::simulated_datasets;
-    use atsplat_model::weights::TensorFile;
 
     const MICRO_ROOMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
 

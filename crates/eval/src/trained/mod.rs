@@ -12,13 +12,14 @@ use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
+use atsplat_results::TRAINED_POSES;
+use atsplat_results::TrainingRecord;
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
 use crate::expansion::thresholds;
 use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, SharedEncoding, Warp, WeightsSource};
-use crate::rows::TRAINED_POSES;
 use crate::runner::Dataset;
-use crate::{ComputeDevice, EvalError, TrainingRecord};
+use crate::{ComputeDevice, EvalError};
 
 /// A configuration with its weights.
 #[derive(Debug)]
@@ -169,8 +170,9 @@ fn spaced(values: &[f64]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use atsplat_model::weights::{Precision, generated};
+
+    use super::*;
 
     #[test]
     fn a_network_runs_with_the_two_baselines() {

@@ -8,17 +8,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_eval::EvalError;
 use atsplat_eval::method::{Method, NearestView, Rendered, Warp};
 use atsplat_eval::runner::{
-    Dataset, KeepImages, Plan, PlannedIndex, Selection, Summary, current_provenance, named_metrics, run,
+    Dataset, KeepImages, Plan, PlannedIndex, Selection, current_provenance, named_metrics, run,
 };
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TrialRow};
 use atsplat_files::Sha256Digest;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_pixels::{Image, ImageU8, encode_png};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
+use atsplat_results::RunCounts;
+use atsplat_results::{MethodRecord, Results, Store, TargetRow, TrialRow};
 use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
@@ -198,7 +200,7 @@ impl Run {
     }
 
     /// Runs into a new or existing store, and checks the number of steps.
-    pub(crate) fn run(&self, folder: &Path) -> Result<(Results, Summary), EvalError> {
+    pub(crate) fn run(&self, folder: &Path) -> Result<(Results, RunCounts), EvalError> {
         let plan = self.plan();
         let store = Store::resume(folder, plan.provenance(current_provenance("0", None, Vec::new()))?)?;
         let steps = AtomicU64::new(0);

@@ -1,4 +1,5 @@
 use atsplat_camera::{Camera, CameraError, DirectionScale, Ray};
+use atsplat_pixels::ImageU8;
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use rayon::prelude::*;
@@ -40,6 +41,28 @@ impl Views {
             all_finite(image, || format!("image {view}"))?;
         }
         Ok(Self { size, images, cameras, features: None })
+    }
+
+    /// Decoded images with their cameras: 8-bit samples are divided by 255.
+    ///
+    /// # Errors
+    /// [`ModelError::SizesDiffer`] for images of different sizes, and those of [`Self::new`].
+    pub fn of_images<'a>(
+        images: impl IntoIterator<Item = &'a ImageU8>,
+        cameras: Vec<Camera>,
+    ) -> Result<Self, ModelError> {
+        let mut size = None;
+        let mut samples = Vec::new();
+        for (at, image) in images.into_iter().enumerate() {
+            let found = ImageSize::new(image.height() as usize, image.width() as usize);
+            let expected = *size.get_or_insert(found);
+            if found != expected {
+                return Err(ModelError::SizesDiffer { image: at, expected, found });
+            }
+            samples.extend(image.samples().iter().map(|&sample| f32::from(sample) / 255.0));
+        }
+        let size = size.ok_or_else(|| ModelError::malformed(WHAT, "images", "at least one view", "none"))?;
+        Self::new(size, samples, cameras)
     }
 
     /// The same views with cached `features` of [`Network::frozen_features`](super::Network::frozen_features), view after

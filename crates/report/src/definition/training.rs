@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::MethodRecord;
+use atsplat_results::MethodRecord;
 
 /// Datasets by their id in `datasets/`, with the words that name them in a description of training data.
 const DATASETS: [(&str, &[&str]); 5] = [
@@ -65,8 +65,9 @@ pub(crate) fn name(dataset: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_results::TrainingRecord;
+
     use super::*;
-    use atsplat_eval::TrainingRecord;
 
     fn trained_on(data: &str) -> MethodRecord {
         let training = Some(TrainingRecord { data: data.to_owned(), seed: None });

@@ -1,6 +1,6 @@
 //! Snapshots of every format, and tests of escaping.
 
-use atsplat_eval::Results;
+use atsplat_results::Results;
 
 use super::*;
 use crate::definition::TableDefinition;

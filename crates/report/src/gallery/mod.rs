@@ -4,8 +4,8 @@
 mod images;
 mod odd;
 
-use atsplat_eval::tradeoff::Standing;
 use atsplat_metrics::definition;
+use atsplat_results::tradeoff::Standing;
 use images::{contact_sheet, strips, token_expansion, uncertainty};
 pub(crate) use odd::odd_gallery;
 

@@ -1,8 +1,8 @@
 //! Tests of the page in a browser.
 
-use atsplat_eval::runner::image_path;
-use atsplat_eval::{TargetRow, TargetStatus, TrialStatus};
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_results::store::images::image_path;
+use atsplat_results::{TargetRow, TargetStatus, TrialStatus};
 
 use super::browser::{chromium, report_in_frame};
 use super::tests::Sample;

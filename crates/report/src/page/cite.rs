@@ -1,4 +1,4 @@
-use atsplat_eval::{MethodRecord, Provenance};
+use atsplat_results::{MethodRecord, Provenance};
 
 use super::PageStore;
 use crate::definition::Quantity;

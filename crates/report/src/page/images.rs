@@ -1,10 +1,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::runner::{image_path, is_image_of};
-use atsplat_eval::{TargetRow, TrialKey};
 use atsplat_metrics::{Definition, Direction};
 use atsplat_pixels::{DecodeLimits, decode};
+use atsplat_results::store::images::{image_path, is_image_of};
+use atsplat_results::{TargetRow, TrialKey};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 

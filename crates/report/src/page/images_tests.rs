@@ -1,7 +1,7 @@
 //! Tests of which images of trials a page contains.
 
-use atsplat_eval::runner::image_path;
-use atsplat_eval::{Results, TargetRow, TargetStatus};
+use atsplat_results::store::images::image_path;
+use atsplat_results::{Results, TargetRow, TargetStatus};
 
 use super::tests::{LABEL, Sample, write_image};
 use super::*;

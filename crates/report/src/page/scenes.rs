@@ -1,9 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::timing::{TimingRow, machine_of};
-use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, TrialKey, TrialRow};
 use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, Measure, definition, definitions};
 use atsplat_numeric::median;
+use atsplat_results::times::{TimingRow, machine_of};
+use atsplat_results::{IDENTICAL, Results, TargetRow, TargetStatus, TrialKey, TrialRow};
 use serde_json::{Value, json};
 
 use super::PageStore;
@@ -158,8 +158,8 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::MetricRecord;
     use atsplat_numeric::Tolerance;
+    use atsplat_results::MetricRecord;
 
     use super::*;
     use crate::sample::{atsplat, floor, preset, results};

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use atsplat_eval::runner::image_path;
-use atsplat_eval::{MethodRecord, Results, Shard, TrainingRecord};
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_results::store::images::image_path;
+use atsplat_results::{MethodRecord, Results, Shard, TrainingRecord};
 
 use super::*;
 use crate::definition::{Quantity, TableDefinition};

@@ -1,4 +1,4 @@
-use atsplat_eval::tradeoff::Standing;
+use atsplat_results::tradeoff::Standing;
 
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::labels::Labels;

@@ -1,7 +1,7 @@
 use atsplat_eval::expansion::{ExpansionScene, ExpansionTarget, Stage, Uncertainty};
-use atsplat_eval::runner::spread;
 use atsplat_metrics::ColourMap;
 use atsplat_numeric::Extremes as _;
+use atsplat_numeric::spread;
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 
 use crate::plot::{

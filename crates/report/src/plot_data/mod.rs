@@ -22,8 +22,8 @@ pub(crate) use subject::title_of;
 pub use table::table_plots;
 pub use trial::trial_images;
 
-use atsplat_eval::Results;
 use atsplat_metrics::{Definition, definitions};
+use atsplat_results::Results;
 
 /// The first metric that a protocol's targets have scores of.
 pub(crate) fn first_metric(results: &Results, preset: &str) -> Option<&'static Definition> {

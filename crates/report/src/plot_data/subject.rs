@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::store::Unfinished;
-use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialKey};
+use atsplat_results::store::Unfinished;
+use atsplat_results::{MethodRecord, PresetRecord, Results, TrialKey};
 
 use crate::counted;
 
@@ -82,7 +82,7 @@ pub(super) fn fewer_targets(all: &[FewerTargets]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::Shard;
+    use atsplat_results::Shard;
 
     use super::*;
     use crate::sample::{atsplat, floor, preset, results};

@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use atsplat_eval::timing::Machine;
+use atsplat_results::times::Machine;
 
 use crate::table::{BUSY, TimeScope, distinct};
 

@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery};
-use atsplat_eval::store::Unfinished;
-use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::Definition;
 use atsplat_protocol::{OverlapBins, Preset};
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery};
+use atsplat_results::store::Unfinished;
+use atsplat_results::{MethodRecord, PresetRecord, Results};
 
 use super::{Row, Source, StoreProtocol, Table};
 use crate::definition::TableDefinition;

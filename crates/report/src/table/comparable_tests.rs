@@ -1,6 +1,6 @@
 //! Which measured rows are ranked together, and what a table says of what its numbers lack.
 
-use atsplat_eval::{MethodRecord, Results, TargetRow, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
+use atsplat_results::{MethodRecord, Results, TargetRow, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -268,7 +268,7 @@ fn a_table_says_why_results_are_not_in_the_one_before() {
 #[test]
 fn rows_of_a_shard_say_so() {
     let [first, mut second] = two_stores("re10k-2v-256");
-    second.provenance.shard = Some(atsplat_eval::Shard { number: 2, count: 3 });
+    second.provenance.shard = Some(atsplat_results::Shard { number: 2, count: 3 });
     let table = built("re10k", &[&first, &second]);
     assert!(row_of(&table, "b").measured_on.as_ref().unwrap().text.ends_with(", shard 2 of 3 of the run"));
     assert!(!row_of(&table, "a").measured_on.as_ref().unwrap().text.contains("shard"));

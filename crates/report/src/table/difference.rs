@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::{PresetRecord, SkippedEntry};
 use atsplat_protocol::trial::SkipReason;
 use atsplat_protocol::{AcceptedIndex, DropReason, PoseNormalisation, Preset};
+use atsplat_results::{PresetRecord, SkippedEntry};
 
 use super::comparable::Part;
 use super::{Row, distinct};

@@ -1,7 +1,7 @@
 //! Runs of a whole index that are not the published setting all the same: on an alternative index, or without some of the trials.
 
-use atsplat_eval::{MethodRecord, PresetRecord, Results, SkippedEntry, TrialKey};
 use atsplat_protocol::Preset;
+use atsplat_results::{MethodRecord, PresetRecord, Results, SkippedEntry, TrialKey};
 
 use super::*;
 use crate::definition::TableDefinition;

@@ -1,9 +1,9 @@
-use atsplat_eval::statistics::{
+use atsplat_results::statistics::{
     Binned, Cost, Identical, Leaked, MetricQuery, Summary, Trend, along_distance, along_overlap, by_overlap, cost,
     summary, within_distances,
 };
-use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
-use atsplat_eval::{Results, TargetStatus};
+use atsplat_results::times::{NOTHING_ENCODED, Times, times};
+use atsplat_results::{Results, TargetStatus};
 
 use super::comparable::MethodRun;
 use super::{Cell, CellTiming, Counts, TimeScope, Value};

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use atsplat_eval::{PresetRecord, TargetRow, TargetStatus};
+use atsplat_results::{PresetRecord, TargetRow, TargetStatus};
 use serde::Serialize;
 
 use super::comparable::{MethodRun, Part};

@@ -1,7 +1,7 @@
 //! The measured rows of a method: one for each protocol under which it was run, and the same without leaked targets.
 
-use atsplat_eval::MethodRecord;
-use atsplat_eval::statistics::Leaked;
+use atsplat_results::MethodRecord;
+use atsplat_results::statistics::Leaked;
 
 use super::comparable::{ComparableResults, MethodRun, Part, StoreMethod};
 use super::measure::cells;

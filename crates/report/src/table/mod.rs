@@ -28,9 +28,9 @@ mod time_scope;
 mod trainings;
 mod verdict;
 
-use atsplat_eval::Results;
-use atsplat_eval::timing::{Machine, Spread};
 use atsplat_metrics::Direction;
+use atsplat_results::Results;
+use atsplat_results::times::{Machine, Spread};
 use serde::Serialize;
 
 pub use build::{Mixing, tables};

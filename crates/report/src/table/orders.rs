@@ -1,8 +1,8 @@
 //! Whether measured rows are in the published order: one vote for each pair of rows.
 
-use atsplat_eval::MethodRecord;
-use atsplat_eval::statistics::{common_scene_means, difference_of_seeds, paired_between};
 use atsplat_metrics::Definition;
+use atsplat_results::MethodRecord;
+use atsplat_results::statistics::{common_scene_means, difference_of_seeds, paired_between};
 use serde::Serialize;
 
 use super::comparable::{ComparableResults, MethodRun};
@@ -171,8 +171,8 @@ fn compared(
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{TargetStatus, TrainingRecord, TrialStatus};
     use atsplat_numeric::Tolerance;
+    use atsplat_results::{TargetStatus, TrainingRecord, TrialStatus};
 
     use super::*;
     use crate::sample::{atsplat, preset, random, results_over};

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::Results;
 use atsplat_numeric::Tolerance;
+use atsplat_results::Results;
 
 use super::*;
 use crate::csv_text;

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::{PresetRecord, TargetRow};
 use atsplat_metrics::{Definition, definitions};
+use atsplat_results::{PresetRecord, TargetRow};
 
 use super::build::table;
 use super::comparable::{ComparableResults, comparable_groups};

@@ -1,6 +1,6 @@
 //! What the label of a measured row has to add: untrained, zero-shot, changed at inference only, and the like.
 
-use atsplat_eval::MethodRecord;
+use atsplat_results::MethodRecord;
 
 use super::comparable::{ComparableResults, MethodRun};
 use crate::definition::{by_quantile, is_ablation, is_full, is_trained_separately, zero_shot_note};

@@ -1,7 +1,7 @@
 //! What a table says where it is pasted: data, sizes, scenes, verdicts, trainings, trends.
 
-use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
 use atsplat_numeric::Tolerance;
+use atsplat_results::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
 use serde_json::json;
 
 use super::*;

@@ -1,5 +1,5 @@
-use atsplat_eval::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 use atsplat_numeric::Tolerance;
+use atsplat_results::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 use super::*;
 use crate::csv_text;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{SceneMean, of_seeds, weighted_scene_means};
 use atsplat_metrics::Definition;
+use atsplat_results::statistics::{SceneMean, of_seeds, weighted_scene_means};
 
 use super::comparable::{ComparableResults, MethodRun};
 use super::orders::is_further_training;

@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use atsplat_eval::MetricRecord;
+use atsplat_results::MetricRecord;
 use serde::Serialize;
 
 use super::{Cell, CellIndex, Column, Outcome, Row, Table};
@@ -185,7 +185,7 @@ impl std::fmt::Display for Verdict {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{Results, TargetStatus};
+    use atsplat_results::{Results, TargetStatus};
 
     use super::*;
     use crate::definition::TableDefinition;

@@ -15,10 +15,11 @@ use std::time::{Duration, Instant};
 
 use atsplat_pixels::Image;
 use atsplat_protocol::Preset;
+use atsplat_results::{MethodRecord, differences};
 
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, MethodSpec, Prediction, Rendered, Timed, TrialInput};
-use crate::{EvalError, MethodRecord, differences};
+use crate::EvalError;
 use files::TrialFolder;
 use pool::{Pool, Slot};
 use process::Process;

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::timing::TimingRow;
-use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TargetRow, TrialKey, TrialRow};
+use atsplat_results::times::TimingRow;
+use atsplat_results::{MethodRecord, PresetRecord, Provenance, Results, TargetRow, TrialKey, TrialRow};
 
 use crate::table::Source;
 

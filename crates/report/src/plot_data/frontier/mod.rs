@@ -4,10 +4,10 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::PresetRecord;
-use atsplat_eval::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, summary};
-use atsplat_eval::timing::{Times, times};
-use atsplat_eval::tradeoff::{Axis, Incomplete, Note, Tradeoff, tradeoffs};
+use atsplat_results::PresetRecord;
+use atsplat_results::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, summary};
+use atsplat_results::times::{Times, times};
+use atsplat_results::tradeoff::{Axis, Incomplete, Note, Tradeoff, tradeoffs};
 
 use super::first_metric;
 use super::subject::{FewerTargets, fewer_targets, subject, title_of, unfinished};

@@ -1,4 +1,4 @@
-use atsplat_eval::{MethodRecord, Results, Shard};
+use atsplat_results::{MethodRecord, Results, Shard};
 
 use super::*;
 use crate::sample::{atsplat, floor, preset, results, results_over};

@@ -4,8 +4,8 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::{PresetRecord, Results};
 use atsplat_protocol::OverlapBins;
+use atsplat_results::{PresetRecord, Results};
 
 use super::first_metric;
 use super::subject::{FewerTargets, fewer_targets, unfinished};

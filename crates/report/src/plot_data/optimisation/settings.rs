@@ -1,10 +1,10 @@
 use std::collections::BTreeSet;
 
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
-use atsplat_eval::timing::{GAUSSIANS_UNTIMED, times};
-use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 use atsplat_metrics::Definition;
 use atsplat_protocol::{Aggregation, OverlapBins};
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
+use atsplat_results::times::{GAUSSIANS_UNTIMED, times};
+use atsplat_results::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 
 use super::{NETWORK, OPTIMISED};
 use crate::plot::{Estimate, OptimisationPoint};

@@ -1,5 +1,5 @@
-use atsplat_eval::{MethodRecord, Shard, TargetRow, TrialKey, TrialStatus};
 use atsplat_numeric::Tolerance;
+use atsplat_results::{MethodRecord, Shard, TargetRow, TrialKey, TrialStatus};
 
 use super::*;
 use crate::sample::{atsplat, floor, preset, results, results_over};

@@ -3,11 +3,11 @@ mod time;
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::statistics::{
+use atsplat_metrics::Definition;
+use atsplat_results::statistics::{
     Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
 };
-use atsplat_eval::{MethodRecord, PresetRecord, Results};
-use atsplat_metrics::Definition;
+use atsplat_results::{MethodRecord, PresetRecord, Results};
 
 use super::first_metric;
 use super::subject::{given_targets, subject, title_of, unfinished};

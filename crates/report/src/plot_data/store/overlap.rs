@@ -1,9 +1,9 @@
 use std::collections::BTreeSet;
 
-use atsplat_eval::MethodRecord;
-use atsplat_eval::statistics::{Binned, by_overlap};
 use atsplat_metrics::Definition;
 use atsplat_protocol::{BinRule, OverlapBins};
+use atsplat_results::MethodRecord;
+use atsplat_results::statistics::{Binned, by_overlap};
 
 use super::{ProtocolResults, estimate};
 use crate::plot::{Drawing, OverlapBin, OverlapCurves, OverlapSeries};
@@ -65,7 +65,7 @@ impl<'a> ProtocolResults<'a> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{Results, TargetStatus};
+    use atsplat_results::{Results, TargetStatus};
 
     use crate::plot_data::store_plots;
     use crate::sample::{HOSTILE, atsplat, floor, preset, results};

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::MethodRecord;
-use atsplat_eval::timing::{GAUSSIANS_UNTIMED, Times, machine_of, times};
+use atsplat_results::MethodRecord;
+use atsplat_results::times::{GAUSSIANS_UNTIMED, Times, machine_of, times};
 
 use super::ProtocolResults;
 use crate::plot::{Drawing, StageTime, StageTimeRow};
@@ -78,8 +78,8 @@ fn in_order<T>(stages: &BTreeMap<String, T>) -> Vec<(&String, &T)> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::Results;
     use atsplat_numeric::Tolerance;
+    use atsplat_results::Results;
 
     use super::*;
     use crate::plot_data::store_plots;

@@ -1,5 +1,5 @@
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_metrics::Definition;
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 
 use super::{explained, given, measured_from, metric_of, shown, subtitle};
 use crate::definition::TableDefinition;

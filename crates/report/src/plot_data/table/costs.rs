@@ -97,7 +97,7 @@ fn point(row: &Row, columns: Columns, compares: bool) -> Option<FrontierPoint> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{MethodRecord, Results, TargetStatus, TrainingRecord, TrialStatus};
+    use atsplat_results::{MethodRecord, Results, TargetStatus, TrainingRecord, TrialStatus};
 
     use super::*;
     use crate::definition::TableDefinition;

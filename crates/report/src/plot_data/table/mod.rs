@@ -3,8 +3,8 @@ mod costs;
 
 use std::ops::Range;
 
-use atsplat_eval::Results;
 use atsplat_metrics::Definition;
+use atsplat_results::Results;
 
 use super::subject::given_targets;
 use crate::counted;
@@ -189,7 +189,7 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
 
 #[cfg(test)]
 mod tests {
-    use atsplat_eval::{MethodRecord, TrainingRecord, TrialKey};
+    use atsplat_results::{MethodRecord, TrainingRecord, TrialKey};
 
     use super::*;
     use crate::sample::{SCENES, atsplat, preset, results_over};

@@ -1,6 +1,6 @@
-use atsplat_eval::TrialRow;
 use atsplat_eval::doubts::DOUBTS;
-use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES};
+use atsplat_results::TrialRow;
+use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES};
 
 use super::super::comparable::ComparableResults;
 use super::super::labels::name;

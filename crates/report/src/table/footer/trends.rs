@@ -1,7 +1,7 @@
-use atsplat_eval::statistics::{
+use atsplat_metrics::Definition;
+use atsplat_results::statistics::{
     Leaked, MIN_SCENES, Trend, along_setting, cost, lead_along_distance, lead_along_overlap, scene_means,
 };
-use atsplat_metrics::Definition;
 
 use super::super::comparable::{ComparableResults, MethodRun};
 use super::super::labels::name;

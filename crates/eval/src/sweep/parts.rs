@@ -1,0 +1,201 @@
+use std::sync::Arc;
+
+use atsplat_files::Sha256Digest;
+use atsplat_model::network::Network;
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_protocol::IndexLayout;
+use atsplat_results::TRAINED_POSES;
+use atsplat_results::TrainingRecord;
+use atsplat_splat::effects::{EffectPlan, EffectSelection};
+
+use super::{Knobs, Setting, Sweep};
+use crate::method::{
+    AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
+};
+use crate::runner::{Dataset, PlannedIndex};
+use crate::{ComputeDevice, EvalError};
+
+/// The base setting of a sweep, before any knob is applied.
+#[derive(Clone, Debug)]
+pub struct SweepBase {
+    /// The network's configuration.
+    pub config: ModelConfig,
+    /// The network's weights.
+    pub tensors: StoredTensors,
+    /// Where they came from.
+    pub weights: WeightsSource,
+    /// How they were trained, if their file says so.
+    pub training: Option<TrainingRecord>,
+    /// Name of the pose normalisation of their training, if their file says so.
+    pub trained_poses: Option<String>,
+    /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
+    /// they are.
+    pub trained_at: Option<ImageSize>,
+    /// Seed of random token selection.
+    pub call_seed: u64,
+    /// Renderer constants.
+    pub constants: ConstantsChoice,
+    /// Background RGB; `None` uses the protocol's.
+    pub background: Option<[f64; 3]>,
+    /// Where networks run and Gaussians are rendered.
+    pub device: ComputeDevice,
+}
+
+/// Settings with the same images and views, which form one plan of the runner.
+#[derive(Debug)]
+pub struct Part {
+    /// Protocols, with the part's resolution and number of views.
+    pub datasets: Vec<Dataset>,
+    /// One method per setting, named by its label.
+    pub methods: Vec<Arc<dyn Method>>,
+}
+
+/// Expands a sweep into plans of the runner that fill one store, in the order of the sweep.
+///
+/// # Errors
+/// [`EvalError::Settings`] for an invalid knob; [`EvalError::Model`] for weights that do not match the network.
+pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
+    let mut parts: Vec<(&Knobs, Part)> = Vec::new();
+    for setting in &sweep.settings {
+        let method = base.method(setting).map_err(|error| error.in_setting(&setting.label))?;
+        let same_trials =
+            |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
+        if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| same_trials(knobs)) {
+            part.methods.push(method);
+        } else {
+            let modified =
+                |dataset| modified(dataset, &setting.knobs).map_err(|error| error.in_setting(&setting.label));
+            let datasets = datasets.iter().map(modified).collect::<Result<_, _>>()?;
+            parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
+        }
+    }
+    Ok(parts.into_iter().map(|(_, part)| part).collect())
+}
+
+impl SweepBase {
+    /// The method at a setting.
+    fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
+        let knobs = &setting.knobs;
+        let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
+        if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
+            let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
+            return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
+        }
+        let (config, tensors, weights, trained_at, (training, poses)) = match &knobs.weights {
+            None => {
+                let training = (self.training.clone(), self.trained_poses.clone());
+                (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
+            }
+            Some(path) => {
+                let file = TensorFile::open(path)?;
+                let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
+                let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
+                let trained_at = self.trained_at.map(|_| read.config.resolution);
+                let training = (TrainingRecord::of(&read.provenance), read.provenance.get(TRAINED_POSES).cloned());
+                let weights = WeightsSource::File { sha256: file.sha256 };
+                (knobs.model(&read.config)?, read.tensors, weights, trained_at, training)
+            }
+        };
+        let tensors = adapted(&config, tensors, &weights)?;
+        let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
+        // Images in a resolution of the sweep are not resized for the network.
+        let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
+            Some(size) => network.trained_at(size),
+            None => network,
+        };
+        let precision = knobs.matmul_precision(&network)?;
+        let (name, seed) = (setting.label.as_str(), self.call_seed);
+        Ok(match budget {
+            Some(budget) => Arc::new(
+                Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?
+                    .with_training(training, poses),
+            ),
+            None => Arc::new(
+                AtSplat::new(name, network, &weights, seed, splatting)?
+                    .with_training(training, poses)
+                    .with_matmul_precision(precision),
+            ),
+        })
+    }
+
+    fn splatting(&self, knobs: &Knobs) -> Result<Splatting, EvalError> {
+        let constants = if knobs.renderer.is_empty() {
+            self.constants.clone()
+        } else {
+            ConstantsChoice::Changed(ChangedConstants::new(knobs.renderer.clone())?)
+        };
+        let tolerance = knobs.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
+        let (background, effects) = (self.background, EffectSelection::Auto);
+        Ok(Splatting { constants, background, effects, tolerance, ..self.device.splatting() })
+    }
+}
+
+/// Adapts weights to another K. Random tensors of another shape are generated again. Trained weights keep the first K
+/// Gaussians of each token, which are rows of the head's last layer; there cannot be more than they have. Their places do not
+/// change ([`atsplat_model::config::HeadConfig::keeping_first`]).
+pub(super) fn adapted(
+    config: &ModelConfig,
+    tensors: StoredTensors,
+    weights: &WeightsSource,
+) -> Result<StoredTensors, EvalError> {
+    let WeightsSource::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
+    let mut drawn = generated(&parameters(config), *seed);
+    for (name, tensor) in tensors.tensors {
+        if drawn.tensors.get(&name).is_none_or(|drawn| drawn.shape() == tensor.shape()) {
+            drawn.tensors.insert(name, tensor);
+        }
+    }
+    Ok(drawn)
+}
+
+fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<StoredTensors, EvalError> {
+    for parameter in parameters(config).iter().filter(|parameter| parameter.name.starts_with("head.")) {
+        let Some(tensor) = tensors.tensors.get_mut(&parameter.name) else { continue };
+        let ([expected, columns @ ..], [found, others @ ..]) = (&parameter.shape[..], tensor.shape()) else { continue };
+        if columns != others || expected == found {
+            continue;
+        }
+        if expected > found {
+            let count = config.head.gaussians_per_token;
+            return Err(EvalError::Settings {
+                what: "gaussians-per-token",
+                expected: format!("at most as many as the weights have, or separate `weights` for {count}"),
+                found: format!("{found} rows of {}", parameter.name),
+            });
+        }
+        let values = tensor.to_f32()?;
+        // Fewer rows of the same columns: always a prefix of the values.
+        *tensor = StoredTensor::from_f32(parameter.shape.clone(), &values[..parameter.elements()])?;
+    }
+    Ok(tensors)
+}
+
+/// The dataset with the knobs' resolution and views.
+fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
+    let Dataset { name, preset, source, description, index } = dataset;
+    let reduced = knobs.index(&index.index, name)?;
+    let index = match knobs.views {
+        None => index.clone(),
+        Some(_) => PlannedIndex {
+            sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
+            description: format!("{}, fewer context views", index.description),
+            // With fewer views, it is not the published index.
+            name: index.name.clone().filter(|_| reduced == index.index),
+            left_out: index.left_out,
+            index: reduced,
+            notices: index.notices.clone(),
+        },
+    };
+    let views = knobs.views.map(|views| format!("-{views}-views"));
+    let resolution = knobs.resolution.map(|[height, width]| format!("-{height}x{width}"));
+    let name = [Some(name.clone()), views, resolution].into_iter().flatten().collect();
+    Ok(Dataset {
+        name,
+        preset: knobs.preset(preset)?,
+        source: Arc::clone(source),
+        description: description.clone(),
+        index,
+    })
+}

@@ -1,0 +1,284 @@
+//! Merges the provenance of two runs.
+
+use std::collections::BTreeSet;
+use std::mem::take;
+
+use serde::Serialize;
+
+use super::difference::differences;
+use super::{MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
+use crate::ResultsError;
+use crate::warning_kinds::is_of_run;
+
+impl Provenance {
+    /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
+    /// once.
+    ///
+    /// # Errors
+    /// [`ResultsError::Differences`] naming what differs.
+    pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), ResultsError> {
+        let joined = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
+        self.same_run(&other, "; only shards of one run can be merged")?;
+        // They may have been added to the shards in another order.
+        same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
+        let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
+        same("methods", None, &by_name(&self.methods), &by_name(&methods), "")?;
+        for preset in other.presets {
+            if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
+                let preset = preset.with_places_of(known);
+                let entries = joined(known.entries, preset.entries);
+                let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
+                same("presets", Some(&preset.name), &without_entries(known), &without_entries(&preset), "")?;
+                known.entries = entries;
+            }
+        }
+        self.started = self.started.min(other.started);
+        self.add_processors(&other.processor);
+        for warning in other.warnings {
+            let WarningCount { preset, kind, count, .. } = &warning;
+            match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
+                Some(known) if is_of_run(kind) => known.count = known.count.max(*count),
+                Some(known) => known.count = joined(known.count, *count),
+                None => self.warnings.push(warning),
+            }
+        }
+        // In the order of one run's, whichever shard reported a kind first.
+        self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
+        let skipped = take(&mut self.skipped).into_iter().chain(other.skipped);
+        self.skipped = SkippedEntry::joined(skipped.collect());
+        Ok(())
+    }
+
+    /// A method of another run; a folder that this run knows under another path is named as here.
+    pub(crate) fn placed(&self, method: MethodRecord) -> MethodRecord {
+        match self.method(&method.name) {
+            Some(known) => method.with_places_of(known),
+            None => method,
+        }
+    }
+
+    /// Resumes a run with the same settings; presets and methods may be new. Data, indices and folders are the same if they
+    /// are in the same place, whatever paths lead there; the record keeps the first.
+    ///
+    /// # Errors
+    /// [`ResultsError::Differences`] naming what differs.
+    pub(crate) fn resume_with(&mut self, other: Self) -> Result<(), ResultsError> {
+        const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
+        self.same_run(&other, ADVICE)?;
+        same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
+        same("shards", None, &(self.shard, &self.merged_shards), &(other.shard, &other.merged_shards), ADVICE)?;
+        for preset in other.presets {
+            match self.preset(&preset.name) {
+                Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
+                None => self.presets.push(preset),
+            }
+        }
+        for method in other.methods {
+            let method = self.placed(method);
+            match self.method(&method.name) {
+                Some(known) => same("methods", Some(&known.name), known, &method, ADVICE)?,
+                None => self.methods.push(method),
+            }
+        }
+        self.adapter = Self::adapters(&self.methods).or(self.adapter.take());
+        self.add_processors(&other.processor);
+        Ok(())
+    }
+
+    /// Adds the processors of other rows; each is listed once.
+    fn add_processors(&mut self, other: &str) {
+        let known = self.processors().chain(processors(other)).map(str::to_owned);
+        let all: BTreeSet<String> = known.collect();
+        self.processor = all.into_iter().collect::<Vec<_>>().join(BETWEEN_PROCESSORS);
+    }
+
+    /// The processors on which rows were made.
+    pub fn processors(&self) -> impl Iterator<Item = &str> {
+        processors(&self.processor)
+    }
+
+    fn same_run(&self, other: &Self, advice: &'static str) -> Result<(), ResultsError> {
+        same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
+        same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
+        same("platforms", None, &self.platform, &other.platform, advice)?;
+        let metrics = |run: &Self| run.metrics.iter().map(MetricRecord::without_folders).collect::<Vec<_>>();
+        same("metrics", None, &metrics(self), &metrics(other), advice)?;
+        same("limits", None, &self.limit, &other.limit, advice)
+    }
+}
+
+const BETWEEN_PROCESSORS: &str = "; ";
+
+fn processors(text: &str) -> impl Iterator<Item = &str> {
+    text.split(BETWEEN_PROCESSORS).filter(|processor| !processor.is_empty())
+}
+
+fn names(presets: &[PresetRecord]) -> BTreeSet<&str> {
+    presets.iter().map(|preset| preset.name.as_str()).collect()
+}
+
+fn by_name(methods: &[MethodRecord]) -> Vec<MethodRecord> {
+    let mut methods = methods.to_vec();
+    methods.sort_by(|a, b| a.name.cmp(&b.name));
+    methods
+}
+
+/// Checks that two records are the same; `name` says which of several they are.
+fn same<T: Serialize + PartialEq>(
+    what: &'static str,
+    name: Option<&str>,
+    first: &T,
+    second: &T,
+    advice: &'static str,
+) -> Result<(), ResultsError> {
+    if first == second {
+        return Ok(());
+    }
+    let (name, differences) = (name.map(str::to_owned), differences(first, second));
+    Err(ResultsError::Differences { what, name, differences, advice })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::AdapterRecord;
+
+    #[test]
+    fn rows_of_several_processors_name_them_all() {
+        let on = |processor: &str| Provenance { processor: processor.to_owned(), ..Provenance::default() };
+        let mut all = on("b, avx2");
+        for other in ["a, avx512", "b, avx2", "a, avx512; c"] {
+            all.merge_shard(on(other), false).unwrap();
+        }
+        assert_eq!(all.processor, "a, avx512; b, avx2; c");
+    }
+
+    /// Two machines without the weights of LPIPS, whose torch has its cache in different places.
+    #[test]
+    fn searched_folders_without_weights_may_differ() {
+        let of = |absent: Option<&str>| {
+            let hash = absent.is_none().then(|| "hash".to_owned());
+            let id = "lpips".to_owned();
+            let metric =
+                MetricRecord { id, weights_sha256: hash, absent: absent.map(str::to_owned), ..MetricRecord::default() };
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, metrics: vec![metric], ..Provenance::default() }
+        };
+        let known = of(Some("weights absent: LPIPS (VGG) needs a.pth; get it; looked in ~/.cache/torch, /scratch/a"));
+        let same = || of(Some("weights absent: LPIPS (VGG) needs a.pth; get it; looked in no folder"));
+        let (mut resumed, mut merged) = (known.clone(), known.clone());
+        resumed.resume_with(same()).unwrap();
+        merged.merge_shard(same(), false).unwrap();
+        assert!(resumed == known && merged == known, "the first record stays: {resumed:?} {merged:?}");
+        for other in [of(None), of(Some("weights absent: LPIPS (VGG) needs b.pth; get it; looked in no folder"))] {
+            assert!(known.clone().resume_with(other.clone()).is_err() && other.clone().resume_with(same()).is_err());
+            let refused = known.clone().merge_shard(other, false).unwrap_err().to_string();
+            assert!(refused.contains("lpips.absent: "), "{refused}");
+        }
+    }
+
+    /// Every shard warns of what is true of the whole run; each of its scenes causes separate warnings.
+    #[test]
+    fn warnings_about_a_run_are_counted_once_over_its_shards() {
+        let of = |kind: &str, count| {
+            let warning = WarningCount { kind: kind.to_owned(), count, ..WarningCount::default() };
+            Provenance { warnings: vec![warning], ..Provenance::default() }
+        };
+        for (kind, expected) in [(crate::warning_kinds::UNPUBLISHED_WEIGHTS, 2), ("frames without an image", 5)] {
+            let mut known = of(kind, 2);
+            known.merge_shard(of(kind, if expected == 2 { 2 } else { 3 }), false).unwrap();
+            assert_eq!(known.warnings[0].count, expected, "{kind}");
+        }
+    }
+
+    #[test]
+    fn shards_may_list_their_presets_and_methods_in_another_order() {
+        let of = |names: [&str; 2]| {
+            let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+            Provenance { methods: names.map(method).to_vec(), ..Provenance::default() }
+        };
+        let mut known = of(["b", "a"]);
+        known.merge_shard(of(["a", "b"]), false).unwrap();
+        assert_eq!(known.methods, of(["b", "a"]).methods, "in the order of the first");
+        let refused = known.merge_shard(of(["a", "c"]), false).unwrap_err().to_string();
+        assert!(refused.contains("b: present and absent") && refused.contains("c: absent and present"), "{refused}");
+        let of = |names: [&str; 2]| {
+            let preset = |name: &str| PresetRecord { name: name.to_owned(), ..PresetRecord::default() };
+            Provenance { presets: names.map(preset).to_vec(), ..Provenance::default() }
+        };
+        let mut known = of(["b", "a"]);
+        known.merge_shard(of(["a", "b"]), false).unwrap();
+        assert_eq!(known.presets, of(["b", "a"]).presets, "in the order of the first");
+        assert!(known.merge_shard(of(["a", "c"]), false).is_err());
+    }
+
+    /// A method of a store has one device; another one needs another name. The provenance lists every adapter once.
+    #[test]
+    fn rows_of_two_devices_are_not_mixed_under_one_name() {
+        let adapter = |driver: &str| {
+            let [name, backend, driver] = ["card", "Vulkan", driver].map(str::to_owned);
+            Some(AdapterRecord { name, backend, driver })
+        };
+        let on = |name: &str, driver: Option<&str>| MethodRecord {
+            name: name.to_owned(),
+            network_adapter: driver.and_then(adapter),
+            renderer_adapter: driver.and_then(adapter),
+            ..MethodRecord::default()
+        };
+        let of = |methods: &[MethodRecord]| Provenance {
+            schema_version: crate::store::SCHEMA_VERSION,
+            adapter: Provenance::adapters(methods),
+            methods: methods.to_vec(),
+            ..Provenance::default()
+        };
+        let mut known = of(&[on("m", Some("driver 1"))]);
+        for other in [None, Some("driver 2")] {
+            let refused = known.clone().resume_with(of(&[on("m", other)])).unwrap_err().to_string();
+            assert!(refused.contains("methods m") && refused.contains("network-adapter"), "{refused}");
+            assert!(known.clone().merge_shard(of(&[on("m", other)]), false).is_err());
+        }
+        known.resume_with(of(&[on("cpu", None), on("other", Some("driver 2"))])).unwrap();
+        assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));
+    }
+
+    #[test]
+    fn paths_to_the_same_places_are_equal() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(folder.path().join("data/test")).unwrap();
+        std::fs::write(folder.path().join("index.json"), "{}").unwrap();
+        let of = |data: &str, index: &str, renders: &str| {
+            let [dataset, index, renders] =
+                [data, index, renders].map(|path| folder.path().join(path).display().to_string());
+            let method = MethodRecord {
+                name: "m".to_owned(),
+                parameters: [("folder".to_owned(), renders.into())].into(),
+                ..MethodRecord::default()
+            };
+            Provenance {
+                schema_version: crate::store::SCHEMA_VERSION,
+                presets: vec![PresetRecord { name: "p".to_owned(), dataset, index, ..PresetRecord::default() }],
+                methods: vec![method],
+                ..Provenance::default()
+            }
+        };
+        let with_other_index = |mut run: Provenance| {
+            run.presets[0].index_sha256 = "another".to_owned();
+            run
+        };
+        let known = of("data/test", "index.json", "data");
+        let other = || of("data/../data/test/", "./index.json", "data/test/..");
+        let (mut resumed, mut merged) = (known.clone(), known.clone());
+        resumed.resume_with(other()).unwrap();
+        merged.merge_shard(other(), true).unwrap();
+        assert!(resumed == known && merged == known, "{resumed:?} {merged:?}");
+        for (elsewhere, field) in [
+            (of("data", "index.json", "data"), "dataset: "),
+            (with_other_index(of("data/test", "data", "data")), "index: "),
+            (of("data/test/", "index.json", "data/test"), "parameters.folder: "),
+        ] {
+            let refused = known.clone().resume_with(elsewhere.clone()).unwrap_err().to_string();
+            assert!(refused.contains(field), "{refused}");
+            assert!(known.clone().merge_shard(elsewhere, true).is_err(), "{field}");
+        }
+    }
+}

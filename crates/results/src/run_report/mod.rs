@@ -1,0 +1,214 @@
+//! The summary of a run: means over scenes. `atsplat report` makes tables, intervals and plots.
+
+mod counts;
+mod display;
+mod unscored;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use atsplat_metrics::definition;
+use atsplat_protocol::{DropReason, Preset};
+use serde::Serialize;
+
+use crate::statistics::{Identical, Leaked, MetricQuery, summary};
+use crate::times::{Times, times};
+use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
+pub use counts::RunCounts;
+use unscored::{Unscored, unscored};
+
+/// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](std::fmt::Display) prints it as a
+/// table.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RunReport {
+    store: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    summary: Option<RunCounts>,
+    rows: Vec<Row>,
+    /// Times of each method under each protocol, from the timing pass.
+    times: Vec<MethodTimes>,
+    /// Metrics that were not computed, and why.
+    not_computed: BTreeMap<String, String>,
+    /// Index entries and targets without scores, or without one of them, by reason.
+    without: Vec<Unscored>,
+    /// Protocols on an index that some papers use under them, with what the preset says about it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    alternative_indices: Vec<AlternativeIndex>,
+    /// Warnings about indices and data.
+    warnings: Vec<WarningCount>,
+    /// A suggestion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    advice: Option<String>,
+}
+
+/// One method under one protocol.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    preset: String,
+    method: String,
+    untrained: bool,
+    scenes: usize,
+    targets: usize,
+    failed: usize,
+    /// Targets of trials that the method does not support.
+    not_applicable: usize,
+    non_finite: usize,
+    identical: usize,
+    /// The protocol's means; renders that are identical to the truth are left out.
+    means: BTreeMap<String, f64>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct MethodTimes {
+    preset: String,
+    method: String,
+    /// `None` with the reason in `absent`.
+    #[serde(flatten)]
+    times: Option<Times>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    absent: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct AlternativeIndex {
+    preset: String,
+    index: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<String>,
+}
+
+impl RunReport {
+    /// Summarises the results in the folder `store`, after a run with this summary if there was one.
+    pub fn of(results: &Results, summary: Option<RunCounts>, store: &Path) -> Self {
+        let provenance = &results.provenance;
+        let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
+        for preset in &provenance.presets {
+            for method in &provenance.methods {
+                let targets: Vec<&TargetRow> = results.targets_of(&preset.name, &method.name).collect();
+                if !targets.is_empty() {
+                    rows.push(Row::of(results, preset, method, &targets));
+                    of_methods.push(MethodTimes::of(results, preset, method));
+                }
+            }
+        }
+        let absent = |metric: &MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
+        Self {
+            store: store.to_owned(),
+            summary,
+            rows,
+            times: of_methods,
+            not_computed: provenance.metrics.iter().filter_map(absent).collect(),
+            without: unscored(results),
+            alternative_indices: provenance.presets.iter().filter_map(AlternativeIndex::of).collect(),
+            warnings: provenance.warnings.clone(),
+            advice: None,
+        }
+    }
+
+    /// Suggests `--any-size` if images were rejected for their size and the run did not use it, and before that `--images`, if a
+    /// copy of the images with this factor has the expected size.
+    #[must_use]
+    pub fn with_advice(self, takes_any_size: bool, images: Option<u32>) -> Self {
+        const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
+        let rejected = self.without.iter().any(|unscored| unscored.what.ends_with(DropReason::ImageSize.name()));
+        let copy =
+            images.map(|factor| format!("--images {factor} takes copies of the images of the expected size, and "));
+        let advice = (rejected && !takes_any_size).then(|| format!("{}{ADVICE}", copy.unwrap_or_default()));
+        Self { advice, ..self }
+    }
+}
+
+impl Row {
+    fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
+        let ids = results.provenance.metrics.iter().map(|metric| &metric.id);
+        let means = ids.filter_map(|id| Some((id.clone(), mean(results, preset, &method.name, id)?)));
+        let unsupported_trials = results.unsupported();
+        let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            targets.iter().copied().partition(|row| unsupported_trials.contains(&row.key));
+        let count = |status| supported.iter().filter(|row| row.status == status).count();
+        let scenes: BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
+        Self {
+            preset: preset.name.clone(),
+            method: method.name.clone(),
+            untrained: method.untrained,
+            scenes: scenes.len(),
+            targets: targets.len(),
+            failed: count(TargetStatus::Failed),
+            not_applicable: unsupported.len(),
+            non_finite: count(TargetStatus::NonFinite),
+            identical: count(TargetStatus::Identical),
+            means: means.collect(),
+        }
+    }
+}
+
+/// The protocol's mean, without renders that are identical to the truth, as in tables and frontiers.
+fn mean(results: &Results, preset: &PresetRecord, method: &str, metric: &str) -> Option<f64> {
+    let aggregation = protocol(preset).aggregation;
+    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+    summary(results, &MetricQuery { preset: &preset.name, method, metric, leaked, identical }, aggregation).mean
+}
+
+#[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
+fn protocol(preset: &PresetRecord) -> Preset {
+    preset.protocol().expect("a preset that was parsed before")
+}
+
+impl MethodTimes {
+    fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord) -> Self {
+        let (times, absent) = match times(results, &preset.name, &method.name) {
+            Ok(times) => (Some(times), None),
+            Err(reason) => (None, Some(reason)),
+        };
+        Self { preset: preset.name.clone(), method: method.name.clone(), times, absent }
+    }
+}
+
+impl AlternativeIndex {
+    /// `None` if the protocol was run on its default index, or on an unpublished one.
+    fn of(record: &PresetRecord) -> Option<Self> {
+        let index = protocol(record).index;
+        let alternative = index.alternative(record.index_name.as_ref()?)?;
+        Some(Self { preset: record.name.clone(), index: alternative.name.clone(), note: alternative.note.clone() })
+    }
+}
+
+/// The name of a metric for readers.
+fn metric_name(id: &str) -> &str {
+    definition(id).map_or(id, |metric| metric.name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both protocols accept a second file; only one was run on it.
+    #[test]
+    fn an_alternative_index_is_named_with_its_note() {
+        let record = |name: &str, index: &str| {
+            let toml = Preset::named(name).unwrap().to_toml().unwrap();
+            PresetRecord { name: name.to_owned(), toml, index_name: Some(index.to_owned()), ..PresetRecord::default() }
+        };
+        let mut results = Results::default();
+        let twelve = record("dl3dv-12v-512x960", "yonosplat-dl3dv-12v");
+        results.provenance.presets = vec![record("re10k-to-dl3dv-256", "depthsplat-dl3dv-2v"), twelve];
+        let report = RunReport::of(&results, None, Path::new("store"));
+        let text = report.to_string();
+        let lines: Vec<&str> = text.lines().filter(|line| line.contains("index")).collect();
+        let note = "8 random targets a scene, 137 of 1120 leaked; report which file was used";
+        let expected =
+            "warning: dl3dv-12v-512x960: not the published setting, but an alternative index, yonosplat-dl3dv-12v";
+        assert_eq!(lines, [format!("{expected}: {note}")]);
+        let json = serde_json::to_value(&report).unwrap();
+        let expected =
+            serde_json::json!([{"preset": "dl3dv-12v-512x960", "index": "yonosplat-dl3dv-12v", "note": note}]);
+        assert_eq!(json["alternative-indices"], expected);
+        results.provenance.presets.pop();
+        let json = serde_json::to_value(RunReport::of(&results, None, Path::new("store"))).unwrap();
+        assert_eq!(json.get("alternative-indices"), None);
+    }
+}

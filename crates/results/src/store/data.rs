@@ -1,0 +1,126 @@
+//! Which data the rows were computed from.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use crate::{MethodRecord, Results, ResultsError, TrialKey, TrialRow};
+
+/// The kind of methods that are Python callables.
+const PYTHON: &str = "python";
+
+/// Preset, scene and entry: a trial without its method.
+type TrialId = (String, String, u32);
+
+/// The results of a store: for each trial, the inputs of each method's result.
+#[derive(Debug, Default)]
+pub struct KnownResults(HashMap<TrialId, BTreeMap<String, Inputs>>);
+
+/// Hashes of what a result was computed from.
+#[derive(Debug)]
+struct Inputs {
+    trial: String,
+    targets: u32,
+    data: Option<String>,
+    input: Option<String>,
+    /// Whether another run tries again: nothing says whether the reason for which a method of Python failed is still there.
+    retried: bool,
+}
+
+impl KnownResults {
+    pub(super) fn of(trials: impl Iterator<Item = TrialRow>, methods: &[MethodRecord]) -> Self {
+        let is_python = |name: &str| methods.iter().any(|method| method.name == name && method.kind == PYTHON);
+        let mut known = Self::default();
+        for TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } in trials {
+            let retried = status.is_incomplete() && is_python(&key.method);
+            let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
+            let inputs = Inputs { trial: trial_hash, targets, data: data_hash, input: input_hash, retried };
+            by_method.insert(key.method, inputs);
+        }
+        known
+    }
+
+    fn get(&self, key: &TrialKey) -> Option<&Inputs> {
+        self.0.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
+    }
+
+    /// Whether there is a result for exactly this trial, data and input files that is not tried again.
+    pub fn contains(&self, key: &TrialKey, trial: &str, data: &str, input: Option<&str>) -> bool {
+        let same = |known: &Inputs| {
+            let same_input = known.data.as_deref() == Some(data) && known.input.as_deref() == input;
+            known.trial == trial && same_input && !known.retried
+        };
+        self.get(key).is_some_and(same)
+    }
+
+    /// Drops the results of these methods.
+    pub(super) fn forget(&mut self, methods: &BTreeSet<String>) {
+        self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
+    }
+
+    /// The hash of the trial that a method's result belongs to, and its number of targets.
+    pub fn trial(&self, key: &TrialKey) -> Option<(&str, u32)> {
+        self.get(key).map(|known| (known.trial.as_str(), known.targets))
+    }
+
+    /// Methods with a result for a trial.
+    pub fn methods(&self, preset: &str, scene: &str, entry: u32) -> impl Iterator<Item = &str> {
+        self.0.get(&trial_id(preset, scene, entry)).into_iter().flatten().map(|(method, _)| method.as_str())
+    }
+
+    /// Methods whose result for a trial was computed from other data.
+    pub fn outdated(&self, key: &TrialKey, data_hash: &str) -> impl Iterator<Item = &str> {
+        let methods = self.0.get(&trial_id(&key.preset, &key.scene, key.entry)).into_iter().flatten();
+        methods.filter(move |(_, known)| known.data.as_deref() != Some(data_hash)).map(|(name, _)| name.as_str())
+    }
+}
+
+fn trial_id(preset: &str, scene: &str, entry: u32) -> TrialId {
+    (preset.to_owned(), scene.to_owned(), entry)
+}
+
+/// Rejects rows of one trial that were computed from different data.
+pub(super) fn check_consistent(results: &Results) -> Result<(), ResultsError> {
+    let mut data: HashMap<(&str, &str, u32), (&TrialKey, &str)> = HashMap::new();
+    for TrialRow { key, data_hash, .. } in &results.trials {
+        let Some(hash) = data_hash else { continue };
+        let (first, known) = *data.entry((&key.preset, &key.scene, key.entry)).or_insert((key, hash));
+        if known != hash {
+            return Err(mixed("images or cameras", first, key));
+        }
+    }
+    // Rows of older schema versions only record the ground-truth images.
+    let mut truths: HashMap<(&str, &str, u32, u32), (&TrialKey, &str)> = HashMap::new();
+    for row in &results.targets {
+        let (key, Some(hash)) = (&row.key, &row.truth_hash) else { continue };
+        let (first, known) = *truths.entry((&key.preset, &key.scene, key.entry, row.target)).or_insert((key, hash));
+        if known != hash {
+            return Err(mixed("ground-truth images", first, key));
+        }
+    }
+    Ok(())
+}
+
+fn mixed(what: &'static str, first: &TrialKey, second: &TrialKey) -> ResultsError {
+    ResultsError::MixedData { what, first: first.to_string(), second: second.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{TrialStatus, sample_rows};
+
+    /// A method of Python may have been mended; what another method failed fails again.
+    #[test]
+    fn failures_of_python_are_tried_again() {
+        let of = |kind: &str, status| {
+            let method = MethodRecord { name: "m".to_owned(), kind: kind.to_owned(), ..MethodRecord::default() };
+            let row = TrialRow { status, data_hash: Some("d".to_owned()), ..sample_rows::trial("m", "a", 0, 1) };
+            let (key, hash) = (row.key.clone(), row.trial_hash.clone());
+            let known = KnownResults::of([row].into_iter(), &[method]);
+            assert_eq!(known.methods(&key.preset, "a", 0).count(), 1, "its row is there");
+            known.contains(&key, &hash, "d", None)
+        };
+        assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
+        assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
+        assert!(of("exec", TrialStatus::Failed));
+    }
+}

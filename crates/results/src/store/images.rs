@@ -1,0 +1,272 @@
+//! The image files of a store: their places, and which row each belongs to.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use atsplat_files::{PARTIAL, Sha256Digest};
+use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
+
+use crate::file_name;
+use crate::store::disk;
+use crate::{ResultsError, Store, TargetRow, TrialKey};
+
+/// The method name under which ground-truth images are stored.
+pub const TRUTH: &str = "truth";
+/// The method name under which context images are stored.
+pub const CONTEXT: &str = "context";
+
+const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// Bytes of a PNG file before its first chunk after the header.
+const HEADER: usize = 33;
+/// The last chunk of every PNG file, 12 bytes: its length, name and checksum.
+const END: &[u8; 12] = b"\0\0\0\0IEND\xae\x42\x60\x82";
+/// The keyword of a PNG text with the hash of an image's samples.
+const KEYWORD: &[u8] = b"atsplat-samples\0";
+
+/// The hash that identifies an 8-bit image in rows.
+pub fn hash_of_bytes(image: &ImageU8) -> String {
+    Sha256Digest::of(image.samples()).to_string()
+}
+
+/// Path of an image in a store: `images/<preset>/<method>/<scene>-<entry>/<frame>.png`, with `truth` or `context` instead of the
+/// method for ground-truth and context images. Names that are invalid as file names or differ only in case are changed, so that
+/// no two keys share a path.
+pub fn image_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
+    folder(store, key).join(format!("{frame:06}.png"))
+}
+
+/// Whether a store's PNG file is the image of a row with this hash: [`TargetRow::render_hash`], [`TargetRow::truth_hash`] or
+/// one of [`crate::TrialRow::context_hashes`]. Files say which hash they belong to, because in object storage a writer that is
+/// killed between two uploads leaves old images next to new rows. Files of older versions do not say it and are accepted.
+pub fn is_image_of(png: &[u8], hash: Option<&str>) -> bool {
+    stated_hash(png).is_none_or(|stated| hash.map(str::as_bytes) == Some(stated))
+}
+
+fn stated_hash(png: &[u8]) -> Option<&[u8]> {
+    let (length, chunk) = png.get(HEADER..)?.split_first_chunk::<4>()?;
+    let text = chunk.strip_prefix(b"tEXt")?.get(..u32::from_be_bytes(*length) as usize)?;
+    text.strip_prefix(KEYWORD)
+}
+
+/// Whether a store has the whole image of a row with this hash.
+pub fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
+    is_whole_image_of(&image_path(store, key, frame), hash).unwrap_or(false)
+}
+
+/// Whether a file is the image of a row with this hash, and has its end: images are not waited for, so that a power failure may
+/// leave a file that is empty or cut. An error for one that is too short to be an image.
+fn is_whole_image_of(path: &Path, hash: Option<&str>) -> io::Result<bool> {
+    /// The beginning of a file, with its hash.
+    const BEGINNING: u64 = 256;
+    let (mut file, mut start, mut end) = (File::open(path)?, Vec::new(), Vec::new());
+    file.by_ref().take(BEGINNING).read_to_end(&mut start)?;
+    file.seek(SeekFrom::End(-12))?;
+    file.read_to_end(&mut end)?;
+    Ok(start.starts_with(SIGNATURE) && end == END && is_image_of(&start, hash))
+}
+
+/// Folder of a trial's images.
+pub fn folder(store: &Path, key: &TrialKey) -> PathBuf {
+    folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", file_name(&key.scene), key.entry))
+}
+
+/// Folder of a method's images.
+pub fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
+    store.join("images").join(file_name(preset)).join(file_name(method))
+}
+
+/// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
+/// is not stored.
+pub fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(), ResultsError> {
+    let path = image_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
+    match render.to_u8(Rounding::Nearest) {
+        Ok(image) => write(&path, &image, row.render_hash.as_deref()),
+        Err(_non_finite) => Ok(()),
+    }
+}
+
+/// Gives the renders of a trial their names, after its rows were stored: a run that is killed before leaves no image next to the
+/// rows of an earlier one.
+pub fn publish(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
+    for path in disk::files(&folder(store, key))? {
+        if path.extension().is_some_and(|extension| extension == PARTIAL) {
+            fs::rename(&path, path.with_extension("")).map_err(ResultsError::io("storing an image", &path))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a store has an image of a trial.
+pub fn has_images(store: &Path, key: &TrialKey) -> Result<bool, ResultsError> {
+    let is_image = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    Ok(disk::files(&folder(store, key))?.iter().any(is_image))
+}
+
+/// Names the renders of results that a process stored and was killed before it named them, and removes what else it left
+/// unfinished.
+pub fn settle(store: &Store) -> Result<(), ResultsError> {
+    let unfinished = unfinished(store.folder())?;
+    if unfinished.is_empty() {
+        return Ok(());
+    }
+    let images = store.images_of_results()?.into_values().flatten();
+    let hash_by_path: BTreeMap<PathBuf, Option<String>> =
+        images.map(|image| (image_path(store.folder(), &image.key, image.frame), image.hash)).collect();
+    for path in unfinished {
+        let name = path.with_extension("");
+        let hash = hash_by_path.get(&name).and_then(Option::as_deref);
+        if hash.is_some() && is_whole_image_of(&path, hash).unwrap_or(false) {
+            fs::rename(&path, &name).map_err(ResultsError::io("storing an image", &path))?;
+        } else {
+            fs::remove_file(&path).map_err(ResultsError::io("removing an unfinished image", &path))?;
+        }
+    }
+    Ok(())
+}
+
+/// The unfinished files in the folders of all trials, which nobody else writes while the store is locked.
+fn unfinished(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
+    /// Presets, methods, trials and their images.
+    const LEVELS: usize = 4;
+    let mut paths = vec![store.join("images")];
+    for _ in 0..LEVELS {
+        let below = paths.iter().filter(|path| path.is_dir()).map(|folder| disk::files(folder));
+        paths = below.collect::<Result<Vec<_>, _>>()?.concat();
+    }
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == PARTIAL));
+    Ok(paths)
+}
+
+/// Removes a trial's images, if there are any.
+pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
+    let folder = folder(store, key);
+    match fs::remove_dir_all(&folder) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(ResultsError::io("removing images", &folder)(error))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Stores an 8-bit image.
+pub fn write_image(store: &Path, key: &TrialKey, frame: u64, image: &ImageU8) -> Result<(), ResultsError> {
+    write(&image_path(store, key, frame), image, Some(&hash_of_bytes(image)))
+}
+
+fn write(path: &Path, image: &ImageU8, hash: Option<&str>) -> Result<(), ResultsError> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(ResultsError::io("creating a folder for images", folder))?;
+    let png = encode_png(image);
+    let png = png.map_err(|error| ResultsError::malformed(path, "image", "one that PNG can store", error))?;
+    match hash {
+        Some(hash) => disk::write_unsynced(path, &with_hash(&png, hash)),
+        None => disk::write_unsynced(path, &png),
+    }
+}
+
+/// A PNG file with the hash that it belongs to in a text chunk.
+fn with_hash(png: &[u8], hash: &str) -> Vec<u8> {
+    let chunk = [&b"tEXt"[..], KEYWORD, hash.as_bytes()].concat();
+    #[expect(clippy::cast_possible_truncation, reason = "a keyword and a hash")]
+    let length = (KEYWORD.len() + hash.len()) as u32;
+    let (header, rest) = png.split_at(HEADER.min(png.len()));
+    let (length, checksum) = (length.to_be_bytes(), crc32fast::hash(&chunk).to_be_bytes());
+    [header, &length[..], chunk.as_slice(), &checksum[..], rest].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::SplitMix64;
+    use atsplat_pixels::{DecodeLimits, decode};
+
+    use super::*;
+    use crate::sample_rows;
+
+    #[test]
+    fn an_image_says_which_row_it_belongs_to() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key("m", "x", 0);
+        let image = ImageU8::new(1, 1, vec![10, 20, 30]).unwrap();
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let png = fs::read(image_path(root.path(), &key, 4)).unwrap();
+        assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), image);
+        let stated = hash_of_bytes(&image);
+        let is_of = |hash: Option<&str>| (is_image_of(&png, hash), is_stored(root.path(), &key, 4, hash));
+        assert_eq!(is_of(Some(&stated)), (true, true));
+        assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
+        assert!(!is_stored(root.path(), &key, 5, Some(&stated)));
+        let older = encode_png(&image).unwrap();
+        assert!(is_image_of(&older, Some("another")), "older versions do not say it");
+        fs::write(image_path(root.path(), &key, 4), &older).unwrap();
+        assert!(is_stored(root.path(), &key, 4, Some("another")));
+    }
+
+    /// As a power failure leaves it: with the hash, or without.
+    #[test]
+    fn an_image_that_was_cut_is_not_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key("m", "x", 0);
+        let mut noise = SplitMix64::for_scene(1, "noise");
+        let samples = (0..40 * 30 * 3).map(|_| noise.next_u64().to_le_bytes()[0]).collect();
+        let image = ImageU8::new(40, 30, samples).unwrap();
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let (path, hash) = (image_path(root.path(), &key, 4), hash_of_bytes(&image));
+        let png = fs::read(&path).unwrap();
+        assert!(png.len() > 600, "more than what says the hash");
+        for length in [0, 7, 20, HEADER, png.len() / 2, png.len() - 1] {
+            fs::write(&path, &png[..length]).unwrap();
+            assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "{length}");
+        }
+        fs::write(&path, [&png[..300], &vec![0; png.len() - 300][..]].concat()).unwrap();
+        assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "zeros");
+        fs::write(&path, &png).unwrap();
+        assert!(is_stored(root.path(), &key, 4, Some(&hash)));
+    }
+
+    /// Killed after the row of scene x was stored, and before that of y.
+    #[test]
+    fn renders_of_a_killed_run_get_their_names_if_their_row_is_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let store = Store::create(root.path(), crate::Provenance::default()).unwrap();
+        let render = Image::new(1, 1, vec![0.0, 0.5, 1.0]).unwrap();
+        let [of_x, of_y] = ["x", "y"].map(|scene| TargetRow {
+            frame: 7,
+            render_hash: Some(format!("render {scene}")),
+            ..sample_rows::target("m", scene, 0, 0, "psnr", 20.0)
+        });
+        for row in [&of_x, &of_y] {
+            write_render(root.path(), row, &render).unwrap();
+        }
+        let other = image_path(root.path(), &of_x.key.of_method(TRUTH), 7).with_file_name(".AbC123.partial");
+        fs::create_dir_all(other.parent().unwrap()).unwrap();
+        fs::write(&other, b"half").unwrap();
+        store.append(&sample_rows::trial("m", "x", 0, 1), std::slice::from_ref(&of_x)).unwrap();
+        assert!(!has_images(root.path(), &of_x.key).unwrap(), "they have no names yet");
+        settle(&store).unwrap();
+        assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")));
+        assert!(has_images(root.path(), &of_x.key).unwrap() && !has_images(root.path(), &of_y.key).unwrap());
+        assert_eq!(unfinished(root.path()).unwrap(), [] as [PathBuf; 0]);
+    }
+
+    #[test]
+    fn a_render_has_its_name_once_the_rows_are_stored() {
+        let root = tempfile::tempdir().unwrap();
+        let [key, other] = ["x", "y"].map(|scene| sample_rows::key("m", scene, 0));
+        let render = |samples: [f32; 3]| Image::new(1, 1, samples.to_vec()).unwrap();
+        let path = image_path(root.path(), &key, 7);
+        let row = |frame| TargetRow { frame, ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0) };
+        write_render(root.path(), &row(7), &render([0.0, 0.5, 1.0])).unwrap();
+        write_render(root.path(), &row(8), &render([f32::NAN; 3])).unwrap();
+        assert!(!path.exists());
+        publish(root.path(), &other).unwrap();
+        assert!(!path.exists(), "another trial's");
+        publish(root.path(), &key).unwrap();
+        assert_eq!(disk::files(&folder(root.path(), &key)).unwrap(), std::slice::from_ref(&path));
+        remove(root.path(), &other).unwrap();
+        assert!(path.is_file(), "nothing of the other trial was stored");
+        remove(root.path(), &key).unwrap();
+        assert!(!folder(root.path(), &key).exists());
+    }
+}

@@ -1,0 +1,237 @@
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use serde::Serialize;
+
+use super::SCHEMA_VERSION;
+use super::data::check_consistent;
+use crate::times::{TimingRow, merged};
+use crate::{Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
+
+/// Several stores merged into one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Merged {
+    /// Their rows, in the order of keys.
+    pub results: Results,
+    /// Numbers of missing shards, from 1.
+    pub missing_shards: Vec<u32>,
+    /// Stores whose run is unfinished.
+    pub unfinished: Vec<Unfinished>,
+    /// Number of results that an earlier store already had, with equal values.
+    pub repeated: u64,
+}
+
+/// A store that lacks results of its run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Unfinished {
+    /// Which part of the run, if it is divided.
+    pub shard: Option<Shard>,
+    /// Name of the preset in the rows.
+    pub preset: String,
+    /// Name of the method in the rows.
+    pub method: String,
+    /// Index entries with a result, or with a reason why there is none.
+    pub entries: u64,
+    /// Index entries of the part.
+    pub total: u64,
+}
+
+impl fmt::Display for Unfinished {
+    /// `shard 2 of 8 is not done: 14 of 20 entries of rooms-2v-128 under warp`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { shard, preset, method, entries, total } = self;
+        match shard {
+            Some(Shard { number, count }) => write!(f, "shard {number} of {count}")?,
+            None => f.write_str("a store")?,
+        }
+        write!(f, " is not done: {entries} of {total} entries of {preset} under {method}")
+    }
+}
+
+impl Merged {
+    /// Why the results are not those of the whole run: missing shards, and stores that are not done. Empty if they are.
+    pub fn why_incomplete(&self) -> Vec<String> {
+        let missing: Vec<String> = self.missing_shards.iter().map(ToString::to_string).collect();
+        let missing = match missing.as_slice() {
+            [] => None,
+            [one] => Some(format!("shard {one} is missing")),
+            several => Some(format!("shards {} are missing", several.join(", "))),
+        };
+        missing.into_iter().chain(self.unfinished.iter().map(ToString::to_string)).collect()
+    }
+}
+
+impl Results {
+    /// The protocols and methods whose run into this store is unfinished: entries have neither a row nor a reason.
+    pub fn unfinished(&self) -> Vec<Unfinished> {
+        let Provenance { shard, presets, methods, skipped, .. } = &self.provenance;
+        let mut unfinished = Vec::new();
+        for (preset, method) in presets.iter().flat_map(|preset| methods.iter().map(move |method| (preset, method))) {
+            let keys = self.trials_of(&preset.name, &method.name).map(|trial| &trial.key);
+            let mut known: BTreeSet<(&str, u32)> = keys.map(|key| (key.scene.as_str(), key.entry)).collect();
+            let skipped =
+                skipped.iter().filter(|skipped| skipped.preset == preset.name && skipped.concerns(&method.name));
+            known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
+            let entries = known.len() as u64;
+            if entries < preset.entries {
+                let (preset, method, total) = (preset.name.clone(), method.name.clone(), preset.entries);
+                unfinished.push(Unfinished { shard: *shard, preset, method, entries, total });
+            }
+        }
+        unfinished
+    }
+
+    /// Those of [`Self::unfinished`] with a row: without any, a method may never have been requested under that protocol, as runs
+    /// of other methods under other protocols may share a store.
+    pub fn interrupted(&self) -> Vec<Unfinished> {
+        let mut interrupted = self.unfinished();
+        interrupted.retain(|run| self.trials_of(&run.preset, &run.method).next().is_some());
+        interrupted
+    }
+
+    /// Those of [`Self::unfinished`] that are known to have been cut off: with a row, and those that a run has not reached, because
+    /// nothing under that protocol, or nothing of that method, has a row or is finished.
+    pub fn cut_off(&self) -> Vec<Unfinished> {
+        let unfinished = self.unfinished();
+        let Provenance { presets, methods, .. } = &self.provenance;
+        let rows: BTreeSet<(&str, &str)> =
+            self.trials.iter().map(|trial| (trial.key.preset.as_str(), trial.key.method.as_str())).collect();
+        let is_finished =
+            |preset: &str, method: &str| !unfinished.iter().any(|run| run.preset == preset && run.method == method);
+        let has_begun = |preset: &str, method: &str| rows.contains(&(preset, method)) || is_finished(preset, method);
+        let is_cut_off = |run: &&Unfinished| {
+            let (preset, method) = (run.preset.as_str(), run.method.as_str());
+            rows.contains(&(preset, method))
+                || !methods.iter().any(|other| has_begun(preset, &other.name))
+                || !presets.iter().any(|other| has_begun(&other.name, method))
+        };
+        unfinished.iter().filter(is_cut_off).cloned().collect()
+    }
+
+    /// Merges shards of one run. Rows that several shards contain must agree; timings stay separate by machine.
+    ///
+    /// # Errors
+    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, [`ResultsError::Disagreement`],
+    /// [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty list.
+    pub fn merge(parts: Vec<Self>) -> Result<Merged, ResultsError> {
+        let mut parts = parts.into_iter();
+        let nothing =
+            || ResultsError::Invalid { what: "merge", expected: "results".to_owned(), found: "none".to_owned() };
+        let first = parts.next().ok_or_else(nothing)?;
+        let mut unfinished = first.unfinished();
+        let Self { mut provenance, trials, targets, timings } = first;
+        let mut shards = provenance.shards();
+        let count = provenance.shard.map(|shard| shard.count);
+        let mut rows = Rows::default();
+        rows.add(trials, targets, timings)?;
+        for part in parts {
+            unfinished.extend(part.unfinished());
+            check_same_count(count, part.provenance.shard.map(|shard| shard.count))?;
+            let is_repeated = is_repeated(&shards, &part.provenance)?;
+            shards.extend(part.provenance.shards());
+            provenance.merge_shard(part.provenance, is_repeated)?;
+            rows.add(part.trials, part.targets, part.timings)?;
+        }
+        let all = count.into_iter().flat_map(|count| 1..=count);
+        let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
+        provenance.schema_version = SCHEMA_VERSION;
+        provenance.schema_hash = super::schema_hash();
+        let repeated = rows.repeated;
+        let mut results = rows.into_results(provenance)?;
+        // A store may contain runs of other methods under other protocols, or be an unfinished copy of another part.
+        let cut_off = results.cut_off();
+        let is_same = |a: &Unfinished, b: &Unfinished| (&a.preset, &a.method) == (&b.preset, &b.method);
+        unfinished.retain(|run| cut_off.iter().any(|other| is_same(run, other)));
+        if missing_shards.is_empty() && unfinished.is_empty() {
+            results.provenance.shard = None;
+        }
+        let is_several = results.provenance.shard.is_some() && shards.len() > 1;
+        results.provenance.merged_shards = if is_several { Vec::from_iter(shards) } else { Vec::new() };
+        check_consistent(&results)?;
+        Ok(Merged { results, missing_shards, unfinished, repeated })
+    }
+}
+
+/// Rejects parts of runs that were divided into different numbers of shards, or of which one was not divided.
+fn check_same_count(expected: Option<u32>, found: Option<u32>) -> Result<(), ResultsError> {
+    if expected == found {
+        return Ok(());
+    }
+    let [expected, found] = [expected, found]
+        .map(|count| count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards")));
+    Err(ResultsError::Different { what: "numbers of shards", expected, found, advice: "" })
+}
+
+/// Whether all shards of a part were merged before. If only some were, their entries could not be counted once.
+fn is_repeated(merged: &BTreeSet<u32>, part: &Provenance) -> Result<bool, ResultsError> {
+    let shards = part.shards();
+    if shards.is_subset(merged) {
+        return Ok(true);
+    }
+    match shards.intersection(merged).next() {
+        None => Ok(false),
+        Some(twice) => Err(ResultsError::Different {
+            what: "shards",
+            expected: "stores that have no shard in common, or the same ones".to_owned(),
+            found: format!("shard {twice} in two of them"),
+            advice: "; name each shard once",
+        }),
+    }
+}
+
+#[derive(Default)]
+struct Rows {
+    trials: BTreeMap<TrialKey, TrialRow>,
+    targets: BTreeMap<(TrialKey, u32), TargetRow>,
+    repeated: u64,
+    timings: Vec<TimingRow>,
+}
+
+impl Rows {
+    fn add(
+        &mut self,
+        trials: Vec<TrialRow>,
+        targets: Vec<TargetRow>,
+        timings: Vec<TimingRow>,
+    ) -> Result<(), ResultsError> {
+        self.timings.extend(timings);
+        for trial in trials {
+            match self.trials.get(&trial.key) {
+                Some(known) => {
+                    agree(&trial.key, known, &trial)?;
+                    self.repeated += 1;
+                }
+                None => drop(self.trials.insert(trial.key.clone(), trial)),
+            }
+        }
+        for target in targets {
+            let key = (target.key.clone(), target.target);
+            match self.targets.get(&key) {
+                Some(known) => agree(&target.key, known, &target)?,
+                None => drop(self.targets.insert(key, target)),
+            }
+        }
+        Ok(())
+    }
+
+    fn into_results(self, provenance: Provenance) -> Result<Results, ResultsError> {
+        let (trials, targets) = (self.trials.into_values().collect(), self.targets.into_values().collect());
+        Ok(Results { provenance, trials, targets, timings: merged(self.timings)? })
+    }
+}
+
+#[expect(clippy::expect_used, reason = "rows are representable in JSON")]
+fn agree<R: Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), ResultsError> {
+    if first == second {
+        return Ok(());
+    }
+    let fields = |row: &R| serde_json::to_value(row).expect("a row is a JSON object");
+    let (first, second) = (fields(first), fields(second));
+    let names = first.as_object().into_iter().flatten().map(|(name, _)| name);
+    let differing = names.into_iter().find(|name| first.get(name) != second.get(name));
+    // NaN differs from itself and is null in JSON.
+    let field = differing.map_or("a non-finite number", String::as_str).to_owned();
+    let value = |row: &serde_json::Value| row.get(&field).map_or_else(|| "none".to_owned(), ToString::to_string);
+    Err(ResultsError::Disagreement { key: key.to_string(), first: value(&first), second: value(&second), field })
+}

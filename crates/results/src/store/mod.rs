@@ -1,0 +1,343 @@
+//! A results store: a folder.
+//!
+//! | file | content |
+//! |---|---|
+//! | `provenance.json` | what was run, how and where |
+//! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
+//! | `timings.parquet` | the rows of timing passes, if there were any |
+//! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
+//! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
+//! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
+//! | `merge.partial` | while a merge writes its tables: without `provenance.json` they belong to no store, and are written anew |
+//! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
+//!
+//! A crash loses at most the trials in progress. [`Store::finish`] moves the parts into the tables. Schema versions are the
+//! files in `crates/results/schema`; stores of older versions can be read, with nulls in columns that were added later.
+//!
+//! One process writes at a time. Others may read meanwhile and see every trial that was finished when they began.
+
+mod columns;
+mod data;
+mod disk;
+pub mod images;
+mod merge;
+mod parts;
+mod read;
+mod schema;
+mod stored_images;
+mod table;
+mod targets;
+#[cfg(test)]
+mod tests;
+mod timings;
+mod trials;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_files::{FolderLock, remove_abandoned};
+use atsplat_protocol::trial::ImageDigests;
+pub use data::KnownResults;
+pub use merge::{Merged, Unfinished};
+pub use schema::{SCHEMA_VERSION, schema_hash};
+pub use stored_images::StoredImage;
+
+use crate::{Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
+use read::{Content, Rows};
+
+/// The file that makes a folder a store.
+pub const PROVENANCE: &str = "provenance.json";
+const TRIALS: &str = "trials.parquet";
+const TARGETS: &str = "targets.parquet";
+const DIGESTS: &str = "digests.txt";
+/// The file that says that the tables of a store without [`PROVENANCE`] are those of an unfinished merge.
+const MERGING: &str = "merge.partial";
+
+/// A store opened for writing; it is locked against other writers.
+#[derive(Debug)]
+pub struct Store {
+    folder: PathBuf,
+    provenance: Provenance,
+    known: KnownResults,
+    /// Methods with at least one scored target.
+    scored_methods: BTreeSet<String>,
+    digests: ImageDigests,
+    lock: FolderLock,
+}
+
+impl Store {
+    /// Creates a store in a folder without one, and checks that it can be written.
+    ///
+    /// # Errors
+    /// [`ResultsError::Io`]; [`ResultsError::HasResults`] if the folder already contains a store, or rows of one; [`ResultsError::InUse`] if
+    /// another process is creating one.
+    pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, ResultsError> {
+        let lock = lock(folder)?;
+        Self::create_locked(folder, provenance, lock)
+    }
+
+    fn create_locked(folder: &Path, provenance: Provenance, lock: FolderLock) -> Result<Self, ResultsError> {
+        require_no_rows(folder)?;
+        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
+        let parts = parts::folder(folder);
+        fs::create_dir_all(&parts).map_err(ResultsError::io("creating a results store", &parts))?;
+        let provenance = of_this_schema(provenance);
+        let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
+        let store = Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock };
+        store.write_provenance()?;
+        Ok(store)
+    }
+
+    /// Opens an existing store for writing.
+    ///
+    /// # Errors
+    /// Those of [`Results::read`], except that rows of different data are accepted, since they can be replaced;
+    /// [`ResultsError::InUse`].
+    pub fn open(folder: &Path) -> Result<Self, ResultsError> {
+        if !folder.join(PROVENANCE).exists() {
+            return Err(ResultsError::NoStore { folder: folder.to_owned() });
+        }
+        let lock = lock(folder)?;
+        Self::open_locked(folder, lock)
+    }
+
+    fn open_locked(folder: &Path, lock: FolderLock) -> Result<Self, ResultsError> {
+        let Content { provenance, rows, .. } = Content::read(folder)?;
+        let parts = parts::folder(folder);
+        fs::create_dir_all(&parts).map_err(ResultsError::io("opening a results store", &parts))?;
+        let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
+        let scored_methods = scored.map(|(trial, _)| trial.key.method.clone()).collect();
+        let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial), &provenance.methods);
+        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
+        Ok(Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock })
+    }
+
+    /// Resumes the store in a folder, or creates one if there is none. Presets and methods that it lacks are added. A method
+    /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
+    /// target is restarted. Trials that a Python method failed are run again.
+    ///
+    /// # Errors
+    /// Those of [`Self::create`] and [`Self::open`]; [`ResultsError::Differences`] if the existing results were made in
+    /// another way or with an older schema.
+    pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, ResultsError> {
+        let lock = lock(folder)?;
+        if !folder.join(PROVENANCE).exists() {
+            return Self::create_locked(folder, provenance, lock);
+        }
+        let mut store = Self::open_locked(folder, lock)?;
+        let mut joined = store.provenance.clone();
+        let mut replaced = BTreeSet::new();
+        for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
+            let requested = provenance.method(&known.name);
+            if let Some(other) = requested.filter(|method| store.provenance.placed((*method).clone()) != *known) {
+                replaced.insert(known.name.clone());
+                known.clone_from(other);
+            }
+        }
+        match joined.resume_with(provenance.clone()) {
+            Ok(()) => {
+                // Under the new records, the run after one that is killed would keep the old rows.
+                if !replaced.is_empty() {
+                    store.remove_rows(|method| replaced.contains(method))?;
+                    store.known.forget(&replaced);
+                    joined.forget_skipped(&replaced);
+                }
+                store.provenance = joined;
+                store.write_provenance()?;
+                Ok(store)
+            }
+            Err(_other) if store.scored_methods.is_empty() => store.restart(provenance),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Removes all rows, none of which has a score, and the provenance.
+    fn restart(self, provenance: Provenance) -> Result<Self, ResultsError> {
+        self.remove_rows(|_method| true)?;
+        for unfinished in disk::files(&parts::folder(&self.folder))? {
+            disk::remove(&unfinished)?;
+        }
+        disk::remove(&self.folder.join(PROVENANCE))?;
+        Self::create_locked(&self.folder, provenance, self.lock)
+    }
+
+    /// Removes the rows of some methods from disk. Until the rows are gone from both tables, part files override them, so an
+    /// interrupted removal leaves a readable store and can be repeated.
+    fn remove_rows(&self, is_removed: impl Fn(&str) -> bool) -> Result<(), ResultsError> {
+        let mut content = Content::read(&self.folder)?;
+        let timed = content.timings.len();
+        content.timings.retain(|row| !is_removed(&row.key.method));
+        match content.timings.len() {
+            0 => disk::remove(&self.folder.join(timings::TIMINGS))?,
+            kept if kept < timed => timings::write(&self.folder, &content.timings)?,
+            _ => {}
+        }
+        let rows = std::mem::take(&mut content.rows);
+        let (removed, kept): (Rows, Rows) = rows.into_iter().partition(|(key, _)| is_removed(&key.method));
+        for (trial, targets) in removed.values() {
+            if !parts::path(&self.folder, &trial.key).exists() {
+                parts::write(&self.folder, trial, targets)?;
+            }
+        }
+        if kept.is_empty() {
+            disk::remove(&self.folder.join(TARGETS))?;
+            disk::remove(&self.folder.join(TRIALS))?;
+        } else if !removed.is_empty() {
+            Content { rows: kept, ..content }.into_results().write_tables(&self.folder)?;
+        }
+        removed.keys().try_for_each(|key| disk::remove(&parts::path(&self.folder, key)))
+    }
+
+    /// The store's folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What was run, how and where.
+    pub const fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// Replaces warnings and skipped entries.
+    pub fn set_findings(&mut self, warnings: Vec<WarningCount>, skipped: Vec<SkippedEntry>) {
+        self.provenance.warnings = warnings;
+        self.provenance.skipped = skipped;
+    }
+
+    /// Discards the digests known by size and modification time, so that every image is read again.
+    ///
+    /// # Errors
+    /// [`ResultsError::Digests`] if the file of digests cannot be read.
+    pub fn reread_images(self) -> Result<Self, ResultsError> {
+        let digests = ImageDigests::open(&self.folder.join(DIGESTS), true)?;
+        Ok(Self { digests, ..self })
+    }
+
+    /// Digests of image files.
+    pub const fn digests(&self) -> &ImageDigests {
+        &self.digests
+    }
+
+    /// The results that the store had when it was opened.
+    pub const fn known(&self) -> &KnownResults {
+        &self.known
+    }
+
+    /// Adds a trial atomically; callable from any thread.
+    ///
+    /// # Errors
+    /// [`ResultsError::NotFinite`] before anything is written, [`ResultsError::Io`].
+    pub fn append(&self, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), ResultsError> {
+        trial.check()?;
+        targets.iter().try_for_each(TargetRow::check)?;
+        parts::write(&self.folder, trial, targets)
+    }
+
+    /// Moves all trials into the two tables, unless they were made from different data. If interrupted at any moment, it can be
+    /// repeated.
+    ///
+    /// # Errors
+    /// Those of [`Results::read`], and [`ResultsError::Io`].
+    pub fn finish(self) -> Result<Results, ResultsError> {
+        self.digests.save()?;
+        self.write_provenance()?;
+        let content = Content::read(&self.folder)?;
+        let parts = content.parts.clone();
+        let results = content.into_results();
+        data::check_consistent(&results)?;
+        results.write_tables(&self.folder)?;
+        for part in parts {
+            fs::remove_file(&part).map_err(ResultsError::io("removing a part that is in the tables", &part))?;
+        }
+        fs::remove_dir(parts::folder(&self.folder)).ok();
+        Ok(results)
+    }
+
+    fn write_provenance(&self) -> Result<(), ResultsError> {
+        write_provenance(&self.folder, &self.provenance)
+    }
+}
+
+fn of_this_schema(provenance: Provenance) -> Provenance {
+    let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
+    Provenance { schema_version, schema_hash, ..provenance }
+}
+
+fn write_provenance(folder: &Path, provenance: &Provenance) -> Result<(), ResultsError> {
+    let path = folder.join(PROVENANCE);
+    let json = serde_json::to_vec_pretty(provenance);
+    let json =
+        json.map_err(|error| ResultsError::malformed(&path, "file", "provenance that JSON can represent", error))?;
+    disk::write(&path, &json)
+}
+
+/// Locks a folder, and removes what a process that was killed left unfinished in it.
+fn lock(folder: &Path) -> Result<FolderLock, ResultsError> {
+    let lock = FolderLock::of(folder)?;
+    remove_abandoned(folder).map_err(ResultsError::io("removing unfinished files", folder))?;
+    let merging = folder.join(MERGING);
+    if merging.exists() {
+        if !folder.join(PROVENANCE).exists() {
+            tables(folder).iter().try_for_each(|table| disk::remove(table))?;
+        }
+        disk::remove(&merging)?;
+    }
+    Ok(lock)
+}
+
+/// An error for a folder with a store, or with rows, which would become those of a new one.
+fn require_no_rows(folder: &Path) -> Result<(), ResultsError> {
+    if folder.join(PROVENANCE).exists() {
+        return Err(ResultsError::HasResults { folder: folder.to_owned(), found: "results".to_owned() });
+    }
+    let parts = disk::files(&parts::folder(folder))?;
+    let mut rows = tables(folder).into_iter().filter(|path| path.exists()).chain(parts);
+    rows.next().map_or(Ok(()), |rows| {
+        let found = format!("{} without {PROVENANCE}", rows.display());
+        Err(ResultsError::HasResults { folder: folder.to_owned(), found })
+    })
+}
+
+fn tables(folder: &Path) -> [PathBuf; 3] {
+    [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name))
+}
+
+impl Results {
+    /// Reads a store, finished or not; another process may write to it meanwhile.
+    ///
+    /// # Errors
+    /// [`ResultsError::NoStore`]; [`ResultsError::TooNew`] and [`ResultsError::SchemaHash`] for an unknown schema;
+    /// [`ResultsError::Malformed`] with file, column and row; [`ResultsError::MixedData`] if methods were given different
+    /// images or cameras for one trial; [`ResultsError::Io`].
+    pub fn read(folder: &Path) -> Result<Self, ResultsError> {
+        let results = Content::read(folder)?.into_results();
+        data::check_consistent(&results)?;
+        Ok(results)
+    }
+
+    fn write_tables(&self, folder: &Path) -> Result<(), ResultsError> {
+        table::write(&folder.join(TARGETS), targets::columns(&self.targets).frame())?;
+        table::write(&folder.join(TRIALS), trials::columns(&self.trials).frame())
+    }
+
+    /// Writes these rows to a new store. If interrupted at any moment, there is no store, and it can be repeated.
+    ///
+    /// # Errors
+    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`].
+    pub fn write(&self, folder: &Path) -> Result<(), ResultsError> {
+        self.trials.iter().try_for_each(TrialRow::check)?;
+        self.targets.iter().try_for_each(TargetRow::check)?;
+        data::check_consistent(self)?;
+        let _lock = lock(folder)?;
+        require_no_rows(folder)?;
+        disk::write(&folder.join(MERGING), &[])?;
+        if !self.timings.is_empty() {
+            timings::write(folder, &self.timings)?;
+        }
+        self.write_tables(folder)?;
+        // Last, because it makes the folder a store.
+        write_provenance(folder, &of_this_schema(self.provenance.clone()))?;
+        disk::remove(&folder.join(MERGING))
+    }
+}

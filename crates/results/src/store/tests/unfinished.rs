@@ -1,0 +1,70 @@
+//! Folders that a killed process, or the user, has left files in.
+
+use super::*;
+
+/// Results with times, whose rows are in both tables.
+fn whole() -> Results {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &["a", "b"]);
+    store.add_timings(vec![timing("a", 1)]).unwrap();
+    store.finish().unwrap()
+}
+
+/// Killed after each file: there is no store until all of it is there, and the same merge can be repeated.
+#[test]
+fn a_merge_is_whole_or_none() {
+    let (results, complete) = (whole(), tempfile::tempdir().unwrap());
+    results.write(complete.path()).unwrap();
+    assert_eq!(Results::read(complete.path()).unwrap(), results);
+    assert!(!complete.path().join(MERGING).exists());
+    let written = [timings::TIMINGS, TARGETS, TRIALS, PROVENANCE];
+    for files in 0..=written.len() {
+        let killed = tempfile::tempdir().unwrap();
+        fs::write(killed.path().join(MERGING), b"").unwrap();
+        for name in &written[..files] {
+            fs::copy(complete.path().join(name), killed.path().join(name)).unwrap();
+        }
+        if files == written.len() {
+            assert_eq!(Results::read(killed.path()).unwrap(), results, "only its mark was left");
+            drop(Store::open(killed.path()).unwrap());
+        } else {
+            assert!(matches!(Results::read(killed.path()), Err(ResultsError::NoStore { .. })), "{files}");
+            results.write(killed.path()).unwrap();
+        }
+        assert_eq!(Results::read(killed.path()).unwrap(), results, "{files}");
+        assert!(!killed.path().join(MERGING).exists(), "{files}");
+    }
+    let again = results.write(complete.path()).unwrap_err();
+    assert!(matches!(again, ResultsError::HasResults { .. }), "{again}");
+}
+
+#[test]
+fn unfinished_files_are_removed_when_a_store_is_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let [left, other] = [".AbC123.partial", "notes.partial"].map(|name| folder.path().join(name));
+    let leave = || [&left, &other].map(|path| fs::write(path, b"half a tab").unwrap());
+    leave();
+    filled(folder.path(), &["a"]).finish().unwrap();
+    assert!(!left.exists() && other.exists());
+    leave();
+    drop(Store::open(folder.path()).unwrap());
+    assert!(!left.exists() && other.exists());
+}
+
+/// It has the name of the file that describes the holder of the lock.
+#[test]
+fn a_file_of_the_user_is_neither_replaced_nor_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.json");
+    fs::write(&file, br#"{ "rate": 0.1 }"#).unwrap();
+    let written = [
+        Store::create(folder.path(), Provenance::default()).map(drop),
+        Store::resume(folder.path(), Provenance::default()).map(drop),
+        whole().write(folder.path()),
+    ];
+    for error in written.map(Result::unwrap_err) {
+        assert!(error.to_string().contains("run.json"), "{error}");
+    }
+    assert_eq!(fs::read(&file).unwrap(), br#"{ "rate": 0.1 }"#);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}

@@ -1,0 +1,132 @@
+//! [`TimingRow`]s as a separate table.
+//!
+//! The table is small and rewritten whenever a method has been timed under a protocol. Stores of schema version 1 have none:
+//! their times were measured while other trials ran and are not read.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::columns::Columns;
+use super::schema::Schema;
+use super::table::{self, Table};
+use super::{SCHEMA_VERSION, Store};
+use crate::times::{Load, Machine, TimingRow, merged};
+use crate::{ResultsError, TrialKey};
+
+pub(super) const TIMINGS: &str = "timings.parquet";
+
+impl Store {
+    /// The store's timing rows.
+    ///
+    /// # Errors
+    /// Those of [`crate::Results::read`].
+    ///
+    /// # Panics
+    /// Never: the newest version has a schema.
+    #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
+    pub fn timings(&self) -> Result<Vec<TimingRow>, ResultsError> {
+        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
+    }
+
+    /// Adds timing rows, which replace those of the same methods on the same machine.
+    ///
+    /// # Errors
+    /// [`ResultsError::NotFinite`] before anything is written, [`ResultsError::Io`].
+    pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<(), ResultsError> {
+        let subject = |row: &TimingRow| (row.key.preset.clone(), row.key.method.clone(), row.machine.clone());
+        let replaced: BTreeSet<_> = rows.iter().map(subject).collect();
+        let mut all = self.timings()?;
+        all.retain(|row| !replaced.contains(&subject(row)));
+        all.extend(rows);
+        write(&self.folder, &merged(all)?)
+    }
+
+    /// Removes the times of one result, on every machine. Not to be called by two threads at once.
+    ///
+    /// # Errors
+    /// Those of [`Self::timings`], and [`ResultsError::Io`].
+    pub fn remove_timings(&self, key: &TrialKey) -> Result<(), ResultsError> {
+        let mut rows = self.timings()?;
+        rows.retain(|row| row.key != *key);
+        write(&self.folder, &rows)
+    }
+}
+
+pub(super) fn write(folder: &Path, rows: &[TimingRow]) -> Result<(), ResultsError> {
+    rows.iter().try_for_each(TimingRow::check)?;
+    table::write(&folder.join(TIMINGS), columns(rows).frame())
+}
+
+/// The rows of a store; none if its version has no such table or nothing was timed.
+pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, ResultsError> {
+    if schema.timings.is_empty() {
+        return Ok(Vec::new());
+    }
+    Table::read(&folder.join(TIMINGS), &schema.timings)?.map_or_else(|| Ok(Vec::new()), |table| rows(&table))
+}
+
+pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
+    Columns::of(rows, |row| &row.key)
+        .text("trial-hash", |row| &row.trial_hash)
+        .text("processor", |row| &row.machine.processor)
+        .text("platform", |row| &row.machine.platform)
+        .count("cpus", |row| row.machine.cpus.into())
+        .count("threads", |row| row.machine.threads.into())
+        .optional_text("network-adapter", |row| row.network_adapter.as_deref())
+        .optional_text("renderer-adapter", |row| row.renderer_adapter.as_deref())
+        .count("started", |row| row.started)
+        .count("trials-there", |row| row.trials_there)
+        .count("warm-up", |row| row.warm_up.into())
+        .numbers("encode-samples", |row| row.encode.clone())
+        .numbers("render-samples", |row| row.render.clone())
+        .texts("stages", |row| row.stages.keys().map(String::as_str).collect())
+        .numbers("stage-samples", |row| row.stages.values().flatten().copied().collect())
+        .optional_count("held-bytes", |row| row.held_bytes)
+        .optional_count("peak-bytes", |row| row.peak_bytes)
+        .optional_number("load-before", |row| row.load.average_before)
+        .optional_number("load-after", |row| row.load.average_after)
+        .optional_number("mhz-before", |row| row.load.mhz_before)
+        .optional_number("mhz-after", |row| row.load.mhz_after)
+        .optional_number("others", |row| row.load.others)
+        .optional_text("detail", |row| row.detail.as_deref())
+}
+
+fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, ResultsError> {
+    table.rows(|row| {
+        let (names, samples) = (row.texts("stages")?, row.numbers("stage-samples")?);
+        // Every stage has the same number of repetitions; without stages there are no samples.
+        let each = samples.len().checked_div(names.len()).unwrap_or(0);
+        if each * names.len() != samples.len() {
+            let expected = format!("the same number for each of {} stages", names.len());
+            return Err(row.invalid("stage-samples", &expected, samples.len()));
+        }
+        Ok(TimingRow {
+            key: row.key()?,
+            trial_hash: row.text("trial-hash")?,
+            machine: Machine {
+                processor: row.text("processor")?,
+                platform: row.text("platform")?,
+                cpus: row.small_count("cpus")?,
+                threads: row.small_count("threads")?,
+            },
+            network_adapter: row.optional_text("network-adapter"),
+            renderer_adapter: row.optional_text("renderer-adapter"),
+            started: row.count("started")?,
+            trials_there: row.count("trials-there")?,
+            warm_up: row.small_count("warm-up")?,
+            encode: row.numbers("encode-samples")?,
+            render: row.numbers("render-samples")?,
+            stages: names.into_iter().zip(samples.chunks(each.max(1)).map(<[f64]>::to_vec)).collect(),
+            held_bytes: row.optional_count("held-bytes"),
+            peak_bytes: row.optional_count("peak-bytes"),
+            load: Load {
+                average_before: row.optional_number("load-before"),
+                average_after: row.optional_number("load-after"),
+                mhz_before: row.optional_number("mhz-before"),
+                mhz_after: row.optional_number("mhz-after"),
+                others: row.optional_number("others"),
+            },
+            detail: row.optional_text("detail"),
+        })
+    })
+}

@@ -1,0 +1,30 @@
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A machine type; only times of equal machine types are compared.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Machine {
+    /// The processor's name and its vector instructions.
+    pub processor: String,
+    /// Operating system and architecture.
+    pub platform: String,
+    /// Logical processors.
+    pub cpus: u32,
+    /// Threads of the timed pool.
+    pub threads: u32,
+}
+
+/// The operating system and architecture of the current machine.
+pub fn platform() -> String {
+    format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { processor, platform: _, cpus, threads } = self;
+        let plural = if *threads == 1 { "thread" } else { "threads" };
+        write!(f, "{processor}, {threads} {plural} on {cpus} logical processors")
+    }
+}

@@ -1,0 +1,151 @@
+//! The methods of a store as samples, with everything by which they are compared.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_numeric::mean;
+use atsplat_protocol::Aggregation;
+
+use super::unscored::why_unscored;
+use super::{Counts, Note, Sample};
+use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_of};
+use crate::times::{GAUSSIANS_UNTIMED, Machine, times_on};
+use crate::{MethodRecord, Results, TrialKey, TrialStatus};
+
+/// Scene and entry: a trial under any protocol.
+type TrialId<'a> = (&'a str, u32);
+
+/// A setting with everything by which it is compared.
+#[derive(Debug)]
+pub(super) struct Scored<'a> {
+    pub(super) sample: Sample,
+    pub(super) selected: Vec<SelectedTarget<'a>>,
+    /// Gaussians of each trial with results.
+    gaussians: BTreeMap<TrialId<'a>, u64>,
+    /// The trials that were timed; empty if the sample has no seconds.
+    timed: BTreeSet<TrialId<'a>>,
+    /// The machines on which it was optimised for a time.
+    optimised_on: BTreeSet<&'a str>,
+}
+
+/// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
+///
+/// Seconds come from the timing pass: the time to the first image ([`crate::times::Times::first_image`]). Times on other machines
+/// than `machine` are left out.
+pub(super) fn scored<'a>(
+    results: &'a Results,
+    machine: Option<&Machine>,
+    preset: &'a str,
+    metric: &'a str,
+    leaked: Leaked,
+    aggregation: Aggregation,
+) -> Vec<Scored<'a>> {
+    let scored = |record: &'a MethodRecord| {
+        let method = record.name.as_str();
+        let cost = cost(results, preset, method);
+        let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
+        let selected = select(results, &query);
+        let summary = summary_of(&selected, aggregation);
+        let sample = Sample {
+            label: method.to_owned(),
+            quality: summary.mean,
+            unscored: summary.mean.is_none().then(|| why_unscored(results, &query, &summary)),
+            gaussians: cost.gaussians,
+            counts: Counts {
+                scenes: summary.scenes,
+                targets: summary.targets,
+                failed: summary.failed,
+                not_applicable: summary.not_applicable,
+                non_finite: summary.non_finite,
+                uncomputed: summary.uncomputed,
+                identical: summary.identical,
+            },
+            ..Sample::default()
+        };
+        let sample = with_times(sample, results, machine, preset, record);
+        let timed = if sample.secs.is_some() { timed(results, machine, preset, method) } else { BTreeSet::new() };
+        let gaussians = gaussians(results, preset, method);
+        let optimised_on = results.optimised_on(preset, method);
+        let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
+        has_trials.then_some(Scored { sample, selected, gaussians, timed, optimised_on })
+    };
+    results.provenance.methods.iter().filter_map(scored).collect()
+}
+
+fn with_times(
+    mut sample: Sample,
+    results: &Results,
+    machine: Option<&Machine>,
+    preset: &str,
+    method: &MethodRecord,
+) -> Sample {
+    let found = times_on(machine, results, preset, &method.name)
+        .and_then(|times| Ok((times.first_image.ok_or(GAUSSIANS_UNTIMED)?, times)));
+    match found {
+        Ok((first_image, times)) => {
+            sample.secs = Some(first_image.median);
+            sample.secs_error = first_image.error;
+            sample.busy = times.busy;
+            sample.whole_answer = method.is_process() && times.encode.is_some();
+            sample.device = times.device;
+        }
+        Err(reason) => sample.untimed = Some(reason),
+    }
+    sample
+}
+
+fn id(key: &TrialKey) -> TrialId<'_> {
+    (key.scene.as_str(), key.entry)
+}
+
+fn timed<'a>(results: &'a Results, machine: Option<&Machine>, preset: &str, method: &str) -> BTreeSet<TrialId<'a>> {
+    let rows = results.timings.iter().filter(|row| row.is_timed() && row.key.is_of(preset, method));
+    rows.filter(|row| Some(&row.machine) == machine).map(|row| id(&row.key)).collect()
+}
+
+fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTreeMap<TrialId<'a>, u64> {
+    let trials = results.trials_of(preset, method);
+    let with_results = trials.filter(|trial| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial));
+    with_results.filter_map(|trial| Some((id(&trial.key), trial.gaussians?))).collect()
+}
+
+/// Takes the means of Gaussians over the trials in which every setting with a score made some, because costs of different trials
+/// cannot be compared. If there is no such trial, they stay as they are. Says so where these are not all trials.
+pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
+    let ranked = all.iter().filter(|setting| setting.sample.quality.is_some() && !setting.gaussians.is_empty());
+    let trials: Vec<BTreeSet<_>> = ranked.map(|setting| setting.gaussians.keys().copied().collect()).collect();
+    let most = trials.iter().map(BTreeSet::len).max()?;
+    let common = trials.into_iter().reduce(|common, trials| &common & &trials)?;
+    for Scored { sample, gaussians, .. } in all {
+        let counts = gaussians.iter().filter(|(trial, _)| common.contains(*trial));
+        sample.gaussians = mean(counts.map(|(_, count)| *count as f64)).or(sample.gaussians);
+    }
+    let text = match common.len() {
+        0 => "No trial was finished by all settings: Gaussians of each are averaged over its own trials".to_owned(),
+        count if count < most => {
+            format!("Gaussians are averaged over the {count} trials that all settings finished, of {most}")
+        }
+        _ => return None,
+    };
+    Some(Note { label: None, text })
+}
+
+/// What a reader must know of settings: which were timed on other trials, or optimised on several machines.
+pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
+    let timed_on: BTreeSet<TrialId<'_>> = all.iter().flat_map(|setting| &setting.timed).copied().collect();
+    let mut notes = Vec::new();
+    for Scored { sample, timed, optimised_on, .. } in all {
+        let mut note = |text| notes.push(Note { label: Some(sample.label.clone()), text });
+        if !timed.is_empty() && *timed != timed_on {
+            let [some, of] = [timed.len(), timed_on.len()];
+            note(format!("timed on {some} of the {of} trials that have times: times of different trials are compared"));
+        }
+        if optimised_on.len() > 1 {
+            let machines: Vec<&str> = optimised_on.iter().copied().collect();
+            let machines = machines.join("; ");
+            note(format!(
+                "optimised on several machines, which take different numbers of steps in the same time: {machines}"
+            ));
+        }
+    }
+    notes
+}
