@@ -1,4 +1,4 @@
-//! `atsplat adapters`: what `--device wgpu:N` and `--backend gpu` can run on.
+//! `atsplat adapters`: what `--device wgpu:N` can run on.
 
 use std::fmt;
 
@@ -68,7 +68,7 @@ impl Row {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.adapters.is_empty() {
-            return writeln!(f, "no graphics adapter: rendering runs on the CPU");
+            return writeln!(f, "no graphics adapter: only --device cpu can be used");
         }
         for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, cached } in &self.adapters {
             let mebibytes = largest_binding_bytes >> 20;

@@ -4,6 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::io::{ErrorKind, Write as _, stdout};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 
@@ -34,12 +35,24 @@ const PRINTED: [(&str, &[&str]); 11] = [
     ("weights verify", &["file"]),
 ];
 
+/// Options that `--device` replaced; by itself, the parser suggests the name that is most similar, `--background`.
+const FORMER_DEVICES: [&str; 2] = ["--backend", "--adapter"];
+
 /// The command line as a command with its arguments.
 pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
     let mut command = Cli::command();
-    let matches = command.try_get_matches_from_mut(arguments)?;
+    let matches = command.try_get_matches_from_mut(arguments).map_err(suggest_device)?;
     check(&command, &matches, "")?;
     Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// Suggests `--device` instead of the options that it replaced.
+fn suggest_device(mut error: clap::Error) -> clap::Error {
+    let unknown = error.get(ContextKind::InvalidArg);
+    if unknown.is_some_and(|unknown| FORMER_DEVICES.contains(&unknown.to_string().as_str())) {
+        error.insert(ContextKind::SuggestedArg, ContextValue::String("--device".to_owned()));
+    }
+    error
 }
 
 /// Prints an error of [`parse`], or the help or version that was asked for, and returns the exit code.
@@ -209,6 +222,22 @@ mod tests {
         ] {
             assert_eq!(error_of(&text), None, "{text}");
         }
+    }
+
+    #[test]
+    fn options_that_were_replaced_lead_to_their_successor() {
+        for (text, option) in [
+            ("atsplat run rooms-2v-128 --data d --method 3dgs:2 --out o --backend gpu", "--backend"),
+            ("atsplat score rooms-2v-128 --data d --ply p --out o --backend=reference", "--backend"),
+            ("atsplat render a.ply --orbit --out o --backend gpu", "--backend"),
+            ("atsplat render a.ply --orbit --out o --adapter 0", "--adapter"),
+        ] {
+            let error = error_of(text).unwrap_or_default();
+            assert!(error.contains(&format!("unexpected argument '{option}' found")), "{text}: {error}");
+            assert!(error.contains("argument exists: '--device'"), "{text}: {error}");
+        }
+        let error = error_of("atsplat render a.ply --orbit --out o --backgrund white").unwrap_or_default();
+        assert!(error.contains("argument exists: '--background'"), "{error}");
     }
 
     #[cfg(unix)]

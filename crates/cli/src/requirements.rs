@@ -7,7 +7,7 @@ pub(crate) type GivenOption = (&'static str, bool);
 #[derive(Debug)]
 pub(crate) struct Requirement<'a> {
     pub(crate) options: &'a [GivenOption],
-    /// Such as `--backend gpu`.
+    /// Such as `--formats exr`.
     pub(crate) requires: &'a str,
     pub(crate) satisfied: bool,
 }

@@ -29,7 +29,7 @@ fn texts(args: &[String]) -> Vec<&str> {
 #[test]
 fn a_device_is_spelled_in_one_way() {
     let folder = tempfile::tempdir().unwrap();
-    for command in ["run", "score", "reproduce", "train", "reconstruct", "budget", "fit"] {
+    for command in ["run", "score", "reproduce", "train", "reconstruct", "budget", "fit", "render"] {
         let refused = atsplat(folder.path(), &[command, "--device", "gpu:0"]);
         let expected = "expected cpu, wgpu or wgpu:N, N as `atsplat adapters` numbers them, found \"gpu:0\"";
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{command}: {}", refused.stderr);
@@ -84,7 +84,8 @@ fn an_unknown_adapter_is_an_error_with_the_list_of_adapters() {
     let listed = if listed.is_empty() { "none".to_owned() } else { listed.join(", ") };
     for args in [score, texts(&run)] {
         let refused = atsplat(here, &args);
-        let expected = format!("graphics adapter: expected number 77, found {listed}");
+        let advice = "`atsplat adapters` lists and tests all adapters, `--device cpu` needs none";
+        let expected = format!("graphics adapter: expected number 77, found {listed}; {advice}");
         let names_both = refused.stderr.contains("error: --device wgpu:77: ") && refused.stderr.contains(&expected);
         assert!(refused.code == 1 && names_both, "{expected}: {}", refused.stderr);
         assert!(!here.join("store").exists());

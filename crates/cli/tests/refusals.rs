@@ -58,11 +58,6 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&baseline, &["tiny.toml"], "the protocols: tiny.toml is given twice"),
         (&optimised, &["--max-gaussians", "3"], "--max-gaussians"),
         (
-            &optimised,
-            &["--device", "wgpu", "--backend", "cpu"],
-            "--device requires a method with a network, or no --backend",
-        ),
-        (
             &baseline,
             &["--method", "atsplat", "--weights", "random:1", "--context-size", "given"],
             "--context-size requires --weights with a file",

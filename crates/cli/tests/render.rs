@@ -12,8 +12,9 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::exr::{self, Values};
 use atsplat_pixels::{DecodeLimits, Image, Rounding, decode};
 use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::adapters;
 use atsplat_splat::{Channels, Exposure, RenderOptions, Renderer, RendererConstants};
-use atsplat_tests::graphics_required;
+use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 
 use common::{atsplat, succeed};
@@ -221,10 +222,10 @@ fn a_failed_round_trip_keeps_the_record() {
 fn cpu_and_reference_agree() {
     let folder = folder();
     let here = folder.path();
-    for backend in ["cpu", "reference"] {
-        let args = ["render", "scene.ply", "--orbit", "2", "--size", "24x18", "--formats", "exr", "--backend", backend];
-        succeed(here, &[&args[..], &["--out", backend]].concat());
-        assert!(record(&here.join(backend))["backend"].as_str().unwrap().starts_with(backend));
+    for device in ["cpu", "reference"] {
+        let args = ["render", "scene.ply", "--orbit", "2", "--size", "24x18", "--formats", "exr", "--device", device];
+        succeed(here, &[&args[..], &["--out", device]].concat());
+        assert!(record(&here.join(device))["backend"].as_str().unwrap().starts_with(device));
     }
     let image = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
     let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
@@ -234,24 +235,34 @@ fn cpu_and_reference_agree() {
     }
 }
 
-/// On an adapter where there is one; else the processor takes over, and says so. One that was named has to be there.
+/// Nothing takes the place of an adapter that is not there.
 #[test]
-fn renders_on_an_adapter_or_falls_back_to_the_cpu() {
+fn renders_on_the_chosen_adapter_or_not_at_all() {
     let folder = folder();
     let here = folder.path();
     let args = ["render", "scene.ply", "--orbit", "1", "--size", "24x18", "--formats", "exr"];
     succeed(here, &[&args[..], &["--out", "cpu"]].concat());
-    let named = ["--backend", "gpu", "--adapter", "no such adapter", "--out", "none"];
-    let outcome = atsplat(here, &[&args[..], &named].concat());
-    assert!(outcome.code == 1 && outcome.stderr.contains("no such adapter"), "{}", outcome.stderr);
+    let unknown = atsplat(here, &[&args[..], &["--device", "wgpu:77", "--out", "gpu"]].concat());
+    assert_eq!(unknown.code, 1, "{}", unknown.stderr);
+    for part in ["error: --device wgpu:77: ", "expected number 77, found ", "; `atsplat adapters` lists"] {
+        assert!(unknown.stderr.contains(part), "{part}: {}", unknown.stderr);
+    }
+    let on_adapter = [&args[..], &["--device", "wgpu", "--out", "gpu"]].concat();
+    let mut named = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    named.args(&on_adapter).current_dir(here).env("ATSPLAT_ADAPTER", "no such adapter");
+    let message = String::from_utf8(named.output().unwrap().stderr).unwrap();
+    let expected = "expected one named 'no such adapter', by the environment variable ATSPLAT_ADAPTER, found ";
+    assert!(message.contains("error: --device wgpu: ") && message.contains(expected), "{message}");
+    assert!(!here.join("gpu").exists());
 
-    let outcome = atsplat(here, &[&args[..], &["--backend", "gpu", "--out", "gpu"]].concat());
-    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    if adapters().is_empty() {
+        let outcome = atsplat(here, &on_adapter);
+        assert!(outcome.code == 1 && outcome.stderr.contains("found none"), "{}", outcome.stderr);
+        return skip_without_graphics("cli render", "none listed");
+    }
+    succeed(here, &on_adapter);
     let backend = record(&here.join("gpu"))["backend"].as_str().unwrap().to_owned();
-    let taken_over = outcome.stderr.lines().any(|line| line.contains("cpu, ") && line.contains(" renders: "));
-    assert_eq!(backend.starts_with("cpu"), taken_over, "{backend}: {}", outcome.stderr);
-    let required = graphics_required();
-    assert!(!required || backend.starts_with("gpu"), "{backend}: {}", outcome.stderr);
+    assert!(backend.starts_with("gpu"), "{backend}");
     let image = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
     let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
     let (ours, theirs) = (image("cpu/000000.exr"), image("gpu/000000.exr"));

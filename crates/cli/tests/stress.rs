@@ -87,7 +87,7 @@ fn lists_adapters() {
     let adapters = report["adapters"].as_array().unwrap();
     let lines: Vec<&str> = text.lines().collect();
     if adapters.is_empty() {
-        assert_eq!(lines, ["no graphics adapter: rendering runs on the CPU"]);
+        assert_eq!(lines, ["no graphics adapter: only --device cpu can be used"]);
     } else {
         assert_eq!(lines.len(), 2 * adapters.len(), "{text}");
     }

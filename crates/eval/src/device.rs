@@ -45,6 +45,7 @@ impl ComputeDevice {
         observer: &dyn SelfTestObserver,
     ) -> Result<Self, EvalError> {
         let Some((number, description)) = processor.adapter()? else { return Ok(Self::default()) };
+        tracing::info!(number, adapter = %description, "chose a graphics adapter");
         let options = GpuOptions { memory_limit: memory_limit.max(LEAST_MEMORY), ..GpuOptions::default() };
         let renderer = GpuRenderer::observed(&AdapterChoice::Index(number), options, observer);
         let renderer = renderer.map_err(|error| ModelError::from(SplatError::from(error)))?;
@@ -58,11 +59,6 @@ impl ComputeDevice {
     /// [`EvalError::Model`] if the adapter cannot be opened, or the build runs networks on the CPU only.
     pub fn network(&self) -> Result<Device, EvalError> {
         Ok(self.processor.open()?)
-    }
-
-    /// Whether this is a graphics adapter.
-    pub fn is_adapter(&self) -> bool {
-        self.processor != Processor::Cpu
     }
 
     /// The renderer.

@@ -1,6 +1,5 @@
 //! Rejects contradicting arguments before any file is read or created.
 
-use super::backend::BackendArg;
 use super::{Args, FormatArg};
 use crate::parse::{names, once, usage_error};
 use crate::requirements::{Requirement, check_all};
@@ -33,11 +32,6 @@ impl Args {
                 options: &[("--rounding", self.rounding.is_some())],
                 requires: "--formats png or --preview",
                 satisfied: writes_png || self.preview.preview.is_some(),
-            },
-            Requirement {
-                options: &[("--adapter", self.adapter.is_some())],
-                requires: "--backend gpu",
-                satisfied: self.backend == BackendArg::Gpu,
             },
         ])
     }

@@ -61,12 +61,11 @@ pub(super) struct Origin {
 }
 
 impl Inputs {
-    /// Reads the scene, and plans its views. `backend_note` says why another renderer than the requested one is used.
+    /// Reads the scene, and plans its views.
     pub(super) fn read(
         args: &Args,
         cameras: Option<Vec<FileCamera>>,
         exposures: &Exposures,
-        backend_note: Option<String>,
     ) -> anyhow::Result<(Self, Origin)> {
         let constants = args.settings.constants()?;
         let scene = args.scene.read()?;
@@ -77,7 +76,6 @@ impl Inputs {
         exposures.expose(&mut requests)?;
         let SceneFile { gaussians, record, warnings, reading_secs } = scene;
         let mut notes = [warnings, plan_notes].concat();
-        notes.extend(backend_note);
         notes.extend(args.settings.warning(&gaussians, settings.options.mode).map(str::to_owned));
         notes.extend(ignored_principal_points(&settings.options.constants, &requests));
         notes.extend(settings.options.ignored_harmonics(&gaussians));

@@ -1,6 +1,5 @@
 //! `atsplat render`: renders Gaussians along a camera path.
 
-pub(crate) mod backend;
 mod check;
 mod effects;
 mod inputs;
@@ -21,18 +20,17 @@ use atsplat_eval::rendering::{
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::effects::{Explanation, Scene};
-use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
 use atsplat_splat::{GaussianCounts, Renderer};
 use clap::ValueEnum;
 
+use crate::device::RendererArgs;
 use crate::output_lock::OutputLock;
 use crate::parse::named;
 use crate::paths::PendingFile;
 use crate::print::{print_report, warn};
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
-use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
 use inputs::{Inputs, Origin, SceneArgs};
 use preview::PreviewArgs;
@@ -65,13 +63,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "GAIN|FILE", help_heading = "Rendering")]
     exposure: Option<ExposureSource>,
 
-    /// Renderer.
-    #[arg(long, value_name = "NAME", default_value = "cpu", help_heading = "Rendering")]
-    backend: BackendArg,
-
-    /// Adapter that `--backend gpu` renders on: its number, or a part of its name; see `atsplat adapters`.
-    #[arg(long, value_name = "NAME", value_parser = adapter, help_heading = "Rendering")]
-    adapter: Option<AdapterChoice>,
+    #[command(flatten, next_help_heading = "Rendering")]
+    device: RendererArgs,
 
     /// Folder for `000000.png`, `000000.exr`, … and `render.json`, which records how they were made.
     #[arg(long, short, value_name = "DIR", help_heading = "Output")]
@@ -117,16 +110,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     let cameras = args.views.read(&mut warnings)?;
     args.check_outputs(cameras.as_deref())?;
-    let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
+    let backend = args.device.open()?;
     // Before the files in the folder, which is removed last if nothing is written.
     let _lock = OutputLock::of(&args.out)?;
     let record_file = PendingFile::open(&args.out.join(RENDER_RECORD))?;
     let preview_file = args.preview.open()?;
 
-    let (inputs, origin) = Inputs::read(args, cameras, &exposures, note)?;
-    let frames = args.render(renderer.as_mut(), &inputs, preview_file)?;
-    let round_trip = round_trip::measure(renderer.as_mut(), &inputs, &args.round_trip);
-    let record = args.record(&inputs, origin, &frames, renderer.name(), round_trip)?;
+    let (inputs, origin) = Inputs::read(args, cameras, &exposures)?;
+    let frames = backend.with(|renderer| args.render(renderer, &inputs, preview_file))?;
+    let round_trip = backend.with(|renderer| round_trip::measure(renderer, &inputs, &args.round_trip));
+    let record = args.record(&inputs, origin, &frames, backend.name(), round_trip)?;
     let views = inputs.requests.iter().zip(&frames).map(|(request, frame)| ViewRecord::of(request, frame)).collect();
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
@@ -135,7 +128,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         out: args.out.clone(),
         preview: args.preview.preview.clone(),
         timings: args.timings.then(|| timings(&inputs, &frames)),
-        explanation: if args.effects.explain { explanation(renderer.as_mut(), &inputs, &frames)? } else { None },
+        explanation: if args.effects.explain {
+            backend.with(|renderer| explanation(renderer, &inputs, &frames))?
+        } else {
+            None
+        },
         record,
     };
     args.print(&report, &warnings, &frames)?;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, MAX_GAUSSIANS, Method, MethodKind, MethodSpec, NearestView,
+    AtSplat, ConstantsChoice, Exec, ExecSettings, MAX_GAUSSIANS, Method, MethodKind, MethodSpec, NearestView,
     Optimised, Ply, Renders, Splatting, Warp,
 };
 use atsplat_eval::{ComputeDevice, GaussianFrame};
@@ -15,9 +15,7 @@ use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::builder::RangedU64ValueParser;
 
 use crate::parse;
-use crate::print::warn;
 use crate::reconstruct::network::NetworkArgs;
-use crate::render::backend::{BackendArg, backend};
 use crate::requirements::{GivenOption, Requirement, check_all};
 
 /// The methods of one argument.
@@ -73,11 +71,6 @@ pub(super) struct GaussianArgs {
     /// of a step of 8 bits.
     #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
     tolerance: Option<f64>,
-
-    /// Renderer, also of optimisations, instead of the one of --device. gpu takes the best adapter that passes its test,
-    /// otherwise the CPU, and records why.
-    #[arg(long, value_name = "NAME")]
-    backend: Option<BackendArg>,
 
     /// Coordinate frame of imported Gaussians: the dataset's (the default), or that of the trial's normalised poses.
     #[arg(long, value_name = "FRAME", value_parser = parse::named(parse::GAUSSIAN_FRAMES))]
@@ -149,11 +142,6 @@ impl MethodArgs {
                 requires: "a method with a network or Gaussians (images are compared on the CPU)",
                 satisfied: renders,
             },
-            Requirement {
-                options: &[self.network.device.option()],
-                requires: "a method with a network, or no --backend: nothing else runs there",
-                satisfied: networks || self.gaussians.renders_on_device(),
-            },
         ]);
         let checked = requirements.and_then(|()| self.network.check());
         checked.and_then(|()| self.gaussians.check_tolerance()).map_err(parse::usage_error)
@@ -221,13 +209,12 @@ const EXEC_SECONDS: f64 = 600.0;
 
 impl GaussianArgs {
     /// Options about rendering Gaussians.
-    fn options_of_renders(&self) -> [GivenOption; 5] {
+    fn options_of_renders(&self) -> [GivenOption; 4] {
         [
             ("--constants", self.constants.is_some()),
             ("--background", self.background.is_some()),
             ("--effects", self.effects.is_some()),
             ("--tolerance", self.tolerance.is_some()),
-            ("--backend", self.backend.is_some()),
         ]
     }
 
@@ -239,11 +226,6 @@ impl GaussianArgs {
     /// Options about folders of Gaussians alone.
     fn options_of_imports(&self) -> [GivenOption; 2] {
         [("--ply-frame", self.ply_frame.is_some()), ("--setting", self.setting.is_some())]
-    }
-
-    /// Whether Gaussians are rendered where --device says.
-    pub(super) const fn renders_on_device(&self) -> bool {
-        matches!(self.backend, None | Some(BackendArg::Gpu))
     }
 
     /// All options, of which images alone need none.
@@ -273,22 +255,9 @@ impl GaussianArgs {
             Some(name) => ConstantsChoice::Fixed(parse::constants(name)?),
             None => ConstantsChoice::FromPreset,
         };
-        let (backend, skipped_adapter) = match self.backend {
-            None => (device.backend(), None),
-            Some(BackendArg::Cpu) => (Backend::default(), None),
-            Some(BackendArg::Gpu) if device.is_adapter() => (device.backend(), None),
-            Some(other) => {
-                let mut chosen = backend(other, None)?;
-                let note = chosen.note.take();
-                if let Some(note) = &note {
-                    warn(note);
-                }
-                (chosen.for_methods(other), note)
-            }
-        };
         let effects = self.effects.clone().unwrap_or_default();
         let tolerance = self.tolerance.unwrap_or(EffectPlan::TOLERANCE);
-        let (background, mode) = (self.background, self.mode);
-        Ok(Splatting { constants, background, mode, effects, tolerance, backend, skipped_adapter })
+        let (background, mode, backend) = (self.background, self.mode, device.backend());
+        Ok(Splatting { constants, background, mode, effects, tolerance, backend })
     }
 }

@@ -69,11 +69,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             requires: "--ply (images are compared on the CPU)",
             satisfied: args.ply.is_some(),
         },
-        Requirement {
-            options: &[args.device.option()],
-            requires: "no --backend: nothing else runs there",
-            satisfied: args.gaussians.renders_on_device(),
-        },
     ]);
     requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
     let name = args.name.as_deref();

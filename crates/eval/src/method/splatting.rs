@@ -34,8 +34,6 @@ pub struct Splatting {
     pub tolerance: f64,
     /// The rendering backend.
     pub backend: Backend,
-    /// Why this is not the requested backend; `None` if it is.
-    pub skipped_adapter: Option<String>,
 }
 
 /// A rendering backend; its clones share the renderers.
@@ -100,7 +98,7 @@ impl Backend {
     }
 
     /// Works with a renderer, which nobody else uses meanwhile.
-    pub(crate) fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
+    pub fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
         match self {
             Self::Cpu(spare) => with_spare(spare, |renderer| work(renderer)),
             Self::Shared(renderer, _) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),
@@ -127,7 +125,6 @@ impl Default for Splatting {
             effects: EffectSelection::Auto,
             tolerance: EffectPlan::TOLERANCE,
             backend: Backend::default(),
-            skipped_adapter: None,
         }
     }
 }
@@ -247,7 +244,6 @@ impl<'a> Splatted<'a> {
             ..RenderOptions::default()
         };
         cost.gaussians = Some(gaussians.len() as u64);
-        cost.notes.extend(splatting.skipped_adapter.clone());
         // The number of the trial's targets, not of those that are rendered together, which must not change a single bit.
         let scene = Scene::owning(gaussians, input.trial.targets().len());
         Self { splatting, input, scene, options, cost }

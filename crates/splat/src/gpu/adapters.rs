@@ -194,26 +194,11 @@ pub(super) type Candidate = (wgpu::Adapter, AdapterDescription);
 
 /// The best adapter for a choice.
 pub(super) fn choose(choice: &AdapterChoice) -> Result<Candidate, GpuError> {
-    let Candidates { adapters, none } = candidates(choice);
-    adapters.into_iter().next().ok_or(none)
-}
-
-/// Adapters that match a choice.
-#[derive(Debug)]
-pub(super) struct Candidates {
-    /// Best first.
-    pub(super) adapters: Vec<Candidate>,
-    /// The error to report if there are none.
-    pub(super) none: GpuError,
-}
-
-pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     let found = found();
     let (requested, choice) = (choice, resolve(choice));
     let descriptions: Vec<_> = found.iter().map(|(_, description)| description.clone()).collect();
-    let order = positions(&choice, &descriptions);
-    let adapters = order.into_iter().filter_map(|at| found.get(at).cloned()).collect();
-    Candidates { adapters, none: no_adapter(requested, &choice, &descriptions) }
+    let at = positions(&choice, &descriptions).first().copied();
+    at.and_then(|at| found.get(at).cloned()).ok_or_else(|| no_adapter(requested, &choice, &descriptions))
 }
 
 /// The error of a choice that matches none of these adapters; the environment variable may have resolved it from the one requested.
@@ -232,7 +217,7 @@ fn no_adapter(requested: &AdapterChoice, choice: &AdapterChoice, found: &[Adapte
 }
 
 /// The choice, with [`AdapterChoice::Automatic`] replaced by the environment variable if set.
-pub(super) fn resolve(choice: &AdapterChoice) -> AdapterChoice {
+fn resolve(choice: &AdapterChoice) -> AdapterChoice {
     match (choice, std::env::var_os(ADAPTER_VARIABLE)) {
         (AdapterChoice::Automatic, Some(value)) if !value.is_empty() => {
             let value = value.to_string_lossy();

@@ -23,7 +23,6 @@ mod bounds;
 mod context;
 mod counts;
 mod error;
-mod fallback;
 mod forward;
 mod gaussians;
 mod gradients;
@@ -57,7 +56,6 @@ pub use adapters::{
 };
 pub use counts::GpuCounts;
 pub use error::GpuError;
-pub use fallback::{ChosenRenderer, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients, ScreenGradients};
 pub use host::Uploaded;

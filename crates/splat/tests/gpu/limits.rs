@@ -1,7 +1,4 @@
-use atsplat_splat::cpu::CpuOptions;
-use atsplat_splat::gpu::{
-    AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded, adapters, with_fallback,
-};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded};
 use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
@@ -134,18 +131,16 @@ fn a_limit_without_room_for_lists_is_refused_at_once() {
     assert!(rendering.unwrap() == expected && (1..10).contains(&repeats), "{repeats}");
 }
 
+/// No other adapter takes the place of one that does not exist or fails its self-test.
 #[test]
-fn falls_back_to_the_cpu_except_for_an_unknown_adapter_name() {
-    let choice = AdapterChoice::Name("no adapter has this name".to_owned());
-    let fallback = with_fallback(&choice, GpuOptions::default(), CpuOptions::default(), &());
-    assert!(matches!(fallback, Err(GpuError::NoAdapter { .. })), "{fallback:?}");
+fn an_adapter_that_cannot_be_used_is_an_error() {
+    let unknown = AdapterChoice::Name("no adapter has this name".to_owned());
+    let outcome = GpuRenderer::new(&unknown, GpuOptions::default());
+    assert!(matches!(outcome, Err(GpuError::NoAdapter { .. })), "{outcome:?}");
     // The self-test fits on no adapter.
-    let none = GpuOptions { memory_limit: 1000, ..GpuOptions::default() };
-    let mut fallback = with_fallback(&AdapterChoice::Automatic, none, CpuOptions::default(), &()).unwrap();
-    assert!(fallback.renderer.name().starts_with("cpu") && fallback.adapter.is_none());
-    let adapters = adapters().len();
-    assert_eq!(fallback.skipped.len(), if adapters == 0 { 1 } else { adapters }, "{fallback:?}");
-    fallback.renderer.render(&cloud(10, 0, 1), &view(8, 8), &everything()).unwrap();
+    let narrow = GpuOptions { memory_limit: 1000, ..GpuOptions::default() };
+    let outcome = GpuRenderer::new(&AdapterChoice::Automatic, narrow);
+    assert!(outcome.is_err(), "{outcome:?}");
 }
 
 /// A destroyed device is an error, not a panic.
