@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail, ensure};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
-use atsplat_report::table::{Mixing, Source, verdict};
+use atsplat_report::table::{Mixing, Source, agreement};
 use atsplat_report::{Report, Request, Written, counted, store_labels};
 use atsplat_results::Results;
 use serde_json::json;
@@ -212,7 +212,7 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
         print_text(&format!("{}\n", terminal.write(table)))?;
     }
     for table in report.tables.iter().filter(|table| table.is_published()) {
-        print_text(&format!("{}: {}\n", table.title, verdict(table)))?;
+        print_text(&format!("{}: {}\n", table.title, agreement(table)))?;
     }
     Ok(())
 }

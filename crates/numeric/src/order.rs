@@ -29,6 +29,17 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * (position - below))
 }
 
+/// Each value once, where it is first.
+pub fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for value in values {
+        if !found.contains(&value) {
+            found.push(value);
+        }
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -57,5 +68,10 @@ mod tests {
         assert_eq!(quantile(&sorted, 0.75), Some(5.5));
         assert_eq!(quantile(&sorted, 1.0), Some(10.0));
         assert_eq!(quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn distinct_values_stay_where_they_are_first() {
+        assert_eq!(distinct(["b", "a", "b", "c", "a"]), ["b", "a", "c"]);
     }
 }

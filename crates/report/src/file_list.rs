@@ -1,7 +1,7 @@
 //! The files of a report in its folder: the next report there removes those that it does not write again, and nothing else.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Sha256Digest, entries_if_exists, is_plain_name, name_of, read_if_exists, shortened};
@@ -10,7 +10,7 @@ use crate::ReportError;
 
 /// Name of the list of a report's files, in the format of `sha256sum`.
 const LIST: &str = "report.sha256";
-/// The files that a report wrote so far, until it is done; it may be about to write the last of them.
+/// While a report is written: its files, and those of the reports before it.
 const UNFINISHED: &str = "report.unfinished.sha256";
 /// The folders that contain only files of reports.
 const FOLDERS: [&str; 3] = ["tables", "plots", "films"];
@@ -26,26 +26,17 @@ pub struct Written {
     pub others: Vec<PathBuf>,
 }
 
-/// SHA-256 of a report's files by their paths in its folder, with `/` between their parts; two of a file that a report was about to
-/// replace when it was interrupted.
+/// SHA-256 of a report's files by their paths in its folder, with `/` between their parts; several of a file that an
+/// interrupted report replaced or was about to.
 #[derive(Debug, Default)]
-pub(crate) struct FileList(BTreeMap<String, Vec<Sha256Digest>>);
-
-/// A report that is being written.
-#[derive(Debug)]
-pub(crate) struct Writing<'a> {
-    folder: &'a Path,
-    before: FileList,
-    list: BTreeMap<String, Sha256Digest>,
-    files: Vec<PathBuf>,
-}
+struct FileList(BTreeMap<String, Vec<Sha256Digest>>);
 
 impl FileList {
     /// The files of the report in a folder, and of one that was interrupted there; empty if there is none.
     ///
     /// # Errors
     /// [`ReportError::Io`] for a list that cannot be read, or that names something outside the folder.
-    pub(crate) fn read(folder: &Path) -> Result<Self, ReportError> {
+    fn read(folder: &Path) -> Result<Self, ReportError> {
         let mut all = Self::default();
         for path in [LIST, UNFINISHED].map(|name| folder.join(name)) {
             let text = read_if_exists(&path).and_then(|bytes| {
@@ -60,7 +51,7 @@ impl FileList {
 
     fn add(&mut self, text: &str) -> io::Result<()> {
         const SHOWN: usize = 80;
-        // A line without an end is one whose writing was interrupted.
+        // The end of a list may be lost if the power fails.
         for (number, line) in (1..).zip(text.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n'))) {
             let parts = line.split_once("  ").filter(|(_, name)| name.split('/').all(is_plain_name));
             let entry = parts.and_then(|(digest, name)| Some((digest.parse::<Sha256Digest>().ok()?, name)));
@@ -72,9 +63,36 @@ impl FileList {
                     format!("line {number}: expected {expected}, found {found}"),
                 ));
             };
-            self.0.entry(name.to_owned()).or_default().push(digest);
+            let known = self.0.entry(name.to_owned()).or_default();
+            if !known.contains(&digest) {
+                known.push(digest);
+            }
         }
         Ok(())
+    }
+
+    /// The list as text.
+    fn lines(&self) -> String {
+        self.0.iter().flat_map(|(name, digests)| digests.iter().map(move |digest| line_of(name, digest))).collect()
+    }
+
+    /// The hashes of a file; none if it is not of a report.
+    fn digests(&self, name: &str) -> &[Sha256Digest] {
+        self.0.get(name).map_or(&[][..], Vec::as_slice)
+    }
+
+    /// Removes the files that are not among `kept`, unless they were changed since a report wrote them; returns their paths.
+    fn remove_all_but(&self, folder: &Path, kept: &BTreeMap<&str, Sha256Digest>) -> Result<Vec<PathBuf>, ReportError> {
+        let mut removed = Vec::new();
+        for (name, digests) in self.0.iter().filter(|(name, _)| !kept.contains_key(name.as_str())) {
+            let path = folder.join(name);
+            if is_one_of(&path, digests)? {
+                std::fs::remove_file(&path)
+                    .map_err(FileError::during::<ReportError>("removing a file of an earlier report", &path))?;
+                removed.push(path);
+            }
+        }
+        Ok(removed)
     }
 }
 
@@ -82,63 +100,35 @@ fn line_of(name: &str, digest: &Sha256Digest) -> String {
     format!("{digest}  {name}\n")
 }
 
-impl<'a> Writing<'a> {
-    /// Begins to write these files.
-    ///
-    /// # Errors
-    /// [`ReportError::NotOfReport`] for the first that is there already, but is not as a report before wrote it;
-    /// [`ReportError::Io`].
-    pub(crate) fn new(folder: &'a Path, before: FileList, names: &[String]) -> Result<Self, ReportError> {
-        for name in names {
-            let path = folder.join(name);
-            let known = before.0.get(name).map_or(&[][..], Vec::as_slice);
-            if path.symlink_metadata().is_ok() && !is_one_of(&path, known)? {
-                return Err(ReportError::NotOfReport { path });
-            }
+/// Writes the files of a report into a folder, by their paths there, in this order, and a list of them with their hashes. Then
+/// removes the files of the report before it that are not part of it.
+///
+/// If this is interrupted, the next report in the folder knows the files of both reports.
+///
+/// # Errors
+/// Before anything is written, [`ReportError::NotOfReport`] for the first file that is there already, but is not as a report before
+/// wrote it, and those of [`FileList::read`]; then [`ReportError::Io`].
+pub(crate) fn write(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<Written, ReportError> {
+    let before = FileList::read(folder)?;
+    for (name, _) in files {
+        let path = folder.join(name);
+        if path.symlink_metadata().is_ok() && !is_one_of(&path, before.digests(name))? {
+            return Err(ReportError::NotOfReport { path });
         }
-        // Again from the start, without a line whose writing was interrupted.
-        let of_file = |(name, digests): (&String, &Vec<Sha256Digest>)| -> String {
-            digests.iter().map(|digest| line_of(name, digest)).collect()
-        };
-        let known: String = before.0.iter().map(of_file).collect();
-        write_file(folder.join(UNFINISHED), known.as_bytes())?;
-        Ok(Self { folder, before, list: BTreeMap::new(), files: Vec::new() })
     }
-
-    /// Writes a file of this name in the report's folder, creating the folder in its name if necessary.
-    pub(crate) fn write(&mut self, name: String, bytes: &[u8]) -> Result<(), ReportError> {
-        let digest = Sha256Digest::of(bytes);
-        self.announce(&line_of(&name, &digest))?;
-        self.files.push(write_file(self.folder.join(&name), bytes)?);
-        self.list.insert(name, digest);
-        Ok(())
+    let list: BTreeMap<&str, Sha256Digest> =
+        files.iter().map(|(name, bytes)| (name.as_str(), Sha256Digest::of(bytes))).collect();
+    let lines: String = list.iter().map(|(name, digest)| line_of(name, digest)).collect();
+    let unfinished = write_file(folder.join(UNFINISHED), (before.lines() + &lines).as_bytes())?;
+    let mut written = Vec::new();
+    for (name, bytes) in files {
+        written.push(write_file(folder.join(name), bytes)?);
     }
-
-    /// Notes a file before it is replaced: if this report is interrupted, the next one knows it nevertheless.
-    fn announce(&self, line: &str) -> Result<(), ReportError> {
-        let path = self.folder.join(UNFINISHED);
-        let append = || std::fs::OpenOptions::new().append(true).open(&path)?.write_all(line.as_bytes());
-        append().map_err(FileError::during("writing a report", &path))
-    }
-
-    /// Removes the files of the report before this one that are not part of it, then writes the list.
-    pub(crate) fn finish(mut self) -> Result<Written, ReportError> {
-        let mut removed = Vec::new();
-        for (name, digests) in self.before.0.iter().filter(|(name, _)| !self.list.contains_key(*name)) {
-            let path = self.folder.join(name);
-            if is_one_of(&path, digests)? {
-                std::fs::remove_file(&path)
-                    .map_err(FileError::during::<ReportError>("removing a file of an earlier report", &path))?;
-                removed.push(path);
-            }
-        }
-        let others = others(self.folder, &self.files)?;
-        let list: String = self.list.iter().map(|(name, digest)| line_of(name, digest)).collect();
-        self.files.push(write_file(self.folder.join(LIST), list.as_bytes())?);
-        let unfinished = self.folder.join(UNFINISHED);
-        std::fs::remove_file(&unfinished).map_err(FileError::during::<ReportError>("writing a report", &unfinished))?;
-        Ok(Written { files: self.files, removed, others })
-    }
+    let removed = before.remove_all_but(folder, &list)?;
+    let others = others(folder, &written)?;
+    written.push(write_file(folder.join(LIST), lines.as_bytes())?);
+    std::fs::remove_file(&unfinished).map_err(FileError::during::<ReportError>("writing a report", &unfinished))?;
+    Ok(Written { files: written, removed, others })
 }
 
 /// Writes a file, creating its folder if necessary.
@@ -181,18 +171,14 @@ mod tests {
 
     use super::*;
 
-    fn write(folder: &Path, files: &[(&str, &str)]) -> Written {
-        begin(folder, files).unwrap().finish().unwrap()
+    fn written(folder: &Path, files: &[(&str, &str)]) -> Written {
+        write_texts(folder, files).unwrap()
     }
 
-    /// Everything but the end of a report.
-    fn begin<'a>(folder: &'a Path, files: &[(&str, &str)]) -> Result<Writing<'a>, ReportError> {
-        let names: Vec<String> = files.iter().map(|(name, _)| (*name).to_owned()).collect();
-        let mut writing = Writing::new(folder, FileList::read(folder)?, &names)?;
-        for (name, text) in files {
-            writing.write((*name).to_owned(), text.as_bytes())?;
-        }
-        Ok(writing)
+    fn write_texts(folder: &Path, files: &[(&str, &str)]) -> Result<Written, ReportError> {
+        let files: Vec<(String, Vec<u8>)> =
+            files.iter().map(|(name, text)| ((*name).to_owned(), text.as_bytes().to_vec())).collect();
+        write(folder, &files)
     }
 
     #[test]
@@ -200,12 +186,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         let files = [("tables/a.md", "a"), ("tables/edited.md", "b"), ("plots/p.svg", "p"), ("index.html", "1")];
-        let first = write(folder.path(), &files);
+        let first = written(folder.path(), &files);
         assert_eq!((first.files.len(), first.removed.len(), first.others.len()), (5, 0, 0));
         for (name, text) in [("tables/edited.md", "changed"), ("tables/mine.md", "mine"), ("notes.txt", "mine")] {
             fs::write(at(name), text).unwrap();
         }
-        let second = write(folder.path(), &[("tables/a-1.md", "a"), ("plots/p.svg", "q"), ("index.html", "2")]);
+        let second = written(folder.path(), &[("tables/a-1.md", "a"), ("plots/p.svg", "q"), ("index.html", "2")]);
         assert_eq!(second.removed, [at("tables/a.md")]);
         assert_eq!(second.others, [at("tables/edited.md"), at("tables/mine.md")]);
         assert!(!at("tables/a.md").exists());
@@ -218,7 +204,7 @@ mod tests {
         ] {
             assert_eq!(fs::read_to_string(at(name)).unwrap(), text, "{name}");
         }
-        let third = write(folder.path(), &[("index.html", "3")]);
+        let third = written(folder.path(), &[("index.html", "3")]);
         assert_eq!(third.removed, [at("plots/p.svg"), at("tables/a-1.md")]);
     }
 
@@ -228,15 +214,15 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         let files = [("tables/a.md", "a"), ("index.html", "1")];
         fs::write(at("index.html"), "mine").unwrap();
-        let rejected = |files: &[(&str, &str)]| match begin(folder.path(), files) {
+        let rejected = |files: &[(&str, &str)]| match write_texts(folder.path(), files) {
             Err(ReportError::NotOfReport { path }) => path,
             other => panic!("{other:?}"),
         };
         assert_eq!(rejected(&files), at("index.html"));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written");
         fs::remove_file(at("index.html")).unwrap();
-        write(folder.path(), &files);
-        write(folder.path(), &[("tables/a.md", "b"), ("index.html", "1")]);
+        written(folder.path(), &files);
+        written(folder.path(), &[("tables/a.md", "b"), ("index.html", "1")]);
         fs::write(at("tables/a.md"), "edited").unwrap();
         assert_eq!(rejected(&files), at("tables/a.md"));
         assert_eq!(fs::read_to_string(at("tables/a.md")).unwrap(), "edited");
@@ -246,16 +232,22 @@ mod tests {
     fn the_files_of_an_interrupted_report_are_known() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        write(folder.path(), &[("tables/a.md", "a"), ("index.html", "1")]);
-        // Twice killed after the tables, before the page was written, while it was being announced.
+        written(folder.path(), &[("tables/a.md", "a"), ("index.html", "1")]);
+        // Twice ended after the tables, before the page was written, with a list that lost its end.
+        fs::write(at("films"), "mine").unwrap();
         for text in ["b", "d"] {
-            drop(begin(folder.path(), &[("tables/a.md", text), ("tables/b.md", text)]).unwrap());
-            fs::write(at(UNFINISHED), format!("{}3f", fs::read_to_string(at(UNFINISHED)).unwrap())).unwrap();
+            let files = [("tables/a.md", text), ("tables/b.md", text), ("films/f.png", text), ("index.html", text)];
+            assert!(matches!(write_texts(folder.path(), &files), Err(ReportError::Io(_))), "`films` is no folder");
+            assert_eq!(fs::read_to_string(at("tables/b.md")).unwrap(), text);
+            assert_eq!(fs::read_to_string(at("index.html")).unwrap(), "1");
+            let list = fs::read_to_string(at(UNFINISHED)).unwrap();
+            fs::write(at(UNFINISHED), format!("{list}3f")).unwrap();
         }
-        let next = write(folder.path(), &[("tables/a.md", "c"), ("index.html", "2")]);
+        fs::remove_file(at("films")).unwrap();
+        let next = written(folder.path(), &[("tables/a.md", "c"), ("index.html", "2")]);
         assert_eq!((next.removed, next.others), (vec![at("tables/b.md")], Vec::new()));
         assert!(!at(UNFINISHED).exists());
-        assert_eq!(write(folder.path(), &[("index.html", "3")]).removed, [at("tables/a.md")]);
+        assert_eq!(written(folder.path(), &[("index.html", "3")]).removed, [at("tables/a.md")]);
     }
 
     #[test]

@@ -3,13 +3,13 @@ use std::path::{Path, PathBuf};
 
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, orders_as_markdown};
-use crate::file_list::{FileList, Writing, Written};
+use crate::file_list::Written;
 use crate::file_names::unused;
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::plot_data::{frontier_plots, optimisation_section, store_plots, table_plots};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
-use crate::{ReportError, page};
+use crate::{ReportError, file_list, page};
 
 /// What a report contains.
 #[derive(Clone, Debug)]
@@ -111,57 +111,34 @@ impl Report {
     /// those that were changed since, and no others.
     ///
     /// # Errors
-    /// Before anything is written, [`ReportError::NotOfReport`] if one of the files is there already and no report wrote it, or it
-    /// was changed since, and [`ReportError::Io`] for a broken list; then [`ReportError::Io`] and the errors of tables and plots.
+    /// Before anything is written, the errors of tables, plots and films, [`ReportError::NotOfReport`] if one of the files is there
+    /// already and no report wrote it, or it was changed since, and [`ReportError::Io`] for a broken list; then
+    /// [`ReportError::Io`].
     pub fn replace(&self, folder: &Path) -> Result<Written, ReportError> {
-        let orders = orders_as_markdown(&self.tables);
-        let mut writing = Writing::new(folder, FileList::read(folder)?, &self.file_names(orders.is_some()))?;
+        file_list::write(folder, &self.files()?)
+    }
+
+    /// All files by their paths in the report's folder, in the order of writing: the page, with which readers begin, is the last.
+    fn files(&self) -> Result<Vec<(String, Vec<u8>)>, ReportError> {
+        let mut files = Vec::new();
         for table in &self.tables {
             for format in &self.formats {
-                writing.write(table_name(table, *format), format.write(table)?.as_bytes())?;
+                let path = format!("tables/{}.{}", table.name, format.extension());
+                files.push((path, format.write(table)?.into_bytes()));
             }
         }
-        if let Some(orders) = orders {
-            writing.write(ORDERS.to_owned(), orders.as_bytes())?;
-        }
+        files.extend(orders_as_markdown(&self.tables).map(|orders| ("orders.md".to_owned(), orders.into_bytes())));
         for (name, drawing) in &self.plots {
-            for format in PLOT_FORMATS {
-                writing.write(plot_name(name, format), &drawing.encode(format)?)?;
+            for format in [PlotFormat::Svg, PlotFormat::Png] {
+                files.push((format!("plots/{name}.{}", format.extension()), drawing.encode(format)?));
             }
         }
         for film in &self.films {
-            writing.write(film_name(&film.name), &film.animated_png()?)?;
+            files.push((format!("films/{}.png", film.name), film.animated_png()?));
         }
-        writing.write(page::FILE.to_owned(), self.html.as_bytes())?;
-        writing.finish()
+        files.push((page::FILE.to_owned(), self.html.clone().into_bytes()));
+        Ok(files)
     }
-
-    /// The files that [`Self::replace`] writes.
-    fn file_names(&self, has_orders: bool) -> Vec<String> {
-        let formats = |table| self.formats.iter().map(move |format| table_name(table, *format));
-        let mut names: Vec<String> = self.tables.iter().flat_map(formats).collect();
-        names.push(page::FILE.to_owned());
-        names.extend(has_orders.then(|| ORDERS.to_owned()));
-        names.extend(self.plots.iter().flat_map(|(name, _)| PLOT_FORMATS.map(|format| plot_name(name, format))));
-        names.extend(self.films.iter().map(|film| film_name(&film.name)));
-        names
-    }
-}
-
-/// The published orders of all tables.
-const ORDERS: &str = "orders.md";
-const PLOT_FORMATS: [PlotFormat; 2] = [PlotFormat::Svg, PlotFormat::Png];
-
-fn table_name(table: &Table, format: TableFormat) -> String {
-    format!("tables/{}.{}", table.name, format.extension())
-}
-
-fn plot_name(name: &str, format: PlotFormat) -> String {
-    format!("plots/{name}.{}", format.extension())
-}
-
-fn film_name(name: &str) -> String {
-    format!("films/{name}.png")
 }
 
 /// Gives every plot a different name, by which its files and its place on the page are called: labels of stores may differ in
@@ -218,6 +195,24 @@ mod tests {
         assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "other"]);
         let stores = ["a/run", "b/run", "c/run (1)"].map(PathBuf::from);
         assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "run (1)-2"]);
+    }
+
+    #[test]
+    fn nothing_is_written_if_a_file_cannot_be_made() {
+        let film = Film { name: "empty".to_owned(), columns: Vec::new(), note: String::new(), frames: Vec::new() };
+        let report = Report {
+            tables: Vec::new(),
+            unmeasured: Vec::new(),
+            plots: Vec::new(),
+            films: vec![film],
+            html: "page".to_owned(),
+            formats: Vec::new(),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let page = folder.path().join("page");
+        assert!(matches!(report.write(&page), Err(ReportError::Image(_))), "a film without frames");
+        assert!(!page.exists());
+        assert_eq!(Report { films: Vec::new(), ..report }.write(&page).unwrap().len(), 2, "the page and the list");
     }
 
     /// Both labels are `a-b` in file names, and the section shows another frontier and another plot of a store under their names.

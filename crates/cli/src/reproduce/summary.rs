@@ -7,7 +7,7 @@ use atsplat_eval::discovery::NotRun;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
-use atsplat_report::table::{Mixing, Source, verdict};
+use atsplat_report::table::{Mixing, Source, agreement};
 use atsplat_report::{Report, Request};
 use atsplat_results::Results;
 use indexmap::IndexSet;
@@ -51,7 +51,7 @@ pub(super) fn write(
     Ok(report)
 }
 
-/// Prints every table's verdict, and what could not be run.
+/// Prints every table's agreement with the paper, and what could not be run.
 pub(super) fn print(
     report: &Report,
     stores: &[(String, Results)],
@@ -64,12 +64,12 @@ pub(super) fn print(
     });
     let mut text = format!("{trials} trials, {targets} targets; ATSplat: {trained}\n\n");
     for table in report.tables.iter().filter(|table| table.is_published()) {
-        let verdict = verdict(table);
+        let agreement = agreement(table);
         writeln!(text, "{}", table.title)?;
-        if let Some(headline) = &verdict.headline {
+        if let Some(headline) = &agreement.headline {
             writeln!(text, "    {headline}")?;
         }
-        writeln!(text, "    {verdict}")?;
+        writeln!(text, "    {agreement}")?;
     }
     if !report.unmeasured.is_empty() {
         writeln!(text, "\nno results for: {}", report.unmeasured.join(", "))?;

@@ -1,7 +1,13 @@
 use crate::csv_text::line;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{CSV_SUFFIXES, CSV_TIME_SUFFIXES, CellTiming, Row, Table, Value};
+use crate::table::{CellTiming, Row, Table, Value};
+
+/// Endings of the names of the columns that CSV has after a number.
+pub(crate) const CSV_SUFFIXES: [&str; 3] = ["low", "high", "scenes"];
+
+/// Endings of those that it also has after a time.
+const TIME_SUFFIXES: [&str; 5] = ["mad", "machine", "busy", "scope", "device"];
 
 /// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
 /// scenes. Times also have their median absolute deviation, the machine, whether it was busy, what the time of a process covers,
@@ -15,7 +21,7 @@ pub(super) fn write(table: &Table) -> String {
         head.push(name.clone());
         head.extend(CSV_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         if column.quantity == Quantity::Seconds {
-            head.extend(CSV_TIME_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
+            head.extend(TIME_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         }
     }
     let rows = table.rows.iter().map(|row| line(&record(table, row)));
@@ -49,8 +55,8 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
     record
 }
 
-/// What follows a time, in the order of [`CSV_TIME_SUFFIXES`].
-fn about_time(timing: &CellTiming) -> [String; CSV_TIME_SUFFIXES.len()] {
+/// What follows a time, in the order of [`TIME_SUFFIXES`].
+fn about_time(timing: &CellTiming) -> [String; TIME_SUFFIXES.len()] {
     let scope = timing.scope.map_or_else(String::new, |scope| scope.remark().to_owned());
     let device = timing.device.clone().unwrap_or_default();
     [timing.spread.mad.to_string(), timing.machine.to_string(), timing.busy.to_string(), scope, device]

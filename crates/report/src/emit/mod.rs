@@ -12,11 +12,12 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+pub(crate) use csv_file::CSV_SUFFIXES;
 pub use orders::orders_as_markdown;
 pub use terminal::Terminal;
 
 use crate::ReportError;
-use crate::table::{Table, verdict};
+use crate::table::{Table, agreement};
 
 /// Version of the JSON format of tables.
 const JSON_VERSION: u32 = 3;
@@ -33,7 +34,7 @@ pub enum TableFormat {
     Latex,
     /// One line per row, with numbers in full precision.
     Csv,
-    /// All data, with the verdict.
+    /// All data, with the agreement of measured and published values as `verdict`.
     Json,
 }
 
@@ -67,7 +68,7 @@ impl TableFormat {
     }
 }
 
-/// The table with its verdict.
+/// The table with its agreement with the paper, as `verdict`.
 pub fn json_of(table: &Table) -> Value {
-    json!({ "version": JSON_VERSION, "table": table, "verdict": verdict(table) })
+    json!({ "version": JSON_VERSION, "table": table, "verdict": agreement(table) })
 }

@@ -1,10 +1,11 @@
+use atsplat_numeric::distinct;
 use atsplat_results::{MethodRecord, Provenance};
 
 use super::PageStore;
 use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{
-    Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, distinct, is_changed, short, short_commit,
+    Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, is_changed, short, short_commit,
 };
 
 /// A protocol behind a number, and the provenance of its store.

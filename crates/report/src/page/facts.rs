@@ -1,10 +1,10 @@
 use std::collections::BTreeSet;
 
-use atsplat_numeric::noun;
+use atsplat_numeric::{distinct, noun};
 
 use super::{PageStore, escaped};
 use crate::counted;
-use crate::table::{Table, distinct, short, short_commit, verdict};
+use crate::table::{Table, agreement, short, short_commit};
 
 /// A summary in a few numbers, then a line per table.
 pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
@@ -30,16 +30,16 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
         ));
     }
     let compared: Vec<_> =
-        tables.iter().map(|table| (table, verdict(table))).filter(|(_, verdict)| verdict.compared > 0).collect();
+        tables.iter().map(|table| (table, agreement(table))).filter(|(_, agreement)| agreement.compared > 0).collect();
     if !compared.is_empty() {
         text.push_str("<ul>");
-        for (table, verdict) in compared {
-            let headline = verdict.headline.as_ref().map_or_else(String::new, |headline| format!("{headline}. "));
+        for (table, agreement) in compared {
+            let headline = agreement.headline.as_ref().map_or_else(String::new, |headline| format!("{headline}. "));
             text.push_str(&format!(
                 "<li><a href=\"#table-{}\">{}</a>: {}</li>",
                 escaped(&table.name),
                 escaped(&table.title),
-                escaped(&format!("{headline}{verdict}"))
+                escaped(&format!("{headline}{agreement}"))
             ));
         }
         text.push_str("</ul>");

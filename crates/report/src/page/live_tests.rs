@@ -2,7 +2,7 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::live::{LiveCamera, LiveScene, LiveStage};
-use atsplat_numeric::{SplitMix64, Tolerance};
+use atsplat_numeric::{Extremes as _, SplitMix64, Tolerance};
 use atsplat_pixels::ImageU8;
 use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, RendererConstants, View, reference, sh};
 use glam::{DMat3, DVec3};
@@ -84,7 +84,7 @@ fn compared(name: &str, report: &Value, gaussians: &Gaussians, base: &View) -> C
         .flat_map(|(pixel, page)| [0, 1, 2].map(|at| (level(pixel[at]) - f64::from(page[at])).abs()))
         .collect();
     assert_eq!(differences.len(), 120 * 80 * 3);
-    let worst = differences.iter().copied().fold(0.0, |a: f64, b| if b > a { b } else { a });
+    let worst = differences.iter().copied().fold(0.0, f64::maximum_of);
     let mean = differences.iter().sum::<f64>() / differences.len() as f64;
     println!("{name}: worst {worst:.2}, mean {mean:.3} of 255");
     assert!(worst <= WORST && mean <= MEAN, "{name}: worst {worst:.2}, mean {mean:.3} of 255");

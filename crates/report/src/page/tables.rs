@@ -1,7 +1,7 @@
 use super::cite::citation;
 use super::{PageStore, escaped};
 use crate::plot::Origin;
-use crate::table::{Mark, NoteKind, Row, Table, verdict};
+use crate::table::{Mark, NoteKind, Row, Table, agreement};
 
 /// Tables with more columns are set more tightly.
 const WIDE: usize = 11;
@@ -35,9 +35,8 @@ fn card(table: &Table, region: &str, stores: &[PageStore<'_>]) -> String {
             format!("<button type=\"button\" data-table=\"{name}\" data-copy=\"{format}\">Copy {title}</button>")
         })
         .concat();
-    let verdict = verdict(table);
-    let verdict = if table.is_published() && table.is_measured() {
-        format!("<p class=\"verdict\">{}</p>", escaped(&verdict.to_string()))
+    let agreement = if table.is_published() && table.is_measured() {
+        format!("<p class=\"verdict\">{}</p>", escaped(&agreement(table).to_string()))
     } else {
         String::new()
     };
@@ -46,7 +45,7 @@ fn card(table: &Table, region: &str, stores: &[PageStore<'_>]) -> String {
     let notes: String = table.footer.iter().map(|note| format!("<li>{}</li>", escaped(&note.text))).collect();
     format!(
         "<article class=\"card\" id=\"table-{name}\">\n<div class=\"top\"><h3>{}</h3><div class=\"tools\">{buttons}</div></div>\n\
-         <p class=\"caption\">{}</p>\n{warnings}<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{}\">{}</div>\n{verdict}\n\
+         <p class=\"caption\">{}</p>\n{warnings}<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{}\">{}</div>\n{agreement}\n\
          <details class=\"notes\"><summary>Convention, counts, intervals</summary><ul>{notes}</ul></details>\n</article>\n",
         escaped(&table.title),
         escaped(&table.caption),

@@ -1,3 +1,5 @@
+use atsplat_numeric::Extremes as _;
+
 use super::drawing::axes::Axes;
 use super::drawing::labels::Labels;
 use super::drawing::scale::Scale;
@@ -68,7 +70,7 @@ impl SceneScatter {
         });
         for row in self.panels.chunks(ACROSS) {
             let captions: Vec<TextLine> = row.iter().enumerate().map(|(at, panel)| caption(panel, at, below)).collect();
-            let head = captions.iter().map(|text| text.extent().bottom).fold(below, |a, b| if a > b { a } else { b });
+            let head = captions.iter().map(|text| text.extent().bottom).fold(below, f64::maximum_of);
             for text in captions {
                 drawing.text(text);
             }
@@ -78,7 +80,7 @@ impl SceneScatter {
                 let left = LEFT + PITCH * at as f64;
                 let edge =
                     self.draw_panel(&mut drawing, panel, Extent::new(left, top, left + SIDE, top + SIDE), &names);
-                below = if edge > below { edge } else { below };
+                below = below.maximum_of(edge);
             }
         }
         let hint = "above the diagonal, the method on the y axis has the higher value";

@@ -1,8 +1,8 @@
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, distinct};
 
 use super::drawing::axes::Axes;
 use super::drawing::scale::{Scale, seconds_label, time_unit};
-use super::drawing::series::number_axis;
+use super::drawing::series::{level_whisker, number_axis};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{INK, SURFACE, colour, text_on};
 
@@ -39,12 +39,7 @@ impl StageTime {
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 54.0;
         let (mut drawing, head) = Drawing::titled(WIDTH, &self.title, &self.subtitle);
-        let mut names: Vec<&str> = Vec::new();
-        for (name, _) in self.rows.iter().flat_map(|row| &row.stages) {
-            if !names.contains(&name.as_str()) {
-                names.push(name);
-            }
-        }
+        let names = distinct(self.rows.iter().flat_map(|row| &row.stages).map(|(name, _)| name.as_str()));
         let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, place| {
             drawing.swatch(place, Fill::solid(colour(at)));
         });
@@ -110,15 +105,10 @@ fn bar(drawing: &mut Drawing, axes: Axes, row: &StageTimeRow, names: &[&str], mi
     }
     let mut right = x_of(from);
     if let Some([low, high]) = row.spread {
-        let (y, stroke) = (middle - 8.0, Stroke::new(INK, 1.5));
-        let [low, high] = [x_of(low), x_of(high)];
-        drawing.with(Role::Frame, |drawing| {
-            drawing.line([[low, y], [high, y]], stroke);
-            for x in [low, high] {
-                drawing.line([[x, y - 4.0], [x, y + 4.0]], stroke);
-            }
-        });
-        right = right.maximum_of(high);
+        let ends = [x_of(low), x_of(high)];
+        let stroke = Stroke::new(INK, 1.5);
+        drawing.with(Role::Frame, |drawing| level_whisker(drawing, middle - 8.0, ends, stroke));
+        right = right.maximum_of(ends[1]);
     }
     if let Some(total) = row.total {
         drawing.text(TextLine::new(seconds_label(total), [right + 8.0, middle]).bold());

@@ -1,3 +1,5 @@
+use atsplat_numeric::{Extremes as _, distinct};
+
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::scale::Scale;
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
@@ -42,7 +44,8 @@ const PANELS: [(&str, &str); 3] = [
 impl StressErrors<'_> {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
-        let (cases, renderers) = (unique(self.errors, |error| error.case), unique(self.errors, |error| error.renderer));
+        let cases = distinct(self.errors.iter().map(|error| error.case));
+        let renderers = distinct(self.errors.iter().map(|error| error.renderer));
         let failed = self.errors.iter().filter(|error| !error.passes).count();
         let subtitle = format!(
             "{} hard cases on {} renderers; relative errors, {failed} beyond their bounds",
@@ -78,7 +81,7 @@ impl StressErrors<'_> {
             axes.draw_x_grid(&mut drawing, &powers);
             let label = |power: f64, _: &[f64]| format!("{power:.0}").replace('-', "−");
             let edge = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &powers);
-            below = if edge > below { edge } else { below };
+            below = below.maximum_of(edge);
             for error in self.errors.iter().filter(|error| error.kind == kind) {
                 let place = |all: &[&str], name: &str| all.iter().position(|known| *known == name);
                 let (Some(case), Some(renderer)) = (place(&cases, error.case), place(&renderers, error.renderer))
@@ -118,17 +121,6 @@ fn cross(drawing: &mut Drawing, [x, y]: [f64; 2]) {
 fn power(value: f64) -> f64 {
     let power = value.log10();
     if power.is_nan() { HIGHEST } else { power.clamp(LOWEST, HIGHEST) }
-}
-
-/// Each name once, in order.
-fn unique<'a>(errors: &[StressError<'a>], name: fn(&StressError<'a>) -> &'a str) -> Vec<&'a str> {
-    let mut list = Vec::new();
-    for name in errors.iter().map(name) {
-        if !list.contains(&name) {
-            list.push(name);
-        }
-    }
-    list
 }
 
 #[cfg(test)]

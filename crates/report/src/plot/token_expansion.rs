@@ -1,3 +1,4 @@
+use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
@@ -34,8 +35,7 @@ impl TokenExpansion {
     pub fn draw(&self) -> Drawing {
         const LARGEST: f64 = 720.0;
         let [width, height] = self.size.map(|length| if length >= 1.0 { length } else { 1.0 });
-        let longest = if width > height { width } else { height };
-        let scale = LARGEST / longest;
+        let scale = LARGEST / width.maximum_of(height);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the largest side")]
         let page_width = (width * scale + 2.0 * MARGIN).clamp(480.0, 2000.0) as u32;
         let (mut drawing, head) = Drawing::titled(page_width, &self.title, &self.subtitle);

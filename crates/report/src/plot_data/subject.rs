@@ -30,7 +30,7 @@ pub(super) fn subject(results: &Results, preset: &PresetRecord) -> String {
 
 /// `; 2 of 48 targets are context frames`, of the targets under these presets of results, whatever the number of methods; empty
 /// if none is.
-pub(super) fn given_targets<'a>(protocols: impl IntoIterator<Item = (&'a Results, &'a str)>) -> String {
+pub(super) fn leaked_targets<'a>(protocols: impl IntoIterator<Item = (&'a Results, &'a str)>) -> String {
     let mut targets: BTreeMap<(&str, &str, u32, u32), bool> = BTreeMap::new();
     for (results, preset) in protocols {
         for row in results.targets.iter().filter(|row| row.key.preset == preset) {
@@ -38,9 +38,9 @@ pub(super) fn given_targets<'a>(protocols: impl IntoIterator<Item = (&'a Results
             *targets.entry((preset, scene.as_str(), *entry, row.target)).or_default() |= row.leaked;
         }
     }
-    let given = targets.values().filter(|leaked| **leaked).count();
+    let leaked = targets.values().filter(|leaked| **leaked).count();
     let all = counted(targets.len() as u64, "target");
-    match given {
+    match leaked {
         0 => String::new(),
         1 => format!("; 1 of {all} is a context frame"),
         several => format!("; {several} of {all} are context frames"),
@@ -96,11 +96,11 @@ mod tests {
         assert_eq!(titles, ["ATSplat (a)", "ATSplat (b), untrained", "untrained network"]);
     }
 
-    /// Two methods with the same twelve targets, of which one is given.
+    /// Two methods with the same twelve targets, of which one is leaked.
     #[test]
     fn targets_that_are_context_frames_are_counted_once() {
         let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
-        let said = |results: &Results| given_targets([(results, "re10k-2v-256")]);
+        let said = |results: &Results| leaked_targets([(results, "re10k-2v-256")]);
         assert_eq!(said(&results), "; 1 of 12 targets is a context frame");
         results.targets.iter_mut().filter(|row| row.target == 1).for_each(|row| row.leaked = true);
         assert_eq!(said(&results), "; 5 of 12 targets are context frames");

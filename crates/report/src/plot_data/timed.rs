@@ -1,8 +1,9 @@
 use std::collections::BTreeSet;
 
+use atsplat_numeric::distinct;
 use atsplat_results::times::Machine;
 
-use crate::table::{BUSY, TimeScope, distinct};
+use crate::table::{BUSY, TimeScope};
 
 /// On what the methods of a plot were timed, and what the marks of their times mean, in words for its heading.
 #[derive(Debug, Default)]

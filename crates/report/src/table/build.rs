@@ -1,10 +1,12 @@
+use atsplat_numeric::distinct;
+
 use super::comparable::{ComparableResults, StoreMethod, comparable_groups};
 use super::footer::footer;
 use super::measured_row::{Reproduced, RowSource};
 use super::orders::orders;
 use super::rank::rank;
 use super::trainings::{distinguish, mean_rows};
-use super::{Cell, Column, Group, Row, Source, Table, Value, distinct};
+use super::{Cell, Column, Group, Row, Source, Table, Value};
 use crate::ReportError;
 use crate::definition::{ColumnDefinition, ColumnGroup, PublishedRow, RowDefinition, TableDefinition, is_ablation};
 use crate::plot::Origin;

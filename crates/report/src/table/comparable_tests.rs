@@ -158,7 +158,7 @@ fn an_order_that_identical_renders_would_change_is_not_marked() {
     assert!(!row_of(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
 }
 
-/// A method that copies context frames almost to the bit wins by targets that it was given, and by them alone.
+/// A method that copies context frames almost to the bit wins by leaked targets, and by them alone.
 #[test]
 fn an_order_that_leaked_targets_decide_is_not_marked() {
     for (copy, expected) in [(95.0, NONE), (20.0, SECOND_IS_BEST)] {

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeSet;
 
+use atsplat_numeric::distinct;
 use atsplat_protocol::trial::SkipReason;
 use atsplat_protocol::{AcceptedIndex, DropReason, PoseNormalisation, Preset};
 use atsplat_results::{PresetRecord, SkippedEntry};
 
+use super::Row;
 use super::comparable::Part;
-use super::{Row, distinct};
 
 impl Part<'_> {
     /// How the results of these methods differ from the published setting; `None` if they do not. Other methods may have trials where

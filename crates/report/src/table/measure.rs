@@ -70,7 +70,7 @@ fn summary_of_group(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnG
     }
 }
 
-/// Whether a render is identical to the truth although the method was not given that frame.
+/// Whether a render of a target that is not leaked is identical to the truth.
 fn has_identical(run: MethodRun<'_>) -> bool {
     let mut targets = run.results().targets_of(run.preset_name(), run.method());
     targets.any(|row| row.status == TargetStatus::Identical && !row.leaked)

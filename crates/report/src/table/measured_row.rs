@@ -1,5 +1,6 @@
 //! The measured rows of a method: one for each protocol under which it was run, and the same without leaked targets.
 
+use atsplat_numeric::distinct;
 use atsplat_results::MethodRecord;
 use atsplat_results::statistics::Leaked;
 
@@ -7,7 +8,7 @@ use super::comparable::{ComparableResults, MethodRun, Part, StoreMethod};
 use super::measure::cells;
 use super::measured_on::{MeasuredOn, ProtocolRun};
 use super::remarks::LEAKED_EXCLUDED;
-use super::{Cell, Row, StoreProtocol, distinct, has_trials};
+use super::{Cell, Row, StoreProtocol, has_trials};
 use crate::definition::{ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition};
 use crate::plot::Origin;
 

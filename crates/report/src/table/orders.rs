@@ -34,7 +34,7 @@ pub struct Order {
     pub outcome: Outcome,
 }
 
-/// The verdict on an order.
+/// How a measured order compares with the published one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {

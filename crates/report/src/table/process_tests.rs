@@ -7,7 +7,7 @@ use atsplat_results::Results;
 
 use super::*;
 use crate::csv_text;
-use crate::definition::TableDefinition;
+use crate::definition::{Quantity, TableDefinition};
 use crate::emit::TableFormat;
 use crate::sample::store;
 

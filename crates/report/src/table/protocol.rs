@@ -4,15 +4,17 @@
 use std::collections::BTreeSet;
 
 use atsplat_metrics::{Definition, definitions};
+use atsplat_numeric::distinct;
 use atsplat_results::{PresetRecord, TargetRow};
 
 use super::build::table;
 use super::comparable::{ComparableResults, comparable_groups};
-use super::{CSV_SUFFIXES, Mixing, Source, Table, distinct};
+use super::{Mixing, Source, Table};
 use crate::ReportError;
 use crate::definition::{
     ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
 };
+use crate::emit::CSV_SUFFIXES;
 use crate::file_names::{plain, unused};
 
 /// The tables of all protocols with results, in the order of the stores: one for each protocol and dataset.

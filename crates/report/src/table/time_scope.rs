@@ -1,7 +1,10 @@
 use serde::Serialize;
 
-use super::{BUSY, Cell, CellTiming};
+use super::{Cell, CellTiming};
 use crate::counted;
+
+/// Marks times measured on a busy machine.
+pub(crate) const BUSY: &str = "§";
 
 /// What the time of a method in a separate process covers; other methods are timed while they encode, within this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

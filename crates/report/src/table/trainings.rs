@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::distinct;
 use atsplat_results::statistics::{SceneMean, of_seeds, weighted_scene_means};
 
 use super::comparable::{ComparableResults, MethodRun};
 use super::orders::is_further_training;
-use super::{Cell, CellIndex, Counts, MeasuredOn, Row, Trainings, Value, distinct};
+use super::{Cell, CellIndex, Counts, MeasuredOn, Row, Trainings, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, TableDefinition};
 
 /// Measured rows that are trainings of one network from different seeds, and what they were measured with.

@@ -1,3 +1,5 @@
+use atsplat_numeric::Extremes as _;
+
 use super::shape::{Drawing, Extent, Role, Side, Stroke, TextLine};
 use super::theme::GREY;
 
@@ -135,13 +137,13 @@ pub(in crate::plot) fn spread(wanted: &[(f64, f64)], low: f64, high: f64) -> Vec
     let mut least = low;
     for &at in &order {
         let half = wanted[at].1 / 2.0;
-        placed[at] = if placed[at] > least + half { placed[at] } else { least + half };
+        placed[at] = placed[at].maximum_of(least + half);
         least = placed[at] + half;
     }
     let mut most = high;
     for &at in order.iter().rev() {
         let half = wanted[at].1 / 2.0;
-        placed[at] = if placed[at] < most - half { placed[at] } else { most - half };
+        placed[at] = placed[at].minimum_of(most - half);
         most = placed[at] - half;
     }
     placed

@@ -1,4 +1,4 @@
-use atsplat_numeric::quantile;
+use atsplat_numeric::{Extremes as _, quantile};
 
 /// Maps values to positions along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,7 +133,7 @@ pub(in crate::plot) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(None, |bounds, value| match bounds {
         None => Some((value, value)),
-        Some((low, high)) => Some((if value < low { value } else { low }, if value > high { value } else { high })),
+        Some((low, high)) => Some((value.minimum_of(low), value.maximum_of(high))),
     })
 }
 

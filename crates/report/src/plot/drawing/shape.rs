@@ -1,5 +1,6 @@
 use std::sync::Arc;
 
+use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 use plotters::style::RGBColor;
 
@@ -126,11 +127,9 @@ impl Extent {
     /// The area of the intersection, in square pixels.
     pub(in crate::plot) fn shared(self, other: Self) -> f64 {
         let length = |low: f64, high: f64| (high - low).clamp(0.0, f64::INFINITY);
-        let left = if self.left > other.left { self.left } else { other.left };
-        let right = if self.right < other.right { self.right } else { other.right };
-        let top = if self.top > other.top { self.top } else { other.top };
-        let bottom = if self.bottom < other.bottom { self.bottom } else { other.bottom };
-        length(left, right) * length(top, bottom)
+        let width = length(self.left.maximum_of(other.left), self.right.minimum_of(other.right));
+        let height = length(self.top.maximum_of(other.top), self.bottom.minimum_of(other.bottom));
+        width * height
     }
 
     pub(in crate::plot) fn contains(self, other: Self) -> bool {
@@ -213,10 +212,8 @@ impl TextLine {
     /// Its bounding box.
     pub(in crate::plot) fn extent(&self) -> Extent {
         let lines = font::wrapped(&self.text, self.size, self.bold, self.room);
-        let width = lines
-            .iter()
-            .map(|line| font::width_of(line, self.size, self.bold))
-            .fold(0.0, |widest, width| if width > widest { width } else { widest });
+        let widths = lines.iter().map(|line| font::width_of(line, self.size, self.bold));
+        let width = widths.fold(0.0, f64::maximum_of);
         let height = self.size * (1.0 + Self::PITCH * (lines.len() as f64 - 1.0));
         let [x, y] = self.at;
         let left = match self.side {
@@ -354,7 +351,7 @@ impl Drawing {
                 text = place(x, y);
             }
             let extent = text.extent();
-            (bottom, x) = (if extent.bottom > bottom { extent.bottom } else { bottom }, extent.right + 20.0);
+            (bottom, x) = (bottom.maximum_of(extent.bottom), extent.right + 20.0);
             let middle = [extent.left - SAMPLE + 7.0, y + SMALL / 2.0];
             self.key(name, |drawing| {
                 sample(drawing, at, middle);

@@ -57,6 +57,8 @@ pub(crate) fn text_on(colour: RGBColor) -> RGBColor {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Extremes as _;
+
     use super::*;
 
     /// What a reader without the cones for long, medium or short waves sees of linear light (Machado et al. 2009,
@@ -95,7 +97,7 @@ mod tests {
             let pairs = lab(a, sight).into_iter().zip(lab(b, sight));
             pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
         };
-        SIGHT.into_iter().map(seen_with).fold(f64::INFINITY, |least, found| if found < least { found } else { least })
+        SIGHT.into_iter().map(seen_with).fold(f64::INFINITY, f64::minimum_of)
     }
 
     #[test]

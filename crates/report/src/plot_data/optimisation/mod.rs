@@ -4,6 +4,7 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_numeric::distinct;
 use atsplat_protocol::OverlapBins;
 use atsplat_results::{PresetRecord, Results};
 
@@ -14,7 +15,7 @@ use crate::counted;
 use crate::file_names::{plain, unused};
 use crate::page::PlotSection;
 use crate::plot::{Drawing, OptimisationCurves, OptimisationPanel, OptimisationPoint};
-use crate::table::{Source, distinct};
+use crate::table::Source;
 use settings::{Panel, PanelPoint, Settings, Study};
 
 /// Kinds of methods that are optimised for each trial, and their curves' names, in the order of the legend.

@@ -10,7 +10,7 @@ use atsplat_results::statistics::{
 use atsplat_results::{MethodRecord, PresetRecord, Results};
 
 use super::first_metric;
-use super::subject::{given_targets, subject, title_of, unfinished};
+use super::subject::{leaked_targets, subject, title_of, unfinished};
 use crate::file_names::plain;
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, ScatterPanel, ScatterPoint, SceneScatter,
@@ -72,7 +72,7 @@ impl<'a> ProtocolResults<'a> {
 
     /// What a plot of means is about.
     fn subject_of_means(&self) -> String {
-        format!("{}{}", self.subject(), given_targets([(self.results, self.preset.name.as_str())]))
+        format!("{}{}", self.subject(), leaked_targets([(self.results, self.preset.name.as_str())]))
     }
 
     fn extrapolation(&self, metric: &'static Definition) -> Option<Drawing> {

@@ -1,7 +1,7 @@
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 
-use super::{explained, given, measured_from, metric_of, shown, subtitle};
+use super::{explained, leaked_in, measured_from, metric_of, shown, subtitle};
 use crate::definition::TableDefinition;
 use crate::plot::{Ablation, AblationRow, Drawing, Estimate, Origin};
 use crate::table::{CellIndex, Row, Source, Table, Value};
@@ -46,7 +46,12 @@ pub(super) fn ablation(
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
         title: table.title.clone(),
-        subtitle: format!("{}{}{}", subtitle(table, group, 0..1), given(table, 0..1, sources), explained(shown(table))),
+        subtitle: format!(
+            "{}{}{}",
+            subtitle(table, group, 0..1),
+            leaked_in(table, 0..1, sources),
+            explained(shown(table))
+        ),
         quality: metric.into(),
         reference: row(reference),
         rows,

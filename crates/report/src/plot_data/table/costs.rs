@@ -1,6 +1,6 @@
 use atsplat_metrics::Definition;
 
-use super::{column_of, estimate, explained, given, metric_of, name, shown, subtitle};
+use super::{column_of, estimate, explained, leaked_in, metric_of, name, shown, subtitle};
 use crate::definition::Quantity;
 use crate::plot::{CostAxis, Drawing, Frontier, FrontierPoint, Origin};
 use crate::plot_data::timed::Timed;
@@ -67,7 +67,7 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
         subtitle: format!(
             "{}{}{}{}",
             subtitle(table, &table.groups[at], at..at + 1),
-            given(table, at..at + 1, sources),
+            leaked_in(table, at..at + 1, sources),
             timed.in_words(),
             explained(measured())
         ),

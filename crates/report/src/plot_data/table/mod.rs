@@ -4,15 +4,16 @@ mod costs;
 use std::ops::Range;
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::distinct;
 use atsplat_results::Results;
 
-use super::subject::given_targets;
+use super::subject::leaked_targets;
 use crate::counted;
 use crate::definition::{PlotKind, Quantity, TableDefinition, has_thresholds};
 use crate::plot::{
     BudgetHistogram, BudgetSeries, Drawing, Estimate, KPoint, KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
-use crate::table::{Cell, CellIndex, Group, INFERENCE_ONLY, Row, Source, StoreProtocol, Table, distinct};
+use crate::table::{Cell, CellIndex, Group, INFERENCE_ONLY, Row, Source, StoreProtocol, Table};
 use ablation::ablation;
 use costs::frontiers;
 
@@ -79,10 +80,10 @@ fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
 }
 
 /// How many of the measured targets of these groups of columns are context frames.
-fn given(table: &Table, drawn: Range<usize>, sources: &[Source<'_>]) -> String {
+fn leaked_in(table: &Table, drawn: Range<usize>, sources: &[Source<'_>]) -> String {
     let measured = drawn.flat_map(|group| shown(table).flat_map(move |row| row.measured(group)));
     let protocols = distinct(measured.map(|protocol| (protocol.store.as_str(), protocol.preset.as_str())));
-    given_targets(protocols.into_iter().filter_map(|(store, preset)| {
+    leaked_targets(protocols.into_iter().filter_map(|(store, preset)| {
         let source = sources.iter().find(|source| source.label == store)?;
         Some((source.results, preset))
     }))
@@ -116,7 +117,7 @@ fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)>
     let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
     let plot = KScaling {
         title: format!("{} against K", metric.name),
-        subtitle: format!("{}{}", subtitle(table, group, 0..1), given(table, 0..1, sources)),
+        subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
         quality: metric.into(),
         points,
         note: if shown(table).any(Row::is_over_trainings) { MEANS.to_owned() } else { String::new() },
@@ -145,7 +146,7 @@ fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawin
         subtitle: format!(
             "{}{}{}",
             subtitle(table, &Group { title: String::new(), ..(*first).clone() }, 0..table.groups.len()),
-            given(table, 0..table.groups.len(), sources),
+            leaked_in(table, 0..table.groups.len(), sources),
             explained(shown(table))
         ),
         quality: (*metric).into(),

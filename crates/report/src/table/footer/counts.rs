@@ -1,10 +1,11 @@
 use atsplat_eval::doubts::DOUBTS;
+use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES};
 
 use super::super::comparable::ComparableResults;
 use super::super::labels::name;
-use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value, distinct};
+use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 use super::Notes;
 use crate::counted;
 use crate::definition::Quantity;

@@ -1,5 +1,7 @@
 use std::collections::BTreeMap;
 
+use atsplat_numeric::Extremes as _;
+
 use super::super::shape::{Extent, Role};
 use super::{FaultKind, PlotFault, Printed, fault};
 
@@ -29,11 +31,8 @@ fn of_axis(ticks: &[&Printed<'_>], title: Option<&str>) -> Option<String> {
         values.push((value, middle(tick.extent)));
     }
     let across = |at: usize| {
-        let places = || values.iter().map(move |(_, place)| place[at]);
-        places().fold(0.0f64, |most, place| {
-            let distance = values.first().map_or(0.0, |(_, first)| (place - first[at]).abs());
-            if distance > most { distance } else { most }
-        })
+        let distance = |place: [f64; 2]| values.first().map_or(0.0, |(_, first)| (place[at] - first[at]).abs());
+        values.iter().map(|(_, place)| distance(*place)).fold(0.0, f64::maximum_of)
     };
     // Up and to the right is more.
     let (along, sign) = if across(0) >= across(1) { (0, 1.0) } else { (1, -1.0) };

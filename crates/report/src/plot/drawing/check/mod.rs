@@ -11,6 +11,8 @@ mod tests;
 
 use std::fmt;
 
+use atsplat_numeric::Extremes as _;
+
 use super::shape::{Drawing, Extent, Item, Role, Shape, TextLine};
 use super::theme::{NAME, SMALL, TITLE};
 
@@ -125,10 +127,10 @@ fn bounds(item: &Item) -> Option<Extent> {
         let mut extent = Extent::new(first[0], first[1], first[0], first[1]);
         for [x, y] in points {
             extent = Extent::new(
-                if *x < extent.left { *x } else { extent.left },
-                if *y < extent.top { *y } else { extent.top },
-                if *x > extent.right { *x } else { extent.right },
-                if *y > extent.bottom { *y } else { extent.bottom },
+                x.minimum_of(extent.left),
+                y.minimum_of(extent.top),
+                x.maximum_of(extent.right),
+                y.maximum_of(extent.bottom),
             );
         }
         points.iter().flatten().all(|at| at.is_finite()).then_some(extent)

@@ -1,3 +1,5 @@
+use atsplat_numeric::Extremes as _;
+
 use super::super::shape::{Drawing, Extent, Item, Role, Shape};
 use super::{FaultKind, PlotFault, Printed, bounds, fault};
 
@@ -52,9 +54,9 @@ fn crosses([x, y]: [f64; 2], [to_x, to_y]: [f64; 2], ink: Extent) -> bool {
                 return false;
             }
         } else if step < 0.0 {
-            enter = if room / step > enter { room / step } else { enter };
+            enter = (room / step).maximum_of(enter);
         } else {
-            leave = if room / step < leave { room / step } else { leave };
+            leave = (room / step).minimum_of(leave);
         }
     }
     enter < leave

@@ -1,5 +1,6 @@
 use std::collections::BTreeMap;
 
+use atsplat_numeric::Extremes as _;
 use plotters::style::RGBColor;
 
 use super::super::shape::{Drawing, Item, Role, Shape};
@@ -54,7 +55,7 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
         let edges = edges(item);
         edges.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>()
     });
-    let least = steps.fold(f64::INFINITY, |least, step| if step < least { step } else { least });
+    let least = steps.fold(f64::INFINITY, f64::minimum_of);
     faults.extend(drawing.items.iter().filter_map(|item| band(item, &data, least)));
     faults
 }

@@ -10,7 +10,7 @@ use crate::plot::Origin;
 /// How measured rows compare with the published rows that they reproduce.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Verdict {
+pub struct Agreement {
     /// Name of the table.
     pub table: String,
     /// The most important values.
@@ -73,7 +73,7 @@ impl std::fmt::Display for Headline {
 
 /// Compares values; if several measured rows reproduce a published row, the first counts. Orders are those of
 /// [`Table::orders`].
-pub fn verdict(table: &Table) -> Verdict {
+pub fn agreement(table: &Table) -> Agreement {
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
     let reproduced = |row: &Row| {
         let mut measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
@@ -84,7 +84,7 @@ pub fn verdict(table: &Table) -> Verdict {
     let elsewhere = measured_on.filter(|on| !on.published_setting);
     let places: BTreeSet<&String> = elsewhere.map(|on| &on.place).collect();
     let votes = |outcome| table.orders.iter().filter(|order| order.outcome == outcome).count() as u64;
-    let mut verdict = Verdict {
+    let mut agreement = Agreement {
         table: table.name.clone(),
         headline: pairs.last().and_then(|(paper, measured)| headline(table, paper, measured)),
         not_comparable: places.into_iter().cloned().collect(),
@@ -94,18 +94,18 @@ pub fn verdict(table: &Table) -> Verdict {
         few_scenes: table.orders.iter().any(|order| order.interval.is_none()),
         untrained: pairs.iter().any(|(_, measured)| measured.untrained),
         inference_only: pairs.iter().any(|(_, measured)| measured.not_retrained),
-        ..Verdict::default()
+        ..Agreement::default()
     };
     // Published times were measured on other machines.
     for (index, column) in table.columns().filter(|(_, column)| column.quantity != Quantity::Seconds) {
         for (paper, measured) in &pairs {
-            verdict.compare(column, paper.cell(index), measured.cell(index));
+            agreement.compare(column, paper.cell(index), measured.cell(index));
         }
     }
-    verdict
+    agreement
 }
 
-impl Verdict {
+impl Agreement {
     /// Counts a pair of cells, if both have a number.
     fn compare(&mut self, column: &Column, paper: &Cell, cell: &Cell) {
         let (Some(published), Some(measured)) = (paper.value.number(), cell.value.number()) else { return };
@@ -146,7 +146,7 @@ fn headline(table: &Table, paper: &Row, measured: &Row) -> Option<Headline> {
     Some(Headline { row: paper.names().join(" "), quantity: first.title(), measured, published })
 }
 
-impl std::fmt::Display for Verdict {
+impl std::fmt::Display for Agreement {
     /// `not comparable: measured on simulated rooms, 128×128, 8 of 24 scenes; orders: 1 kept, 0 reversed, 5 undecided`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if self.compared == 0 {
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn means_over_part_of_the_targets_and_other_metrics_are_not_equal() {
         let of = |results: &Results| {
-            let found = verdict(&built(Some(results)));
+            let found = agreement(&built(Some(results)));
             ([found.equal_as_printed, found.partial, found.other_weights], found.compared, found.to_string())
         };
         let whole = store("397923af00");

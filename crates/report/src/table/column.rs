@@ -1,0 +1,61 @@
+use atsplat_metrics::Direction;
+use serde::Serialize;
+
+use crate::definition::Quantity;
+
+/// Columns with a common heading.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Group {
+    /// The heading; empty for none.
+    pub title: String,
+    /// The measured preset; `None` if rows specify it.
+    pub preset: Option<String>,
+    /// The presets that were run, if they differ from the published setting.
+    pub measured_on: Option<String>,
+    /// The columns.
+    pub columns: Vec<Column>,
+}
+
+/// A column of numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Column {
+    /// Name in CSV files: that of the published column.
+    pub name: String,
+    /// Heading.
+    pub title: String,
+    /// The quantity shown.
+    pub quantity: Quantity,
+    /// Which direction is better.
+    pub direction: Option<Direction>,
+    /// Whether counts are printed exactly.
+    pub exact: bool,
+    /// Whether intervals are printed next to the numbers.
+    pub intervals: bool,
+}
+
+/// The position of a column, and of its cell in every row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CellIndex {
+    /// Position of the group of columns.
+    pub group: usize,
+    /// Position in the group.
+    pub column: usize,
+}
+
+impl Column {
+    /// Formats a number of the column as papers do.
+    pub(crate) fn format(&self, value: f64) -> String {
+        self.quantity.print(value, self.exact)
+    }
+
+    /// The heading, with an arrow in the better direction.
+    pub fn head(&self) -> String {
+        match self.direction {
+            Some(Direction::Higher) => format!("{} ↑", self.title),
+            Some(Direction::Lower) => format!("{} ↓", self.title),
+            None => self.title.clone(),
+        }
+    }
+}
