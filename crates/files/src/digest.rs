@@ -23,6 +23,13 @@ impl Sha256Digest {
         Self(Sha256::digest(bytes).into())
     }
 
+    /// The hash of the concatenation of `parts`, which is not made.
+    pub fn of_parts<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> Self {
+        let mut hasher = Sha256::new();
+        parts.into_iter().for_each(|part| hasher.update(part));
+        Self::finish(hasher)
+    }
+
     /// The hash of a file, which is read in parts.
     ///
     /// # Errors
@@ -128,6 +135,7 @@ mod tests {
     fn matches_the_standard_vector_and_round_trips_as_text() {
         let digest = Sha256Digest::of(b"abc");
         assert_eq!(digest.to_string(), ABC);
+        assert_eq!(Sha256Digest::of_parts([&b"a"[..], b"", b"bc"]), digest);
         assert_eq!(ABC.parse(), Ok(digest));
         assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is accepted");
         assert_eq!(Sha256Digest::literal(ABC), digest);

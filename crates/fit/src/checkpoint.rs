@@ -1,24 +1,23 @@
 //! Checkpoints: safetensors files with everything that a run needs to go on as if it had not been interrupted.
 
-use std::collections::HashMap;
-use std::fs::File;
-use std::io::{ErrorKind, Read as _, Result as IoResult};
+mod tensors;
+
+use std::collections::BTreeMap;
+use std::io::Result as IoResult;
 use std::path::Path;
 
-use atsplat_files::{FileError, Sha256Digest, changes};
-use atsplat_splat::{GaussianParts, Gaussians, sh_coefficients};
-use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView};
+use atsplat_files::{FileError, Malformed, Sha256Digest, changes};
+use atsplat_splat::Gaussians;
+use atsplat_tensors::{DType, StoredTensors, TensorError, TensorView, read_metadata, write_safetensors};
 use serde::{Deserialize, Serialize};
 
-use crate::corrections::Corrections;
+use tensors::{PARTS, Tensors, arrays};
+
 use crate::history::HistoryFacts;
-use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView, TrainingViews};
+use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, TrainingView, TrainingViews};
 
 const METADATA: &str = "atsplat.fit";
-/// The limit on the header of a safetensors file, in bytes.
-const MAX_HEADER: u64 = 100_000_000;
-const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
+const WRITING: &str = "writing a checkpoint";
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Metadata {
@@ -45,32 +44,20 @@ struct Metadata {
     /// The time so far; earlier versions did not write it.
     #[serde(default)]
     elapsed: Option<Elapsed>,
-    /// Hash of all tensors in order, so that damage is noticed.
+    /// Hash of the bytes of all tensors, doubles last, so that damage is noticed.
     tensors: String,
 }
 
 impl Fit {
-    /// Whether a file begins as checkpoints do: the length of a header, then JSON with their metadata.
+    /// Whether a file begins as checkpoints do: a safetensors header with their metadata.
     ///
     /// # Errors
     /// If the file cannot be read.
     pub fn is_checkpoint(path: &Path) -> IoResult<bool> {
-        let mut file = File::open(path)?;
-        let (mut length, mut header) = ([0; 8], Vec::new());
-        match file.read_exact(&mut length) {
-            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(false),
-            outcome => outcome?,
-        }
-        let length = u64::from_le_bytes(length);
-        if length > MAX_HEADER {
-            return Ok(false);
-        }
-        file.take(length).read_to_end(&mut header)?;
-        let header = serde_json::from_slice::<serde_json::Value>(&header);
-        Ok(header.is_ok_and(|header| header["__metadata__"][METADATA].is_string()))
+        Ok(read_metadata(path)?.is_some_and(|metadata| metadata.contains_key(METADATA)))
     }
 
-    /// Writes the state between two steps with the [history](Self::history), atomically.
+    /// Writes the state between two steps with the [history](Self::history), atomically, without copying Gaussians and moments.
     ///
     /// # Errors
     /// [`FitError::Io`].
@@ -85,17 +72,17 @@ impl Fit {
         state.extend(self.corrections.arrays().map(|(name, values)| (name.to_owned(), values)));
         state.extend(density.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
         let singles =
-            state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, bytemuck::cast_slice::<f32, u8>(values)));
+            state.iter().map(|(name, values)| (name.as_str(), DType::F32, bytemuck::cast_slice::<f32, u8>(values)));
         let doubles = History::ARRAYS.into_iter().zip(&history);
-        let doubles = doubles.map(|(name, values)| (name, Dtype::F64, bytemuck::cast_slice::<f64, u8>(values)));
-        let tensors: Vec<(&str, Dtype, &[u8])> = singles.chain(doubles).collect();
-        let failed =
-            |source| FitError::from(FileError { action: "writing a checkpoint", path: path.to_owned(), source });
-        let other = |error: &dyn std::fmt::Display| failed(std::io::Error::other(error.to_string()));
+        let doubles = doubles.map(|(name, values)| (name, DType::F64, bytemuck::cast_slice::<f64, u8>(values)));
+        let mut tensors: Vec<(&str, DType, &[u8])> = singles.chain(doubles).collect();
+        let not_json = |error: serde_json::Error| {
+            FitError::from(FileError { action: WRITING, path: path.to_owned(), source: error.into() })
+        };
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
-            configuration: Some(serde_json::to_value(&self.config).map_err(|error| other(&error))?),
+            configuration: Some(serde_json::to_value(&self.config).map_err(not_json)?),
             start: self.start.clone(),
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
@@ -105,17 +92,19 @@ impl Fit {
             history: self.history.facts(),
             joint_corrections: true,
             elapsed: Some(self.elapsed()),
-            tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
+            tensors: Sha256Digest::of_parts(tensors.iter().map(|(.., bytes)| *bytes)).to_string(),
         };
-        let text = serde_json::to_string(&metadata).map_err(|error| other(&error))?;
-        let mut views = Vec::new();
-        for (name, dtype, bytes) in tensors {
-            let view = TensorView::new(dtype, vec![8 * bytes.len() / dtype.bitsize()], bytes);
-            views.push((name, view.map_err(|error| other(&error))?));
-        }
-        let metadata = HashMap::from([(METADATA.to_owned(), text)]);
-        let bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| other(&error))?;
-        atsplat_files::write(path, &bytes).map_err(failed)
+        let text = serde_json::to_string(&metadata).map_err(not_json)?;
+        // Doubles first, so that all numbers in the file are aligned.
+        tensors.rotate_right(History::ARRAYS.len());
+        let views = tensors.into_iter().map(|(name, dtype, bytes)| {
+            let view = TensorView::new(dtype, vec![bytes.len() / dtype.bytes()], bytes)?;
+            Ok((name, view))
+        });
+        let metadata = BTreeMap::from([(METADATA.to_owned(), text)]);
+        let views: Result<Vec<_>, TensorError> = views.collect();
+        let written = views.and_then(|views| write_safetensors(path, &views, &metadata));
+        written.map_err(|error| of_tensors(error, WRITING, path))
     }
 
     /// The state of a checkpoint that a run with the same configuration, views and start wrote on the same device; views that it
@@ -134,8 +123,8 @@ impl Fit {
     ) -> Result<Self, FitError> {
         let views: TrainingViews = views.into();
         let wrong = |field: &str, expected: &str, found: String| wrong(path, field, expected, found);
-        let bytes = std::fs::read(path).map_err(FileError::during::<FitError>("reading a checkpoint", path))?;
-        let (metadata, stored) = parsed(&bytes, path)?;
+        let stored = StoredTensors::open(path).map_err(|error| of_tensors(error, "reading a checkpoint", path))?;
+        let metadata = metadata_of(&stored, path)?;
         if metadata.run != run_hash(&config, &views) {
             return Err(other_run(metadata.configuration.as_ref(), &config, path));
         }
@@ -150,8 +139,8 @@ impl Fit {
         if metadata.memory != expected {
             return Err(wrong("memory", &format!("{expected:?}"), format!("{:?}", metadata.memory)));
         }
-        // In the order in which they were written, which their hash depends on.
-        let mut tensors = Tensors { stored, path, read: Vec::new() };
+        // In the order of their hash, which is not that of the file.
+        let mut tensors = Tensors::new(&stored, path);
         let scene = tensors.scene(metadata.sh_degree, metadata.filtered)?;
         let corrections = tensors.corrections()?;
         if !metadata.joint_corrections && !corrections.values.is_empty() {
@@ -167,7 +156,7 @@ impl Fit {
         let [Ok(values), Ok(first), Ok(second)] = lengths else {
             return Err(wrong("tensors", "arrays of matching lengths", "others".to_owned()));
         };
-        if digest(tensors.read.into_iter()) != metadata.tensors || [first, second] != [values; 2] {
+        if tensors.digest() != metadata.tensors || [first, second] != [values; 2] {
             return Err(wrong("tensors", "the tensors that were written", "others".to_owned()));
         }
         let history = History::restored(metadata.history, &numbers, metadata.step, fit.views.len());
@@ -186,16 +175,22 @@ impl Fit {
     }
 }
 
-/// The metadata and the tensors of a checkpoint.
-fn parsed<'a>(bytes: &'a [u8], path: &Path) -> Result<(Metadata, SafeTensors<'a>), FitError> {
-    let malformed = |error: &dyn std::fmt::Display| wrong(path, "file", "a checkpoint", error.to_string());
-    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| malformed(&error))?;
-    let stored = SafeTensors::deserialize(bytes).map_err(|error| malformed(&error))?;
-    let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+fn metadata_of(stored: &StoredTensors, path: &Path) -> Result<Metadata, FitError> {
+    let text = stored.metadata.get(METADATA);
     let text = text.ok_or_else(|| wrong(path, METADATA, "metadata", "none".to_owned()))?;
-    let metadata = serde_json::from_str(text)
-        .map_err(|error| wrong(path, METADATA, "metadata as this version writes it", error.to_string()))?;
-    Ok((metadata, stored))
+    serde_json::from_str(text)
+        .map_err(|error| wrong(path, METADATA, "metadata as this version writes it", error.to_string()))
+}
+
+/// An error of the file's tensors as that of a checkpoint.
+fn of_tensors(error: TensorError, action: &'static str, path: &Path) -> FitError {
+    match error {
+        TensorError::Io(error) => FileError { action, ..error }.into(),
+        TensorError::InFile { source, .. } => of_tensors(*source, action, path),
+        TensorError::Malformed(Malformed { location, expected, found, .. }) => wrong(path, &location, &expected, found),
+        TensorError::Missing { expected, .. } => wrong(path, "file", &expected, "a folder".to_owned()),
+        other => wrong(path, "file", "a checkpoint", other.to_string()),
+    }
 }
 
 fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
@@ -214,74 +209,6 @@ fn other_run(recorded: Option<&serde_json::Value>, config: &FitConfig, path: &Pa
             wrong(path, "configuration", "the settings of this run", format!("others: {changed}"))
         }
     }
-}
-
-/// The tensors of a file, and the bytes of those that were read, in order.
-struct Tensors<'a> {
-    stored: SafeTensors<'a>,
-    path: &'a Path,
-    read: Vec<&'a [u8]>,
-}
-
-impl<'a> Tensors<'a> {
-    fn bytes(&mut self, name: &str, dtype: Dtype) -> Result<&'a [u8], FitError> {
-        let found = self.stored.tensor(name).ok().filter(|tensor| tensor.dtype() == dtype);
-        let found = found.ok_or_else(|| wrong(self.path, name, &format!("a tensor of {dtype}"), "none".to_owned()))?;
-        self.read.push(found.data());
-        Ok(found.data())
-    }
-
-    fn scene(&mut self, sh_degree: u8, is_filtered: bool) -> Result<OptimisedGaussians, FitError> {
-        let mut scene = OptimisedGaussians::default();
-        for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
-            parts.sh_degree = sh_degree;
-            let mut named = |name: &str| self.singles(&format!("{part}/{name}"));
-            parts.means = rows(&named("means")?);
-            parts.quaternions = rows(&named("quaternions")?);
-            parts.log_scales = rows(&named("log-scales")?);
-            parts.opacity_logits = named("opacity-logits")?;
-            parts.sh = rows(&named("sh")?);
-        }
-        scene.parts.filter_3d = is_filtered.then(|| self.singles("filter-3d")).transpose()?;
-        Ok(scene)
-    }
-
-    fn corrections(&mut self) -> Result<Corrections, FitError> {
-        let names = Corrections::default().arrays().map(|(name, _)| name);
-        let [values, first, second] = names.map(|name| self.singles(name));
-        Ok(Corrections { values: rows(&values?), first: rows(&first?), second: rows(&second?) })
-    }
-
-    fn singles(&mut self, name: &str) -> Result<Vec<f32>, FitError> {
-        Ok(self.bytes(name, Dtype::F32)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
-    }
-
-    fn doubles(&mut self, name: &str) -> Result<Vec<f64>, FitError> {
-        Ok(self.bytes(name, Dtype::F64)?.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
-    }
-}
-
-fn arrays(parts: &GaussianParts) -> [(&'static str, &[f32]); 5] {
-    debug_assert_eq!(
-        parts.sh.len(),
-        parts.means.len() * sh_coefficients(parts.sh_degree),
-        "coefficients of every Gaussian"
-    );
-    [
-        ("means", parts.means.as_flattened()),
-        ("quaternions", parts.quaternions.as_flattened()),
-        ("log-scales", parts.log_scales.as_flattened()),
-        ("opacity-logits", &parts.opacity_logits),
-        ("sh", parts.sh.as_flattened()),
-    ]
-}
-
-fn rows<const N: usize>(values: &[f32]) -> Vec<[f32; N]> {
-    values.as_chunks::<N>().0.to_vec()
-}
-
-fn digest<'a>(tensors: impl Iterator<Item = &'a [u8]>) -> String {
-    Sha256Digest::of(&tensors.collect::<Vec<_>>().concat()).to_string()
 }
 
 /// Hash of everything that a step depends on, apart from the initial Gaussians and the state.

@@ -7,11 +7,14 @@ mod error;
 mod safetensors;
 mod stored;
 mod tensor;
+mod view;
 
 pub use atsplat_pickle::DType;
 pub use error::TensorError;
+pub use safetensors::read_metadata;
 pub use stored::{StoredTensors, TensorFile};
 pub use tensor::StoredTensor;
+pub use view::{TensorView, write_safetensors};
 
 #[cfg(test)]
 mod tests;

@@ -2,8 +2,11 @@
 //! Not read by the `safetensors` crate, so that no hostile header can overflow, duplicate names are errors, and errors say
 //! where; not written by it, so that the same weights always give the same bytes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Result as IoResult};
+use std::path::Path;
 
 use atsplat_files::Malformed;
 use atsplat_pickle::{DType, SharedBytes, shortened};
@@ -11,7 +14,7 @@ use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use crate::{StoredTensor, StoredTensors, TensorError};
+use crate::{StoredTensor, StoredTensors, TensorError, TensorView};
 
 const WHAT: &str = "safetensors file";
 const LENGTH: usize = size_of::<u64>();
@@ -44,31 +47,54 @@ pub(crate) fn parse(file: &SharedBytes) -> Result<StoredTensors, TensorError> {
     Ok(StoredTensors { tensors: tensors(header.tensors, &data)?, metadata: header.metadata })
 }
 
-/// The file of the given tensors, in their order. The same arguments give the same bytes.
+/// The metadata of a safetensors file, of which only the header is read; `None` for another file, or one whose header is malformed.
+/// The data may be damaged or missing.
 ///
 /// # Errors
-/// [`TensorError::Malformed`] for the reserved name of the metadata.
-pub(crate) fn write(
-    tensors: &IndexMap<String, StoredTensor>,
+/// If the file cannot be read.
+pub fn read_metadata(path: &Path) -> IoResult<Option<BTreeMap<String, String>>> {
+    let mut file = File::open(path)?;
+    let (mut length, mut header) = ([0; LENGTH], Vec::new());
+    match file.read_exact(&mut length) {
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(None),
+        outcome => outcome?,
+    }
+    let length = u64::from_le_bytes(length);
+    if length > MAX_HEADER_BYTES {
+        return Ok(None);
+    }
+    file.take(length).read_to_end(&mut header)?;
+    Ok(serde_json::from_slice::<Header>(&header).ok().map(|header| header.metadata))
+}
+
+/// A file of the given tensors up to their data, which follow in the same order: length and header. The same arguments give the
+/// same bytes.
+///
+/// # Errors
+/// [`TensorError::Malformed`] for the reserved name of the metadata, and for a name that two tensors have.
+pub(crate) fn start(
+    tensors: &[(&str, TensorView<'_>)],
     metadata: &BTreeMap<String, String>,
 ) -> Result<Vec<u8>, TensorError> {
-    let mut header = Header { tensors: Vec::new(), metadata: metadata.clone() };
-    let mut end = 0;
+    let mut header = Header { tensors: Vec::with_capacity(tensors.len()), metadata: metadata.clone() };
+    let (mut names, mut end) = (BTreeSet::new(), 0);
     for (name, tensor) in tensors {
-        if name == METADATA {
+        if *name == METADATA {
             return Err(malformed("tensor name", format!("any but {METADATA}"), name));
+        }
+        if !names.insert(*name) {
+            return Err(malformed(format!("tensor {:?}", shortened(name)), "a unique name", "two tensors"));
         }
         let start = end;
         end += tensor.bytes().len() as u64;
         let shape = tensor.shape().iter().map(|&size| size as u64).collect();
         let dtype = dtype_name(tensor.dtype()).to_owned();
-        header.tensors.push((name.clone(), Entry { dtype, shape, data_offsets: (start, end) }));
+        header.tensors.push(((*name).to_owned(), Entry { dtype, shape, data_offsets: (start, end) }));
     }
     let mut json = serde_json::to_vec(&header).map_err(|error| malformed("header", "text and numbers", error))?;
     json.resize(json.len().next_multiple_of(ALIGNMENT), b' ');
     let mut file = (json.len() as u64).to_le_bytes().to_vec();
     file.append(&mut json);
-    tensors.values().for_each(|tensor| file.extend_from_slice(tensor.bytes()));
     Ok(file)
 }
 

@@ -7,7 +7,7 @@ use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
 use sha2::{Digest, Sha256};
 
-use crate::{StoredTensor, TensorError, safetensors};
+use crate::{StoredTensor, TensorError, TensorView, safetensors, write_safetensors};
 
 const WHAT: &str = "checkpoint";
 /// The formats of files.
@@ -42,14 +42,7 @@ impl TensorFile {
     /// [`TensorError::Missing`] for a folder, [`TensorError::Io`], or [`TensorError::InFile`] around the errors of
     /// [`StoredTensors::parse`].
     pub fn open(path: &Path) -> Result<Self, TensorError> {
-        if path.is_dir() {
-            // As training leaves them.
-            let inside = path.join("weights.safetensors");
-            let example = if inside.is_file() { format!(", such as {}", inside.display()) } else { String::new() };
-            return Err(TensorError::Missing { expected: format!("a file{example}"), path: path.to_owned() });
-        }
-        let file = atsplat_pickle::map(path).map_err(FileError::during::<TensorError>("reading weights", path))?;
-        Self::parse(path.to_owned(), file)
+        Self::parse(path.to_owned(), mapped(path)?)
     }
 
     /// [`Self::open`] for bytes in memory; `path` is their name in messages.
@@ -95,7 +88,26 @@ impl TensorFile {
     }
 }
 
+/// The bytes of a file, in a memory map.
+fn mapped(path: &Path) -> Result<SharedBytes, TensorError> {
+    if path.is_dir() {
+        // As training leaves them.
+        let inside = path.join("weights.safetensors");
+        let example = if inside.is_file() { format!(", such as {}", inside.display()) } else { String::new() };
+        return Err(TensorError::Missing { expected: format!("a file{example}"), path: path.to_owned() });
+    }
+    atsplat_pickle::map(path).map_err(FileError::during("reading weights", path))
+}
+
 impl StoredTensors {
+    /// [`TensorFile::open`] without the hash, so that only those tensors are read from the disk that are used.
+    ///
+    /// # Errors
+    /// As [`TensorFile::open`].
+    pub fn open(path: &Path) -> Result<Self, TensorError> {
+        Self::parse(mapped(path)?).map_err(|error| error.in_file(path))
+    }
+
     /// Reads a safetensors file, or a checkpoint of `torch.save` in either of its formats.
     ///
     /// A checkpoint's tensors are named by their path from the root, with keys of dicts and lists joined by dots; other
@@ -135,16 +147,22 @@ impl StoredTensors {
     /// # Errors
     /// [`TensorError::Malformed`] for a name that the format reserves.
     pub fn to_safetensors(&self) -> Result<Vec<u8>, TensorError> {
-        safetensors::write(&self.tensors, &self.metadata)
+        let views = self.views();
+        let mut file = safetensors::start(&views, &self.metadata)?;
+        views.iter().for_each(|(_, view)| file.extend_from_slice(view.bytes()));
+        Ok(file)
     }
 
-    /// Writes [`Self::to_safetensors`] atomically.
+    /// Writes [`Self::to_safetensors`] atomically, without a copy of the tensors.
     ///
     /// # Errors
     /// [`TensorError::Io`], and as [`Self::to_safetensors`].
     pub fn write(&self, path: &Path) -> Result<(), TensorError> {
-        let bytes = self.to_safetensors()?;
-        atsplat_files::write(path, &bytes).map_err(FileError::during("writing weights", path))
+        write_safetensors(path, &self.views(), &self.metadata)
+    }
+
+    fn views(&self) -> Vec<(&str, TensorView<'_>)> {
+        self.tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.view())).collect()
     }
 
     /// SHA-256 in hexadecimal of names, types, shapes and bytes of the tensors, independent of their order and file.

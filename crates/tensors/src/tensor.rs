@@ -4,7 +4,7 @@ use atsplat_files::Malformed;
 use atsplat_pickle::{DType, SharedBytes};
 use half::{bf16, f16};
 
-use crate::TensorError;
+use crate::{TensorError, TensorView};
 
 const WHAT: &str = "weights";
 
@@ -22,13 +22,7 @@ impl StoredTensor {
     /// # Errors
     /// [`TensorError::Malformed`] if the number of bytes does not fit the shape.
     pub fn new(dtype: DType, shape: Vec<usize>, bytes: SharedBytes) -> Result<Self, TensorError> {
-        let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
-        let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
-        if length != Some(bytes.len()) {
-            let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
-            let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
-            return Err(Malformed::new(WHAT, "tensor", expected, format!("{} bytes", bytes.len())).into());
-        }
+        check_length(dtype, &shape, bytes.len())?;
         Ok(Self { dtype, shape, bytes })
     }
 
@@ -54,6 +48,11 @@ impl StoredTensor {
     /// Row-major little-endian bytes.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// The tensor with its bytes borrowed.
+    pub(crate) fn view(&self) -> TensorView<'_> {
+        TensorView { dtype: self.dtype, shape: self.shape.clone(), bytes: &self.bytes }
     }
 
     /// The values in row-major order, rounded to f32 if the file has f64.
@@ -179,6 +178,18 @@ impl StoredTensor {
         let bytes: Vec<u8> = parts.iter().flat_map(|part| part.bytes.iter().copied()).collect();
         Self::new(first.dtype, shape, SharedBytes::new(bytes))
     }
+}
+
+/// Checks a tensor's number of bytes.
+pub(crate) fn check_length(dtype: DType, shape: &[usize], bytes: usize) -> Result<(), TensorError> {
+    let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
+    let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
+    if length != Some(bytes) {
+        let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
+        let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
+        return Err(Malformed::new(WHAT, "tensor", expected, format!("{bytes} bytes")).into());
+    }
+    Ok(())
 }
 
 impl fmt::Display for StoredTensor {

@@ -1,4 +1,4 @@
-//! Damaged and hostile files.
+//! Damaged and hostile files, and those that are written.
 
 use atsplat_pickle::SharedBytes;
 use proptest::prelude::*;
@@ -81,6 +81,43 @@ proptest! {
         bytes.truncate(cut);
         StoredTensors::parse(shared(bytes)).ok();
     }
+}
+
+/// A square matrix between two lists, so that an order by name, size or type differs from the given one.
+#[test]
+fn a_file_is_written_from_borrowed_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    let view = |dtype, shape: &[usize], bytes| TensorView::new(dtype, shape.to_vec(), bytes);
+    assert!(view(DType::F32, &[2], &[0; 7]).is_err(), "seven bytes are not two f32");
+    let (b, a, c) = ([1u8; 8], [2u8; 4], [3u8; 2]);
+    let mut tensors = [
+        ("b", view(DType::F64, &[1], &b).unwrap()),
+        ("a", view(DType::U8, &[2, 2], &a).unwrap()),
+        ("c", view(DType::F16, &[1], &c).unwrap()),
+    ];
+    let metadata = std::collections::BTreeMap::from([("key".to_owned(), "value".to_owned())]);
+    write_safetensors(&path, &tensors, &metadata).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.ends_with(&[&b[..], &a, &c].concat()), "in the given order");
+    let read = StoredTensors::open(&path).unwrap();
+    assert_eq!((read.tensors["a"].shape(), read.tensors["c"].bytes()), (&[2, 2][..], &c[..]));
+    assert_eq!((&read.metadata, read_metadata(&path).unwrap().as_ref()), (&metadata, Some(&metadata)));
+    assert!(read.to_safetensors().unwrap() == bytes, "the same file");
+    drop(read);
+    // Without its data, and damaged.
+    std::fs::write(&path, &bytes[..bytes.len() - 14]).unwrap();
+    assert_eq!(read_metadata(&path).unwrap(), Some(metadata.clone()));
+    let error = StoredTensors::open(&path).unwrap_err().to_string();
+    assert!(error.contains(r#"tensor "b": expected data within 0 bytes, found 0 to 8"#), "{error}");
+    assert!(error.ends_with(&format!("({})", path.display())), "{error}");
+    for other in [&bytes[..7], &bytes[..20], &b"\x01\0\0\0\0\0\0\0{}"[..], &[255; 9]] {
+        std::fs::write(&path, other).unwrap();
+        assert_eq!(read_metadata(&path).unwrap(), None, "{other:?}");
+    }
+    tensors[2].0 = "a";
+    let error = write_safetensors(&path, &tensors, &metadata).unwrap_err().to_string();
+    assert!(error.contains(r#"tensor "a": expected a unique name, found two tensors"#), "{error}");
 }
 
 /// A checkpoint in the legacy format: a dict whose only value is a list of `count` references to one item.
