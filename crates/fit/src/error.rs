@@ -69,55 +69,55 @@ impl FitError {
     /// Whether the graphics adapter failed, which may be unusable from then on.
     pub fn is_device_error(&self) -> bool {
         match self {
-            Self::Stopped(diagnosis) => matches!(diagnosis.fault, Fault::Device(_)),
+            Self::Stopped(diagnosis) => matches!(diagnosis.reason, StopReason::Device(_)),
             Self::Splat(error) => matches!(error, SplatError::Gpu(_)),
             _ => false,
         }
     }
 }
 
-/// Why an optimisation stopped, and the state it stopped in.
+/// Where an optimisation stopped, and why.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// The step that failed, counted from 1. The scene is that of the step before, or has this step's update too if what follows the
-    /// update failed: [`Fault::Runaway`], [`Fault::Empty`], [`Fault::Unseen`].
+    /// update failed: [`StopReason::TooManyGaussians`], [`StopReason::NoGaussians`], [`StopReason::NothingVisible`].
     pub step: u64,
     /// Name of the training view of this step.
     pub view: String,
     /// Number of Gaussians.
     pub gaussians: usize,
     /// What went wrong.
-    pub fault: Fault,
+    pub reason: StopReason,
 }
 
-/// What went wrong in a step.
+/// Why an optimisation stopped.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Fault {
+pub enum StopReason {
     /// The loss is NaN or infinite.
-    Loss {
+    NonFiniteLoss {
         /// Mean absolute error.
         l1: f64,
         /// `1 − SSIM`.
         d_ssim: f64,
     },
     /// Gradients are NaN or infinite.
-    Gradients {
+    NonFiniteGradients {
         /// The parameter.
         parameter: &'static str,
         /// Number of values.
         count: usize,
     },
     /// Density control would exceed the limit.
-    Runaway {
+    TooManyGaussians {
         /// Gaussians that density control asks for.
         wanted: usize,
         /// The limit.
         limit: usize,
     },
     /// Every Gaussian was pruned.
-    Empty,
+    NoGaussians,
     /// No training camera sees any Gaussian.
-    Unseen {
+    NothingVisible {
         /// Depth of the near plane, in the unit of length of the views.
         near: f64,
     },
@@ -125,16 +125,18 @@ pub enum Fault {
     Device(GpuError),
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for StopReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Loss { l1, d_ssim } => write!(f, "the loss is not finite: L1 {l1}, D-SSIM {d_ssim}"),
-            Self::Gradients { parameter, count } => write!(f, "{count} gradients of {parameter} are NaN or infinite"),
-            Self::Runaway { wanted, limit } => {
+            Self::NonFiniteLoss { l1, d_ssim } => write!(f, "the loss is not finite: L1 {l1}, D-SSIM {d_ssim}"),
+            Self::NonFiniteGradients { parameter, count } => {
+                write!(f, "{count} gradients of {parameter} are NaN or infinite")
+            }
+            Self::TooManyGaussians { wanted, limit } => {
                 write!(f, "density control asks for {wanted} Gaussians, more than the limit of {limit}")
             }
-            Self::Empty => f.write_str("density control pruned every Gaussian"),
-            Self::Unseen { near } => {
+            Self::NoGaussians => f.write_str("density control pruned every Gaussian"),
+            Self::NothingVisible { near } => {
                 write!(
                     f,
                     "no training camera sees any Gaussian: is the scene in front of the near plane, at a depth of {near}?"
@@ -147,7 +149,7 @@ impl fmt::Display for Fault {
 
 impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { step, view, gaussians, fault } = self;
-        write!(f, "stopped at step {step} (view {view}, {gaussians} Gaussians): {fault}")
+        let Self { step, view, gaussians, reason } = self;
+        write!(f, "stopped at step {step} (view {view}, {gaussians} Gaussians): {reason}")
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::optimised_gaussians::narrowed;
-use crate::{Fault, FitError};
+use crate::{FitError, StopReason};
 
 /// A camera sees Gaussians this share of its image's width and height beyond the border.
 const BORDER: f64 = 0.15;
@@ -44,13 +44,13 @@ impl Cameras {
     /// length, times √0.2. Means that no camera sees have the largest depth of those that are seen.
     ///
     /// # Errors
-    /// [`Fault::Unseen`] if no mean is seen.
-    pub fn filters(&self, means: &[[f32; 3]]) -> Result<Vec<f32>, Fault> {
+    /// [`StopReason::NothingVisible`] if no mean is seen.
+    pub fn filters(&self, means: &[[f32; 3]]) -> Result<Vec<f32>, StopReason> {
         let nearest: Vec<Option<f64>> = means.par_iter().map(|mean| self.nearest(*mean)).collect();
         let seen = nearest.iter().flatten();
         let largest =
             seen.fold(None, |most: Option<f64>, depth| Some(most.map_or(*depth, |most| most.maximum_of(*depth))));
-        let largest = largest.ok_or(Fault::Unseen { near: self.near })?;
+        let largest = largest.ok_or(StopReason::NothingVisible { near: self.near })?;
         let filter = |depth: &Option<f64>| narrowed(depth.unwrap_or(largest) / self.largest_focal * VARIANCE.sqrt());
         Ok(nearest.iter().map(filter).collect())
     }

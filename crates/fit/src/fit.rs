@@ -17,8 +17,8 @@ use crate::loss::PhotometricLoss;
 use crate::memory::Shares;
 use crate::view::{TrainingView, TrainingViews, scene_extent};
 use crate::{
-    Background, Diagnosis, Elapsed, Fault, FitConfig, FitDevice, FitError, History, OptimisedGaussians, Rates,
-    Schedule, StepRecord, Strategy, memory,
+    Background, Diagnosis, Elapsed, FitConfig, FitDevice, FitError, History, OptimisedGaussians, Rates, Schedule,
+    StepRecord, StopReason, Strategy, memory,
 };
 
 /// Steps between two computations of the 3D filter after density control has ended; none in the last ones of a run.
@@ -102,7 +102,7 @@ impl Fit {
             derivative: Derivative::default(),
             empty_steps: 0,
         };
-        fit.update_filter().map_err(|fault| fit.stopped(1, 0, fault))?;
+        fit.update_filter().map_err(|reason| fit.stopped(1, 0, reason))?;
         Ok(fit)
     }
 
@@ -159,7 +159,7 @@ impl Fit {
         self.scene.len()
     }
 
-    /// Never: a scene without Gaussians is a fault.
+    /// Never: a scene without Gaussians stops the run.
     pub const fn is_empty(&self) -> bool {
         self.scene.is_empty()
     }
@@ -188,18 +188,18 @@ impl Fit {
         self.options.max_sh_degree = degree;
         self.options.background = self.background(Some(step));
         let (terms, slopes) = self.differentiate(number).map_err(|error| match error {
-            FitError::Splat(SplatError::Gpu(error)) => self.stopped(step, number, Fault::Device(error)),
+            FitError::Splat(SplatError::Gpu(error)) => self.stopped(step, number, StopReason::Device(error)),
             other => other,
         })?;
         if !terms.total.is_finite() {
-            return Err(self.stopped(step, number, Fault::Loss { l1: terms.l1, d_ssim: terms.d_ssim }));
+            return Err(self.stopped(step, number, StopReason::NonFiniteLoss { l1: terms.l1, d_ssim: terms.d_ssim }));
         }
         if self.sees_nothing(step) {
-            return Err(self.stopped(step, number, Fault::Unseen { near: self.options.constants.near }));
+            return Err(self.stopped(step, number, StopReason::NothingVisible { near: self.options.constants.near }));
         }
         let regularisers = self.density.regularise(&self.scene, &mut self.derivative.gradients);
-        if let Some(fault) = self.broken_gradient() {
-            return Err(self.stopped(step, number, fault));
+        if let Some(reason) = self.non_finite_gradients() {
+            return Err(self.stopped(step, number, reason));
         }
         let means_rate = self.schedule.means_rate(&self.config.rates, step) * self.extent;
         self.adam(step, degree, means_rate).update(&mut self.scene, &self.derivative.gradients);
@@ -212,12 +212,12 @@ impl Fit {
         let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };
         self.history.add_step(&record);
         density.map_err(|error| match error {
-            DensityError::Fault(fault) => self.stopped(step, number, fault),
+            DensityError::Stop(reason) => self.stopped(step, number, reason),
             DensityError::Splat(error) => error.into(),
         })?;
         let late = step > self.schedule.density_until && step + FILTER_EVERY < self.schedule.steps;
         if changes.of_gaussians() || (late && step.is_multiple_of(FILTER_EVERY)) {
-            self.update_filter().map_err(|fault| self.stopped(step, number, fault))?;
+            self.update_filter().map_err(|reason| self.stopped(step, number, reason))?;
         }
         Ok(record)
     }
@@ -240,16 +240,16 @@ impl Fit {
     }
 
     /// Computes the 3D filter, if the strategy has one.
-    fn update_filter(&mut self) -> Result<(), Fault> {
+    fn update_filter(&mut self) -> Result<(), StopReason> {
         if self.config.strategy == Strategy::MipSplatting {
             self.scene.parts.filter_3d = Some(self.cameras.filters(&self.scene.parts.means)?);
         }
         Ok(())
     }
 
-    fn stopped(&self, step: u64, view: usize, fault: Fault) -> FitError {
+    fn stopped(&self, step: u64, view: usize, reason: StopReason) -> FitError {
         let view = self.views.get(view).map_or_else(String::new, |view| view.name.clone());
-        FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), fault }))
+        FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), reason }))
     }
 }
 

@@ -40,7 +40,7 @@ pub use adam::Adam;
 pub use budget::{Budget, Deadline};
 pub use config::{Background, FitConfig, Rates, Strategy};
 pub use device::FitDevice;
-pub use error::{Diagnosis, Fault, FitError};
+pub use error::{Diagnosis, FitError, StopReason};
 pub use fit::Fit;
 pub use history::{History, StepRecord};
 pub use optimised_gaussians::OptimisedGaussians;

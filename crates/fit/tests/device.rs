@@ -7,7 +7,7 @@ mod common;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use atsplat_fit::{Fault, Fit, FitConfig, FitDevice, FitError, Strategy};
+use atsplat_fit::{Fit, FitConfig, FitDevice, FitError, StopReason, Strategy};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, SelfTestObserver, Verdict, VerdictKey};
@@ -187,7 +187,7 @@ fn a_lost_device_stops_with_the_last_good_state() {
     let before = state(&fit);
     renderer.lock().unwrap_or_else(PoisonError::into_inner).on_adapter().unwrap().device().destroy();
     let FitError::Stopped(diagnosis) = fit.step().unwrap_err() else { panic!("another error") };
-    assert!(matches!(diagnosis.fault, Fault::Device(_)) && diagnosis.step == 3, "{diagnosis}");
+    assert!(matches!(diagnosis.reason, StopReason::Device(_)) && diagnosis.step == 3, "{diagnosis}");
     assert!(diagnosis.to_string().contains(device.name()), "{diagnosis}");
     assert!((fit.step_count(), &state(&fit)) == (2, &before));
 }

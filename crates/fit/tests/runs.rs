@@ -7,7 +7,7 @@ mod common;
 use atsplat_camera::{CameraFromWorld, Similarity};
 use atsplat_fit::density::relocated;
 use atsplat_fit::start::{Point, from_points};
-use atsplat_fit::{Background, Fault, Fit, FitConfig, FitDevice, FitError, Rates, Strategy, TrainingView};
+use atsplat_fit::{Background, Fit, FitConfig, FitDevice, FitError, Rates, StopReason, Strategy, TrainingView};
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
@@ -288,7 +288,7 @@ fn an_overflowing_loss_stops_with_the_last_good_state() {
     let before = fit.gaussians();
     match fit.step().unwrap_err() {
         FitError::Stopped(diagnosis) => {
-            assert!(matches!(diagnosis.fault, Fault::Loss { .. }), "{diagnosis}");
+            assert!(matches!(diagnosis.reason, StopReason::NonFiniteLoss { .. }), "{diagnosis}");
             assert_eq!((diagnosis.step, diagnosis.gaussians), (1, 50));
         }
         other => panic!("{other}"),
@@ -302,8 +302,8 @@ fn a_runaway_count_stops_with_the_last_good_state() {
     let mut fit = Fit::new(config, views().0, &start(Strategy::Gaussians3d, 150)).unwrap();
     let error = (0..300).find_map(|_| fit.step().err()).expect("growth beyond two Gaussians");
     let FitError::Stopped(diagnosis) = error else { panic!("{error}") };
-    match diagnosis.fault {
-        Fault::Runaway { wanted, limit } => assert!(wanted > 152 && limit == 152, "{wanted} of {limit}"),
+    match diagnosis.reason {
+        StopReason::TooManyGaussians { wanted, limit } => assert!(wanted > 152 && limit == 152, "{wanted} of {limit}"),
         other => panic!("{other}"),
     }
     assert!(fit.len() <= 152 && fit.gaussians().validate().is_clean());

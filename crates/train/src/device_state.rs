@@ -4,9 +4,9 @@ use atsplat_model::network::Network;
 use burn::Tensor;
 
 use crate::checkpoint::State;
-use crate::fault::FaultKind;
 use crate::objective::FlatGradient;
 use crate::optimiser::{FlatMoments, Moments, Update, clip, warmed_up};
+use crate::skipped_step::FailureReason;
 use crate::{TrainConfig, TrainError};
 
 /// The part of a [`State`] that steps change, in the order of [`Network::flat`].
@@ -44,14 +44,14 @@ impl DeviceState {
     /// [`crate::update::update`] on the device: of everything, only the norm is read.
     ///
     /// # Errors
-    /// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
+    /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
     pub(crate) fn update(
         &mut self,
         updates: u64,
         batch: &[FlatGradient],
         rate: f64,
         config: &TrainConfig,
-    ) -> Result<f64, FaultKind> {
+    ) -> Result<f64, FailureReason> {
         let samples = batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1);
         let sum = batch.iter().map(|group| group.gradient.clone()).reduce(|sum, gradient| sum + gradient);
         let gradient = sum.unwrap_or_else(|| self.decays.zeros_like());
@@ -59,7 +59,7 @@ impl DeviceState {
         let squares = f64::from(gradient.clone().square().sum().into_scalar::<f32>());
         let norm = share * squares.sqrt();
         if !norm.is_finite() {
-            return Err(FaultKind::Gradients(vec!["their norm".to_owned()]));
+            return Err(FailureReason::NonFiniteGradients(vec!["their norm".to_owned()]));
         }
         let update = Update { number: updates + 1, learning_rate: rate, scale: share * clip(norm, config.clip) };
         let values =
@@ -162,7 +162,7 @@ mod tests {
         let gradient = device_state.network().flat() * f32::NAN;
         let broken = FlatGradient { terms: vec![Terms::default()], gradient, seconds: PartSeconds::default() };
         let outcome = device_state.update(0, &[broken], 1e-2, &TrainConfig::shortest());
-        assert!(matches!(outcome, Err(FaultKind::Gradients(_))));
+        assert!(matches!(outcome, Err(FailureReason::NonFiniteGradients(_))));
         let mut after = state.clone();
         device_state.copy_to(&mut after).unwrap();
         assert_eq!(after.parameters.values(), state.parameters.values());

@@ -29,7 +29,8 @@ pub struct StepRecord {
     /// Seconds of its parts, summed over samples, which run in parallel.
     pub parts: PartSeconds,
     /// Why the step was skipped, if it was.
-    pub fault: Option<String>,
+    #[serde(rename = "fault")]
+    pub skip_reason: Option<String>,
     /// Hash of the step's samples, in their order; absent if one of them could not be used, and in logs of earlier versions.
     #[serde(default)]
     pub samples_sha256: Option<Sha256Digest>,
@@ -169,8 +170,8 @@ pub fn write_steps(path: &Path, records: &[StepRecord]) -> Result<(), TrainError
     columns.push(numbers("splat-secs", &|record| Some(record.parts.splat)));
     columns.push(numbers("losses-secs", &|record| Some(record.parts.losses)));
     columns.push(numbers("backward-secs", &|record| Some(record.parts.backward)));
-    let faults = records.iter().map(|record| record.fault.clone()).collect::<Vec<Option<String>>>();
-    columns.push(Column::new("fault".into(), faults));
+    let reasons = records.iter().map(|record| record.skip_reason.clone()).collect::<Vec<Option<String>>>();
+    columns.push(Column::new("fault".into(), reasons));
     write_frame(path, columns)
 }
 
@@ -220,7 +221,7 @@ mod tests {
             rate: 1e-3,
             secs: 2.0,
             parts: PartSeconds::default(),
-            fault: Some("a fault".to_owned()),
+            skip_reason: Some("a fault".to_owned()),
             samples_sha256: Some(Sha256Digest::of(b"samples")),
             initial_weights_sha256: (step == 0).then(|| "a hash".to_owned()),
         };

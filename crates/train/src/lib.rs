@@ -6,10 +6,10 @@
 
 mod checkpoint;
 mod config;
+mod contact_sheet;
 mod device_state;
 mod error;
 mod evaluation;
-mod fault;
 mod features;
 pub mod journal;
 pub mod losses;
@@ -18,7 +18,7 @@ pub mod optimiser;
 mod parameters;
 mod resolved;
 pub mod samples;
-mod sheet;
+mod skipped_step;
 mod trainer;
 mod update;
 
@@ -27,12 +27,12 @@ pub use config::{
     CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
     TrainConfig,
 };
+pub use contact_sheet::{SheetRow, contact_sheet};
 pub use error::{Purpose, TrainError};
 pub use evaluation::Evaluation;
-pub use fault::{Diagnosis, Fault, FaultKind, SampleFault};
 pub use features::FeatureCache;
 pub use objective::{FlatGradient, GroupGradients, GroupInput, Objective, PartSeconds, Terms};
 pub use parameters::Parameters;
 pub use resolved::Resolved;
-pub use sheet::{SheetRow, contact_sheet};
+pub use skipped_step::{Diagnosis, FailureReason, SampleFailure, SkippedStep};
 pub use trainer::{Event, Limits, Start, Trainer, WEIGHTS};

@@ -1,6 +1,6 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
-mod given;
+mod initial_weights;
 mod open;
 mod recorded;
 mod start;
@@ -23,10 +23,10 @@ use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
 use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
-use crate::fault::Fault;
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::Objective;
 use crate::samples::Source;
+use crate::skipped_step::SkippedStep;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
 /// If a call of [`Trainer::run`] stops before the configuration's last step.
@@ -78,18 +78,18 @@ pub struct Trainer {
     state: State,
     /// The current ones, on a graphics adapter.
     device_state: Option<DeviceState>,
-    /// The latest faults in a row.
-    faults: Vec<Fault>,
+    /// The latest steps, if they were skipped.
+    skipped: Vec<SkippedStep>,
     /// To be reported when the run starts.
     notices: Vec<String>,
     /// Warnings counted while sources were opened and the evaluation's samples were made.
     opening_warnings: Warnings,
     /// Warnings that were reported.
     reported_warnings: Warnings,
-    /// Number of scenes whose refused draws were reported.
-    reported_refusals: usize,
-    /// Number of refused draws before the next step.
-    refused_draws: u64,
+    /// Number of scenes whose replaced draws were reported.
+    reported_replaced_scenes: usize,
+    /// Number of replaced draws before the next step.
+    replaced_so_far: u64,
     folder: PathBuf,
     /// Keeps other processes from training in the folder.
     _lock: FolderLock,
@@ -235,7 +235,7 @@ impl Trainer {
         self.report_checkpoint(on_event)
     }
 
-    /// Reports each kind of warning whose count grew since the last report, with its first example, and refused draws if they are of
+    /// Reports each kind of warning whose count grew since the last report, with its first example, and replaced draws if they are of
     /// more scenes.
     fn report_warnings(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) {
         let warnings = self.warnings();
@@ -244,10 +244,10 @@ impl Trainer {
             on_event(&Event::Notice(&format!("warning: {count} × {kind}; the first: {first}")));
         }
         self.reported_warnings = warnings;
-        let refused = self.samples.refused();
-        if refused.scenes.len() > self.reported_refusals {
-            self.reported_refusals = refused.scenes.len();
-            on_event(&Event::Notice(&refused.to_string()));
+        let replaced = self.samples.replaced();
+        if replaced.scenes.len() > self.reported_replaced_scenes {
+            self.reported_replaced_scenes = replaced.scenes.len();
+            on_event(&Event::Notice(&replaced.to_string()));
         }
     }
 

@@ -4,22 +4,22 @@ use rayon::prelude::*;
 
 use crate::TrainConfig;
 use crate::checkpoint::State;
-use crate::fault::FaultKind;
 use crate::objective::GroupGradients;
 use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
+use crate::skipped_step::FailureReason;
 
 /// Averages the gradients over samples, in the order of the groups, clips the mean, and updates every parameter and the moving
 /// averages; returns the norm of the mean before clipping. A parameter that is absent from a group's gradients has gradient zero.
 ///
 /// # Errors
-/// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
+/// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
 pub(crate) fn update(
     state: &mut State,
     batch: &[GroupGradients],
     rate: f64,
     config: &TrainConfig,
-) -> Result<f64, FaultKind> {
+) -> Result<f64, FailureReason> {
     let share = 1.0 / batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1) as f64;
     let list = state.parameters.list();
     let gradients: Vec<Vec<f32>> = list
@@ -34,7 +34,7 @@ pub(crate) fn update(
         .collect();
     let norm = share * norm(gradients.iter().map(Vec::as_slice));
     if !norm.is_finite() {
-        return Err(FaultKind::Gradients(vec!["their norm".to_owned()]));
+        return Err(FailureReason::NonFiniteGradients(vec!["their norm".to_owned()]));
     }
     let scale = share * clip(norm, config.clip);
     let update = Update { number: state.updates + 1, learning_rate: rate, scale };
@@ -150,7 +150,7 @@ mod tests {
         let (run, mut state, config) = run();
         let mut broken = groups(&run.steps[0], 1);
         broken[1].gradients[0][0] = f32::NAN;
-        assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FaultKind::Gradients(_))));
+        assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
         assert_eq!(state.updates, 0);
         let starts: Vec<&[f32]> = run.parameters.iter().map(|start| start.values.as_slice()).collect();
         assert_eq!(state.parameters.values(), starts);

@@ -27,8 +27,8 @@ impl Live {
                     self.loss = Some(smoothed(self.loss, terms.total));
                 }
                 self.secs = Some(smoothed(self.secs, record.secs));
-                if let Some(fault) = &record.fault {
-                    self.progress.print(&format!("skipped: {fault}"));
+                if let Some(reason) = &record.skip_reason {
+                    self.progress.print(&format!("skipped: {reason}"));
                 }
                 self.progress.reach(record.step + 1, self.steps, self.line(record.step + 1, record.rate));
             }

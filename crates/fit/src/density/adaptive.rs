@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use super::{Changes, DensityControl, DensityError, StepContext, ViewGradients};
 use crate::optimised_gaussians::{logit, narrowed, sigmoid};
 use crate::random::{Purpose, normals};
-use crate::{Fault, OptimisedGaussians, Schedule};
+use crate::{OptimisedGaussians, Schedule, StopReason};
 
 /// Smallest opacity that is kept.
 const LEAST_OPACITY: f64 = 0.005;
@@ -84,10 +84,10 @@ impl Adaptive {
         kept.retain(|position| keeps(&scene.parts, *position));
         let wanted = kept.len() + added.len();
         if wanted > context.limit {
-            return Err(DensityError::Fault(Fault::Runaway { wanted, limit: context.limit }));
+            return Err(DensityError::Stop(StopReason::TooManyGaussians { wanted, limit: context.limit }));
         }
         if wanted == 0 {
-            return Err(DensityError::Fault(Fault::Empty));
+            return Err(DensityError::Stop(StopReason::NoGaussians));
         }
         let new = crate::optimised_gaussians::whole(new).select(&added)?.into_parts();
         scene.replace(&kept, new)?;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::{Changes, DensityControl, DensityError, StepContext};
 use crate::optimised_gaussians::{logit, narrowed, set, sigmoid};
 use crate::random::{Purpose, normals, skip_normals, stream, weighted};
-use crate::{Fault, OptimisedGaussians};
+use crate::{OptimisedGaussians, StopReason};
 
 /// Opacity up to which a Gaussian is dead; also the lowest that relocation gives.
 const DEAD: f64 = 0.005;
@@ -95,7 +95,7 @@ fn relocate(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usi
     let weights = opacities.iter().map(|opacity| if is_dead(*opacity) { 0.0 } else { *opacity });
     let sources = weighted(&mut context.stream(Purpose::Relocation), weights, dead.len());
     if sources.len() < dead.len() {
-        return Err(DensityError::Fault(Fault::Empty));
+        return Err(DensityError::Stop(StopReason::NoGaussians));
     }
     share(scene, &sources);
     let copies = scene.copies(&sources)?;

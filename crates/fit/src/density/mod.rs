@@ -8,7 +8,7 @@ use atsplat_splat::{Gradients, SplatError};
 use serde::{Deserialize, Serialize};
 
 use crate::random::Purpose;
-use crate::{Fault, OptimisedGaussians, Schedule};
+use crate::{OptimisedGaussians, Schedule, StopReason};
 
 pub use adaptive::Adaptive;
 pub use mcmc::{Mcmc, relocated};
@@ -115,7 +115,7 @@ impl Changes {
 #[derive(Debug)]
 pub enum DensityError {
     /// The result would be useless.
-    Fault(Fault),
+    Stop(StopReason),
     /// The Gaussians cannot be changed.
     Splat(SplatError),
 }

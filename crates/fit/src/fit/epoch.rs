@@ -2,7 +2,7 @@
 
 use super::Fit;
 use crate::random::{Purpose, stream};
-use crate::{Background, Fault, FitError};
+use crate::{Background, FitError, StopReason};
 
 impl Fit {
     /// The view of a step: a random permutation of all views in each epoch.
@@ -46,6 +46,10 @@ impl Fit {
         if self.step == 0 || self.empty_steps < self.step {
             return Ok(());
         }
-        Err(self.stopped(self.step, self.view_of(self.step), Fault::Unseen { near: self.options.constants.near }))
+        Err(self.stopped(
+            self.step,
+            self.view_of(self.step),
+            StopReason::NothingVisible { near: self.options.constants.near },
+        ))
     }
 }

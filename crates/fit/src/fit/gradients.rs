@@ -9,7 +9,7 @@ use crate::device::{Derivative, Job};
 use crate::loss::Terms;
 use crate::optimised_gaussians::narrowed;
 use crate::view::TrainingView;
-use crate::{Fault, FitError};
+use crate::{FitError, StopReason};
 
 /// Gradients that are checked at once.
 const CHUNK: usize = 1 << 14;
@@ -48,14 +48,14 @@ impl Fit {
     }
 
     /// The first parameter with gradients that are not finite.
-    pub(super) fn broken_gradient(&self) -> Option<Fault> {
+    pub(super) fn non_finite_gradients(&self) -> Option<StopReason> {
         let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
         let fields = self.derivative.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
         fields.into_iter().find_map(|(parameter, values)| {
-            let broken = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
+            let non_finite = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
             let count =
-                values.par_chunks(CHUNK).map(|values| if all_finite(values) { 0 } else { broken(values) }).sum();
-            (count > 0).then_some(Fault::Gradients { parameter, count })
+                values.par_chunks(CHUNK).map(|values| if all_finite(values) { 0 } else { non_finite(values) }).sum();
+            (count > 0).then_some(StopReason::NonFiniteGradients { parameter, count })
         })
     }
 }

@@ -6,7 +6,7 @@ use atsplat_model::weights::{StoredTensor, StoredTensors};
 
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
-use crate::samples::ReplacedDraws;
+use crate::samples::ReplacedCount;
 use crate::{Resolved, TrainConfig, TrainError};
 
 pub(super) const WHAT: &str = "checkpoint";
@@ -43,9 +43,9 @@ pub struct State {
     /// Optimiser updates: steps that were not skipped.
     pub updates: u64,
     /// Number of the latest steps that were skipped in a row.
-    pub faults_in_a_row: u32,
+    pub skipped_in_a_row: u32,
     /// Draws that gave no sample.
-    pub replaced: ReplacedDraws,
+    pub replaced: ReplacedCount,
     /// Weights.
     pub parameters: Parameters,
     /// Moments of the optimiser, in the order of the parameters.
@@ -67,8 +67,8 @@ impl State {
         Self {
             step: 0,
             updates: 0,
-            faults_in_a_row: 0,
-            replaced: ReplacedDraws::default(),
+            skipped_in_a_row: 0,
+            replaced: ReplacedCount::default(),
             parameters,
             moments,
             average: None,
@@ -122,7 +122,7 @@ impl State {
             ("atsplat.checkpoint", FORMAT.to_owned()),
             ("step", self.step.to_string()),
             ("updates", self.updates.to_string()),
-            ("faults-in-a-row", self.faults_in_a_row.to_string()),
+            ("faults-in-a-row", self.skipped_in_a_row.to_string()),
             (REPLACED, self.replaced.count.to_string()),
             (REPLACED_SINCE, self.replaced.since.to_string()),
             ("configuration", config.to_toml()?),
@@ -174,7 +174,7 @@ impl State {
                 average.push(values(AVERAGE, parameter)?);
             }
         }
-        let faults_in_a_row = u32::try_from(number(stored, "faults-in-a-row")?)
+        let skipped_in_a_row = u32::try_from(number(stored, "faults-in-a-row")?)
             .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
         let [sha256, data, differences, adapter, processor] =
             [INITIAL_WEIGHTS, INITIAL_DATA, INITIAL_DIFFERENCES, ADAPTER, PROCESSOR]
@@ -182,15 +182,15 @@ impl State {
         let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data, differences });
         let (step, updates) = (number(stored, "step")?, number(stored, "updates")?);
         let replaced = if stored.metadata.contains_key(REPLACED) {
-            ReplacedDraws { count: number(stored, REPLACED)?, since: number(stored, REPLACED_SINCE)? }
+            ReplacedCount { count: number(stored, REPLACED)?, since: number(stored, REPLACED_SINCE)? }
         } else {
             // Earlier versions did not count them.
-            ReplacedDraws { count: 0, since: step }
+            ReplacedCount { count: 0, since: step }
         };
         Ok(Self {
             step,
             updates,
-            faults_in_a_row,
+            skipped_in_a_row,
             replaced,
             parameters,
             moments,
@@ -303,7 +303,7 @@ mod tests {
 
     #[test]
     fn replaced_draws_are_counted_on_and_after_an_earlier_version_from_its_checkpoint() {
-        let (config, replaced) = (TrainConfig::shortest(), ReplacedDraws { count: 7, since: 2 });
+        let (config, replaced) = (TrainConfig::shortest(), ReplacedCount { count: 7, since: 2 });
         let mut stored = State { replaced, ..with_one_number(3, 1.0) }.stored(&config, &Resolved::default()).unwrap();
         let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
         let read = |stored: &StoredTensors| {

@@ -8,9 +8,9 @@ use burn::tensor::{Device, TensorData};
 
 use super::names;
 use super::terms::{Clock, PartSeconds, Terms};
-use crate::fault::{FaultKind, SampleFault};
 use crate::losses::{Stack, graph, log_distance};
 use crate::samples::Sample;
+use crate::skipped_step::{FailureReason, SampleFailure};
 
 pub(super) struct Group<'a> {
     pub(super) samples: &'a [Sample],
@@ -115,15 +115,15 @@ impl<'a> Group<'a> {
         depths: Option<&Tensor<2>>,
         weight: f64,
         in_graph: bool,
-    ) -> Result<(), SampleFault> {
+    ) -> Result<(), SampleFailure> {
         let missing = || {
             let missing = "losses.distance-weight: the network has no anchors, or the sample no exact distances";
-            FaultKind::Refused(missing.to_owned())
+            FailureReason::Error(missing.to_owned())
         };
-        let depths = depths.ok_or_else(|| SampleFault { sample: names(self.samples), what: missing() })?;
+        let depths = depths.ok_or_else(|| SampleFailure { sample: names(self.samples), reason: missing() })?;
         let samples = self.samples.iter();
-        let exact = samples.map(|sample| sample.distances.as_ref().ok_or_else(|| sample.fault(missing())));
-        let exact = exact.collect::<Result<Vec<_>, SampleFault>>()?;
+        let exact = samples.map(|sample| sample.distances.as_ref().ok_or_else(|| sample.failure(missing())));
+        let exact = exact.collect::<Result<Vec<_>, SampleFailure>>()?;
         if in_graph {
             let exact: Vec<&[f32]> = exact.into_iter().map(|exact| exact.distances.as_slice()).collect();
             let losses = graph::log_distance(depths.clone(), &exact);

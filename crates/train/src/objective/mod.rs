@@ -13,9 +13,9 @@ use indexmap::IndexMap;
 pub use terms::{PartSeconds, Terms};
 
 use crate::config::LossConfig;
-use crate::fault::{FaultKind, SampleFault};
 use crate::losses::{Perceptual, Stack};
 use crate::samples::{Sample, pixel_size};
+use crate::skipped_step::{FailureReason, SampleFailure};
 use crate::{FeatureCache, TrainError};
 use group::{Group, Run};
 use terms::Clock;
@@ -109,8 +109,8 @@ impl Objective {
     /// on an autodiff device.
     ///
     /// # Errors
-    /// [`SampleFault`] if the step cannot be used; nothing is changed.
-    pub fn gradients(&self, network: &Network, input: &GroupInput<'_>) -> Result<GroupGradients, SampleFault> {
+    /// [`SampleFailure`] if the step cannot be used; nothing is changed.
+    pub fn gradients(&self, network: &Network, input: &GroupInput<'_>) -> Result<GroupGradients, SampleFailure> {
         let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
         let gradients = gradients.map(|gradients| network.gradients(&gradients)).unwrap_or_default();
@@ -120,15 +120,15 @@ impl Objective {
         if broken.is_empty() {
             Ok(GroupGradients { terms, gradients, seconds })
         } else {
-            Err(SampleFault { sample: names(input.samples), what: FaultKind::Gradients(broken) })
+            Err(SampleFailure { sample: names(input.samples), reason: FailureReason::NonFiniteGradients(broken) })
         }
     }
 
     /// [`Self::gradients`] as one tensor on the network's device; the caller has to check whether they are finite.
     ///
     /// # Errors
-    /// [`SampleFault`] if the step cannot be used; nothing is changed.
-    pub fn flat_gradient(&self, network: &Network, input: &GroupInput<'_>) -> Result<FlatGradient, SampleFault> {
+    /// [`SampleFailure`] if the step cannot be used; nothing is changed.
+    pub fn flat_gradient(&self, network: &Network, input: &GroupInput<'_>) -> Result<FlatGradient, SampleFailure> {
         let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
         let gradient = match gradients {
@@ -139,19 +139,19 @@ impl Objective {
         Ok(FlatGradient { terms, gradient, seconds })
     }
 
-    fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFault> {
+    fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFailure> {
         let GroupInput { samples, features, call_seed, share } = *input;
         let mut clock = Clock::start();
-        let failed = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
+        let failed = |error: &dyn std::fmt::Display| FailureReason::Error(error.to_string());
         let views = |sample: &Sample| {
             finite_images(sample)?;
             let views = features.map_or_else(|| sample.context.views(), |cache| cache.views(network, &sample.context));
             views.map_err(|error| failed(&error))
         };
-        let views: Result<Vec<Views>, SampleFault> =
-            samples.iter().map(|sample| views(sample).map_err(|what| sample.fault(what))).collect();
+        let views: Result<Vec<Views>, SampleFailure> =
+            samples.iter().map(|sample| views(sample).map_err(|reason| sample.failure(reason))).collect();
         let forward = network.forward(&views?, call_seed);
-        let forward = forward.map_err(|error| SampleFault { sample: names(samples), what: failed(&error) })?;
+        let forward = forward.map_err(|error| SampleFailure { sample: names(samples), reason: failed(&error) })?;
         let seconds = PartSeconds { forward: clock.lap(), ..PartSeconds::default() };
         let mut group = Group::new(samples, seconds, clock, network.device());
         let weight = self.config.distance_weight_at(share);
@@ -170,14 +170,14 @@ impl Objective {
         let Group { terms, seconds, clock, sum, .. } = group;
         for (sample, terms) in samples.iter().zip(&terms) {
             if let Some((name, _)) = terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
-                return Err(sample.fault(FaultKind::Term(name)));
+                return Err(sample.failure(FailureReason::NonFiniteTerm(name)));
             }
         }
         Ok(Differentiated { terms, seconds, clock, gradients: sum.map(|sum| sum.backward()) })
     }
 
     /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
-    fn add_final(&self, gaussians: &GaussianTensors, weight: f64, group: &mut Group<'_>) -> Result<(), SampleFault> {
+    fn add_final(&self, gaussians: &GaussianTensors, weight: f64, group: &mut Group<'_>) -> Result<(), SampleFailure> {
         if self.in_graph {
             for run in group.runs() {
                 let images = self.render_run(gaussians, group.samples, (&run, run.stack.views), None)?;
@@ -203,7 +203,7 @@ impl Objective {
         gaussians: &GaussianTensors,
         scores: Option<Tensor<2>>,
         group: &mut Group<'_>,
-    ) -> Result<(), SampleFault> {
+    ) -> Result<(), SampleFailure> {
         let scores = scores.filter(|_| self.config.uncertainty_weight > 0.0);
         if scores.is_none() && self.config.intermediate_weight <= 0.0 {
             return Ok(());
@@ -239,12 +239,12 @@ impl Objective {
         at: usize,
         stack: Stack,
         scores: Option<&Tensor<2>>,
-    ) -> Result<RenderedTensors, SampleFault> {
+    ) -> Result<RenderedTensors, SampleFailure> {
         let sample = &group.samples[at];
         let scalars = scores.map(|scores| scalars(scores.clone().narrow(0, at, 1), gaussians).squeeze_dim::<1>(0));
         let options = self.options(scalars.is_some());
         let rendered = gaussians.render(at, &target_views(sample, stack.views), &options, scalars);
-        rendered.map_err(|error| sample.fault(FaultKind::Refused(error.to_string())))
+        rendered.map_err(|error| sample.failure(FailureReason::Error(error.to_string())))
     }
 
     /// Renders the first targets of every sample of a run, at once.
@@ -254,13 +254,14 @@ impl Objective {
         samples: &[Sample],
         (run, views): (&Run, usize),
         scores: Option<&Tensor<2>>,
-    ) -> Result<RenderedTensors, SampleFault> {
+    ) -> Result<RenderedTensors, SampleFailure> {
         let scalars = scores.map(|scores| scalars(scores.clone().slice_dim(0, run.samples.clone()), gaussians));
         let options = self.options(scalars.is_some());
         let of_run = &samples[run.samples.clone()];
         let views: Vec<Vec<View>> = of_run.iter().map(|sample| target_views(sample, views)).collect();
         let rendered = gaussians.scenes(run.samples.clone()).render_all(&views, &options, scalars);
-        rendered.map_err(|error| SampleFault { sample: names(of_run), what: FaultKind::Refused(error.to_string()) })
+        rendered
+            .map_err(|error| SampleFailure { sample: names(of_run), reason: FailureReason::Error(error.to_string()) })
     }
 
     fn options(&self, with_scalars: bool) -> RenderOptions {
@@ -289,11 +290,11 @@ pub(crate) fn target_views(sample: &Sample, count: usize) -> Vec<View> {
     sample.targets.cameras.iter().take(count).map(|&camera| View { camera, size }).collect()
 }
 
-fn finite_images(sample: &Sample) -> Result<(), FaultKind> {
+fn finite_images(sample: &Sample) -> Result<(), FailureReason> {
     for (what, posed) in [("context", &sample.context), ("target", &sample.targets)] {
         let broken = (0..posed.cameras.len()).find(|view| posed.image(*view).iter().any(|value| !value.is_finite()));
         if let Some(view) = broken {
-            return Err(FaultKind::Image(format!("{what} image {view}")));
+            return Err(FailureReason::NonFiniteImage(format!("{what} image {view}")));
         }
     }
     Ok(())

@@ -15,7 +15,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::exclude::scene_name;
-use super::{ExcludedScenes, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
+use super::{ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
 use crate::config::{WHAT, misfit};
 use crate::error::Purpose;
@@ -95,7 +95,7 @@ struct Counted {
     scenes: BTreeSet<String>,
     /// Warnings of trials that were counted: kind, scene, detail.
     of_trials: BTreeSet<(WarningKind, String, String)>,
-    refused: RefusedDraws,
+    replaced: ReplacedDraws,
 }
 
 impl DatasetSource {
@@ -257,8 +257,8 @@ impl Source for DatasetSource {
         self.counted().warnings.clone()
     }
 
-    fn refused(&self) -> RefusedDraws {
-        self.counted().refused.clone()
+    fn replaced(&self) -> ReplacedDraws {
+        self.counted().replaced.clone()
     }
 
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
@@ -277,7 +277,7 @@ impl Source for DatasetSource {
             let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
             let outcome = self.try_sample(key, id.step, random);
             if let Err(reason) = &outcome {
-                self.counted().refused.add(key, reason);
+                self.counted().replaced.add(key, reason);
             }
             Ok(outcome)
         })

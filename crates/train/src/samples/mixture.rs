@@ -2,7 +2,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
-use super::{RefusedDraws, Sample, SampleId, Source, mirrored};
+use super::{ReplacedDraws, Sample, SampleId, Source, mirrored};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -68,12 +68,12 @@ impl Source for Mixture {
         warnings
     }
 
-    fn refused(&self) -> RefusedDraws {
-        let mut refused = RefusedDraws::default();
+    fn replaced(&self) -> ReplacedDraws {
+        let mut replaced = ReplacedDraws::default();
         for (_, source) in &self.sources {
-            refused.merge(source.refused());
+            replaced.merge(source.replaced());
         }
-        refused
+        replaced
     }
 
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {

@@ -7,7 +7,7 @@ mod distances;
 mod exclude;
 mod flip;
 mod mixture;
-mod refused;
+mod replaced;
 mod rooms;
 mod views;
 
@@ -24,14 +24,14 @@ pub use distances::PatchDistances;
 pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
-pub use refused::{RefusedDraws, ReplacedDraws};
+pub use replaced::{ReplacedCount, ReplacedDraws};
 pub use rooms::{RoomsConfig, RoomsSource};
 pub use views::ViewChoice;
 
 use crate::TrainError;
 use crate::error::Purpose;
-use crate::fault::{FaultKind, SampleFault};
 use crate::losses::Stack;
+use crate::skipped_step::{FailureReason, SampleFailure};
 
 /// Context views and target views with their images, in the network's frame.
 #[derive(Clone, Debug)]
@@ -85,8 +85,8 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     }
 
     /// Draws so far that gave no sample, such as those of scenes with too few frames, and were replaced by others.
-    fn refused(&self) -> RefusedDraws {
-        RefusedDraws::default()
+    fn replaced(&self) -> ReplacedDraws {
+        ReplacedDraws::default()
     }
 
     /// Hashes of the lists of scenes that samples are drawn from, each under its field in the configuration, for lists that can change
@@ -126,9 +126,9 @@ impl PosedImages {
 }
 
 impl Sample {
-    /// A fault of this sample.
-    pub(crate) fn fault(&self, what: FaultKind) -> SampleFault {
-        SampleFault { sample: self.name.clone(), what }
+    /// The failure of this sample.
+    pub(crate) fn failure(&self, reason: FailureReason) -> SampleFailure {
+        SampleFailure { sample: self.name.clone(), reason }
     }
 
     /// If the network can see both at once.

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    NormalisedCameras, PatchDistances, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, distances,
+    NormalisedCameras, PatchDistances, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, distances,
     first_sample, normalised, pixel_size,
 };
 use crate::TrainError;
@@ -82,7 +82,7 @@ pub struct RoomsSource {
     /// Side in pixels of the patches whose distances samples have.
     patch: Option<usize>,
     cache: Mutex<Cache>,
-    refused: Mutex<RefusedDraws>,
+    replaced: Mutex<ReplacedDraws>,
 }
 
 /// The offered frames of a scene.
@@ -144,7 +144,7 @@ fn kept<T>(slot: &OnceLock<T>, make: impl FnOnce() -> Result<T, TrainError>) -> 
 impl RoomsSource {
     /// A source whose cameras are normalised by `normalisation`.
     pub fn new(config: RoomsConfig, normalisation: PoseNormalisation) -> Self {
-        Self { config, normalisation, patch: None, cache: Mutex::default(), refused: Mutex::default() }
+        Self { config, normalisation, patch: None, cache: Mutex::default(), replaced: Mutex::default() }
     }
 
     /// Samples have the exact distances of context patches of this many pixels a side.
@@ -199,14 +199,14 @@ impl RoomsSource {
         Ok(simulation)
     }
 
-    fn refused_draws(&self) -> MutexGuard<'_, RefusedDraws> {
-        self.refused.lock().unwrap_or_else(PoisonError::into_inner)
+    fn replaced_draws(&self) -> MutexGuard<'_, ReplacedDraws> {
+        self.replaced.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Counts a draw that gave no sample, and returns why.
-    fn refuse(&self, key: &str, error: &impl std::fmt::Display) -> String {
+    fn count_replaced(&self, key: &str, error: &impl std::fmt::Display) -> String {
         let reason = format!("{key}: {error}");
-        self.refused_draws().add(key, &reason);
+        self.replaced_draws().add(key, &reason);
         reason
     }
 
@@ -220,13 +220,13 @@ impl RoomsSource {
         let clip = self.clip(number)?;
         let entry = match self.config.views.draw(&SceneViews { key: &key, cameras: &clip.cameras }, step, random) {
             Ok(entry) => entry,
-            Err(error) => return Ok(Err(self.refuse(&key, &error))),
+            Err(error) => return Ok(Err(self.count_replaced(&key, &error))),
         };
         let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
         let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
         let NormalisedCameras { context, targets, scale } = match cameras {
             Ok(cameras) => cameras,
-            Err(error) => return Ok(Err(self.refuse(&key, &error))),
+            Err(error) => return Ok(Err(self.count_replaced(&key, &error))),
         };
         let needed: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
         needed.into_par_iter().try_for_each(|frame| clip.image(frame).map(drop))?;
@@ -265,8 +265,8 @@ impl Source for RoomsSource {
         format!("{} ({views}, stride {stride})", self.config.scenes_and_size())
     }
 
-    fn refused(&self) -> RefusedDraws {
-        self.refused_draws().clone()
+    fn replaced(&self) -> ReplacedDraws {
+        self.replaced_draws().clone()
     }
 
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {

@@ -58,7 +58,7 @@ impl Trainer {
         let Environment { device, template, objective, .. } = environment;
         Ok(Self {
             // Those of the check are not the run's.
-            refused_draws: samples.refused().count,
+            replaced_so_far: samples.replaced().count,
             config,
             model,
             samples,
@@ -72,11 +72,11 @@ impl Trainer {
             evaluations,
             state,
             device_state,
-            faults: Vec::new(),
+            skipped: Vec::new(),
             notices,
             opening_warnings,
             reported_warnings: Warnings::new(),
-            reported_refusals: 0,
+            reported_replaced_scenes: 0,
             folder: folder.to_owned(),
             _lock: lock,
         })
@@ -156,8 +156,8 @@ fn evaluation_of(
     let seed = settings.seed.unwrap_or(config.seed);
     let evaluation = Evaluation::new(source, seed, settings.samples.get(), background)?;
     warnings.merge(source.warnings());
-    let refused = Some(source.refused()).filter(|refused| refused.count > 0);
-    let of_source = source.notices().into_iter().chain(refused.map(|refused| refused.to_string()));
+    let replaced = Some(source.replaced()).filter(|replaced| replaced.count > 0);
+    let of_source = source.notices().into_iter().chain(replaced.map(|replaced| replaced.to_string()));
     notices.extend(of_source.map(|notice| format!("evaluation: {notice}")));
     Ok(Some(evaluation))
 }

@@ -7,7 +7,7 @@ use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
 use atsplat_splat::cpu;
 
-use super::given::{differences, first_names, require_f16};
+use super::initial_weights::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;

@@ -9,10 +9,10 @@ use burn::module::Module as _;
 use rayon::prelude::*;
 
 use super::{Event, Trainer};
-use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::StepRecord;
 use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
 use crate::samples::{Sample, SampleId, digest_of_all};
+use crate::skipped_step::{Diagnosis, FailureReason, SampleFailure, SkippedStep};
 use crate::update::update;
 use crate::{TrainConfig, TrainError};
 
@@ -69,7 +69,7 @@ impl Trainer {
             rate: self.config.schedule.rate(step, self.config.steps.get()),
             secs: 0.0,
             parts: PartSeconds::default(),
-            fault: None,
+            skip_reason: None,
             samples_sha256: None,
             initial_weights_sha256: given.map(|given| given.sha256.clone()),
         };
@@ -81,31 +81,31 @@ impl Trainer {
         };
         match done {
             Ok(()) => {
-                self.state.faults_in_a_row = 0;
-                self.faults.clear();
+                self.state.skipped_in_a_row = 0;
+                self.skipped.clear();
             }
-            Err(fault) => {
-                record.fault = Some(fault.to_string());
-                self.state.faults_in_a_row += 1;
-                self.faults.push(fault);
+            Err(skipped) => {
+                record.skip_reason = Some(skipped.to_string());
+                self.state.skipped_in_a_row += 1;
+                self.skipped.push(skipped);
             }
         }
         self.state.step += 1;
-        let refused = self.samples.refused().count;
-        self.state.replaced.count += refused.saturating_sub(self.refused_draws);
-        self.refused_draws = refused;
+        let replaced = self.samples.replaced().count;
+        self.state.replaced.count += replaced.saturating_sub(self.replaced_so_far);
+        self.replaced_so_far = replaced;
         record.secs = start.elapsed().as_secs_f64();
         self.steps.append(&record)?;
         on_event(&Event::Step(&record));
-        if self.state.faults_in_a_row >= self.config.most_faults.get() {
+        if self.state.skipped_in_a_row >= self.config.most_faults.get() {
             let parameters = self.current_state()?.parameters.non_finite();
-            let (in_a_row, faults) = (self.state.faults_in_a_row, std::mem::take(&mut self.faults));
-            return Err(TrainError::Stopped(Box::new(Diagnosis { in_a_row, faults, parameters })));
+            let (in_a_row, skipped) = (self.state.skipped_in_a_row, std::mem::take(&mut self.skipped));
+            return Err(TrainError::Stopped(Box::new(Diagnosis { in_a_row, skipped, parameters })));
         }
         Ok(())
     }
 
-    fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), Fault> {
+    fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), SkippedStep> {
         let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
         let gradients = |micro_batch: &MicroBatch<'_>| {
             // Each group has a separate graph over the same weights, so groups run in parallel.
@@ -117,9 +117,9 @@ impl Trainer {
             Ok(group)
         };
         let parts = numbers.par_chunks(self.config.micro_batch.get());
-        // Every group is computed, so that the same fault is reported at any number of threads.
-        let parts: Vec<Result<Computed<_>, Fault>> = parts.map(|part| self.groups(part, gradients)).collect();
-        let (groups, digest) = Computed::joined(parts.into_iter().collect::<Result<_, Fault>>()?);
+        // Every group is computed, so that the same reason is reported at any number of threads.
+        let parts: Vec<Result<Computed<_>, SkippedStep>> = parts.map(|part| self.groups(part, gradients)).collect();
+        let (groups, digest) = Computed::joined(parts.into_iter().collect::<Result<_, SkippedStep>>()?);
         record.samples_sha256 = Some(digest);
         let norm = update(&mut self.state, &groups, record.rate, &self.config);
         let groups = groups.into_iter().map(|GroupGradients { terms, seconds, .. }| (terms, seconds));
@@ -127,7 +127,7 @@ impl Trainer {
     }
 
     #[expect(clippy::expect_used, reason = "the caller has looked")]
-    fn step_on_adapter(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), Fault> {
+    fn step_on_adapter(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), SkippedStep> {
         let mut device_state = self.device_state.take().expect("a run on an adapter");
         let gradients = |micro_batch: &MicroBatch<'_>| {
             let MicroBatch { samples, first, share, drawing } = *micro_batch;
@@ -138,7 +138,7 @@ impl Trainer {
         };
         // An adapter runs one group at a time, with all of its threads.
         let parts = numbers.chunks(self.config.micro_batch.get());
-        let parts: Result<Vec<Computed<_>>, Fault> = parts.map(|part| self.groups(part, gradients)).collect();
+        let parts: Result<Vec<Computed<_>>, SkippedStep> = parts.map(|part| self.groups(part, gradients)).collect();
         let done = parts.map(Computed::joined).map(|(groups, digest)| {
             record.samples_sha256 = Some(digest);
             let norm = device_state.update(self.state.updates, &groups, record.rate, &self.config);
@@ -156,18 +156,18 @@ impl Trainer {
     fn groups<T>(
         &self,
         numbers: &[u64],
-        compute: impl Fn(&MicroBatch<'_>) -> Result<T, SampleFault>,
-    ) -> Result<Computed<T>, Fault> {
+        compute: impl Fn(&MicroBatch<'_>) -> Result<T, SampleFailure>,
+    ) -> Result<Computed<T>, SkippedStep> {
         let step = self.state.step;
         let start = Instant::now();
         let draw = |&number: &u64| {
             let sample = self.samples.sample(SampleId { seed: self.config.seed, number, step });
             sample.map_err(|error| {
-                let what = FaultKind::Refused(error.to_string());
-                Fault { step, sample: format!("sample {number}"), what }
+                let reason = FailureReason::Error(error.to_string());
+                SkippedStep { step, sample: format!("sample {number}"), reason }
             })
         };
-        let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
+        let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, SkippedStep>>()?;
         let digests = samples.iter().map(Sample::digest).collect();
         let mut drawing = start.elapsed().as_secs_f64();
         let share = step as f64 / self.config.steps.get() as f64;
@@ -175,7 +175,7 @@ impl Trainer {
         let mut done = 0;
         for samples in samples.chunk_by(Sample::has_shape_of) {
             let computed = compute(&MicroBatch { samples, first: numbers[done], share, drawing });
-            groups.push(computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })?);
+            groups.push(computed.map_err(|SampleFailure { sample, reason }| SkippedStep { step, sample, reason })?);
             done += samples.len();
             drawing = 0.0;
         }
@@ -186,11 +186,11 @@ impl Trainer {
 /// Fills in the record of a step whose gradients are known.
 fn complete(
     record: &mut StepRecord,
-    norm: Result<f64, FaultKind>,
+    norm: Result<f64, FailureReason>,
     (terms, seconds): (Vec<Vec<Terms>>, Vec<PartSeconds>),
-) -> Result<(), Fault> {
+) -> Result<(), SkippedStep> {
     let sample = || "all of the step".to_owned();
-    record.gradient_norm = Some(norm.map_err(|what| Fault { step: record.step, sample: sample(), what })?);
+    record.gradient_norm = Some(norm.map_err(|reason| SkippedStep { step: record.step, sample: sample(), reason })?);
     record.terms = Some(Terms::mean(&terms.concat()));
     record.parts = PartSeconds::sum(seconds.into_iter());
     Ok(())

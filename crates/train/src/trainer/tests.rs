@@ -179,7 +179,7 @@ fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
         };
         trainer.run(Limits { steps: Some(steps), time: None }, &mut on_event).unwrap();
         let weights = ModelWeights::read(&folder.join(WEIGHTS)).unwrap();
-        (trainer.samples.refused().count, last, weights.provenance["replaced-draws"].clone())
+        (trainer.samples.replaced().count, last, weights.provenance["replaced-draws"].clone())
     };
     let (count, last, recorded) = run(&whole, &Start::Fresh, 6);
     assert!(count > 0);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use atsplat_model::weights::{ModelWeights, Precision};
 
-use super::given::POSE_NORMALISATION;
+use super::initial_weights::POSE_NORMALISATION;
 use super::{Trainer, WEIGHTS};
 use crate::TrainError;
 use crate::checkpoint::InitialWeights;

@@ -6,7 +6,7 @@ mod common;
 mod evaluation;
 mod experiments;
 mod features;
-mod given_weights;
+mod initial_weights;
 mod learned;
 mod losses;
 mod mirror;

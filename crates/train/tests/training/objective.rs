@@ -6,7 +6,7 @@ use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::samples::{PatchDistances, Sample};
-use atsplat_train::{Evaluation, FaultKind, GroupGradients, GroupInput, LossConfig, Objective, Parameters, Terms};
+use atsplat_train::{Evaluation, FailureReason, GroupGradients, GroupInput, LossConfig, Objective, Parameters, Terms};
 
 fn network() -> Network {
     let model = config("").model.config().unwrap();
@@ -14,12 +14,12 @@ fn network() -> Network {
     parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap()
 }
 
-fn gradients(losses: LossConfig, sample: &Sample) -> Result<GroupGradients, FaultKind> {
+fn gradients(losses: LossConfig, sample: &Sample) -> Result<GroupGradients, FailureReason> {
     let objective = Objective::new(losses).unwrap();
     let computed = objective.gradients(&network(), &GroupInput::new(std::slice::from_ref(sample)));
-    computed.map_err(|fault| {
-        assert_eq!(fault.sample, sample.name);
-        fault.what
+    computed.map_err(|failure| {
+        assert_eq!(failure.sample, sample.name);
+        failure.reason
     })
 }
 
@@ -159,8 +159,14 @@ fn an_image_that_is_not_finite_is_named() {
         let context = with(|sample| sample.context.images[40] = broken);
         let target = with(|sample| *sample.targets.images.last_mut().unwrap() = broken);
         let default = LossConfig::default;
-        assert_eq!(gradients(default(), &context).unwrap_err(), FaultKind::Image("context image 0".to_owned()));
-        assert_eq!(gradients(default(), &target).unwrap_err(), FaultKind::Image("target image 1".to_owned()));
+        assert_eq!(
+            gradients(default(), &context).unwrap_err(),
+            FailureReason::NonFiniteImage("context image 0".to_owned())
+        );
+        assert_eq!(
+            gradients(default(), &target).unwrap_err(),
+            FailureReason::NonFiniteImage("target image 1".to_owned())
+        );
     }
 }
 
@@ -193,8 +199,11 @@ fn samples_together_have_their_terms_and_the_sum_of_their_gradients() {
     }
     let mut broken = samples;
     broken[1].targets.images[3] = f32::NAN;
-    let fault = objective.gradients(&network, &GroupInput::new(&broken)).unwrap_err();
-    assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Image("target image 0".to_owned())));
+    let failure = objective.gradients(&network, &GroupInput::new(&broken)).unwrap_err();
+    assert_eq!(
+        (failure.sample.as_str(), failure.reason),
+        ("noise 8", FailureReason::NonFiniteImage("target image 0".to_owned()))
+    );
 }
 
 /// Three samples in one group, the last with one target less, every term switched on: losses in the graph give the terms and

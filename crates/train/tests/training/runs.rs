@@ -104,8 +104,8 @@ fn a_broken_sample_is_skipped_and_counted() {
     assert_eq!((trainer.state().skipped(), trainer.state().updates), (1, 11));
     assert!(trainer.state().parameters.non_finite().is_empty());
     let records = steps(folder.path());
-    let fault = records[2].fault.as_ref().unwrap();
-    assert!(fault.contains("target image 0") && fault.contains("noise 5") && fault.contains("step 2"), "{fault}");
+    let reason = records[2].skip_reason.as_ref().unwrap();
+    assert!(reason.contains("target image 0") && reason.contains("noise 5") && reason.contains("step 2"), "{reason}");
     assert!(records[2].terms.is_none() && records[3].terms.is_some());
 }
 
@@ -123,14 +123,14 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, broken);
     let error = run(&mut stopped, None).unwrap_err();
     let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
-    assert_eq!(diagnosis.faults.iter().map(|fault| fault.step).collect::<Vec<_>>(), [3, 4, 5]);
+    assert_eq!(diagnosis.skipped.iter().map(|skipped| skipped.step).collect::<Vec<_>>(), [3, 4, 5]);
     assert_eq!(diagnosis.in_a_row, 3);
     assert!(diagnosis.parameters.is_empty());
     let text = error.to_string();
     assert!(text.contains("context image 0") && text.contains("all weights are finite"), "{text}");
     assert!(text.contains("3 steps in a row could not be used\n"), "{text}");
     drop(stopped);
-    // The checkpoint before the faults is kept.
+    // The checkpoint before the skipped steps is kept.
     let resumed = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
     assert_eq!(resumed.state().step, 4);
     drop(resumed);
@@ -138,7 +138,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let mut again = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, broken);
     let error = run(&mut again, None).unwrap_err();
     let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
-    assert_eq!((diagnosis.in_a_row, diagnosis.faults.len()), (3, 2));
+    assert_eq!((diagnosis.in_a_row, diagnosis.skipped.len()), (3, 2));
     let text = error.to_string();
     assert!(text.contains("3 steps in a row could not be used, 1 of them before the run was resumed"), "{text}");
 }

@@ -11,7 +11,7 @@ use atsplat_protocol::Preset;
 use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::{WarningKind, Warnings};
 use atsplat_train::samples::{
-    DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RefusedDraws, RoomsConfig, RoomsSource,
+    DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, ReplacedDraws, RoomsConfig, RoomsSource,
     Sample, SampleId, Source, ViewChoice, mirrored,
 };
 use glam::{DVec2, DVec3};
@@ -144,10 +144,10 @@ fn draws_of_simulated_scenes_with_too_few_targets_are_counted() {
     for number in 0..12 {
         source.sample(id(number)).unwrap();
     }
-    let refused = source.refused();
+    let replaced = source.replaced();
     let reason = "rooms-train-00000000: needs 3 target frames, has 2 candidates";
-    assert_eq!(refused.scenes, BTreeMap::from([("rooms-train-00000000".to_owned(), reason.to_owned())]));
-    assert_eq!(refused.count, 7);
+    assert_eq!(replaced.scenes, BTreeMap::from([("rooms-train-00000000".to_owned(), reason.to_owned())]));
+    assert_eq!(replaced.count, 7);
 }
 
 /// Samples from files have the same sizes and scale as from the simulation.
@@ -275,7 +275,7 @@ fn a_frame_without_a_pose_is_not_counted_as_an_unreadable_image() {
     let warnings = source.warnings();
     let counts = [WarningKind::BadCamera, WarningKind::UnreadableImage].map(|kind| warnings.count(kind));
     assert_eq!(counts, [1, 0], "{:?}", warnings.kept());
-    assert!(source.refused().scenes.contains_key("rooms-train-00000000"), "{}", source.refused());
+    assert!(source.replaced().scenes.contains_key("rooms-train-00000000"), "{}", source.replaced());
 }
 
 /// Other scenes replace one that no window fits, and it is counted.
@@ -284,16 +284,16 @@ fn draws_of_scenes_with_too_few_frames_are_counted() {
     let folder = tempdir().unwrap();
     let config = rooms_of(folder.path(), [12, 4]);
     let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
-    assert_eq!(source.refused(), RefusedDraws::default());
+    assert_eq!(source.replaced(), ReplacedDraws::default());
     let names: Vec<String> = (0..20).map(|number| source.sample(id(number)).unwrap().name).collect();
     assert!(names.iter().all(|name| name.starts_with("rooms-train-00000000")), "{names:?}");
-    let refused = source.refused();
-    assert!((2..100).contains(&refused.count), "{refused}");
+    let replaced = source.replaced();
+    assert!((2..100).contains(&replaced.count), "{replaced}");
     let reason = "rooms-train-00000001: needs 5 frames, has 4";
-    assert_eq!(refused.scenes, BTreeMap::from([("rooms-train-00000001".to_owned(), reason.to_owned())]));
-    assert!(refused.to_string().ends_with(&format!("were replaced; their scenes: 1, such as {reason}")), "{refused}");
+    assert_eq!(replaced.scenes, BTreeMap::from([("rooms-train-00000001".to_owned(), reason.to_owned())]));
+    assert!(replaced.to_string().ends_with(&format!("were replaced; their scenes: 1, such as {reason}")), "{replaced}");
     let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
-    assert_eq!(mixture.refused(), refused, "of a run's data");
+    assert_eq!(mixture.replaced(), replaced, "of a run's data");
 }
 
 /// Two scenes of 12 frames in `data`, and a preset for their images.

@@ -95,7 +95,7 @@ fn a_step_sees_the_same_samples_at_any_size_of_the_micro_batch() {
             journal::read::<StepRecord>(&folder.path().join("steps.jsonl")).unwrap().remove(0)
         });
         for record in &first[1..] {
-            assert_eq!((record.terms, &record.fault), (first[0].terms, &None));
+            assert_eq!((record.terms, &record.skip_reason), (first[0].terms, &None));
             Tolerance::relative(1e-5).assert(record.gradient_norm, first[0].gradient_norm, "norm of the mean gradient");
         }
     }

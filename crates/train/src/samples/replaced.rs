@@ -3,14 +3,14 @@ use std::fmt;
 
 /// Draws of scenes that gave no sample, each replaced by another draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct RefusedDraws {
+pub struct ReplacedDraws {
     /// How many there were.
     pub count: u64,
     /// Their scenes, each with the reason of its first one.
     pub scenes: BTreeMap<String, String>,
 }
 
-impl RefusedDraws {
+impl ReplacedDraws {
     pub(super) fn add(&mut self, scene: &str, reason: &str) {
         self.count += 1;
         self.scenes.entry(scene.to_owned()).or_insert_with(|| reason.to_owned());
@@ -24,7 +24,7 @@ impl RefusedDraws {
     }
 }
 
-impl fmt::Display for RefusedDraws {
+impl fmt::Display for ReplacedDraws {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} draws gave no sample and were replaced; their scenes: {}", self.count, self.scenes.len())?;
         match self.scenes.first_key_value() {
@@ -36,14 +36,14 @@ impl fmt::Display for RefusedDraws {
 
 /// Draws of a run that gave no sample and were replaced, in this call and those before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ReplacedDraws {
+pub struct ReplacedCount {
     /// How many there were.
     pub count: u64,
     /// The step from which they are counted: 0, unless the run goes on from a checkpoint of a version that did not count them.
     pub since: u64,
 }
 
-impl fmt::Display for ReplacedDraws {
+impl fmt::Display for ReplacedCount {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self { count, since: 0 } => write!(f, "{count}"),
