@@ -34,7 +34,7 @@ const CHUNK: usize = 1 << 11;
 impl Adam {
     /// Moves every parameter against its gradient.
     pub fn update(&self, scene: &mut OptimisedGaussians, gradients: &Gradients<f32>) {
-        let OptimisedGaussians { parts, first, second } = scene;
+        let OptimisedGaussians { parts, first_moments: first, second_moments: second } = scene;
         self.flat(
             self.means,
             parts.means.as_flattened_mut(),

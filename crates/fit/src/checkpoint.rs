@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use tensors::{PARTS, Tensors, arrays};
 
 use crate::history::HistoryFacts;
-use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, TrainingView, TrainingViews};
+use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView, TrainingViews};
 
 const METADATA: &str = "atsplat.fit";
 const WRITING: &str = "writing a checkpoint";
@@ -64,7 +64,8 @@ impl Fit {
     pub fn checkpoint(&self, path: &Path) -> Result<(), FitError> {
         let (density, history) = (self.density.state(), self.history.arrays());
         let mut state: Vec<(String, &[f32])> = Vec::new();
-        for (part, parts) in PARTS.into_iter().zip([&self.scene.parts, &self.scene.first, &self.scene.second]) {
+        let OptimisedGaussians { parts, first_moments, second_moments } = &self.scene;
+        for (part, parts) in PARTS.into_iter().zip([parts, first_moments, second_moments]) {
             state.extend(arrays(parts).map(|(name, values)| (format!("{part}/{name}"), values)));
         }
         let filters = self.scene.parts.filter_3d.as_deref();
@@ -151,8 +152,8 @@ impl Fit {
         let density: Vec<Vec<f32>> = density.collect::<Result<_, _>>()?;
         let [losses, scores, training] = History::ARRAYS.map(|name| tensors.doubles(name));
         let numbers = [losses?, scores?, training?];
-        let lengths =
-            [&scene.parts, &scene.first, &scene.second].map(|parts| Gaussians::new(parts.clone()).map(|all| all.len()));
+        let lengths = [&scene.parts, &scene.first_moments, &scene.second_moments]
+            .map(|parts| Gaussians::new(parts.clone()).map(|all| all.len()));
         let [Ok(values), Ok(first), Ok(second)] = lengths else {
             return Err(wrong("tensors", "arrays of matching lengths", "others".to_owned()));
         };
@@ -211,7 +212,8 @@ fn other_run(recorded: Option<&serde_json::Value>, config: &FitConfig, path: &Pa
     }
 }
 
-/// Hash of everything that a step depends on, apart from the initial Gaussians and the state.
+/// Hash of everything that a step depends on, apart from the initial Gaussians and the state. The names of the configuration's types and
+/// fields are part of it: a run cannot be resumed after one of them has changed.
 fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()

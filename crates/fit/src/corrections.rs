@@ -25,8 +25,8 @@ const EPSILON: f64 = 1e-8;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Corrections {
     pub(crate) values: Vec<[f32; VALUES]>,
-    pub(crate) first: Vec<[f32; GRADIENTS]>,
-    pub(crate) second: Vec<[f32; GRADIENTS]>,
+    pub(crate) first_moments: Vec<[f32; GRADIENTS]>,
+    pub(crate) second_moments: Vec<[f32; GRADIENTS]>,
 }
 
 /// Gradients of one view in one step.
@@ -44,15 +44,15 @@ impl Corrections {
             return Self::default();
         }
         let zeros = vec![[0.0; GRADIENTS]; views];
-        Self { values: vec![NONE; views], first: zeros.clone(), second: zeros }
+        Self { values: vec![NONE; views], first_moments: zeros.clone(), second_moments: zeros }
     }
 
     /// Arrays of a checkpoint.
     pub(crate) fn arrays(&self) -> [(&'static str, &[f32]); 3] {
         [
             ("views/value", self.values.as_flattened()),
-            ("views/first-moment", self.first.as_flattened()),
-            ("views/second-moment", self.second.as_flattened()),
+            ("views/first-moment", self.first_moments.as_flattened()),
+            ("views/second-moment", self.second_moments.as_flattened()),
         ]
     }
 
@@ -84,7 +84,7 @@ impl Corrections {
     pub(crate) fn update(
         &mut self,
         number: usize,
-        slopes: &CorrectionGradients,
+        of_view: &CorrectionGradients,
         config: &FitConfig,
         (step, extent): (u64, f64),
     ) {
@@ -97,8 +97,8 @@ impl Corrections {
             3..6 => pose * extent,
             _ => exposure,
         });
-        let of_view = slopes.array();
-        let moments = self.first.iter_mut().zip(&mut self.second);
+        let of_view = of_view.array();
+        let moments = self.first_moments.iter_mut().zip(&mut self.second_moments);
         for (view, (values, (first, second))) in self.values.iter_mut().zip(moments).enumerate() {
             let gradients = if view == number { of_view } else { [0.0; GRADIENTS] };
             let mut moves = [0.0; GRADIENTS];
@@ -121,7 +121,7 @@ impl CorrectionGradients {
         let mut all = [0.0; GRADIENTS];
         all.iter_mut()
             .zip(self.pose.into_iter().map(f64::from).chain(exposure))
-            .for_each(|(slot, slope)| *slot = slope);
+            .for_each(|(slot, gradient)| *slot = gradient);
         all
     }
 }
@@ -169,12 +169,12 @@ mod tests {
         let config =
             FitConfig { pose_rate: Some(0.1), exposure_rate: Some(0.2), ..FitConfig::new(Strategy::Fixed, 100) };
         let mut corrections = Corrections::new(&config, 2);
-        // Slopes of the rotation about z, of x, and of the exposure.
-        for (step, view, turn, slope) in [(1, 1, 3.0, 2.0), (2, 0, 0.0, 4.0), (3, 1, 3.0, -1.0)] {
+        // Gradients of the rotation about z, of x, and of the exposure.
+        for (step, view, turn, shift) in [(1, 1, 3.0, 2.0), (2, 0, 0.0, 4.0), (3, 1, 3.0, -1.0)] {
             #[expect(clippy::cast_possible_truncation, reason = "1, 2 or 4")]
-            let pose = [0.0, 0.0, turn, if view == 1 { slope as f32 } else { 0.0 }, 0.0, 0.0];
-            let slopes = CorrectionGradients { pose, exposure: Some(exposure_of(slope)) };
-            corrections.update(view, &slopes, &config, (step, 5.0));
+            let pose = [0.0, 0.0, turn, if view == 1 { shift as f32 } else { 0.0 }, 0.0, 0.0];
+            let gradients = CorrectionGradients { pose, exposure: Some(exposure_of(shift)) };
+            corrections.update(view, &gradients, &config, (step, 5.0));
         }
         // Rates fall to a hundredth in a hundred steps.
         let shares = [0.01_f64, 0.02, 0.03].map(|done| 0.01_f64.powf(done));
@@ -210,10 +210,10 @@ mod tests {
         let config = FitConfig { exposure_rate: Some(0.01), ..FitConfig::new(Strategy::Fixed, 3000) };
         let mut corrections = Corrections::new(&config, VIEWS);
         for (step, view) in (1..=config.steps).zip((0..VIEWS).cycle()) {
-            let mut slopes = exposure_of(0.0);
-            slopes.offset[2] = (corrections.exposure(view).unwrap().offset[2] - 0.2).signum();
-            let slopes = CorrectionGradients { pose: [0.0; 6], exposure: Some(slopes) };
-            corrections.update(view, &slopes, &config, (step, 1.0));
+            let mut gradient = exposure_of(0.0);
+            gradient.offset[2] = (corrections.exposure(view).unwrap().offset[2] - 0.2).signum();
+            let gradients = CorrectionGradients { pose: [0.0; 6], exposure: Some(gradient) };
+            corrections.update(view, &gradients, &config, (step, 1.0));
         }
         let offsets = (0..VIEWS).map(|view| corrections.exposure(view).unwrap().offset[2]);
         let mean = offsets.sum::<f64>() / VIEWS as f64;

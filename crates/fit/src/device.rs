@@ -67,16 +67,17 @@ pub(crate) struct Job<'a> {
 
 /// The gradients of a step, whose memory is reused.
 #[derive(Debug)]
-pub(crate) struct Derivative {
+pub(crate) struct StepGradients {
     images: ImageGradients<f32>,
-    pub(crate) gradients: Gradients<f32>,
+    /// Of the Gaussians' parameters and the camera's pose.
+    pub(crate) gaussians: Gradients<f32>,
     pub(crate) screen: ScreenGradients,
 }
 
-impl Default for Derivative {
+impl Default for StepGradients {
     fn default() -> Self {
         let images = ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None };
-        Self { images, gradients: Gradients::default(), screen: ScreenGradients::default() }
+        Self { images, gaussians: Gradients::default(), screen: ScreenGradients::default() }
     }
 }
 
@@ -102,11 +103,11 @@ impl StepRenderer {
     pub(crate) fn differentiate(
         &mut self,
         job: Job<'_>,
-        into: &mut Derivative,
+        into: &mut StepGradients,
         loss: impl FnOnce(&[[f32; 3]], &mut Vec<[f32; 3]>) -> Result<Evaluated, SplatError>,
     ) -> Result<Evaluated, SplatError> {
         let Job { gaussians, view, options, absolute } = job;
-        let Derivative { images, gradients, screen } = into;
+        let StepGradients { images, gaussians: gradients, screen } = into;
         let Some(Adapter { renderer, .. }) = &self.device.0 else {
             let mut recording = self.cpu.record(gaussians, view, options)?;
             let evaluated = loss(&recording.rendering().rgb, &mut images.rgb)?;
@@ -134,9 +135,8 @@ impl StepRenderer {
         let evaluated = loss(&rendering.rgb, &mut images.rgb)?;
         if evaluated.0.total.is_finite() {
             let uploaded = Uploaded { host: gaussians, device: &uploaded };
-            let derivative =
+            (*gradients, *screen) =
                 on_adapter(&mut locked()).backward_with_screen(uploaded, view, options, images, absolute)?;
-            (*gradients, *screen) = derivative;
         }
         Ok(evaluated)
     }

@@ -11,7 +11,7 @@ use crate::adam::Adam;
 use crate::checkpoint::start_hash;
 use crate::corrections::Corrections;
 use crate::density::{Adaptive, DensityControl, DensityError, Fixed, Mcmc, StepContext};
-use crate::device::{Derivative, StepRenderer};
+use crate::device::{StepGradients, StepRenderer};
 use crate::filter_3d::{Cameras, MIP_BLUR};
 use crate::loss::PhotometricLoss;
 use crate::memory::Shares;
@@ -48,7 +48,7 @@ pub struct Fit {
     options: RenderOptions,
     renderer: StepRenderer,
     pub(crate) loss: PhotometricLoss,
-    derivative: Derivative,
+    gradients: StepGradients,
     /// Steps of this epoch in which no Gaussian was drawn.
     pub(crate) empty_steps: u64,
 }
@@ -95,11 +95,11 @@ impl Fit {
             first_degree,
             start: hash,
             step: 0,
-            scene: OptimisedGaussians::new(crate::optimised_gaussians::whole(parts)),
+            scene: OptimisedGaussians::new(crate::optimised_gaussians::gaussians_of(parts)),
             dropped: found.rejected,
             renderer: StepRenderer { cpu, device: FitDevice::default() },
             loss: PhotometricLoss::default(),
-            derivative: Derivative::default(),
+            gradients: StepGradients::default(),
             empty_steps: 0,
         };
         fit.update_filter().map_err(|reason| fit.stopped(1, 0, reason))?;
@@ -187,7 +187,7 @@ impl Fit {
         let degree = self.schedule.degree(self.first_degree, self.config.sh_degree, step);
         self.options.max_sh_degree = degree;
         self.options.background = self.background(Some(step));
-        let (terms, slopes) = self.differentiate(number).map_err(|error| match error {
+        let (terms, of_view) = self.differentiate(number).map_err(|error| match error {
             FitError::Splat(SplatError::Gpu(error)) => self.stopped(step, number, StopReason::Device(error)),
             other => other,
         })?;
@@ -197,13 +197,13 @@ impl Fit {
         if self.sees_nothing(step) {
             return Err(self.stopped(step, number, StopReason::NothingVisible { near: self.options.constants.near }));
         }
-        let regularisers = self.density.regularise(&self.scene, &mut self.derivative.gradients);
+        let regularisers = self.density.regularise(&self.scene, &mut self.gradients.gaussians);
         if let Some(reason) = self.non_finite_gradients() {
             return Err(self.stopped(step, number, reason));
         }
         let means_rate = self.schedule.means_rate(&self.config.rates, step) * self.extent;
-        self.adam(step, degree, means_rate).update(&mut self.scene, &self.derivative.gradients);
-        self.corrections.update(number, &slopes, &self.config, (step, self.extent));
+        self.adam(step, degree, means_rate).update(&mut self.scene, &self.gradients.gaussians);
+        self.corrections.update(number, &of_view, &self.config, (step, self.extent));
         let context = self.density_context(step, means_rate);
         let density = self.density.after_step(&mut self.scene, &context);
         // The record of a control that failed has no changes; its error follows.
@@ -216,7 +216,7 @@ impl Fit {
             DensityError::Splat(error) => error.into(),
         })?;
         let late = step > self.schedule.density_until && step + FILTER_EVERY < self.schedule.steps;
-        if changes.of_gaussians() || (late && step.is_multiple_of(FILTER_EVERY)) {
+        if changes.affect_gaussians() || (late && step.is_multiple_of(FILTER_EVERY)) {
             self.update_filter().map_err(|reason| self.stopped(step, number, reason))?;
         }
         Ok(record)

@@ -4,8 +4,8 @@ use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OptimisedGaussians {
     pub(crate) parts: GaussianParts,
-    pub(crate) first: GaussianParts,
-    pub(crate) second: GaussianParts,
+    pub(crate) first_moments: GaussianParts,
+    pub(crate) second_moments: GaussianParts,
 }
 
 impl OptimisedGaussians {
@@ -13,7 +13,7 @@ impl OptimisedGaussians {
     pub fn new(gaussians: Gaussians) -> Self {
         let parts = gaussians.into_parts();
         let zeros = zeros(&parts);
-        Self { parts, first: zeros.clone(), second: zeros }
+        Self { parts, first_moments: zeros.clone(), second_moments: zeros }
     }
 
     /// Number of Gaussians.
@@ -28,12 +28,12 @@ impl OptimisedGaussians {
 
     /// The Gaussians.
     pub fn gaussians(&self) -> Gaussians {
-        whole(self.parts.clone())
+        gaussians_of(self.parts.clone())
     }
 
     /// Lends the Gaussians, without copying them.
     pub(crate) fn with_gaussians<T>(&mut self, work: impl FnOnce(&Gaussians) -> T) -> T {
-        let gaussians = whole(std::mem::take(&mut self.parts));
+        let gaussians = gaussians_of(std::mem::take(&mut self.parts));
         let result = work(&gaussians);
         self.parts = gaussians.into_parts();
         result
@@ -44,10 +44,11 @@ impl OptimisedGaussians {
     /// # Errors
     /// [`SplatError::Position`] for a position out of range.
     pub(crate) fn replace(&mut self, kept: &[usize], new: GaussianParts) -> Result<(), SplatError> {
-        let none = whole(zeros(&new));
-        let new = whole(new);
-        for (parts, added) in [(&mut self.parts, &new), (&mut self.first, &none), (&mut self.second, &none)] {
-            *parts = whole(std::mem::take(parts)).select(kept)?.merge(added).into_parts();
+        let none = gaussians_of(zeros(&new));
+        let new = gaussians_of(new);
+        let Self { parts, first_moments, second_moments } = self;
+        for (parts, added) in [(parts, &new), (first_moments, &none), (second_moments, &none)] {
+            *parts = gaussians_of(std::mem::take(parts)).select(kept)?.merge(added).into_parts();
         }
         Ok(())
     }
@@ -60,9 +61,9 @@ impl OptimisedGaussians {
         self.with_gaussians(|gaussians| gaussians.select(positions)).map(Gaussians::into_parts)
     }
 
-    /// Forgets the moments of the Gaussians at these positions.
-    pub(crate) fn forget(&mut self, positions: &[usize]) {
-        for parts in [&mut self.first, &mut self.second] {
+    /// Sets the moments of the Gaussians at these positions to zero.
+    pub(crate) fn reset_moments(&mut self, positions: &[usize]) {
+        for parts in [&mut self.first_moments, &mut self.second_moments] {
             let coefficients = sh_coefficients(parts.sh_degree);
             for &position in positions {
                 set(&mut parts.means, position, [0.0; 3]);
@@ -82,7 +83,7 @@ impl OptimisedGaussians {
 
 /// Gaussians of arrays whose lengths are known to match.
 #[expect(clippy::expect_used, reason = "every change keeps the lengths of all arrays equal")]
-pub(crate) fn whole(parts: GaussianParts) -> Gaussians {
+pub(crate) fn gaussians_of(parts: GaussianParts) -> Gaussians {
     Gaussians::new(parts).expect("arrays of matching lengths")
 }
 
@@ -138,7 +139,7 @@ mod tests {
             sh: vec![[0.0; 3]; 2],
             ..GaussianParts::default()
         };
-        let two = OptimisedGaussians::new(whole(parts));
+        let two = OptimisedGaussians::new(gaussians_of(parts));
         assert_eq!((two.len(), two.is_empty()), (2, false));
     }
 }

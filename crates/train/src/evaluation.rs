@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::TrainError;
 use crate::config::WHAT;
-use crate::journal::EvaluationRecord;
+use crate::logs::EvaluationRecord;
 use crate::objective::target_views;
 use crate::samples::{PosedImages, Sample, SampleId, Source, digest_of_all, pixel_size};
 

@@ -11,7 +11,7 @@ mod device_state;
 mod error;
 mod evaluation;
 mod features;
-pub mod journal;
+pub mod logs;
 pub mod losses;
 mod objective;
 pub mod optimiser;

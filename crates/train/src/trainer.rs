@@ -2,7 +2,7 @@
 
 mod initial_weights;
 mod open;
-mod recorded;
+mod sample_check;
 mod start;
 mod step;
 mod weights;
@@ -23,7 +23,7 @@ use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
 use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
-use crate::journal::{EvaluationRecord, Journal, StepRecord};
+use crate::logs::{EvaluationRecord, LogFile, StepRecord};
 use crate::objective::Objective;
 use crate::samples::Source;
 use crate::skipped_step::SkippedStep;
@@ -72,8 +72,8 @@ pub struct Trainer {
     /// Without weights; the network of every step is a copy of it.
     template: Network,
     checkpoints: Checkpoints,
-    steps: Journal,
-    evaluations: Journal,
+    steps: LogFile,
+    evaluations: LogFile,
     /// While the run is on a graphics adapter, its weights, moments and averages are those before the first step of this call.
     state: State,
     /// The current ones, on a graphics adapter.

@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_model::network::Processor;
 use atsplat_numeric::Tolerance;
 use atsplat_tests::skip_without_graphics;
-use atsplat_train::journal::StepRecord;
+use atsplat_train::logs::StepRecord;
 use atsplat_train::{Event, Limits, Start, TrainConfig, Trainer};
 
 /// Losses of the first steps; later, selections and orders of equal depths may differ.

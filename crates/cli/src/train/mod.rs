@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::bail;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_results::store::PROVENANCE;
-use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, journal};
+use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, logs};
 
 use crate::device::DeviceArgs;
 use crate::embedded;
@@ -87,10 +87,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 
 /// Writes the logs as Parquet, the learning curve, and the contact sheet.
 fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
-    let steps: Vec<journal::StepRecord> = journal::read(&args.out.join("steps.jsonl"))?;
-    let evaluations: Vec<journal::EvaluationRecord> = journal::read(&args.out.join("evaluations.jsonl"))?;
-    journal::write_steps(&args.out.join("steps.parquet"), &steps)?;
-    journal::write_evaluations(&args.out.join("evaluations.parquet"), &evaluations)?;
+    let steps: Vec<logs::StepRecord> = logs::read(&args.out.join("steps.jsonl"))?;
+    let evaluations: Vec<logs::EvaluationRecord> = logs::read(&args.out.join("evaluations.jsonl"))?;
+    logs::write_steps(&args.out.join("steps.parquet"), &steps)?;
+    logs::write_evaluations(&args.out.join("evaluations.parquet"), &evaluations)?;
     let terms = Terms::default().named().map(|(name, _)| name);
     let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
     let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();

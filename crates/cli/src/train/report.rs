@@ -1,5 +1,5 @@
 use atsplat_train::Event;
-use atsplat_train::journal::EvaluationRecord;
+use atsplat_train::logs::EvaluationRecord;
 
 use crate::progress::StepProgress;
 

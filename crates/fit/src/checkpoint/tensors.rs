@@ -48,7 +48,8 @@ impl<'a> Tensors<'a> {
 
     pub(super) fn scene(&mut self, sh_degree: u8, is_filtered: bool) -> Result<OptimisedGaussians, FitError> {
         let mut scene = OptimisedGaussians::default();
-        for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
+        let OptimisedGaussians { parts, first_moments, second_moments } = &mut scene;
+        for (part, parts) in PARTS.into_iter().zip([parts, first_moments, second_moments]) {
             parts.sh_degree = sh_degree;
             let mut named = |name: &str| self.singles(&format!("{part}/{name}"));
             parts.means = rows(&named("means")?);
@@ -64,7 +65,7 @@ impl<'a> Tensors<'a> {
     pub(super) fn corrections(&mut self) -> Result<Corrections, FitError> {
         let names = Corrections::default().arrays().map(|(name, _)| name);
         let [values, first, second] = names.map(|name| self.singles(name));
-        Ok(Corrections { values: rows(&values?), first: rows(&first?), second: rows(&second?) })
+        Ok(Corrections { values: rows(&values?), first_moments: rows(&first?), second_moments: rows(&second?) })
     }
 
     pub(super) fn singles(&mut self, name: &str) -> Result<Vec<f32>, FitError> {

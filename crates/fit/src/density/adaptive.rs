@@ -89,7 +89,7 @@ impl Adaptive {
         if wanted == 0 {
             return Err(DensityError::Stop(StopReason::NoGaussians));
         }
-        let new = crate::optimised_gaussians::whole(new).select(&added)?.into_parts();
+        let new = crate::optimised_gaussians::gaussians_of(new).select(&added)?.into_parts();
         scene.replace(&kept, new)?;
         self.sums = vec![0.0; wanted];
         self.counts = vec![0.0; wanted];
@@ -188,8 +188,8 @@ fn reset(scene: &mut OptimisedGaussians) {
             *value = logit(RESET_OPACITY / coefficient);
         }
     }
-    scene.first.opacity_logits.fill(0.0);
-    scene.second.opacity_logits.fill(0.0);
+    scene.first_moments.opacity_logits.fill(0.0);
+    scene.second_moments.opacity_logits.fill(0.0);
 }
 
 /// Appends Gaussians of the same degree, with filters if both have them.

@@ -19,7 +19,7 @@ const NOISE: f64 = 5e5;
 const LEAST_SHARE: f64 = 1e-12;
 /// Most Gaussians in one place that the correction of opacity and scale is made for: gsplat's `n_max`
 /// (`gsplat/strategy/mcmc.py`). The published code stops at 50 (ubc-vision/3dgs-mcmc `utils/reloc_utils.py`).
-const MOST_TOGETHER: usize = 51;
+const MOST_COPIES: usize = 51;
 /// Gaussians per task and per stream of random numbers.
 const BLOCK: usize = 1024;
 
@@ -70,13 +70,13 @@ impl DensityControl for Mcmc {
     }
 }
 
-/// Opacity of each of `together` equal Gaussians that replace one, and the factor on its scales, so that the image hardly
+/// Opacity of each of `copies` equal Gaussians that replace one, and the factor on its scales, so that the image hardly
 /// changes: equation 9 of the paper (`diff-gaussian-rasterization/cuda_rasterizer/utils.cu`, `compute_relocation`).
-pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
-    let together = together.clamp(1, MOST_TOGETHER);
-    let new = 1.0 - (1.0 - opacity).powf(1.0 / together as f64);
+pub fn relocated(opacity: f64, copies: usize) -> (f64, f64) {
+    let copies = copies.clamp(1, MOST_COPIES);
+    let new = 1.0 - (1.0 - opacity).powf(1.0 / copies as f64);
     let mut denominator = 0.0;
-    for row in 0..together {
+    for row in 0..copies {
         let (mut binomial, mut power) = (1.0, new);
         for k in 0..=row {
             denominator += binomial * power / ((k + 1) as f64).sqrt();
@@ -114,7 +114,7 @@ fn relocate(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usi
         }
     }
     // As in the published code, the moments of the sources are forgotten; those of the moved Gaussians stay.
-    scene.forget(&sources);
+    scene.reset_moments(&sources);
     Ok(dead.len())
 }
 
@@ -137,7 +137,7 @@ fn grow(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, 
     let sources = weighted(&mut context.stream(Purpose::Growth), opacities, added);
     share(scene, &sources);
     let new = scene.copies(&sources)?;
-    scene.forget(&sources);
+    scene.reset_moments(&sources);
     let kept: Vec<usize> = (0..count).collect();
     scene.replace(&kept, new)?;
     Ok(sources.len())
@@ -146,14 +146,14 @@ fn grow(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, 
 /// Corrects opacity and scales of Gaussians that will be in one place with copies of themselves, one for each time that they
 /// are listed.
 fn share(scene: &mut OptimisedGaussians, sources: &[usize]) {
-    let mut together = std::collections::BTreeMap::new();
+    let mut copies = std::collections::BTreeMap::new();
     for source in sources {
-        *together.entry(*source).or_insert(1usize) += 1;
+        *copies.entry(*source).or_insert(1usize) += 1;
     }
     let parts = &mut scene.parts;
-    for (source, together) in together {
+    for (source, copies) in copies {
         if let (Some(value), Some(scales)) = (parts.opacity_logits.get_mut(source), parts.log_scales.get_mut(source)) {
-            let (opacity, factor) = relocated(sigmoid(*value), together);
+            let (opacity, factor) = relocated(sigmoid(*value), copies);
             *value = logit(opacity.clamp(DEAD, 1.0 - f64::from(f32::EPSILON)));
             *scales = scales.map(|log| narrowed(f64::from(log) + factor.ln()));
         }

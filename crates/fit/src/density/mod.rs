@@ -106,7 +106,7 @@ pub struct Changes {
 
 impl Changes {
     /// Whether Gaussians were added, removed or moved.
-    pub const fn of_gaussians(&self) -> bool {
+    pub const fn affect_gaussians(&self) -> bool {
         self.cloned + self.split + self.pruned + self.relocated + self.added > 0
     }
 }

@@ -37,7 +37,7 @@ impl Fit {
         if step % epoch == 1 % epoch {
             self.empty_steps = 0;
         }
-        self.empty_steps += u64::from(self.derivative.screen.drawn.is_empty());
+        self.empty_steps += u64::from(self.gradients.screen.drawn.is_empty());
         self.empty_steps == epoch
     }
 

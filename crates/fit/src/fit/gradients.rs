@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::Fit;
 use crate::corrections::CorrectionGradients;
 use crate::density::ViewGradients;
-use crate::device::{Derivative, Job};
+use crate::device::{Job, StepGradients};
 use crate::loss::Terms;
 use crate::optimised_gaussians::narrowed;
 use crate::view::TrainingView;
@@ -18,39 +18,39 @@ impl Fit {
     /// Forward and backward pass of one training view.
     pub(super) fn differentiate(&mut self, number: usize) -> Result<(Terms, CorrectionGradients), FitError> {
         let exposure = self.exposure(number);
-        let Self { views, scene, options, renderer, loss, derivative, density, config, .. } = self;
+        let Self { views, scene, options, renderer, loss, gradients, density, config, .. } = self;
         #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
         let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
         let view = &self.corrections.view(number, view)?;
         scene.with_gaussians(|gaussians| {
             let absolute = config.absolute_gradients;
             let job = Job { gaussians, view, options, absolute };
-            let (terms, d_exposure) = renderer.differentiate(job, derivative, |rendered, slopes| {
+            let (terms, d_exposure) = renderer.differentiate(job, gradients, |rendered, d_rgb| {
                 let exposed = exposure.map(|exposure| exposed(&exposure, rendered));
                 let shown = exposed.as_deref().unwrap_or(rendered);
-                let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, slopes);
-                let d_exposure = exposure.map(|_| Exposure::gradient(rendered, slopes)).transpose()?;
+                let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, d_rgb);
+                let d_exposure = exposure.map(|_| Exposure::gradient(rendered, d_rgb)).transpose()?;
                 if let Some(exposure) = exposure {
-                    for slope in slopes.iter_mut() {
-                        *slope = before_exposure(&exposure, *slope);
+                    for gradient in d_rgb.iter_mut() {
+                        *gradient = before_exposure(&exposure, *gradient);
                     }
                 }
                 Ok((terms, d_exposure))
             })?;
-            let Derivative { gradients, screen, .. } = derivative;
+            let StepGradients { gaussians: of_gaussians, screen, .. } = gradients;
             if terms.total.is_finite() {
-                let means_2d = if absolute { &screen.absolute_2d } else { &gradients.means_2d };
+                let means_2d = if absolute { &screen.absolute_2d } else { &of_gaussians.means_2d };
                 let size = [f64::from(view.size.width), f64::from(view.size.height)];
                 density.observe(&ViewGradients { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
             }
-            Ok((terms, CorrectionGradients { pose: gradients.pose, exposure: d_exposure }))
+            Ok((terms, CorrectionGradients { pose: of_gaussians.pose, exposure: d_exposure }))
         })
     }
 
     /// The first parameter with gradients that are not finite.
     pub(super) fn non_finite_gradients(&self) -> Option<StopReason> {
         let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
-        let fields = self.derivative.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
+        let fields = self.gradients.gaussians.fields().into_iter().filter(|(name, _)| used.contains(name));
         fields.into_iter().find_map(|(parameter, values)| {
             let non_finite = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
             let count =
@@ -66,11 +66,11 @@ fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
 }
 
 /// The gradient with respect to a pixel before exposure.
-fn before_exposure(exposure: &Exposure, slope: [f32; 3]) -> [f32; 3] {
+fn before_exposure(exposure: &Exposure, gradient: [f32; 3]) -> [f32; 3] {
     let [a, b, c] = exposure.matrix;
     let column = |at: usize| {
-        let rows = [a, b, c].into_iter().zip(slope);
-        rows.map(|(row, slope)| row[at] * f64::from(slope)).sum::<f64>()
+        let rows = [a, b, c].into_iter().zip(gradient);
+        rows.map(|(row, gradient)| row[at] * f64::from(gradient)).sum::<f64>()
     };
     [column(0), column(1), column(2)].map(narrowed)
 }

@@ -6,7 +6,7 @@ mod neighbours;
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::{GaussianParts, Gaussians};
 
-use crate::optimised_gaussians::{logit, narrowed, whole};
+use crate::optimised_gaussians::{gaussians_of, logit, narrowed};
 use crate::{FitError, Strategy};
 
 pub use frustum::in_frustums;
@@ -39,7 +39,7 @@ pub fn from_points(points: &[Point], strategy: Strategy) -> Result<Gaussians, Fi
     let (opacity, width) = if strategy == Strategy::Mcmc { (0.5, 0.1) } else { (0.1, 1.0) };
     let positions: Vec<[f64; 3]> = points.iter().map(|point| point.position).collect();
     let scale = |squared: f64| narrowed((width * squared.maximum_of(1e-7).sqrt()).ln());
-    Ok(whole(GaussianParts {
+    Ok(gaussians_of(GaussianParts {
         means: positions.iter().map(|position| position.map(narrowed)).collect(),
         quaternions: vec![[1.0, 0.0, 0.0, 0.0]; points.len()],
         log_scales: neighbours::mean_squared_distances(&positions)

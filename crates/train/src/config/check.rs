@@ -149,7 +149,7 @@ pub(super) fn is_size_known(source: &SourceConfig) -> Result<bool, TrainError> {
 
 /// Why a network does not train on images of this size: its patches do not divide them, or they have another scale than its
 /// resolution, to which inference resizes images.
-pub(crate) fn misfit(size: ImageSize, model: &ModelConfig) -> Option<String> {
+pub(crate) fn size_problem(size: ImageSize, model: &ModelConfig) -> Option<String> {
     let shorter = |size: ImageSize| size.height.min(size.width);
     let expected = match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
         Ok(_) if shorter(size) == shorter(model.resolution) => return None,

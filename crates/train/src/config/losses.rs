@@ -74,14 +74,14 @@ impl Default for LossConfig {
 const LATE: f64 = 0.75;
 
 impl LossConfig {
-    /// Weight of the perceptual term after `share` of the run.
-    pub fn perceptual_weight_at(&self, share: f64) -> f64 {
-        self.late_perceptual_weight.filter(|_| share >= LATE).unwrap_or(self.perceptual_weight)
+    /// Weight of the perceptual term after this share of the run, from 0 to 1.
+    pub fn perceptual_weight_at(&self, progress: f64) -> f64 {
+        self.late_perceptual_weight.filter(|_| progress >= LATE).unwrap_or(self.perceptual_weight)
     }
 
-    /// Weight of exact distances after `share` of the run.
-    pub fn distance_weight_at(&self, share: f64) -> f64 {
-        self.distance_weight * (1.0 - share / self.distance_until).clamp(0.0, 1.0)
+    /// Weight of exact distances after this share of the run, from 0 to 1.
+    pub fn distance_weight_at(&self, progress: f64) -> f64 {
+        self.distance_weight * (1.0 - progress / self.distance_until).clamp(0.0, 1.0)
     }
 
     pub(super) fn validate(&self) -> Result<(), TrainError> {
@@ -120,10 +120,10 @@ mod tests {
             let weights = [0.0, 0.3, 0.74, 0.75, 0.99].map(weight);
             atsplat_numeric::Tolerance::absolute(1e-12).assert(weights, expected, what);
         };
-        same(&|share| config.perceptual_weight_at(share), [0.05, 0.05, 0.05, 0.2, 0.2], "perceptual");
-        same(&|share| config.distance_weight_at(share), [0.3, 0.15, 0.0, 0.0, 0.0], "distances");
+        same(&|progress| config.perceptual_weight_at(progress), [0.05, 0.05, 0.05, 0.2, 0.2], "perceptual");
+        same(&|progress| config.distance_weight_at(progress), [0.3, 0.15, 0.0, 0.0, 0.0], "distances");
         let constant = LossConfig { late_perceptual_weight: None, ..config.clone() };
-        same(&|share| constant.perceptual_weight_at(share), [0.05; 5], "without a late weight");
+        same(&|progress| constant.perceptual_weight_at(progress), [0.05; 5], "without a late weight");
         let broken = LossConfig { late_perceptual_weight: Some(-1.0), ..config };
         let error = broken.validate().unwrap_err().to_string();
         assert!(error.contains("losses.late-perceptual-weight"), "{error}");

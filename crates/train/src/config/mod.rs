@@ -14,7 +14,7 @@ use atsplat_model::network::MatmulPrecision;
 use atsplat_scene::Warnings;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use check::misfit;
+pub(crate) use check::size_problem;
 pub use losses::{LossConfig, PerceptualChoice};
 pub use model::ModelChoice;
 

@@ -18,7 +18,7 @@ const EPSILON: f64 = 1e-10;
 
 /// A learned loss with its weights.
 #[derive(Debug)]
-pub struct Learned {
+pub struct LearnedLoss {
     network: Network,
     sha256: String,
     steps: Vec<Step>,
@@ -35,7 +35,7 @@ struct Convolution {
     options: ConvOptions<2>,
 }
 
-impl Learned {
+impl LearnedLoss {
     /// Reads a network's weights to a device with gradients, as the metric does: torchvision's state dict for LPIPS, the package's
     /// separate file for ST-LPIPS.
     ///

@@ -17,7 +17,7 @@ mod uncertainty;
 
 pub use d_ssim::{DSsim, d_ssim};
 pub use distance::log_distance;
-pub use learned::Learned;
+pub use learned::LearnedLoss;
 pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;

@@ -1,7 +1,7 @@
 use burn::Tensor;
 use burn::tensor::Device;
 
-use super::learned::Learned;
+use super::learned::LearnedLoss;
 use super::{Loss, Stack, d_ssim, graph};
 use crate::TrainError;
 use crate::config::PerceptualChoice;
@@ -12,19 +12,19 @@ pub enum Perceptual {
     /// `1 − SSIM`.
     DSsim,
     /// LPIPS or ST-LPIPS.
-    Learned(Box<Learned>),
+    Learned(Box<LearnedLoss>),
 }
 
 impl Perceptual {
     /// The chosen loss; reads its weights, if it has any, to a device with gradients.
     ///
     /// # Errors
-    /// As [`Learned::read`].
+    /// As [`LearnedLoss::read`].
     pub fn new(choice: &PerceptualChoice, device: &Device) -> Result<Self, TrainError> {
         match choice {
             PerceptualChoice::DSsim => Ok(Self::DSsim),
             PerceptualChoice::Learned { network, weights } => {
-                Ok(Self::Learned(Box::new(Learned::read(*network, weights, device)?)))
+                Ok(Self::Learned(Box::new(LearnedLoss::read(*network, weights, device)?)))
             }
         }
     }

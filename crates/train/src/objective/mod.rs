@@ -30,13 +30,13 @@ pub struct GroupInput<'a> {
     /// Seeds random selection in the first sample; the next number that in the second.
     pub call_seed: u64,
     /// Share of the run that is done, from 0 to 1.
-    pub share: f64,
+    pub progress: f64,
 }
 
 impl<'a> GroupInput<'a> {
     /// Samples at the start of a run, without a cache.
     pub const fn new(samples: &'a [Sample]) -> Self {
-        Self { samples, features: None, call_seed: 0, share: 0.0 }
+        Self { samples, features: None, call_seed: 0, progress: 0.0 }
     }
 }
 
@@ -140,7 +140,7 @@ impl Objective {
     }
 
     fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFailure> {
-        let GroupInput { samples, features, call_seed, share } = *input;
+        let GroupInput { samples, features, call_seed, progress } = *input;
         let mut clock = Clock::start();
         let failed = |error: &dyn std::fmt::Display| FailureReason::Error(error.to_string());
         let views = |sample: &Sample| {
@@ -154,11 +154,11 @@ impl Objective {
         let forward = forward.map_err(|error| SampleFailure { sample: names(samples), reason: failed(&error) })?;
         let seconds = PartSeconds { forward: clock.lap(), ..PartSeconds::default() };
         let mut group = Group::new(samples, seconds, clock, network.device());
-        let weight = self.config.distance_weight_at(share);
+        let weight = self.config.distance_weight_at(progress);
         if weight > 0.0 {
             group.add_distances(forward.initial.depths.as_ref(), weight, self.in_graph)?;
         }
-        self.add_final(&forward.gaussians, self.config.perceptual_weight_at(share), &mut group)?;
+        self.add_final(&forward.gaussians, self.config.perceptual_weight_at(progress), &mut group)?;
         for pair in forward.blocks.windows(2) {
             let [block, next] = pair else { continue };
             let gaussians = network.gaussians(&block.tokens);

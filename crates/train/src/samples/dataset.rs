@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::exclude::scene_name;
 use super::{ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
-use crate::config::{WHAT, misfit};
+use crate::config::{WHAT, size_problem};
 use crate::error::Purpose;
 
 /// A dataset on disk with a protocol's preprocessing.
@@ -228,7 +228,7 @@ impl DatasetSource {
         let (Some(context), Some(targets)) = (context, targets) else {
             return Err(format!("{name}: expected images of one size"));
         };
-        match self.network.as_ref().and_then(|network| misfit(context.size, network)) {
+        match self.network.as_ref().and_then(|network| size_problem(context.size, network)) {
             Some(why) => Err(format!("{name}: {why}")),
             None => Ok(Sample { name, context, targets, distances: None }),
         }

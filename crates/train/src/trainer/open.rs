@@ -7,13 +7,13 @@ use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
 use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 
-use super::recorded::Recorded;
+use super::sample_check::RunLogs;
 use super::start::{self, Opened, Start, require_run_to_resume};
 use super::{EVALUATIONS, STEPS, Trainer};
 use crate::checkpoint::{Checkpoints, State};
 use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
-use crate::journal::{EvaluationRecord, Journal, StepRecord};
+use crate::logs::{EvaluationRecord, LogFile, StepRecord};
 use crate::objective::Objective;
 use crate::samples::Source;
 use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
@@ -38,15 +38,15 @@ impl Trainer {
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let existing_lock = start::lock_existing(folder)?;
         let opened = start::state(&config, &model, start, (folder, &checkpoints), environment.adapter.clone())?;
-        let Opened { state, mut notices, has_moved } = opened;
-        let recorded = Recorded { folder, done: state.step, has_moved };
-        notices.extend(recorded.check_training(&config, samples.as_ref())?);
+        let Opened { state, mut notices, processor_changed } = opened;
+        let run_logs = RunLogs { folder, done: state.step, processor_changed };
+        notices.extend(run_logs.check_training(&config, samples.as_ref())?);
         let features = environment.features(&config, &model, &state)?;
         notices.extend(slow_products(&config));
         notices.extend(unreached_rate(&config));
         notices.extend(samples.notices());
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
-        notices.extend(recorded.check_evaluation(evaluation.as_ref())?);
+        notices.extend(run_logs.check_evaluation(evaluation.as_ref())?);
         let device_state = environment.device_state(&state)?;
         // Not earlier: what fails before leaves no folder.
         let lock = existing_lock.map_or_else(|| start::lock_new(folder), Ok)?;
@@ -180,12 +180,12 @@ fn unreached_rate(config: &TrainConfig) -> Option<String> {
 }
 
 /// The logs of steps and evaluations, up to the number of steps done.
-fn logs(folder: &Path, done: u64, notices: &mut Vec<String>) -> Result<(Journal, Journal), TrainError> {
-    let (steps, logged) = Journal::open::<StepRecord>(&folder.join(STEPS), done)?;
+fn logs(folder: &Path, done: u64, notices: &mut Vec<String>) -> Result<(LogFile, LogFile), TrainError> {
+    let (steps, logged) = LogFile::open::<StepRecord>(&folder.join(STEPS), done)?;
     if (logged.len() as u64) < done {
         notices.push(format!("{STEPS}: expected the {done} steps so far, found {}", logged.len()));
     }
-    let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join(EVALUATIONS), done)?;
+    let (evaluations, _) = LogFile::open::<EvaluationRecord>(&folder.join(EVALUATIONS), done)?;
     Ok((steps, evaluations))
 }
 

@@ -11,7 +11,7 @@ use super::initial_weights::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
-use crate::journal::{self, StepRecord};
+use crate::logs::{self, StepRecord};
 use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
 
@@ -93,7 +93,7 @@ pub(super) struct Opened {
     /// What readers of the run must know about it.
     pub(super) notices: Vec<String>,
     /// Whether the last checkpoint was computed on another type of processor.
-    pub(super) has_moved: bool,
+    pub(super) processor_changed: bool,
 }
 
 /// The state before the next step in a run's folder.
@@ -119,9 +119,9 @@ pub(super) fn state(
             }
             let skipped = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
             let other_processor = other_processor(state.processor.as_deref(), &processor);
-            let has_moved = other_processor.is_some();
+            let processor_changed = other_processor.is_some();
             let notices = skipped.chain(other_processor).collect();
-            Ok(Opened { state: State { processor: Some(processor), ..state }, notices, has_moved })
+            Ok(Opened { state: State { processor: Some(processor), ..state }, notices, processor_changed })
         }
         (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
             Err(no_run(folder, format!("one of {} steps", state.step)))
@@ -141,7 +141,7 @@ pub(super) fn state(
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
-            Ok(Opened { state, notices: notices.into_iter().chain(differences).collect(), has_moved: false })
+            Ok(Opened { state, notices: notices.into_iter().chain(differences).collect(), processor_changed: false })
         }
     }
 }
@@ -168,7 +168,7 @@ fn has_content(folder: &Path, name: &str) -> bool {
 /// run that was killed before its first checkpoint has no weights, its log ends before the step that a checkpoint follows, and it did
 /// not start from given weights, which a checkpoint at step 0 contains.
 fn require_no_lost_checkpoint(folder: &Path, config: &TrainConfig) -> Result<(), TrainError> {
-    let logged: Vec<StepRecord> = journal::read(&folder.join(STEPS))?;
+    let logged: Vec<StepRecord> = logs::read(&folder.join(STEPS))?;
     let done = logged.last().map_or(0, |record| record.step + 1);
     let had_checkpoint = done > config.checkpoints.every.get()
         || logged.first().is_some_and(|record| record.initial_weights_sha256.is_some());

@@ -9,7 +9,7 @@ use burn::module::Module as _;
 use rayon::prelude::*;
 
 use super::{Event, Trainer};
-use crate::journal::StepRecord;
+use crate::logs::StepRecord;
 use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
 use crate::samples::{Sample, SampleId, digest_of_all};
 use crate::skipped_step::{Diagnosis, FailureReason, SampleFailure, SkippedStep};
@@ -17,12 +17,12 @@ use crate::update::update;
 use crate::{TrainConfig, TrainError};
 
 /// Samples that go through the network as one batch.
-struct MicroBatch<'a> {
+struct SampleGroup<'a> {
     samples: &'a [Sample],
     /// Number of the first.
     first: u64,
     /// Share of the run that is done.
-    share: f64,
+    progress: f64,
     /// Seconds that drawing them took.
     drawing: f64,
 }
@@ -107,11 +107,11 @@ impl Trainer {
 
     fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), SkippedStep> {
         let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
-        let gradients = |micro_batch: &MicroBatch<'_>| {
+        let gradients = |group: &SampleGroup<'_>| {
             // Each group has a separate graph over the same weights, so groups run in parallel.
             let network = network.clone().fork(&network.device());
-            let MicroBatch { samples, first, share, drawing } = *micro_batch;
-            let input = GroupInput { samples, features, call_seed: first, share };
+            let SampleGroup { samples, first, progress, drawing } = *group;
+            let input = GroupInput { samples, features, call_seed: first, progress };
             let mut group = precision.scope(|| objective.gradients(&network, &input))?;
             group.seconds.sample = drawing;
             Ok(group)
@@ -129,9 +129,9 @@ impl Trainer {
     #[expect(clippy::expect_used, reason = "the caller has looked")]
     fn step_on_adapter(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), SkippedStep> {
         let mut device_state = self.device_state.take().expect("a run on an adapter");
-        let gradients = |micro_batch: &MicroBatch<'_>| {
-            let MicroBatch { samples, first, share, drawing } = *micro_batch;
-            let input = GroupInput { samples, features: self.features.as_ref(), call_seed: first, share };
+        let gradients = |group: &SampleGroup<'_>| {
+            let SampleGroup { samples, first, progress, drawing } = *group;
+            let input = GroupInput { samples, features: self.features.as_ref(), call_seed: first, progress };
             let mut group = self.objective.flat_gradient(device_state.network(), &input)?;
             group.seconds.sample = drawing;
             Ok(group)
@@ -156,7 +156,7 @@ impl Trainer {
     fn groups<T>(
         &self,
         numbers: &[u64],
-        compute: impl Fn(&MicroBatch<'_>) -> Result<T, SampleFailure>,
+        compute: impl Fn(&SampleGroup<'_>) -> Result<T, SampleFailure>,
     ) -> Result<Computed<T>, SkippedStep> {
         let step = self.state.step;
         let start = Instant::now();
@@ -170,11 +170,11 @@ impl Trainer {
         let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, SkippedStep>>()?;
         let digests = samples.iter().map(Sample::digest).collect();
         let mut drawing = start.elapsed().as_secs_f64();
-        let share = step as f64 / self.config.steps.get() as f64;
+        let progress = step as f64 / self.config.steps.get() as f64;
         let mut groups = Vec::new();
         let mut done = 0;
         for samples in samples.chunk_by(Sample::has_shape_of) {
-            let computed = compute(&MicroBatch { samples, first: numbers[done], share, drawing });
+            let computed = compute(&SampleGroup { samples, first: numbers[done], progress, drawing });
             groups.push(computed.map_err(|SampleFailure { sample, reason }| SkippedStep { step, sample, reason })?);
             done += samples.len();
             drawing = 0.0;

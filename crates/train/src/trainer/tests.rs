@@ -363,7 +363,7 @@ fn assert_evaluated_before_and_after(trainer: &Trainer, reported: &[EvaluationRe
     let psnr = -10.0 * (squares / pairs().count() as f64).log10();
     Tolerance::absolute(1e-6).assert([record.psnr], [psnr], "PSNR of the only target");
     assert_eq!((start.step, record.step, record.targets), (0, 6, 1));
-    let logged: Vec<EvaluationRecord> = crate::journal::read(&folder.join("evaluations.jsonl")).unwrap();
+    let logged: Vec<EvaluationRecord> = crate::logs::read(&folder.join("evaluations.jsonl")).unwrap();
     let bits = |records: &[EvaluationRecord]| records.iter().map(|record| record.psnr.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&logged), bits(reported));
 }

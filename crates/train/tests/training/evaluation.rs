@@ -3,7 +3,7 @@
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
-use atsplat_train::journal::EvaluationRecord;
+use atsplat_train::logs::EvaluationRecord;
 use atsplat_train::samples::{RoomsConfig, RoomsSource, Sample};
 use atsplat_train::{Evaluation, Parameters, Start, TrainConfig, TrainError};
 use tempfile::tempdir;

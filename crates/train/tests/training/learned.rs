@@ -5,7 +5,7 @@ use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::Image;
-use atsplat_train::losses::{Learned, Stack};
+use atsplat_train::losses::{LearnedLoss, Stack};
 use burn::tensor::Device;
 
 /// f32 convolutions with another order of sums.
@@ -45,7 +45,8 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
     let image = |samples: &[f32]| Image::new(36, 36, samples.to_vec()).unwrap();
     for network in Network::ALL {
         let [weights, heads] = weights(network);
-        let loss = Learned::new(network, &weights, &heads, "seeded".to_owned(), &Device::flex().autodiff()).unwrap();
+        let loss =
+            LearnedLoss::new(network, &weights, &heads, "seeded".to_owned(), &Device::flex().autodiff()).unwrap();
         let hashes = WeightsHashes { network: String::new(), heads: String::new() };
         let metric = Perceptual::from_tensors(network, &weights, &heads, hashes).unwrap();
         let evaluated = loss.evaluate(&render, &truth, stack);
@@ -73,7 +74,8 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
 fn identical_images_have_distance_0_and_a_finite_gradient() {
     let stack = Stack { views: 2, height: 36, width: 36 };
     let [weights, heads] = weights(Network::LpipsAlex);
-    let loss = Learned::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff()).unwrap();
+    let loss =
+        LearnedLoss::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff()).unwrap();
     for value in [0.0, 0.7] {
         let image = vec![value; stack.samples()];
         let evaluated = loss.evaluate(&image, &image, stack);
@@ -86,7 +88,7 @@ fn identical_images_have_distance_0_and_a_finite_gradient() {
 fn names_absent_weights() {
     let [mut weights, heads] = weights(Network::LpipsAlex);
     weights.tensors.shift_remove("features.3.bias");
-    let error = Learned::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff())
+    let error = LearnedLoss::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff())
         .unwrap_err()
         .to_string();
     assert!(error.contains("features.3.bias") && error.contains("[192]"), "{error}");

@@ -114,9 +114,9 @@ fn exact_distances_reach_what_predicts_depth_and_fade_out() {
     let only = LossConfig { distance_weight: 0.5, distance_until: 0.8, ..NOTHING };
     let objective = Objective::new(only).unwrap();
     let input = GroupInput::new(std::slice::from_ref(&sample));
-    let at = |share: f64| objective.gradients(&network, &GroupInput { share, ..input }).unwrap();
-    for (share, weight) in [(0.0, 0.5), (0.2, 0.375), (0.8, 0.0), (1.0, 0.0)] {
-        let result = at(share);
+    let at = |progress: f64| objective.gradients(&network, &GroupInput { progress, ..input }).unwrap();
+    for (progress, weight) in [(0.0, 0.5), (0.2, 0.375), (0.8, 0.0), (1.0, 0.0)] {
+        let result = at(progress);
         let distance = if weight > 0.0 { 2f64.ln() } else { 0.0 };
         let terms = result.terms[0];
         let expected = [distance, terms.mse + weight * distance];

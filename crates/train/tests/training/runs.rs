@@ -8,7 +8,7 @@ use crate::common::{Noise, bits, config, trainer};
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Precision, TensorFile};
 use atsplat_numeric::{Extremes as _, Tolerance};
-use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
+use atsplat_train::logs::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Event, Limits, Start, TrainConfig, TrainError, Trainer};
 use tempfile::tempdir;
 
@@ -24,7 +24,7 @@ fn whole(config: &TrainConfig, source: Noise) -> Vec<Vec<u32>> {
 }
 
 fn steps(folder: &Path) -> Vec<StepRecord> {
-    journal::read(&folder.join("steps.jsonl")).unwrap()
+    logs::read(&folder.join("steps.jsonl")).unwrap()
 }
 
 /// What a run reports until a step.
@@ -339,12 +339,12 @@ fn logs_are_converted_to_parquet() {
     };
     run(&mut trainer(config(""), folder.path(), &Start::Fresh, broken), Some(4)).unwrap();
     let path = folder.path().join("steps.parquet");
-    journal::write_steps(&path, &steps(folder.path())).unwrap();
+    logs::write_steps(&path, &steps(folder.path())).unwrap();
     let frame = ParquetReader::new(std::fs::File::open(&path).unwrap()).finish().unwrap();
     assert_eq!(frame.height(), 4);
     let totals: Vec<Option<f64>> = frame.column("total").unwrap().f64().unwrap().iter().collect();
     assert!(totals[0].is_some() && totals[2].is_none());
-    let none: Vec<EvaluationRecord> = journal::read(&folder.path().join("nothing.jsonl")).unwrap();
+    let none: Vec<EvaluationRecord> = logs::read(&folder.path().join("nothing.jsonl")).unwrap();
     let evaluation = EvaluationRecord {
         step: 7,
         psnr: 21.0,
@@ -357,7 +357,7 @@ fn logs_are_converted_to_parquet() {
         samples_sha256: None,
     };
     for (records, expected) in [(none, vec![]), (vec![evaluation], vec![21.0, 0.75, 16.5, 0.5, 2.0])] {
-        journal::write_evaluations(&path, &records).unwrap();
+        logs::write_evaluations(&path, &records).unwrap();
         let frame = ParquetReader::new(std::fs::File::open(&path).unwrap()).finish().unwrap();
         let columns = ["psnr", "ssim", "nearest-view-psnr", "nearest-view-ssim", "secs"];
         let values = columns.iter().flat_map(|name| frame.column(name).unwrap().f64().unwrap().into_no_null_iter());

@@ -4,7 +4,7 @@
 use crate::common::{Noise, SIZE, config, sample, trainer};
 use atsplat_model::network::{Device, Network};
 use atsplat_numeric::Tolerance;
-use atsplat_train::journal::{self, StepRecord};
+use atsplat_train::logs::{self, StepRecord};
 use atsplat_train::{GroupGradients, GroupInput, Objective, Parameters, Start, TrainConfig};
 use tempfile::tempdir;
 
@@ -46,7 +46,7 @@ fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
         };
         let length = numbers().map(|(parameter, at, _)| mean(&parameter.name, at).powi(2)).sum::<f64>().sqrt();
         assert!(length > 2.0 * config.clip, "step {step} is clipped: {length}");
-        let records: Vec<StepRecord> = journal::read(&folder.path().join("steps.jsonl")).unwrap();
+        let records: Vec<StepRecord> = logs::read(&folder.path().join("steps.jsonl")).unwrap();
         Tolerance::relative(1e-5).assert(records[at_step].gradient_norm, [length], "norm of the mean gradient");
         // Warm-up over three steps.
         let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][at_step];
@@ -92,7 +92,7 @@ fn a_step_sees_the_same_samples_at_any_size_of_the_micro_batch() {
             };
             let folder = tempdir().unwrap();
             trainer(config, folder.path(), &Start::Fresh, source).step(&mut |_| ()).unwrap();
-            journal::read::<StepRecord>(&folder.path().join("steps.jsonl")).unwrap().remove(0)
+            logs::read::<StepRecord>(&folder.path().join("steps.jsonl")).unwrap().remove(0)
         });
         for record in &first[1..] {
             assert_eq!((record.terms, &record.skip_reason), (first[0].terms, &None));

@@ -93,12 +93,12 @@ impl Record for EvaluationRecord {
 
 /// A log file, one JSON record per line.
 #[derive(Debug)]
-pub struct Journal {
+pub struct LogFile {
     path: PathBuf,
     file: File,
 }
 
-impl Journal {
+impl LogFile {
     /// Opens the log of a run with `steps` steps done: later records, and a line that was cut off when the run was killed,
     /// are removed. Returns the records that were kept.
     ///
@@ -238,16 +238,16 @@ mod tests {
         };
         assert!(evaluation(0).gain() > 4.4 && evaluation(0).gain() < 4.6, "21 dB against 16.5");
         let (steps, evaluations) = (folder.path().join("steps"), folder.path().join("evaluations"));
-        let (mut step_log, _) = Journal::open::<StepRecord>(&steps, 0).unwrap();
-        let (mut evaluation_log, _) = Journal::open::<EvaluationRecord>(&evaluations, 0).unwrap();
+        let (mut step_log, _) = LogFile::open::<StepRecord>(&steps, 0).unwrap();
+        let (mut evaluation_log, _) = LogFile::open::<EvaluationRecord>(&evaluations, 0).unwrap();
         for number in 0..7 {
             step_log.append(&step(number)).unwrap();
             evaluation_log.append(&evaluation(number)).unwrap();
         }
-        let (_, kept) = Journal::open::<StepRecord>(&steps, 4).unwrap();
+        let (_, kept) = LogFile::open::<StepRecord>(&steps, 4).unwrap();
         assert_eq!(kept, [0, 1, 2, 3].map(step));
         assert_eq!(read::<StepRecord>(&steps).unwrap(), kept, "in the file too");
-        let (_, kept) = Journal::open::<EvaluationRecord>(&evaluations, 4).unwrap();
+        let (_, kept) = LogFile::open::<EvaluationRecord>(&evaluations, 4).unwrap();
         assert_eq!(kept, [0, 1, 2, 3, 4].map(evaluation));
     }
 
@@ -275,14 +275,14 @@ mod tests {
             let error = steps([&lines[0], &damaged, &lines[2]].map(String::as_str).concat().as_bytes()).unwrap_err();
             assert!(error.contains("log: line 2: expected a record") && error.contains("evaluations.jsonl"), "{error}");
         }
-        let reopened = Journal::open::<EvaluationRecord>(&path, 9);
+        let reopened = LogFile::open::<EvaluationRecord>(&path, 9);
         assert!(
             reopened.is_err() && std::fs::read_to_string(&path).unwrap().lines().count() == 3,
             "nothing is dropped"
         );
         let restarted = [&lines[0], &lines[1]].map(String::as_str).concat();
         std::fs::write(&path, restarted).unwrap();
-        let (_, kept) = Journal::open::<EvaluationRecord>(&path, 0).unwrap();
+        let (_, kept) = LogFile::open::<EvaluationRecord>(&path, 0).unwrap();
         assert!(kept.is_empty(), "evaluated again before step 0");
     }
 }

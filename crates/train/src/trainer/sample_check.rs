@@ -15,7 +15,7 @@ use super::step::numbers;
 use super::{EVALUATIONS, STEPS};
 use crate::error::Purpose;
 use crate::evaluation::Evaluation;
-use crate::journal::{self, EvaluationRecord, StepRecord};
+use crate::logs::{self, EvaluationRecord, StepRecord};
 use crate::samples::{SampleId, Source, digest_of_all};
 use crate::{TrainConfig, TrainError};
 
@@ -24,16 +24,16 @@ const SAMPLES: usize = 16;
 
 /// The logs of a run that goes on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Recorded<'a> {
+pub(super) struct RunLogs<'a> {
     /// Their folder.
     pub(super) folder: &'a Path,
     /// Number of steps done.
     pub(super) done: u64,
     /// Whether the run was on another type of processor, where the last bits of images and cameras may have been others.
-    pub(super) has_moved: bool,
+    pub(super) processor_changed: bool,
 }
 
-impl Recorded<'_> {
+impl RunLogs<'_> {
     /// Draws the samples of the latest steps again. Returns a notice if the log is gone or has no hashes of them, or if samples
     /// differ after a change of processor.
     ///
@@ -86,15 +86,15 @@ impl Recorded<'_> {
     }
 
     /// The records of a log that the run keeps.
-    fn logged<R: journal::Record>(&self, log: &str) -> Result<Vec<R>, TrainError> {
-        let mut records: Vec<R> = journal::read(&self.folder.join(log))?;
+    fn logged<R: logs::Record>(&self, log: &str) -> Result<Vec<R>, TrainError> {
+        let mut records: Vec<R> = logs::read(&self.folder.join(log))?;
         records.retain(|record| record.is_within(self.done));
         Ok(records)
     }
 
     fn differ(&self, purpose: Purpose, which: &str, log: &str, found: &str) -> Result<Option<String>, TrainError> {
         let data = purpose.data();
-        if self.has_moved {
+        if self.processor_changed {
             return Ok(Some(format!(
                 "{data}: {which}: not those that {log} records, to the bit ({found}): another processor may have decoded or \
                  simulated them, or the data have changed"
