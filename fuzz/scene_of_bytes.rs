@@ -2,7 +2,7 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::{
-    Channels, Exposure, GaussianParts, Gaussians, GradientReach, RasterMode, RenderOptions, RendererConstants, View,
+    Channels, Exposure, GaussianParts, Gaussians, RasterMode, RenderOptions, RendererConstants, StoppedGradients, View,
     sh_coefficients,
 };
 use glam::{DMat3, DVec3};
@@ -30,7 +30,7 @@ pub(crate) fn scene_of_bytes(bytes: &[u8]) -> Option<(Gaussians, View, RenderOpt
         max_sh_degree: max_degree % 5,
         exposure: switch(1).then_some(exposure),
         channels: Channels { depth: switch(2), scalar: switch(3), median_depth: switch(4) },
-        gradients: GradientReach { scalar_stops: switch(5), directions_stop: switch(6) },
+        gradients: StoppedGradients { scalar_stops: switch(5), directions_stop: switch(6) },
         ..RenderOptions::default()
     };
     let view = View { camera: camera(&mut reader)?, size };

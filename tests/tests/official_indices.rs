@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::{
     EvaluationIndex, IndexFile, IndexLayout, IndexMatch, IndexNotices, KNOWN_INDICES, KnownIndex, LintOptions,
-    LintReport, Preset, Verdict, compare, lint_file,
+    LintReport, Preset, TableSharing, compare, lint_file,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::shared_data;
@@ -141,13 +141,21 @@ fn which_indices_may_share_a_table() {
     let index = |name| official.file(name).index;
     let (pixelsplat, noposplat) = (index("pixelsplat-re10k"), index("noposplat-re10k"));
     let found = compare(&pixelsplat, &noposplat);
-    assert_eq!((found.common_keys, found.identical_scenes, found.verdict), (7194, 0, Verdict::Different), "{found}");
-    assert_eq!(compare(&pixelsplat, &pixelsplat).verdict, Verdict::Same);
+    assert_eq!(
+        (found.common_keys, found.identical_scenes, found.table_sharing),
+        (7194, 0, TableSharing::Different),
+        "{found}"
+    );
+    assert_eq!(compare(&pixelsplat, &pixelsplat).table_sharing, TableSharing::Same);
     let found = compare(&index("depthsplat-dl3dv-6v"), &index("yonosplat-dl3dv-6v"));
-    assert_eq!((found.same_context, found.same_targets, found.verdict), (140, 0, Verdict::Different), "{found}");
+    assert_eq!(
+        (found.same_context, found.same_targets, found.table_sharing),
+        (140, 0, TableSharing::Different),
+        "{found}"
+    );
     let mut half = pixelsplat.clone();
     half.scenes.truncate(3000);
-    assert_eq!(compare(&pixelsplat, &half).verdict, Verdict::OnCommonScenes);
+    assert_eq!(compare(&pixelsplat, &half).table_sharing, TableSharing::OnCommonScenes);
 }
 
 /// Presets on files that others published, not on ones that are carried.

@@ -6,7 +6,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_opencv::{GeometryCheck, GeometryCheckOptions, PairChoice, UndistortMode, Undistorter, check_geometry};
 use atsplat_pixels::{DecodeLimits, encode_png};
-use atsplat_scene::geometry::{Convention, Verdict};
+use atsplat_scene::geometry::{Convention, ConventionFit};
 use atsplat_scene::{
     FrameImage, ImageFolder, NerfstudioOptions, OpenOptions, Scene, SceneSource, SharedBytes, Warnings, open_with,
 };
@@ -48,8 +48,8 @@ fn median_of(checked: &GeometryCheck, convention: Convention) -> f64 {
 }
 
 fn fits(checked: &GeometryCheck) -> Option<Convention> {
-    match &checked.verdict {
-        Verdict::Fits { convention, .. } => Some(*convention),
+    match &checked.fit {
+        ConventionFit::Fits { convention, .. } => Some(*convention),
         _ => None,
     }
 }
@@ -74,12 +74,12 @@ fn re10k_frames_9_and_126_agree_with_their_poses_and_not_with_inverted_ones() {
     let declared = check(&scene, pair());
     assert!(median_of(&declared, Convention::Declared) < 0.4, "as declared");
     assert!(median_of(&declared, Convention::PoseInverted) > 15.0, "under the inverted reading");
-    assert!(declared.verdict.declared_fits(), "{}", declared.verdict);
+    assert!(declared.fit.declared_fits(), "{}", declared.fit);
 
     let wrong = check(&with_cameras(&scene, inverted), pair());
     assert!(median_of(&wrong, Convention::Declared) > 15.0, "inverted on purpose");
     assert!(median_of(&wrong, Convention::PoseInverted) < 0.4, "and turned back");
-    assert_eq!(fits(&wrong), Some(Convention::PoseInverted), "{}", wrong.verdict);
+    assert_eq!(fits(&wrong), Some(Convention::PoseInverted), "{}", wrong.fit);
     assert!(wrong.to_string().contains("poses look inverted"), "{wrong}");
 }
 
@@ -88,7 +88,7 @@ fn every_mistake_made_in_a_real_re10k_scene_is_named() {
     let Some(scene) = re10k("every_mistake_in_re10k") else { return };
     let pairs = || PairChoice::Spread(8);
     let declared = check(&scene, pairs());
-    assert!(declared.verdict.declared_fits(), "{}", declared.verdict);
+    assert!(declared.fit.declared_fits(), "{}", declared.fit);
     assert!(median_of(&declared, Convention::Declared) < 0.4);
 
     let focal = |factor_x: f64, factor_y: f64| {
@@ -116,7 +116,7 @@ fn every_mistake_made_in_a_real_re10k_scene_is_named() {
     ];
     for (mistake, name) in mistakes {
         let checked = check(&with_cameras(&scene, mistake), pairs());
-        assert_eq!(fits(&checked), Some(name), "{}", checked.verdict);
+        assert_eq!(fits(&checked), Some(name), "{}", checked.fit);
         let (mended, truth) = (median_of(&checked, name), median_of(&declared, Convention::Declared));
         assert!(Tolerance::absolute(0.01).accepts(mended, truth), "{name}: {mended} px, the true cameras {truth} px");
     }
@@ -132,7 +132,7 @@ fn fox_agrees_once_its_lens_is_undone() {
     assert!(checked.pairs.len() >= 40, "{} pairs", checked.pairs.len());
     assert!(median_of(&checked, Convention::Declared) < 0.6);
     assert!(median_of(&checked, Convention::NoDistortion) > median_of(&checked, Convention::Declared));
-    assert!(checked.verdict.declared_fits(), "{}", checked.verdict);
+    assert!(checked.fit.declared_fits(), "{}", checked.fit);
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn inverted_fox_is_named_in_spite_of_its_repeating_wallpaper() {
     let Some(scene) = only_scene("inverted_fox", "fox", &OpenOptions::default()) else { return };
     let wrong = with_cameras(&scene, inverted);
     let checked = check(&wrong, PairChoice::Spread(12));
-    assert_eq!(fits(&checked), Some(Convention::PoseInverted), "{}", checked.verdict);
+    assert_eq!(fits(&checked), Some(Convention::PoseInverted), "{}", checked.fit);
     assert!(median_of(&checked, Convention::PoseInverted) < 1.0, "wider baselines than between neighbours");
 }
 
@@ -151,7 +151,7 @@ fn desk_agrees_at_both_resolutions() {
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
         let Some(scene) = only_scene("desk_agrees", "dl3dv_like/desk", &options) else { return };
         let checked = check(&scene, PairChoice::Spread(8));
-        assert!(checked.verdict.declared_fits(), "{images:?}: {}", checked.verdict);
+        assert!(checked.fit.declared_fits(), "{images:?}: {}", checked.fit);
         assert!(median_of(&checked, Convention::Declared) < 0.4, "{images:?}");
         assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{images:?}");
     }

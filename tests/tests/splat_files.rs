@@ -89,8 +89,8 @@ fn a_capture_goes_through_every_encoding() {
 
 /// Coloured points are no Gaussians; the error names what they lack.
 #[test]
-fn a_point_cloud_is_refused_by_name() {
-    let Some(data) = shared_data("a_point_cloud_is_refused_by_name") else { return };
+fn a_point_cloud_is_rejected_by_name() {
+    let Some(data) = shared_data("a_point_cloud_is_rejected_by_name") else { return };
     let error = read(&data.join("splat_scenes/brush_init.ply")).unwrap_err();
     let SplatError::Format { expected, found, .. } = &error else { panic!("{error}") };
     assert_eq!((expected.as_str(), found.as_str()), ("a property rot_0", "x, y, z, red, green, blue, alpha"));

@@ -1,10 +1,12 @@
-//! Runs of the self-test of graphics adapters: shows their progress, and caches their verdicts.
+//! Runs of the self-test of graphics adapters: shows their progress, and caches their results.
 
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use atsplat_splat::gpu::{AdapterDescription, ProbeStage, SelfTestObserver, Verdict, VerdictCache, VerdictKey};
+use atsplat_splat::gpu::{
+    AdapterDescription, ProbeStage, SelfTestCache, SelfTestKey, SelfTestObserver, SelfTestResult,
+};
 use indicatif::ProgressBar;
 
 use crate::print::{print_status, warn};
@@ -12,19 +14,19 @@ use crate::print::{print_status, warn};
 /// Interval of log lines while a test is running.
 const LOG_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Reports progress on standard error, and keeps verdicts in the user's cache folder.
+/// Reports progress on standard error, and keeps results in the user's cache folder.
 #[derive(Debug)]
 pub(crate) struct AdapterSelfTests {
-    cache: Option<VerdictCache>,
-    /// Whether cached verdicts are used.
+    cache: Option<SelfTestCache>,
+    /// Whether cached results are used.
     use_cache: bool,
     ticker: Mutex<Option<Ticker>>,
 }
 
 impl AdapterSelfTests {
-    /// Uses the verdicts in the user's cache folder, unless `again` is set.
+    /// Uses the results in the user's cache folder, unless `again` is set.
     pub(crate) fn new(again: bool) -> Self {
-        let cache = atsplat_files::cache_folder().map(|folder| VerdictCache::new(folder.join("adapters.json")));
+        let cache = atsplat_files::cache_folder().map(|folder| SelfTestCache::new(folder.join("adapters.json")));
         let tests = Self { cache, use_cache: !again, ticker: Mutex::default() };
         tests.report("looking for graphics adapters".to_owned());
         tests
@@ -53,7 +55,7 @@ impl SelfTestObserver for AdapterSelfTests {
         self.report(format!("{adapter}: {activity}"));
     }
 
-    fn cached(&self, key: &VerdictKey) -> Option<Verdict> {
+    fn cached(&self, key: &SelfTestKey) -> Option<SelfTestResult> {
         let cache = self.cache.as_ref().filter(|_| self.use_cache)?;
         cache.get(key).unwrap_or_else(|error| {
             let file = cache.file().display();
@@ -62,9 +64,9 @@ impl SelfTestObserver for AdapterSelfTests {
         })
     }
 
-    fn store(&self, key: &VerdictKey, verdict: &Verdict) {
+    fn store(&self, key: &SelfTestKey, result: &SelfTestResult) {
         let Some(cache) = &self.cache else { return };
-        if let Err(error) = cache.insert(key, verdict) {
+        if let Err(error) = cache.insert(key, result) {
             let file = cache.file().display();
             warn(&format!("the test of {} was not cached: writing {file}: {error}", key.adapter));
         }
@@ -128,19 +130,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cached_verdicts_are_ignored_if_tests_are_repeated() {
+    fn cached_results_are_ignored_if_tests_are_repeated() {
         let folder = tempfile::tempdir().unwrap();
-        let key = VerdictKey {
+        let key = SelfTestKey {
             adapter: "llvmpipe".to_owned(),
             backend: "Vulkan".to_owned(),
             driver: "Mesa 22".to_owned(),
             version: "0123".to_owned(),
         };
         let tests = |use_cache| {
-            let cache = VerdictCache::new(folder.path().join("adapters.json"));
+            let cache = SelfTestCache::new(folder.path().join("adapters.json"));
             AdapterSelfTests { cache: Some(cache), use_cache, ticker: Mutex::default() }
         };
-        let passed = Verdict { fault: None };
+        let passed = SelfTestResult { fault: None };
         tests(true).store(&key, &passed);
         assert_eq!((tests(true).cached(&key), tests(false).cached(&key)), (Some(passed), None));
     }

@@ -10,7 +10,7 @@ use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Repeat tests whose verdicts are cached for the same driver and the same kernels.
+    /// Repeat tests whose results are cached for the same driver and the same kernels.
     #[arg(long)]
     again: bool,
 
@@ -46,7 +46,7 @@ struct Row {
     largest_binding_bytes: u64,
     /// `None` if image and gradients are correct.
     fault: Option<String>,
-    /// Whether the verdict comes from an earlier test.
+    /// Whether the result comes from an earlier test.
     cached: bool,
 }
 
@@ -73,9 +73,9 @@ impl fmt::Display for Report {
         for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, cached } in &self.adapters {
             let mebibytes = largest_binding_bytes >> 20;
             writeln!(f, "{number}  {name} ({backend}), {kind}, {driver}, buffers of {mebibytes} MiB")?;
-            let verdict = fault.as_deref().unwrap_or("passes its test: an image and its gradients");
+            let result = fault.as_deref().unwrap_or("passes its test: an image and its gradients");
             let note = if *cached { " (tested before; --again tests it again)" } else { "" };
-            writeln!(f, "   {verdict}{note}")?;
+            writeln!(f, "   {result}{note}")?;
         }
         Ok(())
     }

@@ -20,9 +20,9 @@ fn urls_as_outputs_are_usage_errors_and_leave_nothing() {
         &["stress", "--plot", "S3://bucket/stress.svg"],
         &["merge", "nowhere", "--out", "gcs://bucket/store"],
     ] {
-        let refused = atsplat(here, args);
+        let rejected = atsplat(here, args);
         let url = args.iter().find(|arg| arg.contains("://")).unwrap();
-        assert!(refused.code == 2 && refused.stderr.contains(url), "{args:?}: {}", refused.stderr);
+        assert!(rejected.code == 2 && rejected.stderr.contains(url), "{args:?}: {}", rejected.stderr);
     }
     assert_eq!(fs::read_dir(here).unwrap().count(), 0);
 }
@@ -72,8 +72,8 @@ fn a_report_is_written_by_one_process_at_a_time() {
     write_noise(here, 1);
     succeed(here, &["run", "tiny.toml", "--data", "data", "--method", "warp", "--out", "store"]);
     let lock = atsplat_files::FolderLock::of(&here.join("page")).unwrap();
-    let refused = atsplat(here, &["report", "store", "--out", "page"]);
-    assert!(refused.code == 1 && refused.stderr.contains("page is being written by process "), "{}", refused.stderr);
+    let rejected = atsplat(here, &["report", "store", "--out", "page"]);
+    assert!(rejected.code == 1 && rejected.stderr.contains("page is being written by process "), "{}", rejected.stderr);
     drop(lock);
     succeed(here, &["report", "store", "--out", "page"]);
     assert!(here.join("page/index.html").is_file());
@@ -87,10 +87,10 @@ fn an_output_is_written_by_one_process_at_a_time() {
     fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/aaaa.txt"), 20);
     fs::write(here.join("given.json"), r#"{ "aaaa": { "context": [4, 14], "target": [9] } }"#).unwrap();
-    let refused_by = |args: &str, out: &str| {
-        let refused = atsplat(here, &args.split(' ').collect::<Vec<_>>());
+    let rejected_by = |args: &str, out: &str| {
+        let rejected = atsplat(here, &args.split(' ').collect::<Vec<_>>());
         let expected = format!("{out} is being written by process ");
-        assert!(refused.code == 1 && refused.stderr.contains(&expected), "{args}: {}", refused.stderr);
+        assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{args}: {}", rejected.stderr);
     };
     for (args, out) in [
         ("data export data cameras.csv", "cameras.csv"),
@@ -103,12 +103,12 @@ fn an_output_is_written_by_one_process_at_a_time() {
         ("protocol estimators --scenes 1 --plot estimates.png", "estimates.png"),
     ] {
         let lock = atsplat_files::FileLock::of(&here.join(out)).unwrap();
-        refused_by(args, out);
+        rejected_by(args, out);
         drop(lock);
         assert!(!here.join(out).exists(), "{args}");
     }
     let lock = atsplat_files::FolderLock::of(&here.join("chunks")).unwrap();
-    refused_by("data export data chunks --chunks", "chunks");
+    rejected_by("data export data chunks --chunks", "chunks");
     drop(lock);
     succeed(here, &["data", "export", "data", "cameras.csv"]);
     let files = fs::read_dir(here).unwrap().map(|entry| entry.unwrap().path());

@@ -116,9 +116,9 @@ fn writes_chunks_without_the_broken_scene() {
     }
     std::fs::write(here.join("data/b/0.png"), b"no image at all").unwrap();
     for out in ["data", "./data/test"] {
-        let refused = atsplat(here, &["data", "export", "data", out, "--chunks"]);
+        let rejected = atsplat(here, &["data", "export", "data", out, "--chunks"]);
         let expected = format!("error: {out}: chunks there would be read instead of the scenes of data");
-        assert!(refused.code == 1 && refused.stderr.contains(&expected), "{}", refused.stderr);
+        assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{}", rejected.stderr);
     }
     assert!(!here.join("data/000000.torch").exists() && !here.join("data/test").exists());
     let text = succeed(here, &["data", "export", "data", "chunks", "--chunks"]);
@@ -454,8 +454,8 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the embedded clips");
     for unread in [["--kind", "yards"], ["--split", "test"]] {
-        let refused = atsplat(here, &[&["data", "motion", "data"][..], &unread].concat());
-        assert!(refused.code == 2 && refused.stderr.contains("--simulated <N>"), "{}", refused.stderr);
+        let rejected = atsplat(here, &[&["data", "motion", "data"][..], &unread].concat());
+        assert!(rejected.code == 2 && rejected.stderr.contains("--simulated <N>"), "{}", rejected.stderr);
     }
 }
 

@@ -30,9 +30,9 @@ fn texts(args: &[String]) -> Vec<&str> {
 fn a_device_is_spelled_in_one_way() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["run", "score", "reproduce", "train", "reconstruct", "budget", "fit", "render"] {
-        let refused = atsplat(folder.path(), &[command, "--device", "gpu:0"]);
+        let rejected = atsplat(folder.path(), &[command, "--device", "gpu:0"]);
         let expected = "expected cpu, wgpu or wgpu:N, N as `atsplat adapters` numbers them, found \"gpu:0\"";
-        assert!(refused.code == 2 && refused.stderr.contains(expected), "{command}: {}", refused.stderr);
+        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{command}: {}", rejected.stderr);
     }
 }
 
@@ -46,8 +46,8 @@ fn images_alone_need_no_device() {
     for (args, expected) in
         [(texts(&run), "--device requires a method with a network or Gaussians"), (score, "--device requires --ply")]
     {
-        let refused = atsplat(here, &args);
-        assert!(refused.code == 2 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &args);
+        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
     }
 }
 
@@ -64,10 +64,10 @@ fn networks_on_an_adapter_need_a_build_for_them() {
     let run = run(&[&["--method", "atsplat"], &network[..]].concat());
     let train = ["train", "--config", "none.toml", "--out", "store", "--device", "wgpu:0"];
     for args in [&texts(&run)[..], &sweep, &["reproduce", "--out", "store", "--device", "wgpu:0"], &train] {
-        let refused = atsplat(here, args);
+        let rejected = atsplat(here, args);
         let expected = "--device wgpu:0: the network on wgpu:0: this build runs networks only on the CPU; `cargo install \
                         --path crates/cli --locked --features gpu-network` makes one for wgpu";
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
         assert!(!here.join("store").exists(), "{args:?}");
     }
 }
@@ -83,11 +83,11 @@ fn an_unknown_adapter_is_an_error_with_the_list_of_adapters() {
     let listed: Vec<String> = adapters().iter().enumerate().map(|(at, adapter)| format!("{at} {adapter}")).collect();
     let listed = if listed.is_empty() { "none".to_owned() } else { listed.join(", ") };
     for args in [score, texts(&run)] {
-        let refused = atsplat(here, &args);
+        let rejected = atsplat(here, &args);
         let advice = "`atsplat adapters` lists and tests all adapters, `--device cpu` needs none";
         let expected = format!("graphics adapter: expected number 77, found {listed}; {advice}");
-        let names_both = refused.stderr.contains("error: --device wgpu:77: ") && refused.stderr.contains(&expected);
-        assert!(refused.code == 1 && names_both, "{expected}: {}", refused.stderr);
+        let names_both = rejected.stderr.contains("error: --device wgpu:77: ") && rejected.stderr.contains(&expected);
+        assert!(rejected.code == 1 && names_both, "{expected}: {}", rejected.stderr);
         assert!(!here.join("store").exists());
     }
 }
@@ -111,10 +111,10 @@ fn results_of_an_adapter_say_so_and_are_not_mixed_with_the_cpus() {
     let adapter = format!("{first}, {}", first.driver);
     assert_eq!(printed["times"][0]["device"], format!("renderer on {adapter}"), "{printed}");
 
-    let refused = atsplat(here, &texts(&run(&OPTIMISED)));
+    let rejected = atsplat(here, &texts(&run(&OPTIMISED)));
     let expected = "methods 3dgs-2 of the two runs differ: ";
-    let names_it = refused.stderr.contains("renderer-adapter") && refused.stderr.contains("cannot be resumed");
-    assert!(refused.code == 1 && refused.stderr.contains(expected) && names_it, "{}", refused.stderr);
+    let names_it = rejected.stderr.contains("renderer-adapter") && rejected.stderr.contains("cannot be resumed");
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected) && names_it, "{}", rejected.stderr);
     succeed(here, &texts(&run(&["--method", "cpu=3dgs:2", "--max-gaussians", "300"])));
 
     let found = results(here);

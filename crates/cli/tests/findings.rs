@@ -280,8 +280,12 @@ fn images_of_another_size_suggest_any_size() {
     let sized = "[preprocessing]\nexpected-size = { width = 640, height = 360 }";
     std::fs::write(here.join("sized.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
     let args = ["run", "sized.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
-    let refused = atsplat(here, &args);
-    assert!(refused.code == 1 && refused.stdout.contains("--any-size takes images of any size"), "{}", refused.stdout);
+    let rejected = atsplat(here, &args);
+    assert!(
+        rejected.code == 1 && rejected.stdout.contains("--any-size takes images of any size"),
+        "{}",
+        rejected.stdout
+    );
     // A store without results accepts other settings.
     let taken = atsplat(here, &[&args[..], &["--any-size"]].concat());
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
@@ -311,10 +315,10 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
     let sized = "[preprocessing]\nexpected-size = { width = 32, height = 24 }";
     std::fs::write(here.join("tiny.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
-    let refused = run(here, &["--out", "store"]);
+    let rejected = run(here, &["--out", "store"]);
     let advice =
         "\n--images 2 takes copies of the images of the expected size, and --any-size takes images of any size; ";
-    assert!(refused.code == 1 && refused.stdout.contains(advice), "{}{}", refused.stdout, refused.stderr);
+    assert!(rejected.code == 1 && rejected.stdout.contains(advice), "{}{}", rejected.stdout, rejected.stderr);
     let taken = run(here, &["--out", "store", "--images", "2"]);
     assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
 }

@@ -78,9 +78,9 @@ fn a_fit_on_an_adapter_says_so() {
         return skip_without_graphics("cli fit", "none listed");
     };
     let adapter = format!("{adapter}, {}", adapter.driver);
-    let refused = atsplat(here, &fit(&[&checkpoint[..], &["--resume", "--device", "wgpu:0"]].concat()));
+    let rejected = atsplat(here, &fit(&[&checkpoint[..], &["--resume", "--device", "wgpu:0"]].concat()));
     let expected = format!("checkpoint: device: expected {adapter}, found cpu (state)");
-    assert!(refused.code == 1 && refused.stderr.contains(&expected), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(&expected), "{}", rejected.stderr);
     let text = succeed(here, &fit(&["--device", "wgpu:0"]));
     assert!(text.lines().next().is_some_and(|line| line.ends_with(&format!(" on {adapter}"))), "{text}");
     let on_adapter = record();
@@ -237,8 +237,8 @@ fn errors_name_the_option_that_mends_them() {
             "error: max-gaussians: expected at least the 1000000000000000 initial Gaussians, found 1000000",
         ),
     ] {
-        let refused = atsplat(here, &[&fit[..], more].concat());
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&fit[..], more].concat());
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
     }
     let one = atsplat(here, &[&fit[..], &["--held-out", "0,4"]].concat());
     assert!(one.stderr.contains(" is the only view"), "{}", one.stderr);
@@ -254,14 +254,14 @@ fn only_errors_about_the_size_name_its_option() {
     std::fs::rename(here.join("photos"), here.join(photos)).unwrap();
     std::fs::remove_file(here.join(photos).join("000001.png")).unwrap();
     let fit = ["fit", photos, "--views", "..", "--size", "32x32", "--strategy", "fixed", "--steps", "1"];
-    let refused = atsplat(here, &[&fit[..], &["--out", "fitted.ply"]].concat());
-    let names_the_frame = refused.stderr.contains("image-missing: frame 1 ") && !refused.stderr.contains("--size");
-    assert!(refused.code == 1 && names_the_frame, "{}", refused.stderr);
+    let rejected = atsplat(here, &[&fit[..], &["--out", "fitted.ply"]].concat());
+    let names_the_frame = rejected.stderr.contains("image-missing: frame 1 ") && !rejected.stderr.contains("--size");
+    assert!(rejected.code == 1 && names_the_frame, "{}", rejected.stderr);
 }
 
 /// The output of `atsplat render` is one scene, with its images next to the record.
 #[test]
-fn options_of_datasets_are_refused_for_renders() {
+fn options_of_datasets_are_rejected_for_renders() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
@@ -273,8 +273,8 @@ fn options_of_datasets_are_refused_for_renders() {
         (["--images", "2"], 2, "COLMAP, found the output of `atsplat render`"),
         (["--frames", "photos"], 2, "--frames: expected RE10K trajectories or a COLMAP model, found the output of"),
     ] {
-        let refused = fit(&more);
-        assert!(refused.code == code && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = fit(&more);
+        assert!(rejected.code == code && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
     }
     assert!(!here.join("fitted.ply").exists());
     assert_eq!(fit(&["--key", "render"]).code, 0);
@@ -347,8 +347,8 @@ fn files_are_opened_before_the_optimisation() {
         (["--checkpoint", "photos"], "error: writing photos: "),
         (["--plots", "photos/000000.png"], "error: creating the folder photos/000000.png: "),
     ] {
-        let refused = atsplat(here, &fit(&more));
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &fit(&more));
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
         assert!(!here.join("fitted.ply").exists(), "{more:?}");
     }
     succeed(here, &fit(&["--checkpoint", "new/state", "--checkpoint-every", "2"]));
@@ -431,8 +431,8 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
         (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
         (&["other.ply", "--steps", "1", "--checkpoint", "state", "--resume"], "state is being written by process "),
     ] {
-        let refused = atsplat(here, &[&FIT_TO[..], more].concat());
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&FIT_TO[..], more].concat());
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
     }
     assert!(!here.join("other.ply").exists() && !here.join("other.ply.lock").exists());
     succeed(here, &[&FIT_TO[..], &["other.ply", "--steps", "1"]].concat());
@@ -474,16 +474,16 @@ fn options_that_nothing_reads_are_usage_errors() {
         (&["--start", "random:0"], "--start: expected random:N, found \"random:0\"; N is at least 1"),
     ] {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];
-        let refused = atsplat(here, &[&fit[..], more].concat());
-        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&fit[..], more].concat());
+        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
     }
     for (data, more, expected) in [
         ("photos", "--absolute-gradients", "--absolute-gradients requires --strategy 3dgs or mip-splatting"),
         ("s3://bucket/photos", "--start=points", "--start points requires DATA on this machine"),
     ] {
         let fit = ["fit", data, "--views", "..", "--strategy", "mcmc", "--steps", "2", "--out", "fitted.ply", more];
-        let refused = atsplat(here, &fit);
-        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more}: {}", refused.stderr);
+        let rejected = atsplat(here, &fit);
+        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more}: {}", rejected.stderr);
     }
     assert_eq!(std::fs::read_dir(here).unwrap().count(), 0, "nothing was written");
 }

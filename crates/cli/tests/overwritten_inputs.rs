@@ -30,11 +30,16 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// Each call fails with its message, and leaves every file as it was.
-fn refuses(here: &Path, calls: &[(&str, &str)]) {
+fn rejects(here: &Path, calls: &[(&str, &str)]) {
     let before = contents(here);
     for (args, expected) in calls {
-        let refused = atsplat(here, &args.split(' ').collect::<Vec<_>>());
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{args}: {} {}", refused.code, refused.stderr);
+        let rejected = atsplat(here, &args.split(' ').collect::<Vec<_>>());
+        assert!(
+            rejected.code == 1 && rejected.stderr.contains(expected),
+            "{args}: {} {}",
+            rejected.code,
+            rejected.stderr
+        );
         assert!(contents(here) == before, "{args}: a file was replaced");
     }
 }
@@ -50,7 +55,7 @@ fn weights_do_not_overwrite_what_they_are_made_from() {
     fs::write(here.join("map.toml"), "name = \"map\"\n").unwrap();
     fs::write(here.join("nano.toml"), toml::to_string(&weights.config).unwrap()).unwrap();
     assert!(KeyMap::resolve(here.join("map.toml").to_str().unwrap()).is_ok());
-    refuses(
+    rejects(
         here,
         &[
             (
@@ -91,7 +96,7 @@ fn indices_do_not_overwrite_datasets_or_the_input_index() {
     fs::write(here.join("rule.toml"), "").unwrap();
     let of_dataset = " would be read as part of the dataset data; choose a path outside it";
     let index = "index.svg would overwrite the input index; choose another file";
-    refuses(
+    rejects(
         here,
         &[
             ("protocol build data --sampler re10k-2v --out data/aaaa.txt", of_dataset),
@@ -125,7 +130,7 @@ fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     let other = " is not a checkpoint written by `atsplat fit`; choose another file";
     let of_dataset = "--checkpoint: photos/render.json would be read as part of the dataset photos; ";
     let state = |file: &str| format!("{fit} --out fitted.ply --checkpoint-every 1 --checkpoint {file}");
-    refuses(
+    rejects(
         here,
         &[
             (&format!("{fit} --out start.ply"), start),
@@ -141,7 +146,7 @@ fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     run(&state("state"));
     let first = fs::read(here.join("state")).unwrap();
     let of_a_run = "--checkpoint: state is the state of a run; --resume continues it, otherwise choose another file";
-    refuses(here, &[(&state("state"), of_a_run), (&state("state").replace("--steps 2", "--steps 3"), of_a_run)]);
+    rejects(here, &[(&state("state"), of_a_run), (&state("state").replace("--steps 2", "--steps 3"), of_a_run)]);
     run(&format!("{} --resume", state("state")));
     assert!(fs::read(here.join("state")).unwrap() == first);
     // Safetensors of another kind.
@@ -151,7 +156,7 @@ fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     let mut renamed = bytes;
     renamed[place..place + 11].copy_from_slice(b"another.fit");
     fs::write(here.join("other"), renamed).unwrap();
-    refuses(here, &[(&state("other"), other)]);
+    rejects(here, &[(&state("other"), other)]);
 }
 
 /// A scene, cameras, exposures and constants next to a capture with photos as renders are named.
@@ -183,7 +188,7 @@ fn renders_overwrite_nothing_that_they_are_made_from() {
     let exposures = r#"{ "0": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] }"#;
     fs::write(here.join("exposed/render.json"), exposures).unwrap();
     let orbit = "--orbit 1 --size 16x16 --out";
-    refuses(
+    rejects(
         here,
         &[
             (
@@ -256,7 +261,7 @@ fn reconstructions_and_fits_overwrite_neither_photos_nor_weights() {
     )
     .unwrap();
     let reconstruct = "reconstruct ds --views 0,1 --size 32x32 --weights";
-    refuses(
+    rejects(
         here,
         &[
             (
@@ -289,7 +294,7 @@ fn undistorted_scenes_do_not_replace_their_captures() {
     let text = format!(r#"{{ "fl_x": 16, "cx": 8, "cy": 8, "w": 16, "h": 16, "k1": 0.01, "frames": [{frame}] }}"#);
     fs::write(here.join("data/scene/transforms.json"), text).unwrap();
     let cameras = "--out: data/scene/transforms.json would be read as part of the dataset data";
-    refuses(
+    rejects(
         here,
         &[
             ("data undistort data/scene --out data", &format!("{cameras}/scene; choose a path outside it")),
@@ -304,7 +309,7 @@ fn undistorted_scenes_do_not_replace_their_captures() {
     fs::rename(here.join("data/scene/images"), here.join("desk/images")).unwrap();
     fs::write(here.join("desk/sparse/0/cameras.txt"), "1 PINHOLE 16 16 16 16 8 8\n").unwrap();
     fs::write(here.join("desk/sparse/0/images.txt"), "1 1 0 0 0 0 0 0 1 0.png\n\n").unwrap();
-    refuses(
+    rejects(
         here,
         &[(
             "data undistort desk/sparse/0 --out .",
@@ -314,8 +319,8 @@ fn undistorted_scenes_do_not_replace_their_captures() {
     fs::create_dir(here.join("frames")).unwrap();
     fs::rename(here.join("desk/images"), here.join("frames/clip")).unwrap();
     write_trajectory(&here.join("clip.txt"), 1);
-    let refused = atsplat(here, &["data", "undistort", "clip.txt", "--frames", "frames", "--out", "frames"]);
+    let rejected = atsplat(here, &["data", "undistort", "clip.txt", "--frames", "frames", "--out", "frames"]);
     let expected = "--out: frames/clip contains the photo frames/clip/0.png of its scene";
-    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
     assert!(!here.join("frames/clip/transforms.json").exists());
 }

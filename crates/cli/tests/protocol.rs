@@ -88,9 +88,9 @@ fn an_index_without_overlaps_has_no_histogram() {
         std::fs::write(here.join("index.json"), text).unwrap();
     };
     write("");
-    let refused = atsplat(here, &overlap);
+    let rejected = atsplat(here, &overlap);
     let expected = "error: no entry of index.json states an overlap: --data measures it";
-    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
     assert!(!here.join("out.json").exists() && !here.join("plot.svg").exists());
     write(r#", "overlap": 0.2"#);
     succeed(here, &overlap);
@@ -150,7 +150,7 @@ fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
 
 /// Frames that the sampler was not given, although every scene has its entry, and images of the index that cannot be read.
 #[test]
-fn a_strict_build_refuses_missing_and_unreadable_images() {
+fn a_strict_build_rejects_missing_and_unreadable_images() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir_all(here.join("data/a")).unwrap();
@@ -181,7 +181,7 @@ fn a_strict_build_refuses_missing_and_unreadable_images() {
 
 /// A leak, a repetition or another protocol's index fails under `--strict`; what the protocol has published does not.
 #[test]
-fn a_strict_lint_refuses_an_unfit_index() {
+fn a_strict_lint_rejects_an_unfit_index() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let entry = r#"{"context": [5, 20], "target": [9, 30]}"#;

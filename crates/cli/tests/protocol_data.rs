@@ -51,9 +51,9 @@ fn measures_depth_covisibility_from_files() {
     std::fs::write(here.join("index.json"), index).unwrap();
 
     let measure = ["protocol", "overlap", "index.json", "--data", "data", "--estimator", "depth-covisibility"];
-    let refused = atsplat(here, &measure);
-    assert_eq!(refused.code, 2);
-    assert!(refused.stderr.contains("--depth <FOLDER>"), "{}", refused.stderr);
+    let rejected = atsplat(here, &measure);
+    assert_eq!(rejected.code, 2);
+    assert!(rejected.stderr.contains("--depth <FOLDER>"), "{}", rejected.stderr);
     let nowhere = atsplat(here, &[&measure[..], &["--depth", "nowhere"]].concat());
     assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
 

@@ -339,8 +339,8 @@ fn photos_that_were_cropped_before_are_taken_on_request() {
     fs::write(here.join("mine.toml"), preset.replace("height = 256, width = 256", "height = 32, width = 48")).unwrap();
     let tiny = tiny();
     let args = untrained(tiny.to_str().unwrap(), &["--protocol", "mine.toml"]);
-    let refused = atsplat(here, &args);
-    assert!(refused.code == 1 && refused.stderr.contains("640×360"), "{}", refused.stderr);
+    let rejected = atsplat(here, &args);
+    assert!(rejected.code == 1 && rejected.stderr.contains("640×360"), "{}", rejected.stderr);
     succeed(here, &[&args[..], &["--any-size"]].concat());
     assert_eq!(record(here)["input"]["protocol"], "mine.toml, images of any size");
 }

@@ -109,10 +109,10 @@ fn a_path_follows_the_times_of_its_cameras() {
     });
     fs::write(here.join("numbered.txt"), numbered.collect::<String>()).unwrap();
     for file in ["given/render.json", "numbered.txt"] {
-        let refused = render("none", &["--spline", file, "--spacing", "time"]);
+        let rejected = render("none", &["--spline", file, "--spacing", "time"]);
         let message = format!("--spacing time: {file} records no times of its cameras");
-        assert!(refused.code == 1 && refused.stderr.contains(&message), "{}", refused.stderr);
-        assert!(refused.stderr.contains("--spacing even"), "{}", refused.stderr);
+        assert!(rejected.code == 1 && rejected.stderr.contains(&message), "{}", rejected.stderr);
+        assert!(rejected.stderr.contains("--spacing even"), "{}", rejected.stderr);
         assert_eq!(render("fine", &["--spline", file, "4", "--spacing", "even"]).code, 0, "{file}");
     }
     assert!(!here.join("none").exists());

@@ -103,9 +103,9 @@ fn changed_images_are_recomputed_and_verify_reads_all() {
     let other = std::fs::read(here.join("data/scene-02/0.png")).unwrap();
     std::fs::write(&image, other).unwrap();
     let alone = [&RUN[..5], &["warp"], &RUN[6..]].concat();
-    let refused = atsplat(here, &alone);
+    let rejected = atsplat(here, &alone);
     let named = "nearest-view on tiny, scene \"scene-01\", entry 0: its images or cameras changed";
-    assert!(refused.code == 1 && refused.stderr.contains(named), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(named), "{}", rejected.stderr);
     assert!(succeed(here, &RUN).contains("2 results computed; 4 were there before"));
     succeed(here, &[&RUN[..7], &["fresh"]].concat());
     assert_eq!(bare(&results(here, "store")), bare(&results(here, "fresh")));
@@ -122,10 +122,10 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     }
     std::os::unix::fs::symlink(here.join("part-1"), here.join("linked")).unwrap();
     for again in ["part-1", "./part-1/", "linked"] {
-        let refused = atsplat(here, &["merge", "part-1", "part-2", again, "--out", "merged"]);
-        assert!(refused.code == 2 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
-        let refused = atsplat(here, &["report", "part-1", again, "--out", "page"]);
-        assert!(refused.code == 2 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
+        let rejected = atsplat(here, &["merge", "part-1", "part-2", again, "--out", "merged"]);
+        assert!(rejected.code == 2 && rejected.stderr.contains("is the same store as part-1"), "{}", rejected.stderr);
+        let rejected = atsplat(here, &["report", "part-1", again, "--out", "page"]);
+        assert!(rejected.code == 2 && rejected.stderr.contains("is the same store as part-1"), "{}", rejected.stderr);
     }
     assert!(!here.join("page").exists());
     let copied = Command::new("cp").args(["-r", "part-1", "copy"]).current_dir(here).status().unwrap();
@@ -163,9 +163,9 @@ fn rejects_weights_with_an_edited_configuration() {
     });
     let message = succeed(here, &["weights", "verify", "whole.safetensors"]);
     assert!(message.contains("complete: ") && !message.contains("no hash recorded"), "{message}");
-    let refused = atsplat(here, &["weights", "verify", "edited.safetensors"]);
-    let named = refused.stderr.contains("configuration, provenance") && refused.stderr.contains("edited.safetensors");
-    assert!(refused.code == 1 && named, "{}", refused.stderr);
+    let rejected = atsplat(here, &["weights", "verify", "edited.safetensors"]);
+    let named = rejected.stderr.contains("configuration, provenance") && rejected.stderr.contains("edited.safetensors");
+    assert!(rejected.code == 1 && named, "{}", rejected.stderr);
     assert!(TensorFile::open(&edited).is_ok(), "its tensors are as they were");
     let message = succeed(here, &["weights", "verify", "earlier.safetensors"]);
     assert!(message.contains("no hash recorded") && !message.contains("whole"), "{message}");
@@ -183,8 +183,8 @@ fn a_report_without_results_is_a_failure() {
         (&["store", "--tables", "dl3dv"][..], "--tables: the stores have no results for any of these tables: dl3dv"),
         (&["bare"], "the stores have no results: bare"),
     ] {
-        let refused = atsplat(here, &[&["report"], args, &["-o", "page"]].concat());
-        assert!(refused.code == 1 && refused.stderr.contains(expected), "{args:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&["report"], args, &["-o", "page"]].concat());
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
         assert!(!here.join("page/index.html").exists(), "{args:?}");
     }
 }

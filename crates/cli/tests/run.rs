@@ -265,8 +265,8 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
     let message = succeed(here, &run);
     assert!(message.contains("no times of warp: no timing pass was made"), "{message}");
-    let refused = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
-    assert!(refused.code == 2 && refused.stderr.contains("--timing"), "{}", refused.stderr);
+    let rejected = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
+    assert!(rejected.code == 2 && rejected.stderr.contains("--timing"), "{}", rejected.stderr);
     assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
     let json = succeed(here, &[&run[..], &["--timing", "--repetitions", "7", "--json"]].concat());
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -280,9 +280,9 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     assert!(times["repetitions"].as_u64().unwrap() >= 7 && render["median"].as_f64().unwrap() > 0.0, "{times}");
     assert!(times["busy"].is_boolean() && render["mad"].is_number() && times["machine"]["threads"].is_u64(), "{times}");
     let table = succeed(here, &["tradeoff", "store"]);
-    let refused = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
+    let rejected = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
     let expected = "--curve: expected trials that were optimised with several budgets, and timed; found none";
-    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
     assert!(!here.join("report").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
 }

@@ -114,10 +114,10 @@ fn a_part_that_is_not_done_is_named_and_not_merged() {
     };
     half.write(&here.join("killed")).unwrap();
     let merge = ["merge", "one", "killed", "three", "--out", "merged"];
-    let refused = atsplat(here, &merge);
-    assert_eq!(refused.code, 1, "{}", refused.stderr);
+    let rejected = atsplat(here, &merge);
+    assert_eq!(rejected.code, 1, "{}", rejected.stderr);
     let named = "shard 2 of 3 is not done: 1 of 2 entries of tiny under nearest-view";
-    assert!(refused.stderr.contains(named) && !here.join("merged").exists(), "{}", refused.stderr);
+    assert!(rejected.stderr.contains(named) && !here.join("merged").exists(), "{}", rejected.stderr);
     let both = atsplat(here, &["merge", "one", "killed", "--out", "merged"]);
     assert!(both.stderr.contains("shard 3 is missing; shard 2"), "{}", both.stderr);
     let partial = atsplat(here, &[&merge[..], &["--partial", "--strict"]].concat());

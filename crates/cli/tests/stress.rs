@@ -64,7 +64,7 @@ fn lists_names_and_rejects_unknown_ones() {
 #[test]
 fn lists_adapters() {
     let folder = tempfile::tempdir().unwrap();
-    // Verdicts are cached in a folder of this test.
+    // Results of self-tests are cached in a folder of this test.
     let cache = folder.path().join("cache");
     let adapters = |args: &[&str]| {
         let start = std::time::Instant::now();
@@ -94,8 +94,8 @@ fn lists_adapters() {
     for (adapter, lines) in adapters.iter().zip(lines.chunks(2)) {
         let start = format!("{}  {} (", adapter["number"], adapter["name"].as_str().unwrap());
         assert!(lines[0].starts_with(&start) && lines[0].ends_with(" MiB"), "{text}");
-        let verdict = adapter["fault"].as_str().unwrap_or("passes its test: an image and its gradients");
-        assert!(lines[1].trim_start().starts_with(verdict), "{text}");
+        let result = adapter["fault"].as_str().unwrap_or("passes its test: an image and its gradients");
+        assert!(lines[1].trim_start().starts_with(result), "{text}");
         assert_eq!(adapter["cached"], false, "the first time");
         let passed = adapter["fault"].is_null();
         assert!(!passed || lines[1].contains("tested before; --again tests it again"), "the second: {text}");

@@ -98,7 +98,7 @@ fn a_setting_needs_a_label() {
 
 /// The label of the second part would be the name of a folder of images.
 #[test]
-fn what_a_sweep_refuses_is_refused_before_its_first_part_runs() {
+fn what_a_sweep_rejects_is_rejected_before_its_first_part_runs() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);

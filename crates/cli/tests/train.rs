@@ -217,9 +217,9 @@ fn resuming_needs_an_existing_run() {
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     std::fs::create_dir(folder.path().join("empty")).unwrap();
     for out in ["empty", "absent"] {
-        let refused = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
-        let message = refused.stderr.contains("expected a run to resume") && refused.stderr.contains(out);
-        assert!(refused.code == 1 && message, "{}", refused.stderr);
+        let rejected = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
+        let message = rejected.stderr.contains("expected a run to resume") && rejected.stderr.contains(out);
+        assert!(rejected.code == 1 && message, "{}", rejected.stderr);
     }
     assert!(!folder.path().join("absent").exists());
     assert_eq!(std::fs::read_dir(folder.path().join("empty")).unwrap().count(), 0);
@@ -268,12 +268,12 @@ fn resuming_without_the_checkpoints_of_a_run_keeps_its_weights() {
     let read = |name: &str| std::fs::read(folder.path().join("out").join(name)).unwrap();
     let before = ["weights.safetensors", "steps.jsonl"].map(read);
     std::fs::rename(folder.path().join("out/checkpoints"), folder.path().join("out/old")).unwrap();
-    let refused =
+    let rejected =
         atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", "1"]);
     let advice =
         "out: expected the run's checkpoints in `checkpoints`: put them back, or start a run in another folder";
-    assert!(refused.code == 1 && refused.stderr.contains(advice), "{}", refused.stderr);
-    assert!(refused.stderr.contains("`--init out/weights.safetensors`"), "{}", refused.stderr);
+    assert!(rejected.code == 1 && rejected.stderr.contains(advice), "{}", rejected.stderr);
+    assert!(rejected.stderr.contains("`--init out/weights.safetensors`"), "{}", rejected.stderr);
     assert!(["weights.safetensors", "steps.jsonl"].map(read) == before);
 }
 
@@ -298,8 +298,8 @@ fn a_run_on_an_adapter_follows_the_cpu_and_resumes_there_only() {
     Tolerance::relative(5e-3).assert(losses("card"), losses("cpu"), "loss of each step");
     for (out, device) in [("card", "cpu"), ("cpu", "wgpu")] {
         let args = ["train", "--config", "tiny.toml", "--out", out, "--resume", "--device", device];
-        let refused = atsplat(folder.path(), &args);
-        assert!(refused.code == 1 && refused.stderr.contains("on which the run was started"), "{}", refused.stderr);
+        let rejected = atsplat(folder.path(), &args);
+        assert!(rejected.code == 1 && rejected.stderr.contains("on which the run was started"), "{}", rejected.stderr);
     }
     train(folder.path(), "card", &["--steps", "4", "--resume", "--device", "wgpu"]);
     assert_eq!(losses("card").len(), 4);

@@ -31,7 +31,7 @@ fn truth() -> StoredTensors {
     generated(&parameters(&tiny()), 5)
 }
 
-/// Foreign names: a prefix, transposed MLP matrices, separate queries, keys and values.
+/// Names of another implementation: a prefix, transposed MLP matrices, separate queries, keys and values.
 const MAP: &str = r#"
 name = "other"
 roots = ["net."]
@@ -202,8 +202,8 @@ fn a_note_replaces_nothing() {
         (&["--note", "data=a", "--note", "key-map=b"], 1, "states data = \"none\", key-map = \"identity\"; "),
         (&["--note", "steps=1", "--note", "steps=2"], 2, "--note: steps is given twice"),
     ] {
-        let refused = atsplat(here, &[&copy[..], notes].concat());
-        assert!(refused.code == code && refused.stderr.contains(expected), "{notes:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&copy[..], notes].concat());
+        assert!(rejected.code == code && rejected.stderr.contains(expected), "{notes:?}: {}", rejected.stderr);
         assert!(!here.join("copy.safetensors").exists(), "{notes:?}");
     }
     succeed(here, &[&copy[..], &["--note", "steps=1"]].concat());
@@ -213,17 +213,17 @@ fn a_note_replaces_nothing() {
 
 /// The export says that its key map reads the result.
 #[test]
-fn an_export_that_cannot_be_imported_is_refused() {
+fn an_export_that_cannot_be_imported_is_rejected() {
     let folder = folder();
     let here = folder.path();
     succeed(here, &[&IMPORT[..], &["--out", "ours.safetensors"]].concat());
     let map = "name = \"headless\"\nignore = [\"head.**\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"\n";
     fs::write(here.join("headless.toml"), map).unwrap();
     let export = ["weights", "export", "ours.safetensors", "--key-map", "headless.toml", "--out", "back.safetensors"];
-    let refused = atsplat(here, &export);
+    let rejected = atsplat(here, &export);
     let names_the_first =
-        refused.stderr.contains("parameter head.") && refused.stderr.contains("which `ignore` matches");
-    assert!(refused.code == 1 && names_the_first, "{}", refused.stderr);
+        rejected.stderr.contains("parameter head.") && rejected.stderr.contains("which `ignore` matches");
+    assert!(rejected.code == 1 && names_the_first, "{}", rejected.stderr);
     assert!(!here.join("back.safetensors").exists());
     succeed(here, &[&export[..], &["--only", "fine."]].concat());
 }
@@ -236,7 +236,7 @@ fn rejects_broken_and_missing_files() {
     let whole = fs::read(here.join("ours.safetensors")).unwrap();
     let mut flipped = whole.clone();
     *flipped.last_mut().unwrap() ^= 1;
-    let refused = |args: &[&str], message: &str| {
+    let rejected = |args: &[&str], message: &str| {
         let outcome = atsplat(here, args);
         assert!(
             outcome.code == 1 && outcome.stderr.contains(message),
@@ -253,17 +253,17 @@ fn rejects_broken_and_missing_files() {
         (b"GIF89a, not weights".to_vec(), "torch.save"),
     ] {
         fs::write(here.join("broken.safetensors"), bytes).unwrap();
-        refused(&["weights", "verify", "broken.safetensors"], message);
+        rejected(&["weights", "verify", "broken.safetensors"], message);
     }
-    refused(&["weights", "verify", "gone.safetensors", "--model", "paper-re10k"], "dinov2_vitb14_pretrain.pth");
-    refused(&["weights", "verify", "theirs.safetensors"], "other tensors");
-    refused(&["weights", "verify", "ours.safetensors", "--model", "nano"], "expected [");
-    refused(&["weights", "verify", "ours.safetensors", "--sha256", &"0".repeat(64)], "expected a file of sha256 000");
-    refused(&["weights", "inspect", "."], ".");
-    refused(&["weights", "export", "theirs.safetensors", "--key-map", "identity", "--out", "x"], "atsplat.format");
-    refused(&[&IMPORT[..3], &["--model", "paper-re10k"]].concat(), "dinov2_vitb14_pretrain.pth");
+    rejected(&["weights", "verify", "gone.safetensors", "--model", "paper-re10k"], "dinov2_vitb14_pretrain.pth");
+    rejected(&["weights", "verify", "theirs.safetensors"], "other tensors");
+    rejected(&["weights", "verify", "ours.safetensors", "--model", "nano"], "expected [");
+    rejected(&["weights", "verify", "ours.safetensors", "--sha256", &"0".repeat(64)], "expected a file of sha256 000");
+    rejected(&["weights", "inspect", "."], ".");
+    rejected(&["weights", "export", "theirs.safetensors", "--key-map", "identity", "--out", "x"], "atsplat.format");
+    rejected(&[&IMPORT[..3], &["--model", "paper-re10k"]].concat(), "dinov2_vitb14_pretrain.pth");
     let executable = of_model("tests/fixtures/files/executable.pt");
-    refused(&["weights", "inspect", executable.to_str().unwrap()], "executable.pt");
+    rejected(&["weights", "inspect", executable.to_str().unwrap()], "executable.pt");
     let training = of_model("tests/fixtures/files/training.pt");
     let text = succeed(here, &["weights", "inspect", training.to_str().unwrap(), "--tensors"]);
     assert!(text.contains("unknown tensors") && text.contains("state_dict.module.first"), "{text}");

@@ -7,7 +7,7 @@ use atsplat_results::{GapKind, MetricRecord, Provenance, Results, TargetStatus, 
 use serde::{Deserialize, Serialize};
 
 use super::probe::Recipe;
-use super::{Baseline, BaselineTarget, DriftError, DriftReport, Finding, FindingKind, Limit, Verdict};
+use super::{Baseline, BaselineTarget, DriftError, DriftReport, DriftVerdict, Finding, FindingKind, Limit};
 
 /// Why a run was accepted as the baseline.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,7 +62,7 @@ pub fn no_longer_guarded(report: &DriftReport) -> Vec<String> {
 pub struct AcceptanceReport {
     baseline: PathBuf,
     /// The worst verdict on a number against the old baseline, if there was one; whatever else has changed.
-    moved: Option<Verdict>,
+    moved: Option<DriftVerdict>,
     /// What the old baseline guards and this one does not.
     no_longer_guarded: Vec<String>,
     /// What else has changed since the old baseline: protocols, trials, images, statuses and the like.
@@ -125,16 +125,16 @@ impl AcceptanceReport {
     }
 }
 
-/// The worst verdict on a number; [`Verdict::Nothing`] if none was compared.
-fn verdict_of_numbers(report: &DriftReport) -> Verdict {
+/// The worst verdict on a number; [`DriftVerdict::Nothing`] if none was compared.
+fn verdict_of_numbers(report: &DriftReport) -> DriftVerdict {
     let verdicts = report.comparisons.iter().map(|comparison| comparison.verdict);
-    verdicts.filter(|verdict| *verdict != Verdict::Nothing).max().unwrap_or(Verdict::Nothing)
+    verdicts.filter(|verdict| *verdict != DriftVerdict::Nothing).max().unwrap_or(DriftVerdict::Nothing)
 }
 
 /// The findings that are drift, but for those of [`no_longer_guarded`].
 fn otherwise_changed(report: &DriftReport) -> Vec<String> {
     let is_other = |finding: &&Finding| {
-        finding.verdict == Verdict::Drifted && !matches!(finding.kind, FindingKind::Missing | FindingKind::Score)
+        finding.verdict == DriftVerdict::Drifted && !matches!(finding.kind, FindingKind::Missing | FindingKind::Score)
     };
     report.findings.iter().filter(is_other).map(ToString::to_string).collect()
 }
@@ -195,17 +195,17 @@ impl fmt::Display for AcceptanceReport {
         }
         match moved {
             None => writeln!(f, "a new baseline")?,
-            Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
-            Some(Verdict::Nothing) => {
+            Some(DriftVerdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
+            Some(DriftVerdict::Nothing) => {
                 writeln!(
                     f,
                     "the old baseline contains none of these numbers; acceptance {acceptances} of this baseline"
                 )?;
             }
-            Some(Verdict::Within) => {
+            Some(DriftVerdict::Within) => {
                 writeln!(f, "no number moved beyond its limit; acceptance {acceptances} of this baseline")?;
             }
-            Some(Verdict::Same) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
+            Some(DriftVerdict::Same) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }
         for limit in limits {
             writeln!(f, "{limit}")?;

@@ -10,8 +10,8 @@ use atsplat_results::{Results, TargetStatus, TrialKey, TrialStatus};
 use super::data::compare_images;
 use super::provenance::{differences, same_machine};
 use super::{
-    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
-    Limit, SceneChange, Verdict, least_limit, metric_bound, scene_limit,
+    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, DriftVerdict, Finding,
+    FindingKind, Limit, SceneChange, least_limit, metric_bound, scene_limit,
 };
 
 /// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
@@ -44,10 +44,10 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
-    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.verdict != Verdict::Nothing);
-    let at_least = if compared { Verdict::Same } else { Verdict::Nothing };
+    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.verdict != DriftVerdict::Nothing);
+    let at_least = if compared { DriftVerdict::Same } else { DriftVerdict::Nothing };
     let verdicts = comparisons.iter().map(|c| c.verdict).chain(findings.iter().map(|finding| finding.verdict));
-    let verdict = verdicts.fold(at_least, Verdict::max);
+    let verdict = verdicts.fold(at_least, DriftVerdict::max);
     let differences = differences(&baseline.provenance, &results.provenance);
     DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
 }
@@ -61,7 +61,7 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
             preset: first.preset.clone(),
             method: String::new(),
             kind: FindingKind::Data,
-            verdict: Verdict::Drifted,
+            verdict: DriftVerdict::Drifted,
             count: changed.len() as u64,
             example: first.to_string(),
         })
@@ -79,7 +79,7 @@ fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
             preset: then.name.clone(),
             method: String::new(),
             kind: FindingKind::Protocol,
-            verdict: Verdict::Drifted,
+            verdict: DriftVerdict::Drifted,
             count: 1,
             example: format!("was {before}, is now {after}"),
         })
@@ -161,10 +161,10 @@ impl Group {
         }
         let finding = |(kind, (count, example))| {
             let verdict = match kind {
-                FindingKind::New | FindingKind::NewScore => Verdict::Within,
+                FindingKind::New | FindingKind::NewScore => DriftVerdict::Within,
                 // Bits and counts are only guaranteed for deterministic methods on the same machine type.
-                FindingKind::Render | FindingKind::Count if basis != Basis::Exact => Verdict::Within,
-                _ => Verdict::Drifted,
+                FindingKind::Render | FindingKind::Count if basis != Basis::Exact => DriftVerdict::Within,
+                _ => DriftVerdict::Drifted,
             };
             Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
         };
@@ -212,16 +212,16 @@ impl Group {
         let scene_limit = scene_limit(metric, known, paired.as_ref().map_or(0, |paired| paired.scenes));
         let largest_scene = largest_scene(&today, &then);
         let by_limit = || match (&paired, &largest_scene) {
-            (Some(paired), _) if beyond_limit(paired, limit) => Verdict::Drifted,
-            (_, Some(largest)) if largest.change.abs() > scene_limit => Verdict::Drifted,
-            _ => Verdict::Within,
+            (Some(paired), _) if beyond_limit(paired, limit) => DriftVerdict::Drifted,
+            (_, Some(largest)) if largest.change.abs() > scene_limit => DriftVerdict::Drifted,
+            _ => DriftVerdict::Within,
         };
         let verdict = match basis {
-            _ if paired.is_none() && identical.iter().any(|pair| pair.identical == [true; 2]) => Verdict::Same,
-            _ if paired.is_none() => Verdict::Nothing,
-            _ if changed == 0 => Verdict::Same,
-            Basis::Exact => Verdict::Drifted,
-            Basis::Bound if beyond == 0 => Verdict::Within,
+            _ if paired.is_none() && identical.iter().any(|pair| pair.identical == [true; 2]) => DriftVerdict::Same,
+            _ if paired.is_none() => DriftVerdict::Nothing,
+            _ if changed == 0 => DriftVerdict::Same,
+            Basis::Exact => DriftVerdict::Drifted,
+            Basis::Bound if beyond == 0 => DriftVerdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
         let [baseline, now] = [&then, &today].map(|selected| summary_of(selected, Aggregation::SceneMeans).mean);

@@ -7,14 +7,14 @@ use atsplat_results::excerpts;
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{
-    Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, SceneChange, Verdict,
+    Basis, ChangedImage, Comparison, DataComparison, DriftReport, DriftVerdict, Finding, ImageRole, Limit, SceneChange,
     scene_limit,
 };
 
 /// Number of changed images that are listed.
 const MAX_LISTED: usize = 10;
 
-impl fmt::Display for Verdict {
+impl fmt::Display for DriftVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Same => "same",
@@ -106,7 +106,7 @@ impl DriftReport {
     /// drifted that is measured as before.
     fn drifted_metrics(&self) -> (Vec<(&str, &str)>, bool) {
         const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-        let comparisons = self.comparisons.iter().filter(|comparison| comparison.verdict == Verdict::Drifted);
+        let comparisons = self.comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
         let drifted: BTreeSet<&str> = comparisons.map(|comparison| comparison.metric.as_str()).collect();
         let differs = |what: &str| self.differences.iter().any(|difference| difference.what == what);
         let changed = |metric: &str| {
@@ -155,7 +155,7 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
     let interval = interval.map_or("-".to_owned(), |bounds| range(metric, bounds));
     let direction = comparison
         .improved()
-        .filter(|_| *verdict == Verdict::Drifted)
+        .filter(|_| *verdict == DriftVerdict::Drifted)
         .map_or("", |better| if better { ", better" } else { ", worse" });
     let targets = paired.as_ref().map_or("-".to_owned(), |paired| format!("{changed}/{}", paired.targets));
     writeln!(

@@ -6,7 +6,7 @@ use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
 use super::probe::Stage;
-use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
+use super::{Baseline, BaselineTarget, Comparison, DriftReport, DriftVerdict};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,8 +26,8 @@ pub struct AcceptedNumber {
     pub interval: Option<[f64; 2]>,
     /// How far the mean of a later run may change; `None` for a deterministic method, which is compared bit by bit.
     pub limit: Option<f64>,
-    /// Verdict against the previous acceptance; `None` if there was none.
-    pub verdict: Option<Verdict>,
+    /// DriftVerdict against the previous acceptance; `None` if there was none.
+    pub verdict: Option<DriftVerdict>,
 }
 
 /// The history of one number over all acceptances and the current run.
@@ -44,7 +44,7 @@ pub struct NumberHistory {
     /// Number of acceptances without the number, or from before numbers were recorded.
     pub unknown: usize,
     /// The verdict on the current run.
-    pub verdict: Verdict,
+    pub verdict: DriftVerdict,
 }
 
 /// A number in one run.
@@ -59,7 +59,7 @@ pub struct HistoricRun {
     /// The range of means that the previous baseline allowed.
     pub limits: Option<[f64; 2]>,
     /// The verdict against that baseline.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<DriftVerdict>,
     /// Difference from that baseline's mean.
     pub moved: Option<f64>,
     /// Why it was accepted; for the current run, the first stage that changed.

@@ -5,7 +5,7 @@
 //! compared bit by bit on the machine type that produced them and within a stated bound on another; all others by paired
 //! intervals against limits from repeated runs ([`Limit`]). Any significant change, for better or worse, is drift and has to be
 //! reviewed and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] lists changed images, and [`probe`] finds
-//! the changed stage. If nothing could be compared, the verdict is [`Verdict::Nothing`] rather than [`Verdict::Same`].
+//! the changed stage. If nothing could be compared, the verdict is [`DriftVerdict::Nothing`] rather than [`DriftVerdict::Same`].
 
 mod acceptance;
 mod baseline;
@@ -32,4 +32,4 @@ pub use history::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use limits::{Limit, least_limit, metric_bound, scene_limit};
 pub use provenance::{Difference, same_machine};
 pub use repetition::check_repetition;
-pub use report::{Basis, Comparison, DriftReport, Finding, FindingKind, SceneChange, Verdict};
+pub use report::{Basis, Comparison, DriftReport, DriftVerdict, Finding, FindingKind, SceneChange};

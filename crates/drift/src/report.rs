@@ -12,7 +12,7 @@ use super::{DataComparison, Difference};
 #[serde(rename_all = "kebab-case")]
 pub struct DriftReport {
     /// The worst verdict of all parts.
-    pub verdict: Verdict,
+    pub verdict: DriftVerdict,
     /// One per metric, method and preset.
     pub comparisons: Vec<Comparison>,
     /// Changes other than of scores.
@@ -30,7 +30,7 @@ pub struct DriftReport {
 /// Outcome of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum DriftVerdict {
     /// Nothing changed.
     Same,
     /// All changes are within their bound or limit.
@@ -65,7 +65,7 @@ pub struct Comparison {
     /// Id of the metric.
     pub metric: String,
     /// The verdict on this number.
-    pub verdict: Verdict,
+    pub verdict: DriftVerdict,
     /// How it was reached.
     pub basis: Basis,
     /// The baseline's mean over scenes, over the targets that are compared: common ones whose render is identical to the truth in
@@ -123,7 +123,7 @@ pub struct Finding {
     /// What changed.
     pub kind: FindingKind,
     /// Whether it counts as drift.
-    pub verdict: Verdict,
+    pub verdict: DriftVerdict,
     /// Number of occurrences.
     pub count: u64,
     /// The first occurrence.
@@ -180,7 +180,7 @@ impl FindingKind {
 impl DriftReport {
     /// Whether the verdict is drift.
     pub fn drifted(&self) -> bool {
-        self.verdict == Verdict::Drifted
+        self.verdict == DriftVerdict::Drifted
     }
 
     /// The first stage that changed. Changed images are attributed to the data unless decoding or resizing changed on the
@@ -197,13 +197,13 @@ impl DriftReport {
         match attribution {
             Ok(attribution) => {
                 let found = attribution.stages.iter().map(|stage| match stage.verdict {
-                    StageVerdict::Same => Verdict::Same,
-                    StageVerdict::Empty => Verdict::Nothing,
-                    StageVerdict::Changed => Verdict::Drifted,
+                    StageVerdict::Same => DriftVerdict::Same,
+                    StageVerdict::Empty => DriftVerdict::Nothing,
+                    StageVerdict::Changed => DriftVerdict::Drifted,
                 });
-                Self { verdict: found.fold(self.verdict, Verdict::max), attribution: Some(attribution), ..self }
+                Self { verdict: found.fold(self.verdict, DriftVerdict::max), attribution: Some(attribution), ..self }
             }
-            Err(error) => Self { verdict: Verdict::Drifted, not_attributed: Some(error.to_string()), ..self },
+            Err(error) => Self { verdict: DriftVerdict::Drifted, not_attributed: Some(error.to_string()), ..self },
         }
     }
 }

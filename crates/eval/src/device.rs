@@ -34,7 +34,7 @@ impl ComputeDevice {
     }
 
     /// Like [`Self::open`], with a limit on the bytes that a rendering or its gradients may take in the memory of an adapter, raised
-    /// to 64 MiB if it is lower. `observer` caches verdicts of the default limit, 8 GiB, alone: with another one, the self-test runs
+    /// to 64 MiB if it is lower. `observer` caches results of the default limit, 8 GiB, alone: with another one, the self-test runs
     /// each time.
     ///
     /// # Errors

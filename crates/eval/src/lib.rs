@@ -6,7 +6,6 @@
 pub mod budget;
 mod device;
 pub mod discovery;
-pub mod doubts;
 mod error;
 pub mod expansion;
 pub mod fitting;
@@ -23,6 +22,7 @@ pub mod runner;
 #[expect(dead_code, reason = "some rows are those of other crates")]
 mod sample_rows;
 pub mod sources;
+pub mod suspicious_notes;
 pub mod sweep;
 pub mod timing;
 pub mod trained;

@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::GaussianFrame;
-use atsplat_eval::doubts::FLAT;
 use atsplat_eval::method::{
     AtSplat, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource, constants_of,
 };
+use atsplat_eval::suspicious_notes::FLAT;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
@@ -262,12 +262,12 @@ fn rejects_a_transparent_render() {
         values,
         samples: vec![value; (SIZE.width * SIZE.height) as usize],
     };
-    let composed = exr::Values::Named(exr::COMPOSED.to_owned());
+    let composited = exr::Values::Named(exr::COMPOSITED.to_owned());
     for (alpha, of_alpha, is_read) in [
         (1.0, exr::Values::Unstated, true),
         (0.5, exr::Values::Unstated, false),
         (f32::NAN, exr::Values::Unstated, false),
-        (0.5, composed, true),
+        (0.5, composited, true),
     ] {
         let mut planes = ["R", "G", "B"].map(|name| plane(name, exr::Values::DisplayReferred, 0.5)).to_vec();
         planes.push(plane("A", of_alpha, alpha));

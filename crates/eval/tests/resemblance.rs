@@ -6,9 +6,9 @@ mod common;
 
 use std::sync::Arc;
 
-use atsplat_eval::doubts::{REPEATED, RESEMBLES};
 use atsplat_eval::method::{Method, Renders, Warp};
 use atsplat_eval::runner::KeepImages;
+use atsplat_eval::suspicious_notes::{REPEATED, RESEMBLES};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode_render, encode_png};
 use common::{Run, SIZE, Walls, dataset, entry};
 

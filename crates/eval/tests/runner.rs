@@ -403,7 +403,7 @@ fn a_sampled_index_contains_only_existing_images() {
 /// images are not drift.
 #[test]
 fn drift_names_the_image_that_changed() {
-    use atsplat_drift::{Acceptance, Baseline, ImageRole, Verdict, compare};
+    use atsplat_drift::{Acceptance, Baseline, DriftVerdict, ImageRole, compare};
     let of = |brighter| {
         let folder = tempfile::tempdir().unwrap();
         let walls = Walls { brighter, ..Walls::new(3, 8) };
@@ -418,7 +418,7 @@ fn drift_names_the_image_that_changed() {
     let baseline = Baseline::new(&of(None), &[], acceptance);
     for _ in 0..10 {
         let calm = compare(&of(None), &baseline);
-        assert_eq!((calm.verdict, calm.data.compared, calm.data.unknown), (Verdict::Same, 3 * 4, 0), "{calm}");
+        assert_eq!((calm.verdict, calm.data.compared, calm.data.unknown), (DriftVerdict::Same, 3 * 4, 0), "{calm}");
     }
     for (frame, by, roles) in [
         (0, 9, vec![ImageRole::Context]),
@@ -430,7 +430,7 @@ fn drift_names_the_image_that_changed() {
         let [image] = &report.data.changed[..] else { panic!("one image: {report}") };
         assert_eq!((image.scene.as_str(), image.frame), ("wall-1", frame as u64), "{report}");
         assert_eq!(image.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
-        assert_eq!(report.verdict, Verdict::Drifted, "{report}");
+        assert_eq!(report.verdict, DriftVerdict::Drifted, "{report}");
     }
 }
 

@@ -10,7 +10,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use atsplat_fit::{Fit, FitConfig, FitDevice, FitError, StopReason, Strategy};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, SelfTestObserver, Verdict, VerdictKey};
+use atsplat_splat::gpu::{
+    AdapterChoice, GpuError, GpuOptions, GpuRenderer, SelfTestKey, SelfTestObserver, SelfTestResult,
+};
 use atsplat_splat::{Gaussians, RendererConstants};
 use atsplat_tests::skip_without_graphics;
 use common::{held_out, run, views};
@@ -21,8 +23,8 @@ use safetensors::tensor::Dtype;
 struct Trusting;
 
 impl SelfTestObserver for Trusting {
-    fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
-        Some(Verdict { fault: None })
+    fn cached(&self, _key: &SelfTestKey) -> Option<SelfTestResult> {
+        Some(SelfTestResult { fault: None })
     }
 }
 

@@ -1,9 +1,9 @@
-"""Times the whole network in turns with its twin in PyTorch, two threads each, and prints a table of stages.
+"""Times the whole network in turns with the PyTorch reference, two threads each, and prints a table of stages.
 
     cargo build --release -p atsplat-model --example time_network
     python -O crates/model/benches/against_pytorch.py target/release/examples/time_network [rounds [NAME VIEWS HEIGHT WIDTH]]
 
-The twin is `../oracle/twin.py` in float32, with PyTorch's fused attention in place of its own formula; `-O`, because its
+The reference is `../oracle/reference.py` in float32, with PyTorch's fused attention in place of its own formula; `-O`, because its
 checks for ties are for fixtures.
 """
 
@@ -27,12 +27,12 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "../oracle"))
 import dinov2  # noqa: E402
 import hashed  # noqa: E402
-import twin  # noqa: E402
+import reference  # noqa: E402
 
 THREADS = 2
 
 
-class Cached(twin.Parameters):
+class Cached(reference.Parameters):
     """Parameters in float32, made once."""
 
     made = {}
@@ -71,14 +71,14 @@ def in_float32():
     torch.Tensor.double = torch.Tensor.float
     dinov2.MEAN, dinov2.DEVIATION = dinov2.MEAN.float(), dinov2.DEVIATION.float()
     dinov2.attention = dino_attention
-    twin.Layers.attend = attend
+    reference.Layers.attend = attend
 
 
 def scene(views, height, width):
     images = torch.arange(views * height * width * 3).remainder(251).float().div(250).reshape(views, height, width, 3)
     poses = torch.eye(4).repeat(views, 1, 1)
     poses[:, 0, 3] = 0.2 * torch.arange(views)
-    return twin.Scene(images, poses, torch.tensor([[0.9, 0.9, 0.5, 0.5]]).repeat(views, 1))
+    return reference.Scene(images, poses, torch.tensor([[0.9, 0.9, 0.5, 0.5]]).repeat(views, 1))
 
 
 def main():
@@ -91,7 +91,7 @@ def main():
     images, parameters, stages = scene(*map(int, case[1:])), Cached(1), {}
 
     def timed(name):
-        function = getattr(twin, name)
+        function = getattr(reference, name)
 
         def run(*arguments):
             start = time.perf_counter()
@@ -99,7 +99,7 @@ def main():
             stages[name] = stages.get(name, 0) + time.perf_counter() - start
             return result
 
-        setattr(twin, name, run)
+        setattr(reference, name, run)
 
     for name in ["coarse_branch", "fine_branch", "initial_tokens", "gaussians"]:
         timed(name)
@@ -112,7 +112,7 @@ def main():
     def theirs():
         stages.clear()
         start = time.perf_counter()
-        made, _ = twin.reconstruct(config, parameters, images, 0)
+        made, _ = reference.reconstruct(config, parameters, images, 0)
         total = time.perf_counter() - start
         seconds = {"coarse": stages["coarse_branch"], "anchors": stages["initial_tokens"],
                    "fine": stages["fine_branch"], "head": stages["gaussians"]}

@@ -21,7 +21,7 @@ from transformers import Dinov2Config, Dinov2Model, Dinov2WithRegistersConfig, D
 
 import dinov2
 import hashed
-import twin
+import reference
 
 OUT = Path(__file__).parent / "../tests/fixtures/dinov2"
 # size, registers, views, rows and columns of the grid
@@ -70,7 +70,7 @@ def main():
         seed = 50 + number
         name = f"{size}{'_registers' if registers else ''}_{rows}x{columns}"
         images = torch.from_numpy(hashed.image(seed, views, 14 * rows, 14 * columns)).double()
-        parameters = twin.Parameters(seed, "backbone.")
+        parameters = reference.Parameters(seed, "backbone.")
         tokens = dinov2.patch_tokens(parameters, images, size, registers)
         normalised = ((images - dinov2.MEAN) / dinov2.DEVIATION).permute(0, 3, 1, 2)
         theirs = hugging_face(size, registers, parameters)(pixel_values=normalised).last_hidden_state
@@ -93,7 +93,7 @@ def main():
         trained(sys.argv[1])
 
 
-class Trained(twin.Parameters):
+class Trained(reference.Parameters):
     """Parameters of a file in the names that Hugging Face gave them until transformers 5."""
 
     file = {}
@@ -134,7 +134,7 @@ def resizing():
     arrays = {}
     for height, width, rows, columns in cases:
         image = torch.from_numpy(hashed.image(9, 1, height, width)).double()
-        small = twin.resized(image, rows, columns)[0]
+        small = reference.resized(image, rows, columns)[0]
         if small.numel() > 10_000:
             small = small[::16, ::16]
         arrays[f"{height}x{width}_to_{rows}x{columns}"] = np.ascontiguousarray(small.numpy().astype(np.float32))

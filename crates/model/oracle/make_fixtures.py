@@ -1,9 +1,9 @@
-"""Writes `../tests/fixtures/network/*.safetensors`: what the twin makes of tiny scenes in every variant.
+"""Writes `../tests/fixtures/network/*.safetensors`: what the PyTorch reference makes of tiny scenes in every variant.
 
     python make_fixtures.py [VARIANT...]
 
 A file holds cameras, Gaussians, selections and the stages between; its metadata hold the configuration (TOML),
-the seeds that weights and image come from, and the names and shapes of all parameters that the twin asked for.
+the seeds that weights and image come from, and the names and shapes of all parameters that the reference asked for.
 """
 
 import json
@@ -16,7 +16,7 @@ import torch
 from safetensors.numpy import save_file
 
 import hashed
-import twin
+import reference
 
 HERE = Path(__file__).parent
 OUT = HERE / "../tests/fixtures/network"
@@ -70,7 +70,7 @@ def scene(seed, views, height, width):
         poses.append([[c, 0, s, 0.4 * view - 0.3], [0, 1, 0, 0.05 * view], [-s, 0, c, -0.1 * view], [0, 0, 0, 1]])
         intrinsics.append([0.9 + 0.05 * view, 1.1 * width / height, 0.5 + 0.01 * view, 0.48])
     images = torch.from_numpy(hashed.image(seed, views, height, width)).double()
-    return twin.Scene(images, torch.tensor(poses).double(), torch.tensor(intrinsics).double())
+    return reference.Scene(images, torch.tensor(poses).double(), torch.tensor(intrinsics).double())
 
 
 def main():
@@ -87,9 +87,9 @@ def main():
         config = tomllib.loads(text)
         for seed in range(100 * number, 100 * number + 50):
             given = scene(seed, views, height, width)
-            parameters = twin.Parameters(seed)
+            parameters = reference.Parameters(seed)
             try:
-                made, seen = twin.reconstruct(config, parameters, given, CALL_SEED)
+                made, seen = reference.reconstruct(config, parameters, given, CALL_SEED)
             except AssertionError as error:
                 print(name, seed, error)
                 continue

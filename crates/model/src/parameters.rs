@@ -1,5 +1,5 @@
 //! Names and shapes of a configuration's parameters: the contract between the network, weights files, key maps and the
-//! PyTorch twin in `oracle/`. `NAMES.md` explains the scheme.
+//! PyTorch reference in `oracle/`. `NAMES.md` explains the scheme.
 
 use crate::config::{
     AnchorContext, AnchorDesign, BackboneConfig, DinoArchitecture, ModelConfig, QueryKeyNorm, TransformerConfig,

@@ -19,7 +19,7 @@ use atsplat_numeric::{Extremes as _, SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, adapters};
 use atsplat_splat::{
-    Channels, GaussianParts, GradientReach, RenderOptions, Renderer, RendererConstants, SMALLEST_MIN_ALPHA, View,
+    Channels, GaussianParts, RenderOptions, Renderer, RendererConstants, SMALLEST_MIN_ALPHA, StoppedGradients, View,
 };
 use atsplat_tests::{skip, skip_without_graphics};
 use burn::Tensor;
@@ -203,7 +203,7 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
         constants: RendererConstants { min_alpha: SMALLEST_MIN_ALPHA, ..RendererConstants::default() },
         channels: Channels { depth: true, scalar: true, ..Channels::default() },
         // As in training.
-        gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+        gradients: StoppedGradients { scalar_stops: true, ..StoppedGradients::default() },
         ..RenderOptions::default()
     };
     // The scores of a block's tokens, on the Gaussians that those tokens would become.
@@ -443,7 +443,7 @@ fn trials_of_each_family_on_wgpu_have_the_cpus_psnr_and_gaussians() {
 }
 
 #[test]
-fn another_adapter_than_the_opened_one_is_refused_and_an_unknown_number_lists_them() {
+fn another_adapter_than_the_opened_one_is_rejected_and_an_unknown_number_lists_them() {
     if wgpu().is_none() {
         return;
     }
@@ -453,8 +453,8 @@ fn another_adapter_than_the_opened_one_is_refused_and_an_unknown_number_lists_th
     let (opened, _) = Processor::Wgpu(None).adapter().unwrap().unwrap();
     assert!(Processor::Wgpu(Some(opened)).open().is_ok());
     if let Some(other) = (0..listed.len()).find(|number| *number != opened) {
-        let refused = Processor::Wgpu(Some(other)).open().unwrap_err().to_string();
-        assert!(refused.contains("opened before") && refused.contains(&format!("wgpu:{other}")), "{refused}");
+        let rejected = Processor::Wgpu(Some(other)).open().unwrap_err().to_string();
+        assert!(rejected.contains("opened before") && rejected.contains(&format!("wgpu:{other}")), "{rejected}");
     }
 }
 

@@ -226,7 +226,7 @@ fn urls_are_told_from_paths() {
 
 /// Both would be left out of requests: another folder would be read, and two stores would be one.
 #[test]
-fn urls_with_a_query_or_a_fragment_are_refused() {
+fn urls_with_a_query_or_a_fragment_are_rejected() {
     for (url, expected) in [
         ("s3://b/runs/lr#2", "found #2; in names, write %23 for #"),
         ("gs://b/runs#", "write %23 for #"),

@@ -24,7 +24,7 @@ const LONGEST_NAME: usize = 31;
 
 /// The description of a channel `A` if the colours are already composited over their background, so that `A` must not be
 /// applied to them.
-pub const COMPOSED: &str = "opacity; R G B are over the background already";
+pub const COMPOSITED: &str = "opacity; R G B are over the background already";
 
 /// The meaning of a channel's values.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -152,15 +152,15 @@ fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
 }
 
 /// [`read_rgb`] for renders, which must be opaque, whole and without losses: a channel `A`, if present, has to be 1 everywhere, or
-/// described as [`COMPOSED`], the only layer has to cover the display window exactly, and its compression has to be lossless.
+/// described as [`COMPOSITED`], the only layer has to cover the display window exactly, and its compression has to be lossless.
 ///
 /// # Errors
 /// Those of [`read_rgb`]; [`PixelError::UnusableRender`] and [`PixelError::Transparent`].
 pub fn read_render(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
     require_exact(bytes)?;
     let channels = read(bytes, limits)?;
-    let composed = Values::Named(COMPOSED.to_owned());
-    if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composed) {
+    let composited = Values::Named(COMPOSITED.to_owned());
+    if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composited) {
         let is_transparent = |(_, alpha): &(usize, &f32)| **alpha < 1.0 || alpha.is_nan();
         let mut transparent = alpha.samples.iter().enumerate().filter(is_transparent);
         if let Some((first, _)) = transparent.next() {

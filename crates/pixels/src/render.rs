@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_not_encoded_for_display_are_refused() {
+    fn samples_that_are_not_encoded_for_display_are_rejected() {
         let [linear, usual] = [100_000u32, 45_455].map(u32::to_be_bytes);
         let found = |chunks: &[(&[u8; 4], &[u8])]| problem(&png(chunks));
         let expected = |found: &str| {
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn rotated_images_and_other_formats_are_refused() {
+    fn rotated_images_and_other_formats_are_rejected() {
         // One entry: the orientation, half a turn.
         let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
         let rotated = problem(&png(&[(b"eXIf", exif)])).unwrap();
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn animations_are_refused_unless_they_have_one_picture() {
+    fn animations_are_rejected_unless_they_have_one_picture() {
         let of = |pictures: u32| [pictures, 7].map(u32::to_be_bytes).concat();
         let found = |pictures| problem(&png(&[(b"tEXt", b"a\0"), (b"acTL", &of(pictures))]));
         let several = found(3).unwrap();

@@ -113,7 +113,7 @@ fn reads_files_of_another_program() {
 
 /// A square of 4 samples in f16, which B44 packs into 14 bytes.
 #[test]
-fn a_render_that_may_have_lost_digits_is_refused() {
+fn a_render_that_may_have_lost_digits_is_rejected() {
     let file = |compression: Compression| {
         let samples: Vec<f16> = (0..16_u8).map(|at| f16::from_f32(f32::from(at * at) / 256.0)).collect();
         let planes = ["B", "G", "R"].map(|name| AnyChannel::new(name, FlatSamples::F16(samples.clone())));

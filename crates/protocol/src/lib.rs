@@ -20,13 +20,14 @@ mod test_source;
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use error::ProtocolError;
 pub use index::{
-    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, LoneEntryForm,
-    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, Spacing,
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, OVERLAP_OF_LARGE,
+    OVERLAP_OF_OTHER_WORDS, Overlap, SingleEntryForm, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{
-    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, FullLint, LintOptions, LintReport, OverlapFacts,
-    PresetMatch, RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
+    Comparability, CountDistribution, DatasetCheck, DatasetFacts, DropExample, FileFacts, FullLint, LintOptions,
+    LintReport, OverlapFacts, PresetMatch, RecognisedIndex, Repeats, TableSharing, TargetCount, compare, lint,
+    lint_file,
 };
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DisparityPlanes, DropReason, Dropped, EffectiveSetting, Filters,

@@ -54,7 +54,7 @@ pub struct BuiltIndex {
     pub nulls: BTreeMap<&'static str, usize>,
     /// Sampled entries that the overlap rule rejected, or whose overlap could not be measured. A scene that lost all of them
     /// is counted in `nulls` too.
-    pub refused_entries: usize,
+    pub rejected_entries: usize,
     /// Frames excluded from sampling because their image files are missing or their poses are not usable.
     pub missing_images: usize,
     /// Frames excluded from sampling because they show the image file of an earlier frame.
@@ -86,7 +86,7 @@ impl SamplingRule {
         });
         let mut built = BuiltIndex::default();
         for (key, Outcome { entries, rejected, missing, repeated }) in source.keys().iter().zip(outcomes) {
-            built.refused_entries += rejected;
+            built.rejected_entries += rejected;
             built.missing_images += missing;
             built.repeated_images += repeated;
             let entries = match entries {
@@ -288,7 +288,7 @@ mod tests {
         let overlap = measured.value;
         assert!(overlap > 0.05 && overlap < 0.95, "{overlap}");
         let none = rule(&with_bounds(overlap + 0.01, 1.0)).build(&source(), &|| (), &mut Warnings::new());
-        assert_eq!((none.nulls["overlap-outside"], none.refused_entries), (2, 2), "a and e; c overlaps more");
+        assert_eq!((none.nulls["overlap-outside"], none.rejected_entries), (2, 2), "a and e; c overlaps more");
         let at_the_bound = rule(&with_bounds(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
         let unbounded = format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\n");
@@ -369,7 +369,7 @@ mod tests {
         let built = by_features.with_features(Some(half)).build(&source, &|| (), &mut warnings);
         let measured = Overlap { value: 0.5, estimator: Some("feature-coverage".to_owned()) };
         assert_eq!(built.index.scenes["whole"][0].overlap, Some(measured));
-        assert_eq!((built.nulls["unreadable"], built.refused_entries), (1, 1));
+        assert_eq!((built.nulls["unreadable"], built.rejected_entries), (1, 1));
         assert_eq!(warnings.count(WarningKind::UnreadableImage), 1);
         let named = warnings.kept().iter().any(|warning| warning.detail.starts_with("frame 10 of scene \"garbled\": "));
         assert!(named, "counted with the missing frame: {:?}", warnings.kept());

@@ -80,7 +80,7 @@ def test_wrong_cameras_say_what_is_wrong():
     (lambda pose: pose * [0.0, 0, 0, 1], "rotation"),
     (lambda pose: pose * np.nan, "finite"),
 ])
-def test_poses_that_are_no_rotations_are_refused_with_their_number(change, problem):
+def test_poses_that_are_no_rotations_are_rejected_with_their_number(change, problem):
     poses = np.stack([np.eye(4)[:3], change(np.eye(4))[:3]])
     for field in ("world_from_camera", "camera_from_world"):
         with pytest.raises(atsplat.InvalidError, match=f"pose 1: .*{problem}") as raised:
@@ -101,7 +101,7 @@ def test_poses_that_are_no_rotations_are_refused_with_their_number(change, probl
     ("pixel_intrinsics", [[0.9, 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]], "intrinsics takes those in units"),
     ("pixel_intrinsics", INTRINSICS * [[1, 1, 10], [1, 1, 1], [1, 1, 1]], "this height and width"),
 ])
-def test_intrinsics_of_another_unit_are_refused(field, matrix, problem):
+def test_intrinsics_of_another_unit_are_rejected(field, matrix, problem):
     good = INTRINSICS if field == "pixel_intrinsics" else np.eye(3)
     with pytest.raises(atsplat.InvalidError, match=f"matrix 1: .*{problem}") as raised:
         Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 2), height=80, width=128, **{field: np.stack([good, matrix])})
@@ -121,7 +121,7 @@ def test_sizes_are_positive_integers(height):
         assert raised.value.field == "height"
 
 
-def test_what_pinhole_cameras_cannot_have_is_refused():
+def test_what_pinhole_cameras_cannot_have_is_rejected():
     def problem(pose=np.eye(4), field="pixel_intrinsics", matrix=INTRINSICS):
         poses, matrices = np.stack([np.eye(4), pose]), np.stack([INTRINSICS, matrix])
         with pytest.raises(atsplat.InvalidError) as raised:
@@ -162,7 +162,7 @@ def moved(x, y, z):
     ({"camera_from_world": np.stack([moved(1, 2, 3).T] * 3)}, "camera_from_world", "expected the last row 0 0 0 1, found 1 2 3 1"),
     ({"intrinsics": np.stack([np.eye(3) + [[0, 0.2, 0], [0, 0, 0], [0, 0, 0]]] * 3)}, "intrinsics", "expected 0 in row 0, column 1"),
 ])
-def test_arrays_that_are_no_cameras_are_refused(change, field, problem):
+def test_arrays_that_are_no_cameras_are_rejected(change, field, problem):
     cameras = Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 3), intrinsics=np.eye(3), height=8, width=8)
     with pytest.raises(ValueError, match=problem) as raised:
         replace(cameras, **change)

@@ -166,7 +166,7 @@ def darker(factor):
     return method
 
 
-def test_another_method_under_the_same_name_is_refused(rooms, tmp_path):
+def test_another_method_under_the_same_name_is_rejected(rooms, tmp_path):
     first = evaluated(darker(0.5), rooms, tmp_path / "store")
     assert evaluated(darker(0.5), rooms, tmp_path / "store").rows() == first.rows()
     with pytest.raises(atsplat.InvalidError, match=r"mine in .*identity\.method, factor: .*another folder") as raised:
@@ -180,7 +180,7 @@ def test_another_method_under_the_same_name_is_refused(rooms, tmp_path):
     assert raised.value.field == "stores"
 
 
-def test_results_under_other_rules_are_refused_as_such(rooms, tmp_path, monkeypatch):
+def test_results_under_other_rules_are_rejected_as_such(rooms, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(_methods, "RULES", 1)
         old = evaluated(darker(0.5), rooms, tmp_path / "one", shard=(1, 2))

@@ -235,7 +235,7 @@ def test_numbers_of_modules_of_pytorch_count():
     assert one == same and one != two
 
 
-def test_a_store_of_another_configuration_is_refused(rooms, tmp_path):
+def test_a_store_of_another_configuration_is_rejected(rooms, tmp_path):
     def method_of(gain):
         scope = {"__name__": "user", "nearest": nearest}
         exec(textwrap.dedent(f"""

@@ -95,7 +95,7 @@ def test_all_processes_end_with_the_first(callback, error):
             assert isinstance(other, atsplat.AtsplatError) and f"on the first process: {type(error).__name__}" in str(other)
 
 
-def test_a_model_in_parts_is_refused_before_it_is_trained(callback):
+def test_a_model_in_parts_is_rejected_before_it_is_trained(callback):
     of = callback(Failing(None))
     of.on_fit_start(trainer(0, processes=2, strategy=Strategy()), "model")
     of.on_fit_start(trainer(0, processes=1, strategy=Sharded()), "model")

@@ -23,7 +23,7 @@ def test_without_ray_the_error_says_what_to_install(rooms, tmp_path, monkeypatch
     assert raised.value.field == "ray"
 
 
-def test_what_ray_cannot_do_is_refused(rooms, data, tmp_path):
+def test_what_ray_cannot_do_is_rejected(rooms, data, tmp_path):
     rejected = [
         ({"ray": {"worker": 2}}, "ray"),
         ({"ray": True, "shard": (1, 2)}, "shard"),

@@ -180,7 +180,7 @@ def test_a_hidden_module_may_be_named(rooms, tmp_path):
     assert model.modes == {(False, False)} and model.training
 
 
-@pytest.mark.parametrize("break_it", ["raise", "nan", "refuse"])
+@pytest.mark.parametrize("break_it", ["raise", "nan", "reject"])
 def test_targets_that_fail_now_are_worse(rooms, tmp_path, break_it):
     baseline = baseline_of(rooms, tmp_path)
 
@@ -189,7 +189,7 @@ def test_targets_that_fail_now_are_worse(rooms, tmp_path, break_it):
             mixed = super().forward(images, context, target)
             if trial.scene.endswith("1") and break_it == "raise":
                 raise ValueError("diverged")
-            if trial.scene.endswith("1") and break_it == "refuse":
+            if trial.scene.endswith("1") and break_it == "reject":
                 raise atsplat.NotApplicable("diverged")
             return mixed * float("nan") if trial.scene.endswith("1") else mixed
 

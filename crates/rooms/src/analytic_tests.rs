@@ -5,8 +5,8 @@ use atsplat_numeric::Tolerance;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use crate::Simulation;
-use crate::form::Form;
 use crate::material::{Material, Pattern};
+use crate::shape::Shape;
 use crate::sky::Sky;
 use crate::world::{Builder, World};
 
@@ -145,7 +145,7 @@ fn the_two_sides_of_a_leaf_are_not_covisible() {
             let scene = world(|builder, material| {
                 builder.instance(DVec3::ZERO, 0.0);
                 let upright = DMat3::from_rotation_x(std::f64::consts::FRAC_PI_2);
-                builder.put_turned(Form::Leaf(DVec2::splat(20.0)), DVec3::new(0.0, distance, 0.0), upright, material);
+                builder.put_turned(Shape::Leaf(DVec2::splat(20.0)), DVec3::new(0.0, distance, 0.0), upright, material);
             });
             let other = camera(DVec3::new(0.0, 2.0 * distance, 0.0), std::f64::consts::PI);
             let cameras = [straight(camera(DVec3::ZERO, 0.0)), straight(other)];

@@ -1,6 +1,6 @@
 use glam::{DVec3, Vec3A, Vec4};
 
-use crate::form::{Object, RaySegment};
+use crate::shape::{Object, RaySegment};
 
 /// A bounding volume hierarchy with four boxes per node, built by the surface area heuristic. Each leaf box contains one
 /// object, which is tested exactly if a ray hits the box.
@@ -243,23 +243,23 @@ mod tests {
     use glam::DMat3;
 
     use super::*;
-    use crate::bundle::{Candidates, Extent, RayPacket};
-    use crate::form::Form;
+    use crate::ray_packet::{Candidates, Extent, RayPacket};
     use crate::rng::Rng;
+    use crate::shape::Shape;
 
     /// Bundles of rays of all widths, to near and far ends, through three hundred objects.
     #[test]
-    fn a_bundles_candidates_give_the_same_hits_as_the_tree() {
+    fn the_candidates_of_a_packet_give_the_same_hits_as_the_tree() {
         let mut rng = Rng::new(9);
         let objects: Vec<Object> = (0..300)
             .map(|at| {
-                let form = match at % 3 {
-                    0 => Form::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
-                    1 => Form::Ball(rng.within(0.01, 0.5)),
-                    _ => Form::Cylinder { radius: 0.01, half_height: 1.0 },
+                let shape = match at % 3 {
+                    0 => Shape::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
+                    1 => Shape::Sphere(rng.within(0.01, 0.5)),
+                    _ => Shape::Cylinder { radius: 0.01, half_height: 1.0 },
                 };
                 let turn = DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
-                Object::new(form, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
+                Object::new(shape, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
             })
             .collect();
         let bvh = Bvh::new(&objects);
@@ -281,8 +281,8 @@ mod tests {
             short += usize::from(candidates.is_listed());
             for ray in &rays {
                 let expected = bvh.closest(&objects, ray);
-                assert_eq!(candidates.closest(&bvh, &objects, ray), expected, "bundle {at}");
-                assert_eq!(candidates.blocked(&bvh, &objects, ray), expected.is_some(), "bundle {at}");
+                assert_eq!(candidates.closest(&bvh, &objects, ray), expected, "packet {at}");
+                assert_eq!(candidates.blocked(&bvh, &objects, ray), expected.is_some(), "packet {at}");
                 hits += usize::from(expected.is_some());
             }
             let excluded = Candidates::new(&bvh, &RayPacket::new(origins, directions, farthest), |_| false);
@@ -296,16 +296,16 @@ mod tests {
         let mut rng = Rng::new(5);
         let objects: Vec<Object> = (0..300)
             .map(|at| {
-                let form = match at % 4 {
-                    0 => Form::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
-                    1 => Form::Ball(rng.within(0.01, 0.5)),
-                    2 => Form::Cylinder { radius: 0.01, half_height: 1.0 },
-                    _ => Form::Leaf(glam::DVec2::new(0.2, 0.1)),
+                let shape = match at % 4 {
+                    0 => Shape::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
+                    1 => Shape::Sphere(rng.within(0.01, 0.5)),
+                    2 => Shape::Cylinder { radius: 0.01, half_height: 1.0 },
+                    _ => Shape::Leaf(glam::DVec2::new(0.2, 0.1)),
                 };
                 let angle = if at % 3 == 0 { std::f64::consts::FRAC_PI_2 } else { rng.within(0.0, 3.0) };
                 let axis = if at % 3 == 0 { DVec3::Z } else { rng.direction() };
                 let turn = DMat3::from_axis_angle(axis, angle);
-                Object::new(form, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
+                Object::new(shape, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
             })
             .collect();
         let bvh = Bvh::new(&objects);

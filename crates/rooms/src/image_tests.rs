@@ -8,7 +8,7 @@ use crate::SceneKind;
 use crate::effects::{Conditions, EffectChoice, EffectKind, Effects, SceneContext};
 use crate::material::{Material, Pattern, srgb_encoded};
 use crate::path::Shot;
-use crate::render::{Frame, developed};
+use crate::render::{Frame, image_of_light};
 use crate::rng::mix;
 use crate::simulation::conditions;
 use crate::sky::Sky;
@@ -141,7 +141,7 @@ fn exposure_and_noise_act_on_light_before_the_tone_curve() {
     let pixels = (SIZE.width * SIZE.height) as usize;
     let image = |conditions: &Conditions, kinds: &[EffectKind], light: f32| {
         let effects = effects(&world, conditions, &shot(0.0), kinds);
-        developed(&vec![Vec3::splat(light); pixels], &effects, &shot(0.0), SIZE, 1.0).unwrap().samples().to_vec()
+        image_of_light(&vec![Vec3::splat(light); pixels], &effects, &shot(0.0), SIZE, 1.0).unwrap().samples().to_vec()
     };
     let drifting = Conditions { drift: 1.0, ..PLAIN };
     let phase = atsplat_numeric::unit_of_bits(mix(PLAIN.seed ^ 0x15)) * std::f64::consts::TAU;

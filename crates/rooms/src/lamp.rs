@@ -3,8 +3,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use atsplat_numeric::Extremes;
 use glam::{DVec2, DVec3, Vec3};
 
-use crate::bundle::Extent;
 use crate::noise::as_f32;
+use crate::ray_packet::Extent;
 
 /// A light source other than the sky. The body of a lamp is a separate object.
 #[derive(Clone, Copy, Debug)]

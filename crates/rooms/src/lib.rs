@@ -7,7 +7,6 @@
 #[cfg(test)]
 mod analytic_tests;
 mod build;
-mod bundle;
 mod bvh;
 mod cost_summary;
 mod costs;
@@ -15,7 +14,6 @@ mod covisibility;
 mod dataset;
 mod effects;
 mod error;
-mod form;
 #[cfg(test)]
 mod image_tests;
 mod lamp;
@@ -23,10 +21,12 @@ mod material;
 pub mod motion_report;
 mod noise;
 mod path;
+mod ray_packet;
 mod render;
 mod rng;
 mod sampling;
 mod seed;
+mod shape;
 mod simulation;
 mod sky;
 mod source;

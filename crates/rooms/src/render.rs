@@ -238,18 +238,18 @@ impl Incidence {
 
 /// The image of linear light: multiplied by `gain`, measured by the sensor with its effects, then through the tone curve and
 /// sRGB-encoded.
-pub(crate) fn developed(
+pub(crate) fn image_of_light(
     light: &[Vec3],
     effects: &Effects,
     shot: &Shot,
     size: ImageSize,
     gain: f32,
 ) -> Result<Image, RoomsError> {
-    let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
-        let measured = effects.develop(shot, pixel as u64, light * gain);
+    let encoded = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
+        let measured = effects.sensor_value(shot, pixel as u64, light * gain);
         measured.map(tone_curve).map(srgb_encoded).to_array()
     });
-    Ok(Image::new(size.width, size.height, developed.collect())?)
+    Ok(Image::new(size.width, size.height, encoded.collect())?)
 }
 
 /// Computes depth, normals and instances behind the pixels' centres.

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
-use atsplat_scene::{Scene, Times};
+use atsplat_scene::{Scene, TimestampSource};
 
 use crate::effects::{ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
@@ -34,7 +34,7 @@ impl Route {
     /// As a scene's cameras, for images of `size`; `times` are those of its dataset ([`atsplat_scene::SceneSource::times`]).
     /// Scenes without times ([`Scene::has_times`]) are assumed to have 30 frames per second. Where the images' size is stated,
     /// the vertical field of view and the shape of pixels are kept, whatever the aspect ratio; otherwise normalised intrinsics.
-    pub fn of_scene(scene: &Scene, times: Times, size: ImageSize) -> Self {
+    pub fn of_scene(scene: &Scene, times: TimestampSource, size: ImageSize) -> Self {
         Self::Given(path::route_cameras(scene, times, size))
     }
 
@@ -196,7 +196,7 @@ impl Simulation {
     /// Renders a frame with these effects.
     pub(crate) fn rendered(&self, frame: usize, effects: &Effects) -> Result<Image, RoomsError> {
         let light = TiledLight { frame: &self.frame(frame, effects)? }.light()?;
-        render::developed(&light, effects, self.shot(frame)?, self.request.size, self.gain)
+        render::image_of_light(&light, effects, self.shot(frame)?, self.request.size, self.gain)
     }
 
     /// A frame to be rendered with these effects.

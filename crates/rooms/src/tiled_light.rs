@@ -9,10 +9,10 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::RoomsError;
-use crate::bundle::{Candidates, Extent, RayPacket};
 use crate::lamp::{Lamp, LampExtent};
+use crate::ray_packet::{Candidates, Extent, RayPacket};
 use crate::render::{CameraRay, Frame, Incidence};
-use crate::world::{LEAVE, Surface};
+use crate::world::{RAY_OFFSET, Surface};
 
 /// Side of a tile, in pixels.
 const TILE: u32 = 8;
@@ -127,8 +127,8 @@ impl TiledLight<'_> {
                 }
             }
             if face.flat && self.reflects(face.object) {
-                let bundle = RayPacket::new(face.leaving, face.bounced, f64::INFINITY);
-                face.mirrors = Some(world.candidates(&bundle, |_| true));
+                let packet = RayPacket::new(face.leaving, face.bounced, f64::INFINITY);
+                face.mirrors = Some(world.candidates(&packet, |_| true));
             }
         }
     }
@@ -221,7 +221,7 @@ impl TiledLight<'_> {
         };
         // Towards a lamp above the face's plane, nothing below it is in the way.
         let above = face.flat && height > 0.0;
-        let ground = from.along(face.normal)[0] - 0.5 * LEAVE;
+        let ground = from.along(face.normal)[0] - 0.5 * RAY_OFFSET;
         let keep = |at: usize| {
             let object = &world.objects[at];
             !above || Extent::around(object.centre, object.half_extent()).along(face.normal)[1] > ground

@@ -1,10 +1,10 @@
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use crate::bundle::{Candidates, RayPacket};
 use crate::bvh::Bvh;
-use crate::form::{Form, HitPoint, Object, RaySegment};
 use crate::lamp::Lamp;
 use crate::material::{Material, TexturePoint};
+use crate::ray_packet::{Candidates, RayPacket};
+use crate::shape::{HitPoint, Object, RaySegment, Shape};
 use crate::sky::Sky;
 
 /// Contents of a scene. Metres, z up.
@@ -44,23 +44,23 @@ impl Surface {
 
     /// Origin of rays that leave the surface.
     pub(crate) fn leave(&self) -> DVec3 {
-        self.point + self.normal * LEAVE
+        self.point + self.normal * RAY_OFFSET
     }
 }
 
 /// Offset of rays that leave a surface, in metres.
-pub(crate) const LEAVE: f64 = 1e-5;
+pub(crate) const RAY_OFFSET: f64 = 1e-5;
 
 impl World {
     /// The nearest surface along a unit direction.
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
-        let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
+        let ray = RaySegment::new(origin, direction, RAY_OFFSET, f64::INFINITY);
         self.bvh.closest(&self.objects, &ray).map(|hit| self.surface(&ray, hit))
     }
 
     /// As [`Self::trace`], for a ray whose possible hits are known.
     pub(crate) fn trace_among(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Option<Surface> {
-        let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
+        let ray = RaySegment::new(origin, direction, RAY_OFFSET, f64::INFINITY);
         candidates.closest(&self.bvh, &self.objects, &ray).map(|hit| self.surface(&ray, hit))
     }
 
@@ -74,7 +74,7 @@ impl World {
 
     /// Whether anything is between `point` and `point + offset`.
     pub(crate) fn blocked(&self, point: DVec3, offset: DVec3) -> bool {
-        let nearest = LEAVE / offset.length();
+        let nearest = RAY_OFFSET / offset.length();
         self.bvh.blocked(&self.objects, &RaySegment::new(point, offset, nearest, 1.0))
     }
 
@@ -83,13 +83,13 @@ impl World {
         if candidates.is_empty() {
             return false;
         }
-        let nearest = LEAVE / offset.length();
+        let nearest = RAY_OFFSET / offset.length();
         candidates.blocked(&self.bvh, &self.objects, &RaySegment::new(point, offset, nearest, 1.0))
     }
 
-    /// What the rays of a bundle can hit; objects that `keep` excludes are known not to be hit.
-    pub(crate) fn candidates(&self, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Candidates {
-        Candidates::new(&self.bvh, bundle, keep)
+    /// What the rays of a packet can hit; objects that `keep` excludes are known not to be hit.
+    pub(crate) fn candidates(&self, packet: &RayPacket, keep: impl Fn(usize) -> bool) -> Candidates {
+        Candidates::new(&self.bvh, packet, keep)
     }
 
     /// Distance to the nearest surface; not positive inside a solid.
@@ -140,19 +140,19 @@ impl Builder {
     }
 
     /// Adds a shape at a position in the instance's frame.
-    pub(crate) fn put(&mut self, form: Form, centre: DVec3, material: usize) {
-        self.put_turned(form, centre, DMat3::IDENTITY, material);
+    pub(crate) fn put(&mut self, shape: Shape, centre: DVec3, material: usize) {
+        self.put_turned(shape, centre, DMat3::IDENTITY, material);
     }
 
     /// Adds a shape with a pose in the instance's frame.
-    pub(crate) fn put_turned(&mut self, form: Form, centre: DVec3, turn: DMat3, material: usize) {
+    pub(crate) fn put_turned(&mut self, shape: Shape, centre: DVec3, turn: DMat3, material: usize) {
         let (world_from_local, centre) = (self.turn * turn, self.to_world(centre));
-        self.objects.push(Object::new(form, world_from_local, centre, material, self.instance));
+        self.objects.push(Object::new(shape, world_from_local, centre, material, self.instance));
     }
 
     /// Adds a box between two corners in the instance's frame.
     pub(crate) fn block(&mut self, low: DVec3, high: DVec3, material: usize) {
-        self.put(Form::Box((high - low) * 0.5), (low + high) * 0.5, material);
+        self.put(Shape::Box((high - low) * 0.5), (low + high) * 0.5, material);
     }
 
     pub(crate) fn to_world(&self, local: DVec3) -> DVec3 {

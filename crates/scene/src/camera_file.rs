@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
-use crate::{SceneError, SceneSource as _, Times, Warnings, json, poses};
+use crate::{SceneError, SceneSource as _, TimestampSource, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
@@ -294,7 +294,7 @@ fn cameras_of_dataset(
     // Leaving out a frame would change the positions of others.
     scene.frames.iter().enumerate().try_for_each(|(at, frame)| frame.require_pose(key, at))?;
     let numbers: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
-    let has_times = dataset.times() == Times::Given && can_be_micros(&numbers);
+    let has_times = dataset.times() == TimestampSource::Given && can_be_micros(&numbers);
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // The size of the image file, because it may be a downscaled copy; if it cannot be read or does not fit, the
         // stated size.
@@ -321,16 +321,16 @@ mod tests {
 
     /// Datasets alone have scenes to choose from.
     #[test]
-    fn a_key_is_refused_for_cameras_without_scenes() {
+    fn a_key_is_rejected_for_cameras_without_scenes() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cameras.json");
         let poses = "[[1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0]]";
         let (trained, record) = (r#"[{ "position": [0, 0, 0], "rotation": [] }]"#, r#"{ "views": [] }"#);
         let dataset = r#"{ "views": [], "sfm_data_version": "0.3" }"#;
-        for (text, is_refused) in [(poses, true), (trained, true), (record, true), (dataset, false)] {
+        for (text, is_rejected) in [(poses, true), (trained, true), (record, true), (dataset, false)] {
             std::fs::write(&path, text).unwrap();
             let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
-            assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_refused, "{text}: {error}");
+            assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_rejected, "{text}: {error}");
         }
     }
 

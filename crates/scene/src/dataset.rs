@@ -5,7 +5,7 @@ use atsplat_files::FileError;
 use rayon::prelude::*;
 
 use crate::nerfstudio::AppliedTransform;
-use crate::{Scene, SceneError, Times, WarningKind, Warnings};
+use crate::{Scene, SceneError, TimestampSource, WarningKind, Warnings};
 
 /// A dataset whose scenes are loaded one at a time, by key.
 ///
@@ -24,8 +24,8 @@ pub trait SceneSource: Send + Sync {
 
     /// What [`crate::Frame::timestamp_micros`] is in this dataset; a source that passes on the scenes of another also passes on
     /// this.
-    fn times(&self) -> Times {
-        Times::Given
+    fn times(&self) -> TimestampSource {
+        TimestampSource::Given
     }
 
     /// Files and folders that [`SceneSource::load`] reads for a scene, except the images of its frames; none if scenes

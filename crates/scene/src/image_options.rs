@@ -31,7 +31,7 @@ impl ImageOptions {
         }
     }
 
-    /// Refuses an option that data of this format would ignore; `None` stands for the output of `atsplat render`.
+    /// Rejects an option that data of this format would ignore; `None` stands for the output of `atsplat render`.
     ///
     /// # Errors
     /// The first such option.
@@ -85,7 +85,7 @@ mod tests {
 
     /// `Debug` of the options shows what a format would read.
     #[test]
-    fn an_option_is_refused_exactly_where_it_changes_nothing() {
+    fn an_option_is_rejected_exactly_where_it_changes_nothing() {
         let defaults = OpenOptions::default();
         for given in each() {
             let options = given.open_options();

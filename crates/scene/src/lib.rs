@@ -46,6 +46,6 @@ pub use image_options::{ImageOptions, UnreadOption};
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
-pub use scene::{Frame, FrameImage, GeneratedImage, ImageFolder, ImageHeader, Scene, Times};
+pub use scene::{Frame, FrameImage, GeneratedImage, ImageFolder, ImageHeader, Scene, TimestampSource};
 pub use scene_key::{AmbiguousScene, scene_key};
 pub use warnings::{Warning, WarningKind, Warnings};

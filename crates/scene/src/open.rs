@@ -84,7 +84,7 @@ impl SceneSource for Dataset {
         Ok(scene)
     }
 
-    fn times(&self) -> crate::Times {
+    fn times(&self) -> crate::TimestampSource {
         self.source.times()
     }
 

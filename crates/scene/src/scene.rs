@@ -129,9 +129,9 @@ pub struct Scene {
     pub frames: Vec<Frame>,
 }
 
-/// What [`Frame::timestamp_micros`] is in a dataset.
+/// Where [`Frame::timestamp_micros`] comes from in a dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Times {
+pub enum TimestampSource {
     /// A timestamp in the metadata, after which images may be named.
     Given,
     /// The number at the end of the image's name, if there is one: a counter, or the digits of a date, but never a time.
@@ -148,9 +148,9 @@ pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
 impl Scene {
     /// Whether every frame has a timestamp, and they can be microseconds: captures number their frames consecutively. `times`
     /// are those of the scene's dataset ([`crate::SceneSource::times`]).
-    pub fn has_times(&self, times: Times) -> bool {
+    pub fn has_times(&self, times: TimestampSource) -> bool {
         let numbers: Option<Vec<i64>> = self.frames.iter().map(|frame| frame.timestamp_micros).collect();
-        times == Times::Given && numbers.is_some_and(|numbers| can_be_micros(&numbers))
+        times == TimestampSource::Given && numbers.is_some_and(|numbers| can_be_micros(&numbers))
     }
 
     /// Decodes the image of the frame at `position`.

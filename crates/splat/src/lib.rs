@@ -23,8 +23,8 @@ pub mod framing;
 mod gaussians;
 pub mod gpu;
 pub mod hard_cases;
-mod harmonics;
 mod options;
+mod packed_harmonics;
 mod reach;
 pub mod reference;
 mod renderer;
@@ -44,8 +44,8 @@ pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
     MAX_SH_DEGREE, Problem, Validation, sh_coefficients,
 };
-pub use harmonics::Harmonics;
-pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
+pub use options::{Channels, RasterMode, RenderOptions, StoppedGradients};
+pub use packed_harmonics::PackedHarmonics;
 pub use renderer::{ReferenceRenderer, Renderer, Stage};
 pub use rendering::{GaussianCounts, Gradients, ImageGradients, Rendering};
 pub use view::View;

@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Exposure, Gaussians, Harmonics, RendererConstants, SplatError, sh_coefficients};
+use crate::{Exposure, Gaussians, PackedHarmonics, RendererConstants, SplatError, sh_coefficients};
 
 /// What to render and how, apart from the Gaussians and the view.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,13 +18,13 @@ pub struct RenderOptions {
     pub max_sh_degree: u8,
     /// Packed coefficients to evaluate instead of the Gaussians' own. Gradients are always with respect to their own; a
     /// graphics processor takes only the highest degree from it.
-    pub harmonics: Option<Arc<Harmonics>>,
+    pub harmonics: Option<Arc<PackedHarmonics>>,
     /// Colour transform after compositing, if any.
     pub exposure: Option<Exposure>,
     /// Images rendered in addition to colour and alpha.
     pub channels: Channels,
     /// Which gradients are stopped.
-    pub gradients: GradientReach,
+    pub gradients: StoppedGradients,
 }
 
 impl Default for RenderOptions {
@@ -38,7 +38,7 @@ impl Default for RenderOptions {
             harmonics: None,
             exposure: None,
             channels: Channels::default(),
-            gradients: GradientReach::default(),
+            gradients: StoppedGradients::default(),
         }
     }
 }
@@ -120,7 +120,7 @@ pub struct Channels {
 /// Which gradients are stopped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct GradientReach {
+pub struct StoppedGradients {
     /// The scalar image has a gradient with respect to the scalars only (ATSplat's stop-gradient on its uncertainty
     /// map).
     pub scalar_stops: bool,

@@ -9,7 +9,7 @@ use atsplat_files::FileError;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use crate::files::{self, Encoding, Export, Output};
+use crate::files::{self, Encoding, ExportReport, Output};
 use crate::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View};
 
 /// Minimum PSNR of lossless formats after a round trip; less is a bug.
@@ -101,7 +101,7 @@ struct Row {
 struct Trip {
     format: RoundTripFormat,
     bytes: u64,
-    export: Export,
+    export: ExportReport,
     back: Result<Gaussians, String>,
     identical: bool,
     squares: f64,

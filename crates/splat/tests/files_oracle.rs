@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{Encoding, Format, Import, parse, read};
+use atsplat_splat::files::{Encoding, Format, ImportReport, parse, read};
 use atsplat_splat::{Field, Gaussians, Problem};
 use serde::Deserialize;
 
@@ -30,7 +30,7 @@ fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures")
 }
 
-fn imported(name: &str) -> (Gaussians, Import) {
+fn imported(name: &str) -> (Gaussians, ImportReport) {
     read(&fixtures().join("files").join(name)).unwrap()
 }
 
@@ -116,7 +116,7 @@ fn undeclared_extensions_of_spz_4_are_reported() {
 
 /// Eight bits may be a fraction of 255; that a file has integers is no error, because all of them are read exactly.
 #[test]
-fn integers_among_the_properties_are_doubted() {
+fn integers_among_the_properties_are_suspicious() {
     for name in ["odd_types_ascii.ply", "odd_types_big_endian.ply"] {
         let (_, import) = imported(name);
         assert_eq!(
@@ -125,8 +125,8 @@ fn integers_among_the_properties_are_doubted() {
             "{name}, whose label is not read"
         );
     }
-    assert_eq!(imported("degree1_ascii.ply").1.doubts(), [""; 0]);
-    assert_eq!(imported("compressed_degree1.ply").1.doubts(), [""; 0], "bytes by its definition");
+    assert_eq!(imported("degree1_ascii.ply").1.suspicions(), [""; 0]);
+    assert_eq!(imported("compressed_degree1.ply").1.suspicions(), [""; 0], "bytes by its definition");
     let types = |name: &str| match name {
         "f_dc_0" | "f_dc_2" => "uint8",
         "rot_0" | "rot_1" | "rot_2" | "rot_3" | "scale_1" => "short",
@@ -140,7 +140,7 @@ fn integers_among_the_properties_are_doubted() {
     let (gaussians, import) = parse(text.as_bytes(), Path::new("f.ply")).unwrap();
     assert_eq!(gaussians.parts().sh, [[200.0, 0.0, 9.0]]);
     assert_eq!(
-        import.doubts(),
+        import.suspicions(),
         [
             "f_dc_0, f_dc_2 are stored as uchar: read as these integers, not as fractions of a range",
             "rot_0, rot_1, rot_2 and 2 more are stored as short: read as these integers, not as fractions of a range",

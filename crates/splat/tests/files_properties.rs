@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{Encoding, Format, Import, Output, parse, read, write};
+use atsplat_splat::files::{Encoding, Format, ImportReport, Output, parse, read, write};
 use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 use proptest::prelude::*;
 
@@ -432,7 +432,7 @@ fn rows_that_begin_like_gzip_are_rows() {
 }
 
 /// What reading a PLY file of these two rows finds.
-fn imported(rows: &[String; 2]) -> Import {
+fn imported(rows: &[String; 2]) -> ImportReport {
     parse((ply_header("ascii") + &rows.concat()).as_bytes(), Path::new("f.ply")).unwrap().1
 }
 
@@ -450,12 +450,12 @@ fn detects_opacities_that_may_not_be_logits() {
 #[test]
 fn detects_colours_that_may_not_be_coefficients() {
     let row = |colour: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 2 {colour}\n");
-    let doubts = |first: &str, second: &str| imported(&[row(first), row(second)]).doubts().concat();
-    let doubted = doubts("0.25 0 1", "0.5 0.75 0.1");
-    assert!(doubted.starts_with("every coefficient of the file lies in [0, 1], without view"), "{doubted}");
-    assert_eq!(doubts("0.25 0 1", "0.5 -0.75 0.1"), "");
-    assert_eq!(doubts("0.25 0 1.5", "0.5 0.75 0.1"), "");
-    assert_eq!(doubts("0.5 0.5 0.5", "0.5 0.5 0.5"), "", "one grey");
+    let suspicions = |first: &str, second: &str| imported(&[row(first), row(second)]).suspicions().concat();
+    let suspected = suspicions("0.25 0 1", "0.5 0.75 0.1");
+    assert!(suspected.starts_with("every coefficient of the file lies in [0, 1], without view"), "{suspected}");
+    assert_eq!(suspicions("0.25 0 1", "0.5 -0.75 0.1"), "");
+    assert_eq!(suspicions("0.25 0 1.5", "0.5 0.75 0.1"), "");
+    assert_eq!(suspicions("0.5 0.5 0.5", "0.5 0.5 0.5"), "", "one grey");
 }
 
 /// An infinite logit is written as ±20 in any format; SPZ rejects what it cannot store, with a precise error.

@@ -10,7 +10,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer, SimdLevel};
 use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer};
 use atsplat_splat::{
-    GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants,
+    GaussianParts, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants, StoppedGradients,
     View, reference,
 };
 use atsplat_tests::skip_without_graphics;
@@ -46,7 +46,7 @@ fn view() -> View {
 fn options() -> RenderOptions {
     RenderOptions {
         constants: RendererConstants::named("gsplat-1.5").unwrap(),
-        gradients: GradientReach { directions_stop: true, scalar_stops: false },
+        gradients: StoppedGradients { directions_stop: true, scalar_stops: false },
         ..RenderOptions::default()
     }
 }

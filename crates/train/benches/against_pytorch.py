@@ -1,9 +1,9 @@
-"""Times the network's part of a training step in turns with its twin in PyTorch, two threads each.
+"""Times the network's part of a training step in turns with the PyTorch reference, two threads each.
 
     cargo build --release -p atsplat-train --example time_step
     python -O crates/train/benches/against_pytorch.py target/release/examples/time_step [rounds]
 
-The twin is `../../model/oracle/twin.py` in float32 with PyTorch's fused attention, and autograd. Both go forward, make
+The reference is `../../model/oracle/reference.py` in float32 with PyTorch's fused attention, and autograd. Both go forward, make
 the Gaussians of every set that is rendered, and go back from the sum of all of them and of all scores. A step of two
 samples runs them side by side here, and one after the other, on both threads each, there.
 """
@@ -19,8 +19,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "../../model/benches"))
 import against_pytorch as forward  # noqa: E402
+import reference  # noqa: E402
 import torch  # noqa: E402
-import twin  # noqa: E402
 
 
 class Trained(forward.Cached):
@@ -42,12 +42,12 @@ def without_gradient(select):
 
 def theirs(config, parameters, scene):
     start = time.perf_counter()
-    made, seen = twin.reconstruct(config, parameters, scene, 0)
-    layers, sets, anchors = twin.Layers(config), [made], seen["anchors"]
+    made, seen = reference.reconstruct(config, parameters, scene, 0)
+    layers, sets, anchors = reference.Layers(config), [made], seen["anchors"]
     for block in range(len(config["decoder"]["blocks"]) - 1):
         if f"parents_{block}" in seen:
             anchors = anchors[seen[f"parents_{block}"]]
-        sets.append(twin.gaussians(config, layers, parameters, seen[f"tokens_{block}"], anchors, None))
+        sets.append(reference.gaussians(config, layers, parameters, seen[f"tokens_{block}"], anchors, None))
     middle = time.perf_counter()
     scores = [value for name, value in seen.items() if name.startswith("scores_")]
     total = sum(part.sum() for own in sets for part in own.values()) + sum(score.sum() for score in scores)
@@ -62,7 +62,7 @@ def theirs(config, parameters, scene):
 def main():
     forward.in_float32()
     torch.set_grad_enabled(True)
-    twin.select = without_gradient(twin.select)
+    reference.select = without_gradient(reference.select)
     rounds = int(sys.argv[2]) if len(sys.argv) > 2 else 15
     environment = dict(os.environ, RAYON_NUM_THREADS=str(forward.THREADS))
     ours = subprocess.Popen([sys.argv[1], HERE / "../../../eval/experiments/nano-rooms.toml"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)

@@ -19,7 +19,7 @@ use atsplat_camera::ImageSize;
 use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 use atsplat_scene::Warnings;
-use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
+use atsplat_splat::{Channels, RenderOptions, StoppedGradients, View};
 use atsplat_train::samples::{Sample, SampleId, Source as _};
 use atsplat_train::{Event, Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use burn::Tensor;
@@ -128,7 +128,7 @@ fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failu
         });
         let options = RenderOptions {
             channels: Channels { scalar: scalars.is_some(), ..Channels::default() },
-            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+            gradients: StoppedGradients { scalar_stops: true, ..StoppedGradients::default() },
             ..RenderOptions::default()
         };
         let side = |side: usize| u32::try_from(side);

@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use atsplat_drift::probe::{Outputs, Pipeline, Recipe, attribute};
-use atsplat_drift::{Baseline, DriftReport, Verdict, compare};
+use atsplat_drift::{Baseline, DriftReport, DriftVerdict, compare};
 use atsplat_results::Results;
 
 use super::{Args, recipe};
@@ -24,9 +24,9 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     print_report(&report, args.json)?;
     let drawn = plot.map_or(Ok(()), |plot| args.history.draw(plot, &baseline, &results, &report));
     let exit = match report.verdict {
-        Verdict::Same | Verdict::Within => Exit::Done,
-        Verdict::Nothing => Exit::Failed,
-        Verdict::Drifted => Exit::Drifted,
+        DriftVerdict::Same | DriftVerdict::Within => Exit::Done,
+        DriftVerdict::Nothing => Exit::Failed,
+        DriftVerdict::Drifted => Exit::Drifted,
     };
     match drawn {
         // What drifted is worse than a plot that is missing.

@@ -49,7 +49,8 @@ struct Report<'a> {
     /// Scenes of the data that the rule was not given.
     left_out: u64,
     entries: usize,
-    refused_entries: usize,
+    #[serde(rename = "refused-entries")]
+    rejected_entries: usize,
     missing_images: usize,
     repeated_images: usize,
     #[serde(rename = "nulls")]
@@ -72,7 +73,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }
-    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, repeated_images, index: _ } = &built;
+    let BuiltIndex { scenes, entries, nulls, rejected_entries, missing_images, repeated_images, index: _ } = &built;
     let left_out = left_out(&opening, &warnings);
     let report = Report {
         sampler: &args.sampler,
@@ -80,7 +81,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         scenes: *scenes,
         left_out,
         entries: *entries,
-        refused_entries: *refused_entries,
+        rejected_entries: *rejected_entries,
         missing_images: *missing_images,
         repeated_images: *repeated_images,
         scenes_without_entry: nulls,
@@ -99,8 +100,8 @@ impl fmt::Display for Report<'_> {
         let scene = if *scenes == 1 { "scene" } else { "scenes" };
         let entry = if *entries == 1 { "entry" } else { "entries" };
         writeln!(f, "sampling rule {sampler} ({rule}): {scenes} {scene}, {entries} {entry}")?;
-        if self.refused_entries > 0 {
-            writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
+        if self.rejected_entries > 0 {
+            writeln!(f, "{:>7}  entries rejected for their overlap", self.rejected_entries)?;
         }
         if self.missing_images > 0 {
             writeln!(

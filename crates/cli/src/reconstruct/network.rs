@@ -231,7 +231,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_network_than_that_of_the_weights_is_refused_by_field() {
+    fn another_network_than_that_of_the_weights_is_rejected_by_field() {
         let [micro, nano] = ["micro", "nano"].map(|name| ModelConfig::named(name).unwrap());
         let renamed = ModelConfig { name: "mine".to_owned(), title: "Mine".to_owned(), ..micro.clone() };
         same_network(&renamed, &micro).unwrap();

@@ -55,7 +55,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let parts = parts(&sweep, &base, &datasets)?;
     let plans: Vec<Plan<'_>> = parts.iter().map(|part| plan(args, &suite, part)).collect();
     let steps = plans.iter().map(Plan::steps).sum::<u64>();
-    // Of all parts: a sweep that is killed lacks those that it has not reached, and what is refused is refused at once.
+    // Of all parts: a sweep that is killed lacks those that it has not reached, and what is rejected is rejected at once.
     drop(args.settings.store(args.settings.out(), Plan::joint_provenance(&plans, &provenance())?)?);
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let (mut empty_parts, mut is_empty_shard) = (Vec::new(), true);

@@ -4,10 +4,10 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::Gaussians;
 use serde::Serialize;
 
+use super::limit_scene::limit_view;
 use super::outputs::{
     context, mean_scores, of_gaussians, of_images, of_renders, of_scores, of_views, rendered, resized, scored, targets,
 };
-use super::sheet::sheet_view;
 use super::{Outputs, Stage, Stages, View};
 use crate::DriftError;
 
@@ -92,7 +92,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         of_images(&decoded),
         of_views(&resized_alone),
         of_gaussians(&gaussians),
-        of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),
+        of_renders(&renders, &stages.splat(&inputs.limit_scene, &limit_view()?)?),
         of_scores(&scores),
     ];
     let changes = Stage::PROBED.into_iter().zip(&alone);

@@ -11,7 +11,7 @@ const WHAT: &str = "the probe's file";
 
 pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
     let mut file = Writer::default();
-    let Inputs { files, cameras, context, sheet } = &outputs.inputs;
+    let Inputs { files, cameras, context, limit_scene } = &outputs.inputs;
     file.put("context", DType::U8, vec![*context], vec![1; *context])?;
     for (at, (bytes, camera)) in files.iter().zip(cameras).enumerate() {
         file.put(&format!("file.{at}"), DType::U8, vec![bytes.len()], bytes.clone())?;
@@ -25,8 +25,8 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
         file.doubles(&format!("resize.{at}.camera"), &numbers(&view.camera))?;
     }
     file.gaussians("model", &outputs.gaussians)?;
-    file.gaussians("sheet", sheet)?;
-    file.render("sheet", &outputs.sheet)?;
+    file.gaussians("sheet", limit_scene)?;
+    file.render("sheet", &outputs.limit_render)?;
     for (at, render) in outputs.renders.iter().enumerate() {
         file.render(&format!("splatter.{at}"), render)?;
     }
@@ -46,7 +46,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         files: Vec::new(),
         cameras: Vec::new(),
         context: file.get("context", DType::U8)?.bytes().len(),
-        sheet: file.gaussians("sheet")?,
+        limit_scene: file.gaussians("sheet")?,
     };
     let (mut decoded, mut resized) = (Vec::new(), Vec::new());
     for at in 0..views {
@@ -68,8 +68,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         };
         scores.push(ids.map(score).collect::<Result<_, DriftError>>()?);
     }
-    let (gaussians, sheet) = (file.gaussians("model")?, file.render("sheet")?);
-    Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, sheet, scores })
+    let (gaussians, limit_render) = (file.gaussians("model")?, file.render("sheet")?);
+    Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, limit_render, scores })
 }
 
 /// The rows of the pose, then the intrinsics.

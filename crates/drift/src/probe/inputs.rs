@@ -4,7 +4,7 @@ use atsplat_splat::{Gaussians, RendererConstants};
 use glam::{DMat3, DVec3};
 
 use super::Stage;
-use super::sheet::sheet;
+use super::limit_scene::limit_scene;
 use crate::DriftError;
 
 /// Input of the first stage.
@@ -17,7 +17,7 @@ pub struct Inputs {
     /// How many of them are context.
     pub context: usize,
     /// Synthetic Gaussians that are rendered in addition to the model's, to cover renderer constants that those do not reach.
-    pub sheet: Gaussians,
+    pub limit_scene: Gaussians,
 }
 
 /// An image and its camera.
@@ -45,7 +45,8 @@ impl Inputs {
     pub fn pattern(constants: &RendererConstants) -> Result<Self, DriftError> {
         let failed = |error: &dyn std::fmt::Display| Stage::Decode.failed()(error);
         let places = [-1.0, 1.0, 0.25];
-        let mut inputs = Self { files: Vec::new(), cameras: Vec::new(), context: 2, sheet: sheet(constants)? };
+        let mut inputs =
+            Self { files: Vec::new(), cameras: Vec::new(), context: 2, limit_scene: limit_scene(constants)? };
         for (at, x) in places.into_iter().enumerate() {
             let image = plane_image(x).map_err(|error| failed(&error))?;
             let file = if at == 0 { encode_jpeg(&image, 92) } else { encode_png(&image) };

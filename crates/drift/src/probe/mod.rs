@@ -7,10 +7,10 @@
 mod attribution;
 mod container;
 mod inputs;
+mod limit_scene;
 mod outputs;
 mod pipeline;
 mod recipe;
-mod sheet;
 #[cfg(test)]
 mod tests;
 

@@ -7,7 +7,7 @@ use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::sheet::sheet_view;
+use super::limit_scene::limit_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::DriftError;
 
@@ -24,8 +24,8 @@ pub struct Outputs {
     pub gaussians: Gaussians,
     /// Output of [`Stage::Renderer`] for each target.
     pub renders: Vec<Image>,
-    /// Output of [`Stage::Renderer`] for [`Inputs::sheet`], which is not scored.
-    pub sheet: Image,
+    /// Output of [`Stage::Renderer`] for [`Inputs::limit_scene`], which is not scored.
+    pub limit_render: Image,
     /// Output of [`Stage::Metric`] for each target.
     pub scores: Vec<BTreeMap<String, f64>>,
 }
@@ -60,8 +60,8 @@ pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> 
     let gaussians = stages.model(context(inputs, &views)?)?;
     let renders = rendered(stages, &gaussians, targets(inputs, &views)?)?;
     let scores = scored(stages, &renders, targets(inputs, &views)?)?;
-    let sheet = stages.splat(&inputs.sheet, &sheet_view()?)?;
-    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, sheet, scores })
+    let limit_render = stages.splat(&inputs.limit_scene, &limit_view()?)?;
+    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, limit_render, scores })
 }
 
 pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8]) -> Result<Vec<View>, DriftError> {
@@ -129,7 +129,7 @@ impl Outputs {
             Stage::Decode => of_images(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Renderer => of_renders(&self.renders, &self.sheet),
+            Stage::Renderer => of_renders(&self.renders, &self.limit_render),
             Stage::Metric => of_scores(&self.scores),
         }
     }
@@ -164,8 +164,8 @@ pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
     flat.chain(parts.sh.as_flattened()).map(|&value| f64::from(value)).collect()
 }
 
-pub(super) fn of_renders(renders: &[Image], sheet: &Image) -> Vec<f64> {
-    renders.iter().chain([sheet]).flat_map(Image::samples).map(|&sample| f64::from(sample)).collect()
+pub(super) fn of_renders(renders: &[Image], limit_render: &Image) -> Vec<f64> {
+    renders.iter().chain([limit_render]).flat_map(Image::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {

@@ -66,7 +66,7 @@ fn a_thousandth_of_a_renderer_constant_is_attributed_to_the_renderer() {
 
 /// Independently of the network's Gaussians.
 #[test]
-fn a_thousandth_of_any_renderer_constant_changes_the_sheet() {
+fn a_thousandth_of_any_renderer_constant_changes_the_limit_scene() {
     type Constant = fn(&mut RendererConstants) -> &mut f64;
     let constants: [(&str, Constant); 7] = [
         ("near", |constants| &mut constants.near),
@@ -78,13 +78,13 @@ fn a_thousandth_of_any_renderer_constant_changes_the_sheet() {
         ("jacobian-margin", |constants| &mut constants.jacobian_margin),
     ];
     let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
-    let view = sheet::sheet_view().unwrap();
+    let view = limit_scene::limit_view().unwrap();
     for preset in RendererConstants::PRESETS {
         let then = RendererConstants::named(preset).unwrap();
-        let sheet = sheet::sheet(&then).unwrap();
+        let gaussians = limit_scene::limit_scene(&then).unwrap();
         let mut render = |constants: &RendererConstants| {
             pipeline.options.constants = constants.clone();
-            pipeline.splat(&sheet, &view).unwrap()
+            pipeline.splat(&gaussians, &view).unwrap()
         };
         let baseline = render(&then);
         for (name, of) in &constants {

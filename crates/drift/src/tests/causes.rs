@@ -22,11 +22,11 @@ fn means_are_those_of_tables_where_renders_are_identical_to_the_truth() {
     Tolerance::EXACT.assert([paired.difference, comparison.largest], [0.0; 2], "the cap of PSNR moves nothing");
     assert_eq!((comparison.identical, paired.targets, comparison.changed), (2, 34, 0), "{report}");
     assert!(report.to_string().contains("    2 targets are left out: identical to the truth, "), "{report}");
-    assert_eq!((report.verdict, comparison.verdict), (Verdict::Drifted, Verdict::Same), "{report}");
-    assert_eq!(kinds(&report)[0], (FindingKind::Status, Verdict::Drifted, 2));
+    assert_eq!((report.verdict, comparison.verdict), (DriftVerdict::Drifted, DriftVerdict::Same), "{report}");
+    assert_eq!(kinds(&report)[0], (FindingKind::Status, DriftVerdict::Drifted, 2));
     let accepted = Baseline::new(&base, &[], acceptance("second"));
     assert_eq!(accepted.numbers.iter().map(|number| Some(number.mean)).collect::<Vec<_>>(), [table]);
-    assert_eq!(compare(&base, &accepted).verdict, Verdict::Same);
+    assert_eq!(compare(&base, &accepted).verdict, DriftVerdict::Same);
     // The other way round, with a loss elsewhere that the cap of PSNR must not hide.
     let mut worse = store(true, 12, 0.0, 1);
     worse.targets[30].scores.values_mut().for_each(|score| *score -= 1.5);
@@ -47,7 +47,7 @@ fn renders_that_are_all_identical_to_the_truth_stay_the_same() {
         (row.status, row.scores) = (TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
     }
     let report = compare(&base, &Baseline::new(&base, &[], acceptance("first")));
-    assert_eq!((report.verdict, report.comparisons[0].identical), (Verdict::Same, 36), "{report}");
+    assert_eq!((report.verdict, report.comparisons[0].identical), (DriftVerdict::Same, 36), "{report}");
 }
 
 /// LPIPS's weights are others, and only its numbers moved: neither the method nor a stage is to blame.

@@ -19,8 +19,8 @@ fn a_changed_context_image_is_named_by_scene_and_frame() {
     let report = compare(&now, &baseline);
     let changed: Vec<_> = report.data.changed.iter().map(|p| (p.scene.as_str(), p.frame, roles(p))).collect();
     assert_eq!(changed, [("scene 003", 2, vec!["target"]), ("scene 003", 9, vec!["context"])]);
-    assert_eq!(kinds(&report), [(FindingKind::Data, Verdict::Drifted, 2)]);
-    assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(Stage::Data)), "{report}");
+    assert_eq!(kinds(&report), [(FindingKind::Data, DriftVerdict::Drifted, 2)]);
+    assert_eq!((report.verdict, report.first_stage()), (DriftVerdict::Drifted, Some(Stage::Data)), "{report}");
     let text = report.to_string();
     for part in [
         "images have changed: 2, such as scene scene 003, frame 2 (target)",
@@ -127,7 +127,7 @@ fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     now.trials[0].context_hashes[1] = "other".to_owned();
     let first = |now: &Results, changed: &[Stage]| {
         let report = compare(now, &baseline).with_attribution(Ok(probed(changed)));
-        assert_eq!(report.verdict == Verdict::Same, changed.is_empty() && report.data.changed.is_empty());
+        assert_eq!(report.verdict == DriftVerdict::Same, changed.is_empty() && report.data.changed.is_empty());
         report.first_stage()
     };
     for (changed, expected) in [
@@ -149,6 +149,6 @@ fn a_stage_without_values_is_not_the_same() {
     attribution.stages[4].verdict = StageVerdict::Empty;
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     let report = compare(&base, &baseline).with_attribution(Ok(attribution));
-    assert_eq!((report.verdict, report.first_stage()), (Verdict::Nothing, None));
+    assert_eq!((report.verdict, report.first_stage()), (DriftVerdict::Nothing, None));
     assert!(report.to_string().contains("the probe had nothing to compare for: metric."), "{report}");
 }

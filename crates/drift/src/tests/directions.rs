@@ -42,7 +42,7 @@ fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
             for by in [-1.5 * limit, 1.5 * limit] {
                 let report = report(metric, score, basis, |_| by);
                 let [comparison] = &report.comparisons[..] else { panic!("{report}") };
-                assert_eq!(report.verdict, Verdict::Drifted, "{metric} by {by} on {basis:?}: {report}");
+                assert_eq!(report.verdict, DriftVerdict::Drifted, "{metric} by {by} on {basis:?}: {report}");
                 let higher_is_better = matches!(metric, "psnr" | "ssim");
                 let better = (by > 0.0) == higher_is_better;
                 assert_eq!(comparison.improved(), Some(better), "{metric} by {by}");
@@ -61,13 +61,15 @@ fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
 #[test]
 fn losses_and_gains_within_the_limit_are_drift_only_on_the_exact_basis() {
     for (metric, score, limit) in METRICS {
-        for (basis, expected) in
-            [(Basis::Exact, Verdict::Drifted), (Basis::Bound, Verdict::Within), (Basis::Interval, Verdict::Within)]
-        {
+        for (basis, expected) in [
+            (Basis::Exact, DriftVerdict::Drifted),
+            (Basis::Bound, DriftVerdict::Within),
+            (Basis::Interval, DriftVerdict::Within),
+        ] {
             for by in [-0.5 * limit, 0.5 * limit] {
                 assert_eq!(report(metric, score, basis, |_| by).verdict, expected, "{metric} by {by} on {basis:?}");
             }
-            assert_eq!(report(metric, score, basis, |_| 0.0).verdict, Verdict::Same, "{metric} on {basis:?}");
+            assert_eq!(report(metric, score, basis, |_| 0.0).verdict, DriftVerdict::Same, "{metric} on {basis:?}");
         }
     }
 }
@@ -81,9 +83,9 @@ fn an_interval_that_overlaps_the_limit_is_not_drift() {
             let few = report(metric, score, Basis::Interval, |scene| if scene < 2 { 8.0 * side * limit } else { 0.0 });
             let paired = few.comparisons[0].paired.as_ref().unwrap();
             assert!(side * paired.difference > limit, "the mean alone would be drift: {paired:?}");
-            assert_eq!(few.verdict, Verdict::Within, "{metric} {side}: {few}");
+            assert_eq!(few.verdict, DriftVerdict::Within, "{metric} {side}: {few}");
             let all = report(metric, score, Basis::Interval, |scene| side * limit * (1.5 + 0.1 * scene as f64));
-            assert_eq!(all.verdict, Verdict::Drifted, "{metric} {side}: {all}");
+            assert_eq!(all.verdict, DriftVerdict::Drifted, "{metric} {side}: {all}");
         }
     }
 }
@@ -94,7 +96,7 @@ fn a_scene_that_is_destroyed_is_drift_whatever_the_others_do() {
     for (metric, score, _) in METRICS {
         let of_scene = scene_limit(metric, None, 8);
         for (basis, side) in [(Basis::Bound, -1.0), (Basis::Interval, 1.0)] {
-            for (share, expected) in [(0.9, Verdict::Within), (1.1, Verdict::Drifted)] {
+            for (share, expected) in [(0.9, DriftVerdict::Within), (1.1, DriftVerdict::Drifted)] {
                 let by = side * share * of_scene;
                 let report = report(metric, score, basis, |scene| if scene == 5 { by } else { 0.0 });
                 let [comparison] = &report.comparisons[..] else { panic!("{report}") };
@@ -130,7 +132,7 @@ fn a_scene_that_is_destroyed_is_drift_whatever_the_others_do() {
 #[test]
 fn a_single_scene_is_judged_by_its_difference() {
     for side in [-1.0, 1.0] {
-        for (share, expected) in [(0.5, Verdict::Within), (1.5, Verdict::Drifted)] {
+        for (share, expected) in [(0.5, DriftVerdict::Within), (1.5, DriftVerdict::Drifted)] {
             let mut then = constant("psnr", 22.0, Basis::Interval);
             then.targets.truncate(3);
             then.trials.truncate(1);
@@ -173,9 +175,9 @@ fn missing_rows_are_drift_and_do_not_affect_other_numbers() {
                 now.provenance.processor = "another".to_owned();
             }
             let report = compare(&now, &baseline);
-            assert_eq!(kinds(&report), [(FindingKind::Missing, Verdict::Drifted, 1)], "{basis:?} {metric} {odd}");
+            assert_eq!(kinds(&report), [(FindingKind::Missing, DriftVerdict::Drifted, 1)], "{basis:?} {metric} {odd}");
             let [comparison] = &report.comparisons[..] else { panic!("{report}") };
-            assert_eq!((report.verdict, comparison.verdict), (Verdict::Drifted, Verdict::Same), "{report}");
+            assert_eq!((report.verdict, comparison.verdict), (DriftVerdict::Drifted, DriftVerdict::Same), "{report}");
             assert_eq!(comparison.baseline, comparison.now, "the missing target is in neither mean");
             assert!(report.to_string().contains("targets are missing: 1, such as scene 0 0 frame 0"), "{report}");
             // A failed row has no number either.
@@ -184,7 +186,7 @@ fn missing_rows_are_drift_and_do_not_affect_other_numbers() {
             failed.targets[0].scores.clear();
             failed.provenance.processor.clone_from(&now.provenance.processor);
             let found = kinds(&compare(&failed, &baseline));
-            let expected = [FindingKind::Status, FindingKind::Score].map(|kind| (kind, Verdict::Drifted, 1));
+            let expected = [FindingKind::Status, FindingKind::Score].map(|kind| (kind, DriftVerdict::Drifted, 1));
             assert_eq!(found, expected, "{basis:?} {metric} {odd}");
         }
     }
@@ -204,9 +206,9 @@ fn new_rows_are_reported_and_do_not_affect_numbers() {
                 now.provenance.processor = "another".to_owned();
             }
             let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
-            assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 2)], "{basis:?} {odd}");
+            assert_eq!(kinds(&report), [(FindingKind::New, DriftVerdict::Within, 2)], "{basis:?} {odd}");
             let [comparison] = &report.comparisons[..] else { panic!("{report}") };
-            assert_eq!((report.verdict, comparison.verdict), (Verdict::Within, Verdict::Same), "{report}");
+            assert_eq!((report.verdict, comparison.verdict), (DriftVerdict::Within, DriftVerdict::Same), "{report}");
             Tolerance::EXACT.assert([comparison.now.unwrap()], [22.0], "the mean over what both have");
             assert_eq!(comparison.paired.as_ref().unwrap().targets, 24);
         }

@@ -19,11 +19,15 @@ fn targets_that_tables_group_otherwise_are_drift() {
         let mut now = base.clone();
         change(&mut now.targets[4]);
         let report = compare(&now, &baseline);
-        assert_eq!(kinds(&report), [(FindingKind::Grouping, Verdict::Drifted, 1)], "{report}");
+        assert_eq!(kinds(&report), [(FindingKind::Grouping, DriftVerdict::Drifted, 1)], "{report}");
         assert_eq!(report.findings[0].example, format!("scene 001 0 frame 1: {expected}"));
-        assert_eq!((report.verdict, report.comparisons[0].verdict), (Verdict::Drifted, Verdict::Same), "{report}");
+        assert_eq!(
+            (report.verdict, report.comparisons[0].verdict),
+            (DriftVerdict::Drifted, DriftVerdict::Same),
+            "{report}"
+        );
         let back = compare(&base, &Baseline::new(&now, &[], acceptance("first")));
-        assert_eq!(kinds(&back), [(FindingKind::Grouping, Verdict::Drifted, 1)], "the other way round: {back}");
+        assert_eq!(kinds(&back), [(FindingKind::Grouping, DriftVerdict::Drifted, 1)], "the other way round: {back}");
     }
 }
 
@@ -41,5 +45,5 @@ fn a_baseline_that_does_not_know_them_compares_none() {
     assert!(old.targets.iter().all(|row| row.grouping.is_none()));
     (base.targets[4].leaked, base.targets[5].overlap) = (true, Some(0.25));
     let report = compare(&base, &old);
-    assert_eq!((report.verdict, report.findings.len()), (Verdict::Same, 0), "{report}");
+    assert_eq!((report.verdict, report.findings.len()), (DriftVerdict::Same, 0), "{report}");
 }

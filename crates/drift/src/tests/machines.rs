@@ -18,9 +18,9 @@ fn another_driver_does_not_loosen_the_comparison() {
     };
     let baseline = Baseline::new(&with(0.0, 1), &[], acceptance("first"));
     let report = compare(&with(5e-4, 2), &baseline);
-    assert_eq!((report.verdict, report.comparisons[0].basis), (Verdict::Drifted, Basis::Exact), "{report}");
+    assert_eq!((report.verdict, report.comparisons[0].basis), (DriftVerdict::Drifted, Basis::Exact), "{report}");
     assert!(report.to_string().contains("adapter: was a card (Vulkan), driver 1, is now a card"), "{report}");
-    assert_eq!(compare(&with(0.0, 2), &baseline).verdict, Verdict::Same);
+    assert_eq!(compare(&with(0.0, 2), &baseline).verdict, DriftVerdict::Same);
 }
 
 /// The probe's renders differ in the last bits from those of this machine.
@@ -50,13 +50,17 @@ fn a_probe_is_judged_by_the_machine_that_ran_it() {
         (probe.platform, probe.processor) = (Some(here.platform.clone()), Some(processor.to_owned()));
         baseline
     };
-    assert_eq!(judged(&probed_on(&of_rows, "another")), (Verdict::Same, None), "only the rows are of this machine");
-    let changed = (Verdict::Drifted, Some(Stage::Renderer));
+    assert_eq!(
+        judged(&probed_on(&of_rows, "another")),
+        (DriftVerdict::Same, None),
+        "only the rows are of this machine"
+    );
+    let changed = (DriftVerdict::Drifted, Some(Stage::Renderer));
     assert_eq!(judged(&probed_on(&of_rows, &here.processor)), changed);
     assert_eq!(judged(&of_rows), changed, "of an older version, which knows the machine of the rows alone");
     let provenance = Provenance { processor: "another".to_owned(), ..of_rows.provenance.clone() };
     let elsewhere = Baseline { provenance, ..of_rows };
-    assert_eq!(judged(&elsewhere), (Verdict::Same, None));
+    assert_eq!(judged(&elsewhere), (DriftVerdict::Same, None));
     assert_eq!(judged(&probed_on(&elsewhere, &here.processor)), changed, "only the probe is of this machine");
 
     let (probed, _) = elsewhere.probed(Recipe::default()).unwrap();

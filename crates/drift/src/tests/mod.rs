@@ -58,7 +58,7 @@ fn summary(results: &Results, baseline: Baseline) -> String {
     AcceptanceReport::new(std::path::Path::new("b.json"), baseline, accepted, results, None).to_string()
 }
 
-fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
+fn kinds(report: &DriftReport) -> Vec<(FindingKind, DriftVerdict, u64)> {
     report.findings.iter().map(|finding| (finding.kind, finding.verdict, finding.count)).collect()
 }
 
@@ -71,7 +71,11 @@ fn equal_rows_are_the_same_in_any_order() {
     again.trials.reverse();
     (again.provenance.threads, again.provenance.started) = (7, 1_800_000_000);
     let report = compare(&again, &baseline);
-    assert_eq!((report.verdict, report.findings.len(), report.differences.len()), (Verdict::Same, 0, 0), "{report}");
+    assert_eq!(
+        (report.verdict, report.findings.len(), report.differences.len()),
+        (DriftVerdict::Same, 0, 0),
+        "{report}"
+    );
     let [comparison] = &report.comparisons[..] else { panic!("{report}") };
     assert_eq!((comparison.basis, comparison.changed), (Basis::Exact, 0));
     assert_eq!(comparison.paired.as_ref().map(|paired| (paired.ties, paired.targets)), Some((12, 36)));
@@ -118,7 +122,7 @@ fn a_method_that_fails_where_it_was_not_applicable_has_drifted() {
     let findings = |second| compare(&with([TrialStatus::Failed, second]), &baseline).findings;
     assert!(findings(TrialStatus::NotApplicable).is_empty());
     let found = findings(TrialStatus::Failed).swap_remove(0);
-    assert_eq!((found.kind, found.verdict, found.count), (FindingKind::Status, Verdict::Drifted, 3));
+    assert_eq!((found.kind, found.verdict, found.count), (FindingKind::Status, DriftVerdict::Drifted, 3));
     assert_eq!(found.example, "scene 001 0 frame 0: was not-applicable, is now failed");
 }
 
@@ -137,7 +141,7 @@ fn a_single_bit_is_drift_for_deterministic_methods() {
     );
     let mut bits = base.clone();
     bits.targets[3].render_hash = Some("other".to_owned());
-    assert_eq!(kinds(&compare(&bits, &baseline)), [(FindingKind::Render, Verdict::Drifted, 1)]);
+    assert_eq!(kinds(&compare(&bits, &baseline)), [(FindingKind::Render, DriftVerdict::Drifted, 1)]);
 }
 
 #[test]
@@ -148,9 +152,12 @@ fn another_machine_is_compared_by_bound_and_limit() {
         base.provenance.processor = "another".to_owned();
         compare(&base, &baseline)
     };
-    for (by, expected) in
-        [(0.0, Verdict::Same), (5e-4, Verdict::Within), (5e-3, Verdict::Within), (0.02, Verdict::Drifted)]
-    {
+    for (by, expected) in [
+        (0.0, DriftVerdict::Same),
+        (5e-4, DriftVerdict::Within),
+        (5e-3, DriftVerdict::Within),
+        (0.02, DriftVerdict::Drifted),
+    ] {
         let report = report(by);
         assert_eq!((report.verdict, report.comparisons[0].basis), (expected, Basis::Bound), "{by}: {report}");
     }
@@ -172,33 +179,33 @@ fn changes_other_than_scores_are_found() {
     now.provenance.presets[0].hash = "b".to_owned();
     let report = compare(&now, &baseline);
     let expected = [
-        (FindingKind::Protocol, Verdict::Drifted, 1),
-        (FindingKind::Data, Verdict::Drifted, 1),
-        (FindingKind::Missing, Verdict::Drifted, 1),
-        (FindingKind::New, Verdict::Within, 1),
-        (FindingKind::Trial, Verdict::Drifted, 1),
-        (FindingKind::Status, Verdict::Drifted, 1),
-        (FindingKind::Count, Verdict::Drifted, 1),
-        (FindingKind::Score, Verdict::Drifted, 1),
-        (FindingKind::NewScore, Verdict::Within, 1),
+        (FindingKind::Protocol, DriftVerdict::Drifted, 1),
+        (FindingKind::Data, DriftVerdict::Drifted, 1),
+        (FindingKind::Missing, DriftVerdict::Drifted, 1),
+        (FindingKind::New, DriftVerdict::Within, 1),
+        (FindingKind::Trial, DriftVerdict::Drifted, 1),
+        (FindingKind::Status, DriftVerdict::Drifted, 1),
+        (FindingKind::Count, DriftVerdict::Drifted, 1),
+        (FindingKind::Score, DriftVerdict::Drifted, 1),
+        (FindingKind::NewScore, DriftVerdict::Within, 1),
     ];
     assert_eq!(kinds(&report), expected, "{report}");
     assert!(report.differences.iter().any(|difference| difference.what == format!("preset {PRESET}, hash")));
     let nothing = compare(&Results::default(), &baseline);
-    assert_eq!(kinds(&nothing), [(FindingKind::Missing, Verdict::Drifted, 12)]);
+    assert_eq!(kinds(&nothing), [(FindingKind::Missing, DriftVerdict::Drifted, 12)]);
     assert!(nothing.drifted() && nothing.comparisons[0].paired.is_none(), "{nothing}");
-    assert_eq!(nothing.comparisons[0].verdict, Verdict::Nothing, "an empty comparison is not the same");
+    assert_eq!(nothing.comparisons[0].verdict, DriftVerdict::Nothing, "an empty comparison is not the same");
 }
 
 #[test]
 fn comparing_nothing_is_not_the_same() {
     let empty = Baseline::new(&Results::default(), &[], acceptance("nothing"));
     let report = compare(&Results::default(), &empty);
-    assert_eq!((report.verdict, report.drifted()), (Verdict::Nothing, false), "{report}");
+    assert_eq!((report.verdict, report.drifted()), (DriftVerdict::Nothing, false), "{report}");
     assert!(report.to_string().ends_with("Verdict: nothing compared\n"), "{report}");
     let report = compare(&store(true, 4, 0.0, 1), &empty);
-    assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 12)]);
-    assert_eq!(report.verdict, Verdict::Nothing, "what is new was compared with nothing");
+    assert_eq!(kinds(&report), [(FindingKind::New, DriftVerdict::Within, 12)]);
+    assert_eq!(report.verdict, DriftVerdict::Nothing, "what is new was compared with nothing");
     // Everything failed in both runs.
     let mut failed = store(true, 4, 0.0, 1);
     for row in &mut failed.targets {
@@ -206,7 +213,7 @@ fn comparing_nothing_is_not_the_same() {
         row.scores.clear();
     }
     let report = compare(&failed, &Baseline::new(&failed, &[], acceptance("failures")));
-    assert_eq!((report.verdict, report.findings.len()), (Verdict::Nothing, 0), "{report}");
+    assert_eq!((report.verdict, report.findings.len()), (DriftVerdict::Nothing, 0), "{report}");
 }
 
 #[test]
@@ -266,7 +273,7 @@ fn noise_is_not_drift_and_a_shift_is() {
     assert!(limit.runs == 4 && limit.limit > least_limit("psnr") && limit.limit < 0.5, "{limit:?}");
     for seed in 10..20 {
         let report = compare(&run(seed), &baseline);
-        assert_eq!((report.verdict, report.comparisons[0].basis), (Verdict::Within, Basis::Interval), "{report}");
+        assert_eq!((report.verdict, report.comparisons[0].basis), (DriftVerdict::Within, Basis::Interval), "{report}");
     }
     for side in [-1.0, 1.0] {
         let mut shifted = run(30);
@@ -345,14 +352,14 @@ fn every_acceptance_records_its_numbers() {
         moves,
         [
             (None, None, Some("first")),
-            (Some(0.5), Some(Verdict::Drifted), Some("a better filter")),
-            (Some(0.0), Some(Verdict::Same), Some("a new machine")),
-            (Some(-0.25), Some(Verdict::Drifted), None),
+            (Some(0.5), Some(DriftVerdict::Drifted), Some("a better filter")),
+            (Some(0.0), Some(DriftVerdict::Same), Some("a new machine")),
+            (Some(-0.25), Some(DriftVerdict::Drifted), None),
         ]
     );
     let limits: Vec<_> = found.runs.iter().map(|run| run.limits).collect();
     assert_eq!(limits, [None, Some([mean; 2]), Some([mean + 0.5; 2]), Some([mean + 0.5; 2])], "every bit counts");
-    assert_eq!((found.unknown, found.verdict, found.runs[3].label.as_str()), (0, Verdict::Drifted, "now"));
+    assert_eq!((found.unknown, found.verdict, found.runs[3].label.as_str()), (0, DriftVerdict::Drifted, "now"));
 
     // A file of a format without numbers has those of its last acceptance in its rows, and later ones are added.
     third.write(&path).unwrap();
@@ -377,7 +384,7 @@ fn history_limits_are_those_of_the_previous_baseline() {
     let found = histories(&baseline, &runs[1], &report).remove(0);
     let mean = found.runs[0].mean;
     assert_eq!(found.runs[1].limits, Some([mean - limit, mean + limit]));
-    assert_eq!(found.runs[1].verdict, Some(Verdict::Within));
+    assert_eq!(found.runs[1].verdict, Some(DriftVerdict::Within));
     let nothing = Results { targets: Vec::new(), ..runs[1].clone() };
     let found = histories(&baseline, &nothing, &compare(&nothing, &baseline)).remove(0);
     assert_eq!(found.runs.len(), 1, "a missing number has no current run");
@@ -405,12 +412,12 @@ fn a_changed_number_is_traced_to_its_stage() {
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
     let mut pipeline = Pipeline::of(&recipe).unwrap();
     let unchanged = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
-    assert_eq!(unchanged.verdict, Verdict::Same, "{unchanged}");
+    assert_eq!(unchanged.verdict, DriftVerdict::Same, "{unchanged}");
 
     pipeline.options.constants.blur *= 1.001;
     let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
     let attribution = report.attribution.as_ref().unwrap();
-    assert_eq!((report.verdict, attribution.first()), (Verdict::Drifted, Some(Stage::Renderer)), "{report}");
+    assert_eq!((report.verdict, attribution.first()), (DriftVerdict::Drifted, Some(Stage::Renderer)), "{report}");
     let effect = attribution.metrics.iter().find(|metric| metric.metric == "psnr").unwrap();
     let difference = report.comparisons[0].paired.as_ref().unwrap().difference;
     Tolerance::absolute(1e-9).assert([effect.effects[3]], [difference], "the renderer's effect is the whole of it");

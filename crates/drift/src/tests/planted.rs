@@ -111,11 +111,15 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
         let mut directions = BTreeSet::new();
         for amount in [-0.03, 0.03] {
             let report = report(Some(stage), amount);
-            assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(stage)), "{amount}: {report}");
+            assert_eq!(
+                (report.verdict, report.first_stage()),
+                (DriftVerdict::Drifted, Some(stage)),
+                "{amount}: {report}"
+            );
             let conclusion = format!("The first stage that changed is the {}.", stage.name());
             assert!(report.to_string().contains(&conclusion), "{stage:?} {amount}: {report}");
             let comparison = &report.comparisons[0];
-            assert_eq!(comparison.verdict, Verdict::Drifted, "{stage:?} {amount}: {report}");
+            assert_eq!(comparison.verdict, DriftVerdict::Drifted, "{stage:?} {amount}: {report}");
             directions.insert(comparison.improved().unwrap());
         }
         assert_eq!(directions.len(), 2, "{stage:?}: one is a loss and one a gain");
@@ -123,7 +127,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
     for _ in 0..10 {
         let unchanged = report(None, 0.0);
         let found = (unchanged.verdict, unchanged.first_stage(), unchanged.findings.len());
-        assert_eq!(found, (Verdict::Same, None, 0), "{unchanged}");
+        assert_eq!(found, (DriftVerdict::Same, None, 0), "{unchanged}");
     }
 }
 

@@ -58,7 +58,9 @@ fn an_equal_repetition_does_not_loosen_the_limit_of_a_scene() {
     let mut run = results("m", "psnr", &rows);
     add_method(&mut run, false);
     let baseline = Baseline::new(&run, std::slice::from_ref(&run), acceptance("first"));
-    for (by, expected) in [(-0.515, Verdict::Drifted), (0.515, Verdict::Drifted), (-0.485, Verdict::Within)] {
+    for (by, expected) in
+        [(-0.515, DriftVerdict::Drifted), (0.515, DriftVerdict::Drifted), (-0.485, DriftVerdict::Within)]
+    {
         let mut now = run.clone();
         now.targets[7].scores.values_mut().for_each(|score| *score += by);
         let report = compare(&now, &baseline);
@@ -80,7 +82,7 @@ fn the_limit_of_a_scene_is_four_times_the_largest_difference_of_one() {
     let [limit] = &baseline.limits[..] else { panic!("{:?}", baseline.limits) };
     Tolerance::absolute(1e-9).assert(limit.scene, [1.6], "four times 0.4 dB");
     assert!(limit.to_string().ends_with("from 2 runs; the mean of a scene by 1.6 dB"), "{limit}");
-    for (by, expected) in [(1.5, Verdict::Within), (-1.7, Verdict::Drifted), (1.7, Verdict::Drifted)] {
+    for (by, expected) in [(1.5, DriftVerdict::Within), (-1.7, DriftVerdict::Drifted), (1.7, DriftVerdict::Drifted)] {
         let report = compare(&change(5, by, 0.0), &baseline);
         assert_eq!(report.verdict, expected, "{by}: {report}");
     }

@@ -46,7 +46,8 @@ pub struct BudgetRow {
     min: Tokens,
     max: Tokens,
     published: Option<PublishedBudget>,
-    verdict: Verdict,
+    #[serde(rename = "verdict")]
+    agreement: PaperAgreement,
     #[serde(flatten)]
     memory: MemoryEstimate,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -65,7 +66,7 @@ struct Tokens {
 /// Comparison of the formula with the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-enum Verdict {
+enum PaperAgreement {
     Equal,
     Differs,
     NotPublished,
@@ -106,10 +107,10 @@ impl BudgetRow {
         let memory: MemoryEstimate = memory(&config, views, size)?;
         let model = config.name;
         let (min, max) = (Tokens::from(&range.min), Tokens::from(&range.max));
-        let verdict = match (&published, range.fixed()) {
-            (None, _) => Verdict::NotPublished,
-            (Some(row), Some(budget)) if row.agrees(budget) => Verdict::Equal,
-            (Some(_), _) => Verdict::Differs,
+        let agreement = match (&published, range.fixed()) {
+            (None, _) => PaperAgreement::NotPublished,
+            (Some(row), Some(budget)) if row.agrees(budget) => PaperAgreement::Equal,
+            (Some(_), _) => PaperAgreement::Differs,
         };
         let run = measured.map(|measured| {
             let MeasuredBudget { budget, seconds, build_secs, peak_bytes } = measured;
@@ -117,7 +118,7 @@ impl BudgetRow {
             let keeps_to_formula = tokens.is_between(&min, &max);
             Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), build_secs, peak_bytes }
         });
-        Ok(Self { dataset, model, views, size, min, max, published, verdict, memory, run })
+        Ok(Self { dataset, model, views, size, min, max, published, agreement, memory, run })
     }
 }
 
@@ -140,7 +141,7 @@ impl BudgetReport {
     /// Whether the formula agrees with the paper and every network with the formula.
     pub fn is_consistent(&self) -> bool {
         let right = |row: &BudgetRow| {
-            row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula)
+            row.agreement != PaperAgreement::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula)
         };
         self.rows.iter().all(right)
     }
@@ -179,7 +180,7 @@ impl fmt::Display for BudgetReport {
 
 impl BudgetRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { dataset, model, views, min, max, published, verdict, .. } = self;
+        let Self { dataset, model, views, min, max, published, agreement, .. } = self;
         let range = |min: usize, max: usize| {
             if min == max { max.to_string() } else { format!("{min} to {max}") }
         };
@@ -192,16 +193,16 @@ impl BudgetRow {
                 None => row.gaussians.to_string(),
             },
         );
-        let verdict = match verdict {
-            Verdict::Equal => "equal",
-            Verdict::Differs => "DIFFERS",
-            Verdict::NotPublished => "-",
+        let agreement = match agreement {
+            PaperAgreement::Equal => "equal",
+            PaperAgreement::Differs => "DIFFERS",
+            PaperAgreement::NotPublished => "-",
         };
         let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
         let memory = format_bytes(self.memory.peak_bytes());
         writeln!(
             f,
-            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {reported:>15}  {verdict:<8}  {memory:>9}"
+            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {reported:>15}  {agreement:<8}  {memory:>9}"
         )
     }
 

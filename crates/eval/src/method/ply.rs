@@ -5,7 +5,7 @@ use std::sync::Arc;
 use atsplat_protocol::trial::Trial;
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::MethodRecord;
-use atsplat_splat::files::Import;
+use atsplat_splat::files::ImportReport;
 use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
 use super::scene_names::SceneNames;
@@ -149,7 +149,7 @@ pub(super) fn read(
 pub const BROKEN: &str = "broken Gaussians: ";
 
 /// Defects of a file that do not prevent rendering.
-fn notes(import: &Import, path: &Path) -> Vec<String> {
+fn notes(import: &ImportReport, path: &Path) -> Vec<String> {
     let mut notes = Vec::new();
     let found = &import.validation;
     if !found.is_clean() {
@@ -234,7 +234,7 @@ mod tests {
 
     /// Tables look for the notes by their beginnings.
     #[test]
-    fn doubts_about_a_file_are_known_to_tables() {
+    fn suspicions_about_a_file_are_known_to_tables() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         let parts = GaussianParts {
@@ -248,11 +248,11 @@ mod tests {
         let gaussians = Gaussians::new(parts).unwrap();
         files::write(&path, &gaussians, Output::Ply(files::Encoding::BinaryLittleEndian)).unwrap();
         let (_, noted) = read(&path, Path::new("a.ply"), false, None).unwrap();
-        let expected = [files::OPACITIES, files::LOG_SCALES, files::COLOURS];
+        let expected = [files::SUSPICIOUS_OPACITIES, files::SUSPICIOUS_LOG_SCALES, files::SUSPICIOUS_COLOURS];
         assert_eq!(noted.len(), expected.len(), "{noted:?}");
         for (note, beginning) in noted.iter().zip(expected) {
             assert!(note.starts_with(beginning), "{note}");
-            assert!(crate::doubts::DOUBTS.iter().any(|(known, _)| *known == beginning));
+            assert!(crate::suspicious_notes::SUSPICIOUS_NOTES.iter().any(|(known, _)| *known == beginning));
         }
     }
 

@@ -6,7 +6,7 @@ use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
 use atsplat_results::{AdapterRecord, MethodRecord};
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
+use atsplat_splat::effects::{EffectOutcome, EffectPlan, EffectSelection, Scene};
 use atsplat_splat::{
     Field, Finding, Gaussians, Problem, RasterMode, RenderOptions, Renderer, RendererConstants, Rendering, SplatError,
     View,
@@ -284,7 +284,10 @@ impl<'a> Splatted<'a> {
 }
 
 fn finished(rendering: Rendering<f32>, plan: &EffectPlan) -> Result<Rendered, String> {
-    let ran = plan.decisions().iter().filter(|decision| matches!(decision.verdict, Verdict::Runs | Verdict::Reduced));
+    let ran = plan
+        .decisions()
+        .iter()
+        .filter(|decision| matches!(decision.outcome, EffectOutcome::Runs | EffectOutcome::Reduced));
     let effects = ran.map(|decision| decision.effect).collect();
     let samples = rendering.rgb.into_flattened();
     let image = Image::new(rendering.size.width, rendering.size.height, samples).map_err(|error| error.to_string())?;

@@ -1,6 +1,6 @@
 //! Renderings as image files.
 
-use atsplat_pixels::exr::{self, COMPOSED, Channel, Channels, Values};
+use atsplat_pixels::exr::{self, COMPOSITED, Channel, Channels, Values};
 use atsplat_pixels::{Image, PixelError};
 use atsplat_splat::Rendering;
 
@@ -24,7 +24,7 @@ pub fn rendered_exr(rendering: &Rendering<f32>) -> Result<Vec<u8>, PixelError> {
     };
     let named = |name: &str| Values::Named(name.to_owned());
     let mut planes = vec![colour("R", 0), colour("G", 1), colour("B", 2)];
-    planes.push(plane("A", named(COMPOSED), rendering.alpha.clone()));
+    planes.push(plane("A", named(COMPOSITED), rendering.alpha.clone()));
     if let Some(depth) = &rendering.depth {
         planes.push(plane("Z", Values::Depth, expected_depth(depth, &rendering.alpha)));
     }

@@ -96,7 +96,7 @@ impl Findings {
 
     /// Adds the methods that may need other settings than the preset's own, with which they run: those that name a method whose
     /// settings other presets state, and those for which nobody chose any, but that have the name of a method with others.
-    pub(super) fn add_doubtful_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
+    pub(super) fn add_suspicious_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
         let preset = &dataset.preset;
         for method in methods.iter().filter(|method| !preset.has_setting_of(method.setting())) {
             let (name, setting) = (method.record().name, method.setting());

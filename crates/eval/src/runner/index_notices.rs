@@ -63,7 +63,7 @@ pub(super) fn of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str
         (WITHOUT_ENTRY, IndexNotice { count, example, missing: Missing::Data })
     });
     let others = [
-        ("sampled entries rejected for their overlap", built.refused_entries as u64, Missing::Nothing),
+        ("sampled entries rejected for their overlap", built.rejected_entries as u64, Missing::Nothing),
         (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
         (REPEATED_IMAGE, built.repeated_images as u64, Missing::Nothing),
         (UNREADABLE_IMAGE, unreadable_images, Missing::Data),

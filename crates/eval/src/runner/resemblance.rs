@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_results::{TargetRow, TargetStatus};
 
-use crate::doubts::{FLAT, REPEATED, RESEMBLES};
+use crate::suspicious_notes::{FLAT, REPEATED, RESEMBLES};
 
 /// Columns and rows of a thumbnail, at most.
 const SIDE: usize = 32;

@@ -127,7 +127,7 @@ impl Progress {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         findings.add_notices(dataset, plan.selection, summary);
-        findings.add_doubtful_settings(dataset, plan.methods);
+        findings.add_suspicious_settings(dataset, plan.methods);
         findings.add_shared_files(plan, dataset, index);
         findings.add_unpublished_weights(dataset, plan.suite);
     }

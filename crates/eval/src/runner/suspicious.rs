@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use atsplat_pixels::{Image, ImageU8};
 
-use crate::doubts::NO_COLOUR;
+use crate::suspicious_notes::NO_COLOUR;
 
 /// Why a render is suspicious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -4,7 +4,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Scene, SceneError, SceneSource, Times, WarningKind, Warnings, ratio_of_focal_lengths};
+use atsplat_scene::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings, ratio_of_focal_lengths};
 
 /// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K and DL3DV are distributed as crops,
 /// either with the official cameras of the whole images, which are cropped here, or with cameras that are already cropped, which are
@@ -68,7 +68,7 @@ impl SceneSource for AlreadyCropped {
         Ok(scene)
     }
 
-    fn times(&self) -> Times {
+    fn times(&self) -> TimestampSource {
         self.inner.times()
     }
 }

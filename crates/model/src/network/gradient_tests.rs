@@ -2,7 +2,7 @@
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_numeric::Tolerance;
-use atsplat_splat::{Channels, GradientReach, RenderOptions, RendererConstants, SMALLEST_MIN_ALPHA, View};
+use atsplat_splat::{Channels, RenderOptions, RendererConstants, SMALLEST_MIN_ALPHA, StoppedGradients, View};
 use glam::{DMat3, DVec3};
 use indexmap::IndexMap;
 
@@ -59,7 +59,7 @@ fn losses(network: &Network) -> Losses {
     let options = RenderOptions { constants, ..RenderOptions::default() };
     let with_scalars = RenderOptions {
         channels: Channels { scalar: true, ..Channels::default() },
-        gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+        gradients: StoppedGradients { scalar_stops: true, ..StoppedGradients::default() },
         ..options.clone()
     };
 

@@ -1,5 +1,5 @@
 //! The network on burn's tensors, in the parts of the paper: coarse branch, anchors, fine branch, decoder with expansion,
-//! Gaussian head. `oracle/twin.py` implements the same in PyTorch, and tests compare the two stage by stage.
+//! Gaussian head. `oracle/reference.py` implements the same in PyTorch, and tests compare the two stage by stage.
 //!
 //! [`Network::reconstruct`] returns plain numbers for one scene. [`Network::forward`] returns tensors, for training.
 

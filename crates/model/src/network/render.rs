@@ -30,7 +30,7 @@ impl GaussianTensors {
     /// Renders one scene of the batch to views of one size, on the tensors' device: see [`Processor::renders`].
     ///
     /// `scalars`, `[Gaussians]`, are composited in the channel `scalar`, e.g. the uncertainty of the tokens;
-    /// [`atsplat_splat::GradientReach`] says how far its gradient reaches. If the backward pass of a rendering runs out of
+    /// [`atsplat_splat::StoppedGradients`] says how far its gradient reaches. If the backward pass of a rendering runs out of
     /// memory, gradients are NaN.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Against the PyTorch twin, stage by stage, in every variant.
+//! Against the PyTorch reference, stage by stage, in every variant.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use crate::parameters::parameters;
 use crate::weights::{StoredTensors, TensorFile, generated};
 
 /// f32 here, f64 there, through a dozen layers on values of order one.
-const TWIN: Tolerance = Tolerance { absolute: 2e-4, relative: 2e-4 };
+const AGAINST_PYTORCH: Tolerance = Tolerance { absolute: 2e-4, relative: 2e-4 };
 
 pub(super) fn fixtures(folder: &str) -> Vec<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(folder);
@@ -82,7 +82,7 @@ impl Fixture {
         let Some(theirs) = self.stored.tensors.get(name) else { return false };
         let ours = numbers(ours.clone());
         let theirs = theirs.to_f32().unwrap();
-        TWIN.assert(ours, theirs.into_iter().map(f64::from), &format!("{} {name}", self.name));
+        AGAINST_PYTORCH.assert(ours, theirs.into_iter().map(f64::from), &format!("{} {name}", self.name));
         true
     }
 }
@@ -234,11 +234,11 @@ fn rejects_input_that_does_not_fit() {
     let fixture = base();
     let network = fixture.network(&device);
     let views = fixture.views();
-    let refused = |scenes: &[Views]| network.forward(scenes, 0).unwrap_err().to_string();
-    assert!(refused(&[]).contains("at least one"));
+    let rejected = |scenes: &[Views]| network.forward(scenes, 0).unwrap_err().to_string();
+    assert!(rejected(&[]).contains("at least one"));
     let small = views.resized(ImageSize::new(32, 32));
-    assert!(refused(&[views.clone(), small]).contains("2 views of 32x48 in each"));
-    assert!(refused(&[views.resized(ImageSize::new(30, 48))]).contains("divisible by 16"));
+    assert!(rejected(&[views.clone(), small]).contains("2 views of 32x48 in each"));
+    assert!(rejected(&[views.resized(ImageSize::new(30, 48))]).contains("divisible by 16"));
     assert!(Views::new(views.size(), vec![0.0; 5], views.cameras.clone()).is_err());
     let mut broken = views.images.clone();
     broken[7] = f32::NAN;

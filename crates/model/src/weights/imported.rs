@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{BackboneWeights, ImportReport};
 
-/// A file of foreign weights that was read by a key map.
+/// A weights file of another implementation that was read by a key map.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ImportedFile {

@@ -22,7 +22,7 @@ pub use inspection::{Backbone, Inspection};
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;
 pub use model_weights::{ModelWeights, Precision};
-pub use report::{ImportReport, LeftOver, Matched, MismatchCounts, MismatchReason, Mismatched, Missing};
+pub use report::{ImportReport, Matched, MismatchCounts, MismatchReason, Mismatched, Missing, UnusedTensor};
 pub use verification::Verification;
 
 #[cfg(test)]

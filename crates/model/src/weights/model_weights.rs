@@ -3,7 +3,7 @@ use std::path::Path;
 
 use atsplat_files::Malformed;
 
-use super::{KeyMap, KnownFile, LeftOver, StoredTensor, StoredTensors, TensorError, TensorFile};
+use super::{KeyMap, KnownFile, StoredTensor, StoredTensors, TensorError, TensorFile, UnusedTensor};
 use crate::ModelError;
 use crate::config::{BackboneConfig, ModelConfig};
 use crate::parameters::parameters;
@@ -61,7 +61,7 @@ impl ModelWeights {
         stored: &StoredTensors,
     ) -> Result<Self, ModelError> {
         let (tensors, report) = KeyMap::identity().import(stored, &parameters(&config))?;
-        if let Some(LeftOver { tensor, found }) = report.left_over.first() {
+        if let Some(UnusedTensor { tensor, found }) = report.left_over.first() {
             return Err(ModelError::malformed(WHAT, format!("tensor {tensor}"), "a parameter of the network", found));
         }
         Ok(Self { config, provenance, tensors, sha256: None, metadata_covered: true })

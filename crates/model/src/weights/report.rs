@@ -18,7 +18,7 @@ pub struct ImportReport {
     /// Parameters without a tensor.
     pub missing: Vec<Missing>,
     /// Tensors that are not used, in the file's order.
-    pub left_over: Vec<LeftOver>,
+    pub left_over: Vec<UnusedTensor>,
     /// Tensors that the key map ignores.
     pub ignored: Vec<String>,
     /// Parameters whose tensors cannot be used.
@@ -47,7 +47,7 @@ pub struct Missing {
 
 /// A tensor that is not used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct LeftOver {
+pub struct UnusedTensor {
     /// Name in the file.
     pub tensor: String,
     /// Its type and shape.
@@ -115,7 +115,7 @@ impl ImportReport {
     }
 
     pub(super) fn left_over(&mut self, name: &str, tensor: &StoredTensor) {
-        self.left_over.push(LeftOver { tensor: name.to_owned(), found: tensor.to_string() });
+        self.left_over.push(UnusedTensor { tensor: name.to_owned(), found: tensor.to_string() });
     }
 }
 
@@ -143,7 +143,7 @@ impl fmt::Display for ImportReport {
                 format!("{parameter}: {expected}{found} ({})", sources.join(", "))
             })?;
         }
-        list(f, "left over", &self.left_over, |LeftOver { tensor, found }| format!("{tensor} {found}"))
+        list(f, "left over", &self.left_over, |UnusedTensor { tensor, found }| format!("{tensor} {found}"))
     }
 }
 

@@ -5,7 +5,7 @@ use atsplat_camera::ImageSize;
 use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
 use atsplat_scene::geometry::{
-    Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, score_conventions, verdict,
+    Convention, ConventionFit, ConventionScore, MatchedPair, PointMatch, View, fitting_convention, score_conventions,
 };
 use atsplat_scene::{Scene, SceneError, WarningKind, Warnings};
 use serde::Serialize;
@@ -96,9 +96,9 @@ pub struct GeometryCheck {
     pub skipped: Vec<SkippedPair>,
     /// One score per interpretation that applies, the declared one first.
     pub scores: Vec<ConventionScore>,
-    /// The conclusion.
+    /// Which interpretation explains the images.
     #[serde(flatten)]
-    pub verdict: Verdict,
+    pub fit: ConventionFit,
 }
 
 impl GeometryCheck {
@@ -155,8 +155,8 @@ pub fn check_geometry(
     let (pairs, matched): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     let scores = score_conventions(&matched);
     let diagonal = median(matched.iter().map(|pair| pair.first.diagonal()));
-    let verdict = diagonal.map_or(Verdict::TooFewMatches, |px| verdict(&scores, px, options.min_matches));
-    Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, verdict })
+    let fit = diagonal.map_or(ConventionFit::TooFewMatches, |px| fitting_convention(&scores, px, options.min_matches));
+    Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, fit })
 }
 
 fn frames_with_images(scene: &Scene) -> Vec<usize> {
@@ -314,7 +314,7 @@ fn agreeing(
 
 impl fmt::Display for GeometryCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { scene, pairs, skipped, scores, verdict } = self;
+        let Self { scene, pairs, skipped, scores, fit } = self;
         let matches: usize = pairs.iter().map(|pair| pair.matches).sum();
         writeln!(f, "{scene}: {matches} matches in {} pairs, {} skipped", pairs.len(), skipped.len())?;
         let width = scores.iter().map(|score| score.convention.name().len()).max().unwrap_or(0);
@@ -323,7 +323,7 @@ impl fmt::Display for GeometryCheck {
             let mark = if smallest == Some(*convention) { "  ← smallest" } else { "" };
             writeln!(f, "  {convention:width$}  {median_px:10.3} px  {:5.1} % in front{mark}", 100.0 * in_front)?;
         }
-        write!(f, "{verdict}")
+        write!(f, "{fit}")
     }
 }
 

@@ -6,7 +6,7 @@ pub struct IndexLayout {
     /// White space between tokens.
     pub spacing: Spacing,
     /// How a scene with exactly one entry is written.
-    pub lone_entry: LoneEntryForm,
+    pub single_entry: SingleEntryForm,
     /// How a scene without entries is written.
     pub absent: AbsentForm,
     /// Whether the file ends in a line feed. No official file does.
@@ -17,7 +17,7 @@ impl IndexLayout {
     /// pixelSplat, MVSplat and DepthSplat: one line, objects and `null`.
     pub const PIXELSPLAT: Self = Self {
         spacing: Spacing::OneLine,
-        lone_entry: LoneEntryForm::Object,
+        single_entry: SingleEntryForm::Object,
         absent: AbsentForm::Null,
         final_newline: false,
     };
@@ -25,7 +25,7 @@ impl IndexLayout {
     pub const NOPOSPLAT: Self = Self { spacing: Spacing::Indent(4), ..Self::PIXELSPLAT };
     /// latentSplat: one line, a list for every scene, the empty list for scenes that the protocol leaves out.
     pub const LATENTSPLAT: Self =
-        Self { lone_entry: LoneEntryForm::List, absent: AbsentForm::EmptyList, ..Self::PIXELSPLAT };
+        Self { single_entry: SingleEntryForm::List, absent: AbsentForm::EmptyList, ..Self::PIXELSPLAT };
 }
 
 /// White space between the tokens of an index file.
@@ -42,7 +42,7 @@ pub enum Spacing {
 
 /// How a scene with exactly one entry is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LoneEntryForm {
+pub enum SingleEntryForm {
     /// The entry itself (pixelSplat, NoPoSplat, DepthSplat).
     #[default]
     Object,

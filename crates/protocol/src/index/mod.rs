@@ -19,7 +19,7 @@ use atsplat_files::Sha256Digest;
 use indexmap::IndexMap;
 
 pub use file::IndexFile;
-pub use layout::{AbsentForm, IndexLayout, LoneEntryForm, Spacing};
+pub use layout::{AbsentForm, IndexLayout, SingleEntryForm, Spacing};
 pub use mismatch::IndexMismatch;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 

@@ -8,7 +8,7 @@ use indexmap::IndexMap;
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
+use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, Overlap, SingleEntryForm, Spacing};
 use crate::ProtocolError;
 
 /// The value NoPoSplat uses for the overlap `"large"` (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
@@ -63,7 +63,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, ProtocolError> {
     let forms = reading.forms.into_inner();
     let layout = IndexLayout {
         spacing: Spacing::of_json(bytes),
-        lone_entry: forms.lone_entry.unwrap_or_default(),
+        single_entry: forms.single_entry.unwrap_or_default(),
         absent: forms.absent.unwrap_or_default(),
         final_newline: bytes.ends_with(b"\n"),
     };
@@ -82,7 +82,7 @@ struct Reading {
 /// The first form of each kind determines the layout; files that mix forms are written back uniformly.
 #[derive(Default)]
 struct Forms {
-    lone_entry: Option<LoneEntryForm>,
+    single_entry: Option<SingleEntryForm>,
     absent: Option<AbsentForm>,
 }
 
@@ -202,7 +202,7 @@ impl<'de> Visitor<'de> for SceneSeed<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
-        self.0.forms.borrow_mut().lone_entry.get_or_insert(LoneEntryForm::Object);
+        self.0.forms.borrow_mut().single_entry.get_or_insert(SingleEntryForm::Object);
         Ok(vec![EntrySeed(self.0).visit_map(map)?])
     }
 
@@ -219,7 +219,7 @@ impl<'de> Visitor<'de> for SceneSeed<'_> {
                 reading.forms.borrow_mut().absent.get_or_insert(AbsentForm::EmptyList);
             }
             1 => {
-                reading.forms.borrow_mut().lone_entry.get_or_insert(LoneEntryForm::List);
+                reading.forms.borrow_mut().single_entry.get_or_insert(SingleEntryForm::List);
             }
             _ => {}
         }

@@ -1,13 +1,13 @@
-use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
+use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, Overlap, SingleEntryForm, Spacing};
 
 /// The index as Python's `json.dumps` writes it.
 pub(super) fn to_json(index: &EvaluationIndex, layout: IndexLayout) -> String {
     let mut json = Json { text: String::new(), spacing: layout.spacing, depth: 0 };
     json.list('{', '}', &index.scenes, |json, (key, entries)| {
         json.key(key);
-        match (entries.as_slice(), layout.lone_entry, layout.absent) {
+        match (entries.as_slice(), layout.single_entry, layout.absent) {
             ([], _, AbsentForm::Null) => json.text.push_str("null"),
-            ([entry], LoneEntryForm::Object, _) => json.entry(entry),
+            ([entry], SingleEntryForm::Object, _) => json.entry(entry),
             _ => json.list('[', ']', entries, Json::entry),
         }
     });
@@ -208,13 +208,10 @@ mod tests {
 
     fn any_layout() -> impl Strategy<Value = IndexLayout> {
         let spacing = prop_oneof![Just(Spacing::OneLine), Just(Spacing::Tight), (0u8..5).prop_map(Spacing::Indent)];
-        let lone = prop_oneof![Just(LoneEntryForm::Object), Just(LoneEntryForm::List)];
+        let single = prop_oneof![Just(SingleEntryForm::Object), Just(SingleEntryForm::List)];
         let absent = prop_oneof![Just(AbsentForm::Null), Just(AbsentForm::EmptyList)];
-        (spacing, lone, absent, any::<bool>()).prop_map(|(spacing, lone_entry, absent, final_newline)| IndexLayout {
-            spacing,
-            lone_entry,
-            absent,
-            final_newline,
+        (spacing, single, absent, any::<bool>()).prop_map(|(spacing, single_entry, absent, final_newline)| {
+            IndexLayout { spacing, single_entry, absent, final_newline }
         })
     }
 

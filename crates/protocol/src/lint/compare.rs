@@ -25,15 +25,16 @@ pub struct Comparability {
     /// Identical scenes whose overlap values differ, so that bins may differ.
     pub other_overlap: u64,
     /// Whether results may share a table.
-    pub verdict: Verdict,
-    /// The reasons for the verdict, as text.
+    #[serde(rename = "verdict")]
+    pub table_sharing: TableSharing,
+    /// The reasons for that, as text.
     pub reasons: Vec<String>,
 }
 
 /// Whether results on two indices may share a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum TableSharing {
     /// They define the same trials.
     Same,
     /// Means over all scenes may share a table; overlap bins may not.
@@ -56,7 +57,7 @@ pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
         same_context: 0,
         same_targets: 0,
         other_overlap: 0,
-        verdict: Verdict::Different,
+        table_sharing: TableSharing::Different,
         reasons: Vec::new(),
     };
     for (key, ours) in &a.scenes {
@@ -72,7 +73,7 @@ pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
         result.same_context += u64::from(same_sets(ours, theirs, |entry| &entry.context));
         result.same_targets += u64::from(same_sets(ours, theirs, |entry| &entry.target));
     }
-    result.verdict = verdict(&result);
+    result.table_sharing = table_sharing(&result);
     result.reasons = reasons(&result);
     result
 }
@@ -96,13 +97,13 @@ fn are_all_identical(found: &Comparability) -> bool {
     found.common_scenes > 0 && found.identical_scenes == found.common_scenes
 }
 
-fn verdict(found: &Comparability) -> Verdict {
+fn table_sharing(found: &Comparability) -> TableSharing {
     let common = found.common_scenes;
     match (are_all_identical(found), found.scenes == (common, common), found.other_overlap) {
-        (false, _, _) => Verdict::Different,
-        (true, false, _) => Verdict::OnCommonScenes,
-        (true, true, 0) => Verdict::Same,
-        (true, true, _) => Verdict::SameButBins,
+        (false, _, _) => TableSharing::Different,
+        (true, false, _) => TableSharing::OnCommonScenes,
+        (true, true, 0) => TableSharing::Same,
+        (true, true, _) => TableSharing::SameButBins,
     }
 }
 
@@ -134,7 +135,7 @@ fn reasons(found: &Comparability) -> Vec<String> {
     reasons
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for TableSharing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Same => "results may share a table",
@@ -151,7 +152,7 @@ impl fmt::Display for Comparability {
         writeln!(f, "identical           {}", self.identical_scenes)?;
         writeln!(f, "same context        {}", self.same_context)?;
         writeln!(f, "same targets        {}", self.same_targets)?;
-        writeln!(f, "verdict             {}", self.verdict)?;
+        writeln!(f, "verdict             {}", self.table_sharing)?;
         self.reasons.iter().try_for_each(|reason| writeln!(f, "                    {reason}"))
     }
 }
@@ -170,23 +171,23 @@ mod tests {
     }
 
     #[test]
-    fn every_change_has_its_verdict_and_reason() {
-        for (from, to, verdict, reason) in [
-            ("[3, 4]", "[4, 3]", Verdict::Same, ""),
-            (", \"c\": null", "", Verdict::Same, ""),
-            ("0.5", "0.4", Verdict::SameButBins, "1 scene has another overlap"),
+    fn every_change_has_its_effect_on_tables_and_its_reason() {
+        for (from, to, table_sharing, reason) in [
+            ("[3, 4]", "[4, 3]", TableSharing::Same, ""),
+            (", \"c\": null", "", TableSharing::Same, ""),
+            ("0.5", "0.4", TableSharing::SameButBins, "1 scene has another overlap"),
             (
                 "\"c\": null",
                 "\"c\": {\"context\": [1], \"target\": [1]}",
-                Verdict::OnCommonScenes,
+                TableSharing::OnCommonScenes,
                 "1 scene is only in the second",
             ),
-            ("[0, 9]", "[9, 0]", Verdict::Different, "1 of 2 common scenes differ in order or repeats"),
-            ("[0, 9]", "[0, 8]", Verdict::Different, "1 of 2 common scenes have other context frames"),
-            ("[3, 4]", "[3, 5]", Verdict::Different, "1 of 2 common scenes have other targets"),
+            ("[0, 9]", "[9, 0]", TableSharing::Different, "1 of 2 common scenes differ in order or repeats"),
+            ("[0, 9]", "[0, 8]", TableSharing::Different, "1 of 2 common scenes have other context frames"),
+            ("[3, 4]", "[3, 5]", TableSharing::Different, "1 of 2 common scenes have other targets"),
         ] {
             let found = against_base(from, to);
-            assert_eq!(found.verdict, verdict, "{from} to {to}");
+            assert_eq!(found.table_sharing, table_sharing, "{from} to {to}");
             assert_eq!(found.reasons.concat(), reason, "{from} to {to}");
         }
     }
@@ -194,9 +195,9 @@ mod tests {
     #[test]
     fn compares_empty_and_partly_disjoint_indices() {
         let empty = EvaluationIndex::default();
-        assert_eq!(compare(&empty, &empty).verdict, Verdict::Different);
+        assert_eq!(compare(&empty, &empty).table_sharing, TableSharing::Different);
         let found = against_base("\"a\"", "\"z\"");
-        assert_eq!((found.common_keys, found.common_scenes, found.verdict), (2, 1, Verdict::OnCommonScenes));
+        assert_eq!((found.common_keys, found.common_scenes, found.table_sharing), (2, 1, TableSharing::OnCommonScenes));
     }
 
     #[test]
@@ -205,7 +206,7 @@ mod tests {
             let read = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap();
             let (a, b) = (read(BASE), read(&BASE.replace(from, to)));
             let (there, back) = (compare(&a, &b), compare(&b, &a));
-            assert_eq!((there.verdict, there.identical_scenes), (back.verdict, back.identical_scenes));
+            assert_eq!((there.table_sharing, there.identical_scenes), (back.table_sharing, back.identical_scenes));
             assert_eq!(there.scenes, (back.scenes.1, back.scenes.0));
         }
     }

@@ -6,7 +6,7 @@ use atsplat_scene::{Scene, SceneSource, Warnings};
 use serde::Serialize;
 
 use crate::loading::{in_parallel, load};
-use crate::trial::{self, Refusal, SkipReason, TrialRecipe};
+use crate::trial::{self, Rejection, SkipReason, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry, Preset};
 
 /// A dataset, and the recipe that turns the index's entries into trials.
@@ -76,7 +76,7 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     for ((key, _), outcome) in scenes.into_iter().zip(outcomes) {
         for (entry, (checked, leaked_images)) in outcome.into_iter().enumerate() {
             facts.leaked_images += leaked_images;
-            let Err(Refusal { reason, detail }) = checked else {
+            let Err(Rejection { reason, detail }) = checked else {
                 facts.usable += 1;
                 continue;
             };
@@ -96,7 +96,7 @@ fn check_scene(
     entries: &[IndexEntry],
     dataset: &DatasetCheck<'_>,
     warnings: &mut Warnings,
-) -> Vec<(Result<(), Refusal>, u64)> {
+) -> Vec<(Result<(), Rejection>, u64)> {
     match load(dataset.source, key, warnings).map(Arc::new) {
         Ok(scene) => {
             let mut check = |entry| trial::check(&scene, entry, &dataset.recipe, warnings);

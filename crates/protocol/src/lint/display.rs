@@ -2,7 +2,7 @@ use std::fmt;
 
 use atsplat_numeric::counted;
 
-use super::{DatasetFacts, LintReport, OverlapFacts, Spread, TargetCount};
+use super::{CountDistribution, DatasetFacts, LintReport, OverlapFacts, TargetCount};
 
 impl fmt::Display for LintReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -23,10 +23,10 @@ impl fmt::Display for LintReport {
         if self.entries != self.scenes {
             row(f, "entries", &self.entries.to_string())?;
         }
-        spread(f, "context views", self.context_per_entry)?;
-        spread(f, "context gap", self.context_gap)?;
+        distribution(f, "context views", self.context_per_entry)?;
+        distribution(f, "context gap", self.context_gap)?;
         row(f, "targets", &self.targets.to_string())?;
-        spread(f, "targets per scene", self.targets_per_scene)?;
+        distribution(f, "targets per scene", self.targets_per_scene)?;
         row(f, "leaked", &self.share(self.leaked, Self::LEAKED))?;
         row(f, "outside window", &self.share(self.outside_window, ["target", "targets"]))?;
         row(f, "targets by distance", &self.targets_by_distance.to_string())?;
@@ -127,11 +127,11 @@ pub(super) fn phrase(count: u64, [one, several]: [&str; 2]) -> String {
     format!("{count} {}", if count == 1 { one } else { several })
 }
 
-fn spread(f: &mut fmt::Formatter<'_>, name: &str, spread: Option<Spread>) -> fmt::Result {
-    match spread {
+fn distribution(f: &mut fmt::Formatter<'_>, name: &str, distribution: Option<CountDistribution>) -> fmt::Result {
+    match distribution {
         None => row(f, name, "none"),
-        Some(Spread { min, max, .. }) if min == max => row(f, name, &min.to_string()),
-        Some(Spread { min, median, mean, max }) => {
+        Some(CountDistribution { min, max, .. }) if min == max => row(f, name, &min.to_string()),
+        Some(CountDistribution { min, median, mean, max }) => {
             row(f, name, &format!("{min} to {max}, median {median}, mean {mean:.2}"))
         }
     }

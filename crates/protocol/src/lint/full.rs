@@ -3,7 +3,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::display::phrase;
-use super::{Comparability, DatasetFacts, LintReport, Verdict};
+use super::{Comparability, DatasetFacts, LintReport, TableSharing};
 use crate::{IndexFile, IndexMatch, IndexMismatch, Preset};
 
 /// A [`LintReport`], how the index fits a preset, and whether its results compare with those of a second one.
@@ -58,8 +58,8 @@ impl FullLint<'_> {
         faults.extend(counts.map(|(count, what)| phrase(count, what)));
         let mismatches = self.preset.iter().flat_map(|preset| &preset.mismatches);
         faults.extend(mismatches.map(|IndexMismatch { kind, count, .. }| format!("{count} {kind}")));
-        let different = self.against.iter().filter(|against| against.verdict == Verdict::Different);
-        faults.extend(different.map(|against| against.verdict.to_string()));
+        let different = self.against.iter().filter(|against| against.table_sharing == TableSharing::Different);
+        faults.extend(different.map(|against| against.table_sharing.to_string()));
         faults
     }
 

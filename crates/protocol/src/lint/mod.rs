@@ -6,10 +6,10 @@ mod display;
 mod full;
 mod report;
 
-pub use compare::{Comparability, Verdict, compare};
+pub use compare::{Comparability, TableSharing, compare};
 pub use dataset::{DatasetCheck, DatasetFacts, DropExample};
 pub use full::{FullLint, PresetMatch};
-pub use report::{FileFacts, LintReport, OverlapFacts, RecognisedIndex, Repeats, Spread, TargetCount};
+pub use report::{CountDistribution, FileFacts, LintReport, OverlapFacts, RecognisedIndex, Repeats, TargetCount};
 
 use atsplat_scene::Warnings;
 

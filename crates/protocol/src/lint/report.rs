@@ -29,11 +29,11 @@ pub struct LintReport {
     /// Target frames.
     pub targets: u64,
     /// Number of context frames of an entry.
-    pub context_per_entry: Option<Spread>,
+    pub context_per_entry: Option<CountDistribution>,
     /// Number of targets of a scene, over all its entries.
-    pub targets_per_scene: Option<Spread>,
+    pub targets_per_scene: Option<CountDistribution>,
     /// Last minus first context frame of an entry.
-    pub context_gap: Option<Spread>,
+    pub context_gap: Option<CountDistribution>,
     /// Targets that are context frames of the same entry.
     pub leaked: TargetCount,
     /// Targets before the first or after the last context frame.
@@ -103,7 +103,7 @@ pub struct Repeats {
 /// The distribution of some counts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Spread {
+pub struct CountDistribution {
     /// Smallest.
     pub min: u64,
     /// Median; the mean of the middle two of an even number.
@@ -135,7 +135,7 @@ pub struct OverlapFacts {
     pub strict: BinCounts,
 }
 
-impl Spread {
+impl CountDistribution {
     /// The distribution of some counts; `None` if there are none.
     pub fn of(counts: impl IntoIterator<Item = u64>) -> Option<Self> {
         let counts: Vec<u64> = counts.into_iter().collect();
@@ -161,11 +161,11 @@ pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
         scenes,
         entries: entries().count() as u64,
         targets: index.target_count() as u64,
-        context_per_entry: Spread::of(entries().map(|entry| entry.context.len() as u64)),
-        targets_per_scene: Spread::of(
+        context_per_entry: CountDistribution::of(entries().map(|entry| entry.context.len() as u64)),
+        targets_per_scene: CountDistribution::of(
             with_entries().map(|entries| entries.iter().map(|entry| entry.target.len() as u64).sum()),
         ),
-        context_gap: Spread::of(
+        context_gap: CountDistribution::of(
             entries().filter_map(|entry| entry.window().map(|(first, last)| (last - first) as u64)),
         ),
         leaked: places(index, |entry| entry.leaked().count()),

@@ -9,7 +9,7 @@ use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedByt
 use glam::{DMat3, DVec3};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
-use super::{DatasetCheck, LintOptions, PresetMatch, Spread, lint, lint_file};
+use super::{CountDistribution, DatasetCheck, LintOptions, PresetMatch, lint, lint_file};
 use crate::test_source::{MemorySource, scene};
 use crate::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
 use crate::{DropReason, EvaluationIndex, IndexEntry, IndexFile, LintReport, Preset};
@@ -60,10 +60,10 @@ fn an_empty_index_has_no_spreads_and_no_percentages() {
 
 #[test]
 fn medians_of_odd_and_even_counts() {
-    let spread = |counts: &[u64]| Spread::of(counts.iter().copied());
-    assert_eq!(spread(&[3, 1, 2]), Some(Spread { min: 1, median: 2.0, mean: 2.0, max: 3 }));
-    assert_eq!(spread(&[4, 1]), Some(Spread { min: 1, median: 2.5, mean: 2.5, max: 4 }));
-    assert_eq!(spread(&[]), None);
+    let distribution = |counts: &[u64]| CountDistribution::of(counts.iter().copied());
+    assert_eq!(distribution(&[3, 1, 2]), Some(CountDistribution { min: 1, median: 2.0, mean: 2.0, max: 3 }));
+    assert_eq!(distribution(&[4, 1]), Some(CountDistribution { min: 1, median: 2.5, mean: 2.5, max: 4 }));
+    assert_eq!(distribution(&[]), None);
 }
 
 /// Scenes of ten frames; the key of a defective scene names its defect.

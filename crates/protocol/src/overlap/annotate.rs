@@ -257,7 +257,7 @@ mod tests {
     /// A wall at z = 4, seen by RE10K cameras of 640×360 that are a fifth of an image apart: of a centre crop, four
     /// fifths would be seen too. Not every source states the size of its frames.
     #[test]
-    fn depth_maps_that_do_not_fit_the_camera_are_refused() {
+    fn depth_maps_that_do_not_fit_the_camera_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("clip")).unwrap();
         let mut clip = scene("clip", 3, 0);

@@ -12,7 +12,7 @@ mod prefetch;
 mod prepare;
 mod recipe;
 mod skip;
-mod walk;
+mod trials;
 
 use atsplat_camera::{Camera, Fallback, ImageSize, PoseNormalisation, Similarity};
 use atsplat_files::Sha256Digest;
@@ -24,8 +24,8 @@ pub use images::{ContextView, TargetImages};
 pub use prefetch::{DecodeAhead, Prefetch};
 pub use prepare::check;
 pub use recipe::TrialRecipe;
-pub use skip::{Refusal, SkipReason, SkipReport, Skipped};
-pub use walk::Trials;
+pub use skip::{Rejection, SkipReason, SkipReport, Skipped};
+pub use trials::Trials;
 
 use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;

@@ -7,7 +7,7 @@ use atsplat_scene::{Frame, FrameImage, Scene, Warnings};
 
 use super::images::LazyImage;
 use super::{
-    AppliedNormalisation, ContextView, Refusal, SkipReason, TargetImages, TargetView, Trial, TrialRecipe, hash,
+    AppliedNormalisation, ContextView, Rejection, SkipReason, TargetImages, TargetView, Trial, TrialRecipe, hash,
 };
 use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
@@ -17,13 +17,13 @@ use crate::preset::{DropReason, Dropped, NearFar};
 /// images' headers to `warnings`; [`super::Trials`] agrees in both.
 ///
 /// # Errors
-/// [`Refusal`] with the reason why it does not.
+/// [`Rejection`] with the reason why it does not.
 pub fn check(
     scene: &Arc<Scene>,
     entry: &IndexEntry,
     recipe: &TrialRecipe,
     warnings: &mut Warnings,
-) -> Result<(), Refusal> {
+) -> Result<(), Rejection> {
     prepare(scene, 0, entry, recipe, warnings).map(drop)
 }
 
@@ -34,13 +34,13 @@ pub(super) fn prepare(
     entry: &IndexEntry,
     recipe: &TrialRecipe,
     warnings: &mut Warnings,
-) -> Result<(Trial, TargetImages), Refusal> {
+) -> Result<(Trial, TargetImages), Rejection> {
     let views = Views::of(scene, entry, recipe, warnings)?;
     let images = lazy_images(scene, &views, recipe);
     #[expect(clippy::expect_used, reason = "the map was filled from the same views")]
     let image = |view: &View<'_>| Arc::clone(images.get(&view.position).expect("an image for every view"));
     let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
-        .map_err(|error| Refusal { reason: normalisation_reason(&error), detail: error.to_string() })?;
+        .map_err(|error| Rejection { reason: normalisation_reason(&error), detail: error.to_string() })?;
     let context = views.context.iter().zip(&normalised.context).map(|(view, pose)| ContextView {
         frame: view.position,
         camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
@@ -58,7 +58,7 @@ pub(super) fn prepare(
     });
     let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.source).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
-        .map_err(|error| Refusal { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
+        .map_err(|error| Rejection { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
     let context: Vec<ContextView> = context.collect();
     let trial = Trial {
         scene: scene.key.clone(),
@@ -130,17 +130,17 @@ impl<'a> View<'a> {
         size: Result<ImageSize, String>,
         recipe: &TrialRecipe,
         plans: &mut Plans,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, Rejection> {
         if matches!(frame.image, FrameImage::Absent) && !recipe.allow_absent_images {
             let detail = format!("frame {position}: the trajectory has no images");
             return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
         }
-        let size = size.map_err(|detail| Refusal { reason: SkipReason::ImageUnreadable, detail })?;
+        let size = size.map_err(|detail| Rejection { reason: SkipReason::ImageUnreadable, detail })?;
         let fatal = frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.image.is_available());
         if let Some(mismatch) = fatal {
-            return Err(Refusal { reason: SkipReason::ImageMisfit, detail: format!("frame {position}: {mismatch}") });
+            return Err(Rejection { reason: SkipReason::ImageMisfit, detail: format!("frame {position}: {mismatch}") });
         }
-        let unfit = |error: PreprocessError| Refusal {
+        let unfit = |error: PreprocessError| Rejection {
             reason: SkipReason::Preprocessing,
             detail: format!("frame {position}: {error}"),
         };
@@ -162,7 +162,7 @@ impl<'a> Views<'a> {
         entry: &IndexEntry,
         recipe: &TrialRecipe,
         warnings: &mut Warnings,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, Rejection> {
         let expected_size = recipe.preprocessing.expected_size;
         let sizes = image_sizes(scene, entry, expected_size, warnings);
         let known_size = |frame: &Frame| {
@@ -173,7 +173,7 @@ impl<'a> Views<'a> {
             return Err(dropped.into());
         }
         let mut plans = Plans::new();
-        let mut view = |position: &usize| -> Result<View<'a>, Refusal> {
+        let mut view = |position: &usize| -> Result<View<'a>, Rejection> {
             let (frame, size) = sizes.get(position).ok_or_else(|| {
                 let detail = format!("frame {position} of {}", scene.frames.len());
                 Dropped { reason: DropReason::FrameOutOfRange, detail }

@@ -45,14 +45,14 @@ impl Serialize for SkipReason {
 
 /// Why an entry gives no trial, without its position in an index.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refusal {
+pub struct Rejection {
     /// The reason.
     pub reason: SkipReason,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
 }
 
-impl From<Dropped> for Refusal {
+impl From<Dropped> for Rejection {
     fn from(Dropped { reason, detail }: Dropped) -> Self {
         Self { reason: SkipReason::Dropped(reason), detail }
     }

@@ -83,7 +83,7 @@ class Gaussians:
         """Reads PLY, compressed PLY, SPZ or ``.splat``; problems, and fields of the file that are not read, are warnings.
 
         ``opacities_as_stored`` reads opacities, not logits, from PLY files, as the exporters of pixelSplat and NoPoSplat write
-        them; other formats store opacities anyway and are refused. The files of pixelSplat's and DepthSplat's exporters are for
+        them; other formats store opacities anyway and are rejected. The files of pixelSplat's and DepthSplat's exporters are for
         viewers: rotated, recentred and scaled, and without view-dependent harmonics.
         They fit no trial's cameras; run the method by the adapter ``eval/methods/pixelsplat_family.py`` instead.
         """

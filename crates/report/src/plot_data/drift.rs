@@ -1,4 +1,4 @@
-use atsplat_drift::{HistoricRun, NumberHistory, Verdict};
+use atsplat_drift::{DriftVerdict, HistoricRun, NumberHistory};
 use atsplat_metrics::definition;
 
 use crate::counted;
@@ -9,10 +9,10 @@ pub fn drift_plot(history: &NumberHistory) -> Option<Drawing> {
     let NumberHistory { preset, method, metric, runs, unknown, verdict } = history;
     let quality: QualityMetric = definition(metric)?.into();
     let verdict = match verdict {
-        Verdict::Same => "no number moved",
-        Verdict::Within => "within limits",
-        Verdict::Nothing => "nothing compared",
-        Verdict::Drifted => "drifted",
+        DriftVerdict::Same => "no number moved",
+        DriftVerdict::Within => "within limits",
+        DriftVerdict::Nothing => "nothing compared",
+        DriftVerdict::Drifted => "drifted",
     };
     let gap = match *unknown {
         0 => String::new(),
@@ -34,7 +34,7 @@ fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
         let digits = if by.abs() < 0.005 { format!("{:.1e}", by.abs()) } else { format!("{:.3}", by.abs()) };
         format!("{sign}{digits} {}", quality.unit).trim_end().to_owned()
     };
-    let drifted = run.verdict == Some(Verdict::Drifted);
+    let drifted = run.verdict == Some(DriftVerdict::Drifted);
     let reasons: Vec<String> = [run.moved.map(moved), run.why.clone()].into_iter().flatten().collect();
     DriftRun {
         label: run.label.clone(),

@@ -113,8 +113,8 @@ fn a_size_without_the_trials_that_failed_is_not_ranked() {
 fn trials_without_a_rendered_gaussian_or_with_broken_ones_have_a_line() {
     let lines = |store: &Results| -> Vec<String> {
         let table = built("re10k", &[("run", store)], Mixing::Apart).swap_remove(0);
-        let doubtful = |text: &&str| ["rendered", "drawn", "broken"].into_iter().any(|word| text.contains(word));
-        notes(&table, NoteKind::Counts).into_iter().filter(doubtful).map(str::to_owned).collect()
+        let suspicious = |text: &&str| ["rendered", "drawn", "broken"].into_iter().any(|word| text.contains(word));
+        notes(&table, NoteKind::Counts).into_iter().filter(suspicious).map(str::to_owned).collect()
     };
     let mut store = store();
     assert_eq!(lines(&store), [""; 0]);

@@ -8,7 +8,7 @@
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
 //! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
 //! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
-//! | `merge.partial` | while a merge writes its tables: without `provenance.json` they belong to no store, and are written anew |
+//! | `merge.partial` | while a merge writes its tables: without `provenance.json` they belong to no store, and are written again |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
 //! A crash loses at most the trials in progress. [`Store::finish`] moves the parts into the tables. Schema versions are the

@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 use super::plants::rod;
 use super::shell::Opening;
 use super::{glossy, matte};
-use crate::form::Form;
 use crate::material::{Palette, Pattern};
 use crate::noise::as_f32;
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::Builder;
 
 /// A framed painting or a panel with text, centred at `centre` on the wall.
@@ -30,10 +30,14 @@ pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let glass = if rng.chance(0.4) { 0.04 } else { 0.0 };
     let shown = b.material(glossy(rng, shown, glass));
     let (x, z, rim) = (f64::from(half.x), f64::from(half.y), rng.within(0.015, 0.05));
-    b.put(Form::Box(DVec3::new(x, 0.012, z)), centre + DVec3::Y * 0.012, shown);
+    b.put(Shape::Box(DVec3::new(x, 0.012, z)), centre + DVec3::Y * 0.012, shown);
     for side in [-1.0, 1.0] {
-        b.put(Form::Box(DVec3::new(rim, 0.02, z + 2.0 * rim)), centre + DVec3::new(side * (x + rim), 0.02, 0.0), frame);
-        b.put(Form::Box(DVec3::new(x, 0.02, rim)), centre + DVec3::new(0.0, 0.02, side * (z + rim)), frame);
+        b.put(
+            Shape::Box(DVec3::new(rim, 0.02, z + 2.0 * rim)),
+            centre + DVec3::new(side * (x + rim), 0.02, 0.0),
+            frame,
+        );
+        b.put(Shape::Box(DVec3::new(x, 0.02, rim)), centre + DVec3::new(0.0, 0.02, side * (z + rim)), frame);
     }
 }
 
@@ -44,15 +48,15 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
     let (width, height) = (right - left, high - low);
     let middle = DVec3::new((left + right) * 0.5, thick * 0.5, (low + high) * 0.5);
     for x in [left + 0.03, right - 0.03] {
-        b.put(Form::Box(DVec3::new(0.03, 0.03, height * 0.5)), DVec3::new(x, thick * 0.5, middle.z), white);
+        b.put(Shape::Box(DVec3::new(0.03, 0.03, height * 0.5)), DVec3::new(x, thick * 0.5, middle.z), white);
     }
     for z in [low + 0.03, high - 0.03] {
-        b.put(Form::Box(DVec3::new(width * 0.5 - 0.06, 0.03, 0.03)), DVec3::new(middle.x, thick * 0.5, z), white);
+        b.put(Shape::Box(DVec3::new(width * 0.5 - 0.06, 0.03, 0.03)), DVec3::new(middle.x, thick * 0.5, z), white);
     }
     let panes = rng.count(1, 4);
     for bar in 1..panes {
         let x = left + width * bar as f64 / panes as f64;
-        b.put(Form::Box(DVec3::new(0.012, 0.012, height * 0.5 - 0.06)), DVec3::new(x, thick * 0.5, middle.z), white);
+        b.put(Shape::Box(DVec3::new(0.012, 0.012, height * 0.5 - 0.06)), DVec3::new(x, thick * 0.5, middle.z), white);
     }
     b.block(DVec3::new(left - 0.05, thick - 0.02, low - 0.03), DVec3::new(right + 0.05, thick + 0.14, low), white);
     let slats = rng.chance(0.3);
@@ -61,8 +65,8 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
         let tilt = DMat3::from_rotation_x(rng.within(-0.7, 0.7));
         for slat in 0..count(drop / 0.045) {
             let z = high - 0.03 - 0.045 * f64::from(slat);
-            let form = Form::Box(DVec3::new(width * 0.5, 0.02, 0.0012));
-            b.put_turned(form, DVec3::new(middle.x, thick + 0.03, z), tilt, white);
+            let shape = Shape::Box(DVec3::new(width * 0.5, 0.02, 0.0012));
+            b.put_turned(shape, DVec3::new(middle.x, thick + 0.03, z), tilt, white);
         }
         for x in [left + 0.15, right - 0.15] {
             rod(b, DVec3::new(x, thick + 0.03, high - drop), DVec3::new(x, thick + 0.03, high), 0.002, white);
@@ -73,8 +77,8 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
         for (from, sign) in [(left - 0.25, 1.0), (right + 0.25, -1.0)] {
             for fold in 0..7 {
                 let x = from + sign * 0.06 * f64::from(fold);
-                let form = Form::Cylinder { radius: 0.034, half_height: (high + 0.1 - 0.05) * 0.5 };
-                b.put(form, DVec3::new(x, thick + 0.08 + 0.015 * f64::from(fold % 2), (high + 0.15) * 0.5), cloth);
+                let shape = Shape::Cylinder { radius: 0.034, half_height: (high + 0.1 - 0.05) * 0.5 };
+                b.put(shape, DVec3::new(x, thick + 0.08 + 0.015 * f64::from(fold % 2), (high + 0.15) * 0.5), cloth);
             }
         }
         let (from, to) =
@@ -119,8 +123,8 @@ mod tests {
             b.instance(DVec3::ZERO, 0.0);
             window(&mut b, &mut rng, opening, 0.16);
             let world = b.finish(crate::build::sky(&mut rng, 1.0), Vec3::ONE, [DVec3::ZERO, DVec3::ONE]);
-            let is_bar = |form: Form| matches!(form, Form::Box(half) if (half.x - 0.012).abs() < 1e-9);
-            let bars = world.objects.iter().filter(|object| is_bar(object.form)).map(|object| object.centre.x);
+            let is_bar = |shape: Shape| matches!(shape, Shape::Box(half) if (half.x - 0.012).abs() < 1e-9);
+            let bars = world.objects.iter().filter(|object| is_bar(object.shape)).map(|object| object.centre.x);
             let bars: Vec<f64> = bars.collect();
             windows[bars.len()] += 1;
             let pane = 1.6 / (bars.len() + 1) as f64;

@@ -3,11 +3,11 @@
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::{glossy, matte, plants};
-use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
 use crate::noise::as_f32;
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::Builder;
 
 /// A piece of furniture.
@@ -96,8 +96,8 @@ fn metal(b: &mut Builder, rng: &mut Rng) -> usize {
 
 fn legs(b: &mut Builder, half: [f64; 2], centre: DVec3, height: f64, radius: f64, material: usize) {
     for (sx, sy) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-        let form = Form::Cylinder { radius, half_height: height * 0.5 };
-        b.put(form, centre + v(sx * half[0], sy * half[1], height * 0.5), material);
+        let shape = Shape::Cylinder { radius, half_height: height * 0.5 };
+        b.put(shape, centre + v(sx * half[0], sy * half[1], height * 0.5), material);
     }
 }
 
@@ -120,7 +120,7 @@ fn bookshelf(b: &mut Builder, rng: &mut Rng) {
             let [x, _] = rng.pair();
             let glazed = b.material(glossy(rng, Pattern::Plain(x), 0.06));
             let radius = rng.within(0.06, 0.12);
-            b.put(Form::Ball(radius), v(rng.within(-0.4, 0.4), 0.16, z + 0.02 + radius), glazed);
+            b.put(Shape::Sphere(radius), v(rng.within(-0.4, 0.4), 0.16, z + 0.02 + radius), glazed);
         }
     }
 }
@@ -133,7 +133,7 @@ fn sideboard(b: &mut Builder, rng: &mut Rng) {
     for door in 0..4 {
         let x = -0.9 + 0.45 * f64::from(door);
         b.block(v(x + 0.01, 0.42, 0.12), v(x + 0.44, 0.435, height - 0.02), body);
-        b.put(Form::Ball(0.018), v(x + 0.38, 0.45, height * 0.6), knobs);
+        b.put(Shape::Sphere(0.018), v(x + 0.38, 0.45, height * 0.6), knobs);
     }
     if rng.chance(0.5) {
         let screen = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.012)), 0.06));
@@ -143,7 +143,7 @@ fn sideboard(b: &mut Builder, rng: &mut Rng) {
         plants::potted(b, rng, v(-0.5, 0.22, height));
         let [x, _] = rng.pair();
         let vase = b.material(glossy(rng, Pattern::Plain(x), 0.05));
-        b.put(Form::Cylinder { radius: 0.07, half_height: 0.15 }, v(0.4, 0.2, height + 0.15), vase);
+        b.put(Shape::Cylinder { radius: 0.07, half_height: 0.15 }, v(0.4, 0.2, height + 0.15), vase);
     }
 }
 
@@ -158,7 +158,7 @@ fn sofa(b: &mut Builder, rng: &mut Rng) {
     for at in 0..rng.count(1, 4) {
         let tilt = DMat3::from_rotation_x(-0.35) * DMat3::from_rotation_y(rng.within(-0.4, 0.4));
         let x = -0.65 + 0.42 * at as f64 + rng.within(-0.05, 0.05);
-        b.put_turned(Form::Box(v(0.2, 0.06, 0.2)), v(x, 0.36, 0.62), tilt, cushion);
+        b.put_turned(Shape::Box(v(0.2, 0.06, 0.2)), v(x, 0.36, 0.62), tilt, cushion);
     }
 }
 
@@ -170,21 +170,21 @@ fn bed(b: &mut Builder, rng: &mut Rng) {
     b.block(v(-0.8, 0.08, 0.32), v(0.8, 2.05, 0.52), sheet);
     b.block(v(-0.82, 0.8, 0.3), v(0.82, 2.07, 0.56), pillow);
     for x in [-0.4, 0.4] {
-        b.put_turned(Form::Box(v(0.32, 0.2, 0.08)), v(x, 0.32, 0.62), DMat3::from_rotation_x(0.4), pillow);
+        b.put_turned(Shape::Box(v(0.32, 0.2, 0.08)), v(x, 0.32, 0.62), DMat3::from_rotation_x(0.4), pillow);
     }
 }
 
 fn chair(b: &mut Builder, rng: &mut Rng, at: DVec3, yaw: f64, frame: usize, seat: usize) {
     let turn = DMat3::from_rotation_z(yaw);
-    let mut put = |form: Form, p: DVec3| b.put_turned(form, at + turn * p, turn, frame);
+    let mut put = |shape: Shape, p: DVec3| b.put_turned(shape, at + turn * p, turn, frame);
     for (x, y) in [(-0.19, -0.19), (0.19, -0.19), (-0.19, 0.19), (0.19, 0.19)] {
-        put(Form::Cylinder { radius: 0.016, half_height: 0.22 }, v(x, y, 0.22));
+        put(Shape::Cylinder { radius: 0.016, half_height: 0.22 }, v(x, y, 0.22));
     }
     for bar in 0..rng.count(3, 6) {
-        put(Form::Cylinder { radius: 0.009, half_height: 0.22 }, v(-0.17 + 0.075 * bar as f64, -0.19, 0.68));
+        put(Shape::Cylinder { radius: 0.009, half_height: 0.22 }, v(-0.17 + 0.075 * bar as f64, -0.19, 0.68));
     }
-    put(Form::Box(v(0.2, 0.015, 0.05)), v(0.0, -0.19, 0.88));
-    b.put_turned(Form::Box(v(0.21, 0.21, 0.025)), at + v(0.0, 0.0, 0.46), turn, seat);
+    put(Shape::Box(v(0.2, 0.015, 0.05)), v(0.0, -0.19, 0.88));
+    b.put_turned(Shape::Box(v(0.21, 0.21, 0.025)), at + v(0.0, 0.0, 0.46), turn, seat);
 }
 
 fn clutter(b: &mut Builder, rng: &mut Rng, half: [f64; 2], centre: DVec3) {
@@ -194,20 +194,20 @@ fn clutter(b: &mut Builder, rng: &mut Rng, half: [f64; 2], centre: DVec3) {
         match rng.count(0, 3) {
             0 => {
                 let cup = b.material(glossy(rng, Pattern::Plain(x), 0.05));
-                b.put(Form::Cylinder { radius: 0.04, half_height: 0.05 }, at + v(0.0, 0.0, 0.05), cup);
+                b.put(Shape::Cylinder { radius: 0.04, half_height: 0.05 }, at + v(0.0, 0.0, 0.05), cup);
             }
             1 => {
                 let half = Vec2::new(0.11, 0.15);
                 let page =
                     b.material(matte(rng, Pattern::Text { ink: y * 0.2, paper: Vec3::splat(0.8), half, line: 0.02 }));
                 let turn = DMat3::from_rotation_z(rng.within(-1.0, 1.0));
-                b.put_turned(Form::Box(v(0.11, 0.15, 0.008)), at + v(0.0, 0.0, 0.008), turn, page);
+                b.put_turned(Shape::Box(v(0.11, 0.15, 0.008)), at + v(0.0, 0.0, 0.008), turn, page);
             }
             2 => {
                 let fruit = b.material(glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.05, octaves: 4 }, 0.03));
                 for ball in 0..3 {
                     let shift = v(0.07 * f64::from(ball % 2), 0.06 * f64::from(ball / 2), 0.04);
-                    b.put(Form::Ball(0.04), at + shift, fruit);
+                    b.put(Shape::Sphere(0.04), at + shift, fruit);
                 }
             }
             _ => plants::potted(b, rng, at),
@@ -231,7 +231,7 @@ fn desk(b: &mut Builder, rng: &mut Rng) {
     );
     let screen = b.material(Material { emission: Vec3::splat(0.05), ..screen });
     b.block(v(-0.28, 0.2, 0.85), v(0.28, 0.22, 1.19), screen);
-    b.put(Form::Cylinder { radius: 0.02, half_height: 0.06 }, v(0.0, 0.21, 0.81), frame);
+    b.put(Shape::Cylinder { radius: 0.02, half_height: 0.06 }, v(0.0, 0.21, 0.81), frame);
     clutter(b, rng, [0.6, 0.12], v(0.0, 0.48, 0.75));
     let (x, turned) = (rng.within(-0.2, 0.2), std::f64::consts::PI + rng.within(-0.5, 0.5));
     chair(b, rng, v(x, 0.9, 0.0), turned, frame, seat);
@@ -257,7 +257,7 @@ fn kitchen(b: &mut Builder, rng: &mut Rng) {
     for door in 0..4 {
         let x = -1.2 + 0.6 * f64::from(door);
         b.block(v(x + 0.01, 0.58, 0.1), v(x + 0.59, 0.6, 0.84), front);
-        let handle = Form::Cylinder { radius: 0.008, half_height: 0.1 };
+        let handle = Shape::Cylinder { radius: 0.008, half_height: 0.1 };
         b.put(handle, v(x + 0.52, 0.62, 0.65), knobs);
         if door < 3 {
             b.put(handle, v(x + 0.52, 0.36, 1.65), knobs);
@@ -270,7 +270,7 @@ fn radiator(b: &mut Builder, rng: &mut Rng) {
     let white = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.75)), 0.03));
     for fin in 0..16 {
         let x = -0.48 + 0.064 * f64::from(fin);
-        b.put(Form::Cylinder { radius: 0.02, half_height: 0.28 }, v(x, 0.08, 0.42), white);
+        b.put(Shape::Cylinder { radius: 0.02, half_height: 0.28 }, v(x, 0.08, 0.42), white);
     }
     for z in [0.16, 0.68] {
         b.block(v(-0.5, 0.06, z - 0.02), v(0.5, 0.1, z + 0.02), white);
@@ -280,8 +280,8 @@ fn radiator(b: &mut Builder, rng: &mut Rng) {
 fn floor_lamp(b: &mut Builder, rng: &mut Rng) {
     let pole = metal(b, rng);
     let height = rng.within(1.3, 1.6);
-    b.put(Form::Cylinder { radius: 0.15, half_height: 0.015 }, v(0.0, 0.22, 0.015), pole);
-    b.put(Form::Cylinder { radius: 0.012, half_height: height / 2.0 }, v(0.0, 0.22, height / 2.0), pole);
+    b.put(Shape::Cylinder { radius: 0.15, half_height: 0.015 }, v(0.0, 0.22, 0.015), pole);
+    b.put(Shape::Cylinder { radius: 0.012, half_height: height / 2.0 }, v(0.0, 0.22, height / 2.0), pole);
     shade(b, rng, v(0.0, 0.22, height + 0.12));
 }
 
@@ -294,7 +294,7 @@ pub(super) fn shade(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let emission = radiance * as_f32(ball_per_shade);
     let glowing = Material { emission, ..matte(rng, Pattern::Plain(Vec3::splat(0.6))) };
     let glowing = b.material(glowing);
-    b.put(Form::Cylinder { radius, half_height }, centre, glowing);
+    b.put(Shape::Cylinder { radius, half_height }, centre, glowing);
     let centre = b.to_world(centre);
     b.lamps.push(Lamp::Bulb { centre, radius: ball, radiance });
 }
@@ -303,10 +303,10 @@ fn table(b: &mut Builder, rng: &mut Rng) {
     let (top, frame, seat) = (wooden(b, rng), wooden(b, rng), cloth(b, rng));
     let centre = v(0.0, 0.95, 0.0);
     if rng.chance(0.3) {
-        b.put(Form::Cylinder { radius: 0.6, half_height: 0.02 }, centre + v(0.0, 0.0, 0.73), top);
-        b.put(Form::Cylinder { radius: 0.05, half_height: 0.36 }, centre + v(0.0, 0.0, 0.36), frame);
+        b.put(Shape::Cylinder { radius: 0.6, half_height: 0.02 }, centre + v(0.0, 0.0, 0.73), top);
+        b.put(Shape::Cylinder { radius: 0.05, half_height: 0.36 }, centre + v(0.0, 0.0, 0.36), frame);
     } else {
-        b.put(Form::Box(v(0.75, 0.45, 0.02)), centre + v(0.0, 0.0, 0.73), top);
+        b.put(Shape::Box(v(0.75, 0.45, 0.02)), centre + v(0.0, 0.0, 0.73), top);
         legs(b, [0.68, 0.38], centre, 0.71, 0.03, frame);
     }
     clutter(b, rng, [0.45, 0.3], centre + v(0.0, 0.0, 0.75));
@@ -326,7 +326,7 @@ fn boxes(b: &mut Builder, rng: &mut Rng) {
         let label = Pattern::Text { ink: x * 0.3, paper: x, half: Vec2::new(0.16, 0.1), line: 0.045 };
         let label = b.material(matte(rng, label));
         let turn = DMat3::from_rotation_z(rng.within(-0.3, 0.3));
-        b.put_turned(Form::Box(half), v(0.0, 0.3, z + half.z), turn, label);
+        b.put_turned(Shape::Box(half), v(0.0, 0.3, z + half.z), turn, label);
         z += 2.0 * half.z;
     }
 }
@@ -352,8 +352,8 @@ mod tests {
             let world = built(|b, rng| piece.build(b, rng));
             let upright = world.objects.iter().filter(|object| object.world_from_local == DMat3::IDENTITY);
             let boxes: Vec<(DVec3, DVec3)> = upright
-                .filter_map(|object| match object.form {
-                    Form::Box(half) => Some((object.centre, half)),
+                .filter_map(|object| match object.shape {
+                    Shape::Box(half) => Some((object.centre, half)),
                     _ => None,
                 })
                 .collect();

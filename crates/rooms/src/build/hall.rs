@@ -6,10 +6,10 @@ use super::decor::{picture, railing};
 use super::furniture::Piece;
 use super::shell::{Opening, floor_material, wall, wall_material};
 use super::{matte, sky};
-use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::{Builder, World};
 
 pub(super) fn build(seed: u64) -> World {
@@ -53,7 +53,7 @@ pub(super) fn build(seed: u64) -> World {
         if bay % 2 == 1 {
             let panel = b.material(panel);
             b.instance(DVec3::new(long * (f64::from(bay) + 0.5) / f64::from(bays), wide / 2.0, height - 0.4), 0.0);
-            b.put(Form::Box(DVec3::new(0.2, 1.2, 0.03)), DVec3::ZERO, panel);
+            b.put(Shape::Box(DVec3::new(0.2, 1.2, 0.03)), DVec3::ZERO, panel);
             let centre = b.to_world(DVec3::Z * -0.04);
             b.lamps.push(Lamp::Panel { centre, half_u: DVec3::Y * 1.2, half_v: DVec3::X * 0.2, radiance: glow });
         }
@@ -122,9 +122,9 @@ fn columns(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays:
         let x = long * f64::from(bay) / f64::from(bays);
         for y in [wide * 0.2, wide * 0.8] {
             b.instance(DVec3::new(x, y, 0.0), 0.0);
-            b.put(Form::Cylinder { radius, half_height: height / 2.0 }, DVec3::Z * (height / 2.0), shaft);
+            b.put(Shape::Cylinder { radius, half_height: height / 2.0 }, DVec3::Z * (height / 2.0), shaft);
             for z in [0.1, height - 0.45] {
-                b.put(Form::Box(DVec3::new(radius * 1.35, radius * 1.35, 0.1)), DVec3::Z * z, shaft);
+                b.put(Shape::Box(DVec3::new(radius * 1.35, radius * 1.35, 0.1)), DVec3::Z * z, shaft);
             }
         }
     }

@@ -7,11 +7,11 @@ use super::decor::{picture, railing, window};
 use super::furniture::{Piece, shade};
 use super::shell::{Opening, floor_material, wall, wall_material};
 use super::{glossy, matte, sky};
-use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
 use crate::noise::as_f32;
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::{Builder, World};
 
 const THICK: f64 = 0.16;
@@ -236,7 +236,7 @@ fn middle(b: &mut Builder, rng: &mut Rng, room: &Room, taken: &mut Vec<(DVec2, f
         };
         let rug = b.material(matte(rng, rug));
         b.instance(centre.extend(0.0), rng.within(-0.2, 0.2));
-        b.put(Form::Box(DVec3::new(rng.within(0.9, 1.5), rng.within(0.6, 1.0), 0.006)), DVec3::Z * 0.006, rug);
+        b.put(Shape::Box(DVec3::new(rng.within(0.9, 1.5), rng.within(0.6, 1.0), 0.006)), DVec3::Z * 0.006, rug);
     }
     for _ in 0..3 {
         let place = centre + DVec2::new(rng.within(-1.2, 1.2), rng.within(-1.0, 1.0));
@@ -270,7 +270,7 @@ fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
             let glow = Vec3::new(1.0, 0.93, 0.82) * 6.0;
             let panel = Material { emission: glow, ..glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.0) };
             let panel = b.material(panel);
-            b.put(Form::Box(DVec3::new(wide, deep, 0.02)), DVec3::Z * -0.02, panel);
+            b.put(Shape::Box(DVec3::new(wide, deep, 0.02)), DVec3::Z * -0.02, panel);
             let centre = b.to_world(DVec3::Z * -0.045);
             b.lamps.push(Lamp::Panel { centre, half_u: DVec3::Y * deep, half_v: DVec3::X * wide, radiance: glow });
         }
@@ -293,7 +293,7 @@ mod tests {
             furniture_along(&mut b, &mut rng, &side, &mut vec![(DVec2::ZERO, 100.0)]);
             let world = b.finish(sky(&mut rng, 1.0), Vec3::ONE, [DVec3::ZERO, DVec3::ONE]);
             for object in &world.objects {
-                let Form::Box(half) = object.form else { continue };
+                let Shape::Box(half) = object.shape else { continue };
                 // The picture, not its frame.
                 if (half.y - 0.012).abs() < 1e-9 {
                     let [left, right] = [object.centre.x - half.x, object.centre.x + half.x];

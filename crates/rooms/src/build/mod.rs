@@ -54,7 +54,7 @@ fn sky(rng: &mut Rng, brightness: f32) -> Sky {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::form::Form;
+    use crate::shape::Shape;
 
     #[test]
     fn worlds_are_valid() {
@@ -64,11 +64,11 @@ mod tests {
                 assert!(world.objects.len() > 30, "{kind:?} {seed}: {} objects", world.objects.len());
                 for object in &world.objects {
                     assert!(object.centre.is_finite() && object.material < world.materials.len());
-                    let sizes = match object.form {
-                        Form::Box(half) => half,
-                        Form::Ball(radius) => glam::DVec3::splat(radius),
-                        Form::Cylinder { radius, half_height } => glam::DVec3::new(radius, radius, half_height),
-                        Form::Leaf(half) => half.extend(1.0),
+                    let sizes = match object.shape {
+                        Shape::Box(half) => half,
+                        Shape::Sphere(radius) => glam::DVec3::splat(radius),
+                        Shape::Cylinder { radius, half_height } => glam::DVec3::new(radius, radius, half_height),
+                        Shape::Leaf(half) => half.extend(1.0),
                     };
                     assert!(sizes.cmpgt(glam::DVec3::ZERO).all(), "{kind:?} {seed}: {object:?}");
                 }

@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{glossy, matte};
-use crate::form::Form;
 use crate::material::{Palette, Pattern};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::Builder;
 
 /// A rotation that takes +z to a unit direction.
@@ -16,8 +16,8 @@ pub(super) fn upright_to(direction: DVec3) -> DMat3 {
 /// A rod between two points of the instance's frame.
 pub(super) fn rod(b: &mut Builder, from: DVec3, to: DVec3, radius: f64, material: usize) {
     let way = to - from;
-    let form = Form::Cylinder { radius, half_height: way.length() * 0.5 };
-    b.put_turned(form, (from + to) * 0.5, upright_to(way.normalize_or(DVec3::Z)), material);
+    let shape = Shape::Cylinder { radius, half_height: way.length() * 0.5 };
+    b.put_turned(shape, (from + to) * 0.5, upright_to(way.normalize_or(DVec3::Z)), material);
 }
 
 /// A potted plant at `at`.
@@ -27,7 +27,7 @@ pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
     let pot = b.material(glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.1, octaves: 4 }, 0.03));
     let [a, dark] = rng.leaves();
     let leaf = b.material(matte(rng, Pattern::Stripes { a, b: dark, period: 0.03 }));
-    b.put(Form::Cylinder { radius: 0.2 * size, half_height: 0.18 * size }, at + DVec3::Z * (0.18 * size), pot);
+    b.put(Shape::Cylinder { radius: 0.2 * size, half_height: 0.18 * size }, at + DVec3::Z * (0.18 * size), pot);
     let root = at + DVec3::Z * (0.36 * size);
     for _ in 0..rng.count(7, 16) {
         let out = rng.direction();
@@ -37,7 +37,7 @@ pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
             let turn = DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 1.2));
             let half = DVec2::new(rng.within(0.1, 0.2), rng.within(0.04, 0.09)) * size;
             let place = root.lerp(tip, rng.within(0.6, 1.05));
-            b.put_turned(Form::Leaf(half), place, turn * DMat3::from_rotation_z(out.y.atan2(out.x)), leaf);
+            b.put_turned(Shape::Leaf(half), place, turn * DMat3::from_rotation_z(out.y.atan2(out.x)), leaf);
         }
     }
 }
@@ -64,7 +64,7 @@ pub(super) fn tree(b: &mut Builder, rng: &mut Rng, height: f64) {
             let turn = DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
             let half = DVec2::new(rng.within(0.03, 0.06), rng.within(0.02, 0.04)) * height;
             let kind = rng.count(0, 1);
-            b.put_turned(Form::Leaf(half), place, turn, kinds[kind]);
+            b.put_turned(Shape::Leaf(half), place, turn, kinds[kind]);
         }
     }
 }

@@ -7,10 +7,10 @@ use super::furniture::Piece;
 use super::plants::{rod, tree};
 use super::shell::{Opening, wall, wall_material};
 use super::{glossy, matte, sky};
-use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Palette, Pattern};
 use crate::rng::Rng;
+use crate::shape::Shape;
 use crate::world::{Builder, World};
 
 pub(super) fn build(seed: u64) -> World {
@@ -148,11 +148,11 @@ fn hedge(b: &mut Builder, rng: &mut Rng) {
     let [a, dark] = rng.leaves();
     let leaves = b.material(matte(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 }));
     let half = DVec3::new(rng.within(0.6, 2.0), rng.within(0.2, 0.4), rng.within(0.3, 0.7));
-    b.put(Form::Box(half), DVec3::Z * half.z, leaves);
+    b.put(Shape::Box(half), DVec3::Z * half.z, leaves);
     for _ in 0..60 {
         let place = DVec3::new(rng.within(-1.0, 1.0) * half.x, rng.sign() * half.y, rng.unit() * 2.0 * half.z);
         let turn = glam::DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
-        b.put_turned(Form::Leaf(glam::DVec2::new(0.08, 0.05)), place, turn, leaves);
+        b.put_turned(Shape::Leaf(glam::DVec2::new(0.08, 0.05)), place, turn, leaves);
     }
 }
 
@@ -161,8 +161,8 @@ fn lamp_post(b: &mut Builder, rng: &mut Rng) {
     let globe = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04));
     let height = rng.within(2.6, 3.6);
     rod(b, DVec3::ZERO, DVec3::Z * height, 0.04, iron);
-    b.put(Form::Cylinder { radius: 0.1, half_height: 0.15 }, DVec3::Z * 0.15, iron);
-    b.put(Form::Ball(0.18), DVec3::Z * (height + 0.15), globe);
+    b.put(Shape::Cylinder { radius: 0.1, half_height: 0.15 }, DVec3::Z * 0.15, iron);
+    b.put(Shape::Sphere(0.18), DVec3::Z * (height + 0.15), globe);
 }
 
 /// A notice board on two posts.
@@ -175,7 +175,7 @@ fn board(b: &mut Builder, rng: &mut Rng) {
     for x in [-0.55, 0.55] {
         rod(b, DVec3::new(x, 0.0, 0.0), DVec3::new(x, 0.0, 1.7), 0.035, post);
     }
-    b.put(Form::Box(DVec3::new(0.6, 0.02, 0.4)), DVec3::Z * 1.25, notice);
+    b.put(Shape::Box(DVec3::new(0.6, 0.02, 0.4)), DVec3::Z * 1.25, notice);
 }
 
 fn fountain(b: &mut Builder, rng: &mut Rng) {
@@ -190,12 +190,12 @@ fn fountain(b: &mut Builder, rng: &mut Rng) {
         let angle = f64::from(stone) * std::f64::consts::TAU / 20.0;
         let place = DVec3::new(1.3 * angle.cos(), 1.3 * angle.sin(), 0.25);
         let turn = glam::DMat3::from_rotation_z(angle);
-        b.put_turned(Form::Box(DVec3::new(0.15, 0.2, 0.25)), place, turn, rock);
+        b.put_turned(Shape::Box(DVec3::new(0.15, 0.2, 0.25)), place, turn, rock);
     }
-    b.put(Form::Cylinder { radius: 1.2, half_height: 0.18 }, DVec3::Z * 0.18, water);
+    b.put(Shape::Cylinder { radius: 1.2, half_height: 0.18 }, DVec3::Z * 0.18, water);
     rod(b, DVec3::ZERO, DVec3::Z * 1.2, 0.12, rock);
-    b.put(Form::Cylinder { radius: 0.5, half_height: 0.05 }, DVec3::Z * 1.2, rock);
-    b.put(Form::Ball(0.16), DVec3::Z * 1.4, rock);
+    b.put(Shape::Cylinder { radius: 0.5, half_height: 0.05 }, DVec3::Z * 1.2, rock);
+    b.put(Shape::Sphere(0.16), DVec3::Z * 1.4, rock);
 }
 
 fn sculpture(b: &mut Builder, rng: &mut Rng) {
@@ -203,16 +203,16 @@ fn sculpture(b: &mut Builder, rng: &mut Rng) {
     let plinth = b.material(matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 6 }));
     let [x, y] = rng.pair();
     let body = b.material(glossy(rng, Pattern::Marble { a: x, b: y, feature: 0.3 }, 0.06));
-    b.put(Form::Box(DVec3::new(0.4, 0.4, 0.4)), DVec3::Z * 0.4, plinth);
+    b.put(Shape::Box(DVec3::new(0.4, 0.4, 0.4)), DVec3::Z * 0.4, plinth);
     let mut z = 0.8;
     for _ in 0..rng.count(2, 5) {
         let size = rng.within(0.12, 0.35);
-        let form = match rng.count(0, 2) {
-            0 => Form::Ball(size),
-            1 => Form::Cylinder { radius: size * 0.6, half_height: size },
-            _ => Form::Box(DVec3::new(size, size * 0.6, size)),
+        let shape = match rng.count(0, 2) {
+            0 => Shape::Sphere(size),
+            1 => Shape::Cylinder { radius: size * 0.6, half_height: size },
+            _ => Shape::Box(DVec3::new(size, size * 0.6, size)),
         };
-        b.put_turned(form, DVec3::Z * (z + size), glam::DMat3::from_rotation_z(rng.within(0.0, 3.0)), body);
+        b.put_turned(shape, DVec3::Z * (z + size), glam::DMat3::from_rotation_z(rng.within(0.0, 3.0)), body);
         z += 2.0 * size;
     }
 }

@@ -32,7 +32,7 @@ impl Effect for ExposureDrift {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "a gain near 1")]
-    fn develop(&self, shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
+    fn sensor_value(&self, shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
         let seconds = shot.timestamp_micros as f64 * 1e-6;
         light * (self.stops * (self.phase + self.per_second * seconds).sin()).exp2() as f32
     }

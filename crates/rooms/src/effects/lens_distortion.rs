@@ -144,7 +144,7 @@ mod tests {
         straight.is_ok_and(|straight| (lens.jacobian(straight).unwrap() * corner.normalize()).length() > LEAST_SLOPE)
     }
 
-    /// The first is the lens of rooms-train-00000292 at 640×360. Without a mend, all but the last three fold inside the image.
+    /// The first is the lens of rooms-train-00000292 at 640×360. Without a repair, all but the last three fold inside the image.
     #[test]
     fn a_lens_is_weakened_only_as_far_as_the_image_needs() {
         let (wide, banner) = (ImageSize { width: 640, height: 360 }, ImageSize { width: 1024, height: 256 });

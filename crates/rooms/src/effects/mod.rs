@@ -121,7 +121,7 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
     }
 
     /// A pixel's linear light as measured by the sensor, before the tone curve; 1 is white.
-    fn develop(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
+    fn sensor_value(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
         light
     }
 }
@@ -216,8 +216,8 @@ impl Effects {
         self.at(self.ambient).and_then(|effect| effect.ambient(world, point, normal)).unwrap_or(world.ambient)
     }
 
-    pub(crate) fn develop(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
-        self.running.iter().fold(light, |light, effect| effect.develop(shot, pixel, light))
+    pub(crate) fn sensor_value(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
+        self.running.iter().fold(light, |light, effect| effect.sensor_value(shot, pixel, light))
     }
 }
 

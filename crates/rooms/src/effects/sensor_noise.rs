@@ -30,7 +30,7 @@ impl Effect for SensorNoise {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "a deviation of a few per cent")]
-    fn develop(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
+    fn sensor_value(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
         let key = mix(self.seed ^ shot.timestamp_micros.cast_unsigned()) ^ pixel;
         // The sum of four uniform numbers is close to normal and has bounded tails.
         let normal = |channel: u64| {

@@ -1,17 +1,17 @@
 //! A scene's cameras as a route.
 
 use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics};
-use atsplat_scene::{Frame, Scene, Times};
+use atsplat_scene::{Frame, Scene, TimestampSource};
 
 /// A scene's cameras with their times in microseconds: of a scene without times, with 30 frames per second. Frames without a
 /// usable pose are left out, and take their time. `times` are those of the scene's dataset.
-pub(crate) fn timed_cameras(scene: &Scene, times: Times) -> Vec<(i64, Camera)> {
+pub(crate) fn timed_cameras(scene: &Scene, times: TimestampSource) -> Vec<(i64, Camera)> {
     timed_frames(scene, times).map(|(micros, frame)| (micros, frame.camera)).collect()
 }
 
 /// As [`timed_cameras`], for images of `size`. A frame of known size keeps its view from top to bottom and the shape of its
 /// pixels; at the sides, it shows more or less. Of a frame of unknown size, normalised intrinsics are kept.
-pub(crate) fn route_cameras(scene: &Scene, times: Times, size: ImageSize) -> Vec<(i64, Camera)> {
+pub(crate) fn route_cameras(scene: &Scene, times: TimestampSource, size: ImageSize) -> Vec<(i64, Camera)> {
     let intrinsics = |frame: &Frame| {
         let k = frame.camera.intrinsics;
         frame.stated_size.map_or(k, |stated| widened(k, stated, size))
@@ -20,7 +20,7 @@ pub(crate) fn route_cameras(scene: &Scene, times: Times, size: ImageSize) -> Vec
     timed_frames(scene, times).map(|(micros, frame)| (micros, camera(frame))).collect()
 }
 
-fn timed_frames(scene: &Scene, times: Times) -> impl Iterator<Item = (i64, &Frame)> {
+fn timed_frames(scene: &Scene, times: TimestampSource) -> impl Iterator<Item = (i64, &Frame)> {
     let timed = scene.has_times(times);
     let posed = scene.frames.iter().zip(0i64..).filter(|(frame, _)| frame.has_pose());
     posed.map(move |(frame, at)| (frame.timestamp_micros.filter(|_| timed).unwrap_or(at * 1_000_000 / 30), frame))
@@ -57,7 +57,7 @@ mod tests {
             };
             let frames = times.into_iter().enumerate().map(frame).collect();
             let scene = Scene { key: "route".to_owned(), url: None, frames };
-            assert_eq!(timed_cameras(&scene, Times::Given), expected.map(|micros| (micros, camera)));
+            assert_eq!(timed_cameras(&scene, TimestampSource::Given), expected.map(|micros| (micros, camera)));
         }
     }
 
@@ -77,7 +77,7 @@ mod tests {
         let scene = Scene { key: "route".to_owned(), url: None, frames: vec![frame(Some(stated)), frame(None)] };
         for (width, height) in [(640, 360), (256, 256), (800, 600)] {
             let size = ImageSize { width, height };
-            let [known, unknown] = <[_; 2]>::try_from(route_cameras(&scene, Times::Given, size)).unwrap();
+            let [known, unknown] = <[_; 2]>::try_from(route_cameras(&scene, TimestampSource::Given, size)).unwrap();
             assert_eq!(unknown.1, camera, "{size}");
             let k = known.1.intrinsics.pixel_from_normalized(size);
             let scale = f64::from(height) / 300.0;
@@ -109,11 +109,11 @@ mod tests {
         ] {
             let frames = stated.map(frame).to_vec();
             let scene = Scene { key: "route".to_owned(), url: None, frames };
-            assert_eq!(scene.has_times(Times::Given), timed, "{stated:?}");
+            assert_eq!(scene.has_times(TimestampSource::Given), timed, "{stated:?}");
             let route = |micros: [i64; 3]| Route::Given(micros.map(|micros| (micros, camera)).to_vec());
             let found = |times| Route::of_scene(&scene, times, ImageSize { width: 64, height: 36 });
-            assert_eq!(found(Times::Given), route(expected));
-            assert_eq!(found(Times::FromNames), route(assumed), "{stated:?} in names");
+            assert_eq!(found(TimestampSource::Given), route(expected));
+            assert_eq!(found(TimestampSource::FromNames), route(assumed), "{stated:?} in names");
         }
     }
 }

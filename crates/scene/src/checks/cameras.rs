@@ -8,7 +8,7 @@ use crate::checks::image_mismatch::stretched_pixels;
 use crate::checks::intrinsics_unit::wrong_unit;
 use crate::checks::lens_end::LensEnds;
 use crate::checks::outlier_cameras::outlier_cameras;
-use crate::{Frame, FrameImage, Scene, Times, WarningKind, Warnings};
+use crate::{Frame, FrameImage, Scene, TimestampSource, WarningKind, Warnings};
 
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
@@ -28,7 +28,7 @@ const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 ///
 /// Unusable intrinsics never get here: no `Camera` can be constructed from them, and the parser reports the error. A pose that is not
 /// finite or not a rotation is a [`FrameImage::Unposed`].
-pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warnings) {
+pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &mut Warnings) {
     let repeated = report_repeated_images(scene, times, warnings);
     report_timestamps(scene, times, &repeated, warnings);
     if let Some(detail) = outlier_cameras(scene, FARTHEST_COORDINATE) {
@@ -91,7 +91,7 @@ pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warning
 
 /// The frames whose image is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:
 /// images named after it are the same too.
-fn report_repeated_images(scene: &Scene, times: Times, warnings: &mut Warnings) -> BTreeSet<usize> {
+fn report_repeated_images(scene: &Scene, times: TimestampSource, warnings: &mut Warnings) -> BTreeSet<usize> {
     let mut first_with: BTreeMap<&Path, usize> = BTreeMap::new();
     let mut repeated = Vec::new();
     for (at, frame) in scene.frames.iter().enumerate() {
@@ -99,7 +99,7 @@ fn report_repeated_images(scene: &Scene, times: Times, warnings: &mut Warnings) 
         let earlier = *first_with.entry(path).or_insert(at);
         let has_this_time =
             |earlier: &Frame| earlier.timestamp_micros.is_some_and(|time| frame.timestamp_micros == Some(time));
-        let shares_time = times == Times::Given && scene.frames.get(earlier).is_some_and(has_this_time);
+        let shares_time = times == TimestampSource::Given && scene.frames.get(earlier).is_some_and(has_this_time);
         if earlier != at && !shares_time {
             repeated.push((earlier, at, path));
         }
@@ -116,13 +116,13 @@ fn report_repeated_images(scene: &Scene, times: Times, warnings: &mut Warnings) 
 }
 
 /// Of frames whose image is `repeated`, a number in its name says nothing more.
-fn report_timestamps(scene: &Scene, times: Times, repeated: &BTreeSet<usize>, warnings: &mut Warnings) {
+fn report_timestamps(scene: &Scene, times: TimestampSource, repeated: &BTreeSet<usize>, warnings: &mut Warnings) {
     let what = match times {
-        Times::Given => "timestamps",
-        Times::FromNames => "numbers at the end of images' names",
+        TimestampSource::Given => "timestamps",
+        TimestampSource::FromNames => "numbers at the end of images' names",
     };
     let frames = scene.frames.iter().enumerate();
-    let counted = frames.filter(|(at, _)| times == Times::Given || !repeated.contains(at));
+    let counted = frames.filter(|(at, _)| times == TimestampSource::Given || !repeated.contains(at));
     let timestamps: Vec<i64> = counted.filter_map(|(_, frame)| frame.timestamp_micros).collect();
     let descents = timestamps.windows(2).filter(|pair| matches!(pair, [a, b] if b < a)).count();
     if descents > 0 {
@@ -152,7 +152,7 @@ mod tests {
     fn warnings_of(rows: &[&str]) -> Warnings {
         let mut warnings = Warnings::new();
         let scene = parse_trajectory(rows.join("\n").as_bytes(), Path::new("clip.txt")).unwrap().to_scene("clip");
-        report_cameras(&scene, Times::Given, &mut warnings);
+        report_cameras(&scene, TimestampSource::Given, &mut warnings);
         warnings
     }
 

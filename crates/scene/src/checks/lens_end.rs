@@ -63,7 +63,7 @@ mod tests {
     use super::*;
     use crate::checks::cameras::report_cameras;
     use crate::re10k::parse_trajectory;
-    use crate::{Times, WarningKind, Warnings};
+    use crate::{TimestampSource, WarningKind, Warnings};
 
     fn barrel(k1: f64) -> Distortion {
         Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }
@@ -79,7 +79,7 @@ mod tests {
             frame.camera.distortion = *lens;
         }
         let mut warnings = Warnings::new();
-        report_cameras(&scene, Times::Given, &mut warnings);
+        report_cameras(&scene, TimestampSource::Given, &mut warnings);
         let ends = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::LensEndsInside);
         ends.map(|warning| warning.detail.clone()).collect()
     }

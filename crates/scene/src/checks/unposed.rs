@@ -19,7 +19,7 @@ impl Frame {
         !matches!(self.image, FrameImage::Unposed(_))
     }
 
-    /// Refuses a frame without a usable pose. `scene` and `position` identify it in the message.
+    /// Rejects a frame without a usable pose. `scene` and `position` identify it in the message.
     ///
     /// # Errors
     /// [`SceneError::NoPose`].

@@ -13,7 +13,7 @@ use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{is_read, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
-use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
+use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a capture that may contain its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
@@ -104,7 +104,7 @@ impl SceneSource for ColmapScenes {
         }
         let frames = self.frames(key, &capture_of(model), &read, warnings)?;
         let scene = Scene { key: key.to_owned(), url: None, frames }.require_a_pose()?;
-        report_cameras(&scene, Times::Given, warnings);
+        report_cameras(&scene, TimestampSource::Given, warnings);
         report_order(&scene, warnings);
         Ok(scene)
     }

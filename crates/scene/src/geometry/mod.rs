@@ -2,15 +2,15 @@
 //! matches are an input (`atsplat-opencv` provides SIFT).
 
 mod convention;
+mod convention_fit;
 mod epipolar;
 mod score;
 #[cfg(test)]
 pub(crate) mod synthetic;
-mod verdict;
 mod view;
 
 pub use convention::Convention;
+pub use convention_fit::{ConventionFit, fitting_convention};
 pub use epipolar::EpipolarGeometry;
 pub use score::{ConventionScore, MatchedPair, score_conventions};
-pub use verdict::{Verdict, verdict};
 pub use view::{PointMatch, View};

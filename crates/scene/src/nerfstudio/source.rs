@@ -14,7 +14,7 @@ use crate::checks::ignored::Collections;
 use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
-use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
+use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
@@ -116,8 +116,8 @@ impl SceneSource for NerfstudioScenes {
         &self.keys
     }
 
-    fn times(&self) -> Times {
-        Times::FromNames
+    fn times(&self) -> TimestampSource {
+        TimestampSource::FromNames
     }
 
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_mitsuba_are_refused() {
+    fn cameras_of_mitsuba_are_rejected() {
         let (none, args) = (json!({}), json!({ "normal_mts_args": ["-o"] }));
         let error = parse(&args, [&none; 3]).unwrap_err().to_string();
         let expected =
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn two_poses_of_one_frame_are_refused() {
+    fn two_poses_of_one_frame_are_rejected() {
         let pose = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]);
         let none = json!({});
         for (name, row) in [("transform_matrix_start", "first"), ("transform_matrix_end", "last")] {

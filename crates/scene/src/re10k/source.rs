@@ -8,7 +8,7 @@ use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::list;
-use crate::{FrameImage, Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
+use crate::{FrameImage, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 /// How RE10K trajectories are read.
 #[derive(Clone, Debug, Default)]
@@ -140,7 +140,7 @@ impl SceneSource for Re10kScenes {
             }
         }
         let scene = scene.require_a_pose()?;
-        report_cameras(&scene, Times::Given, warnings);
+        report_cameras(&scene, TimestampSource::Given, warnings);
         Ok(scene)
     }
 }

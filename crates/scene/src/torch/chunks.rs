@@ -10,7 +10,7 @@ use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::files::read_file;
 use crate::json;
-use crate::{Scene, SceneError, SceneSource, Times, WarningKind, Warnings};
+use crate::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 const INDEX: &str = "index.json";
 const FORMAT: &str = "torch chunks";
@@ -219,7 +219,7 @@ impl SceneSource for TorchChunks {
         let record = parsed.chunk.record(key)?;
         record.report_radial(warnings);
         let scene = record.to_scene(path)?;
-        report_cameras(&scene, Times::Given, warnings);
+        report_cameras(&scene, TimestampSource::Given, warnings);
         Ok(scene)
     }
 }

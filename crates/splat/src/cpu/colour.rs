@@ -9,7 +9,7 @@ use super::to_f32;
 use super::wide::{CHUNK, Row, Row32, Wide, dot, load3, splat3, store3};
 use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::view::Optics;
-use crate::{GaussianParts, Harmonics, RenderOptions, sh, sh_coefficients};
+use crate::{GaussianParts, PackedHarmonics, RenderOptions, sh, sh_coefficients};
 
 /// SH basis values at the view directions of a chunk of Gaussians.
 #[derive(Debug)]
@@ -65,7 +65,7 @@ impl Basis {
     pub(super) fn colour(
         &self,
         parts: &GaussianParts,
-        packed: Option<&Harmonics>,
+        packed: Option<&PackedHarmonics>,
         position: usize,
         lane: usize,
     ) -> Option<[f32; 3]> {

@@ -4,7 +4,7 @@ use std::time::Instant;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use super::{EFFECTS, Effect, EffectPlan, Request, Scene, Verdict};
+use super::{EFFECTS, Effect, EffectOutcome, EffectPlan, Request, Scene};
 use crate::{Renderer, Rendering, SplatError};
 
 /// Cost of each effect and savings of the plan: the table of `render --explain`.
@@ -75,18 +75,18 @@ impl EffectPlan {
         let mut effects = Vec::with_capacity(EFFECTS.len());
         for ((effect, decision), secs) in EFFECTS.iter().zip(self.decisions()).zip(self.secs_each()) {
             let (mut pixels, mut ms, mut saved_ms) = (None, None, None);
-            if decision.verdict != Verdict::NotRequested {
+            if decision.outcome != EffectOutcome::NotRequested {
                 let mut without = self.requested().clone();
                 effect.remove_from(&mut without);
                 let (times, images) = timer.pairs([self.requested(), &without])?;
                 pixels = Some(share_of_pixels(*effect, &images, self.tolerance()));
                 ms = Some(Interval::of_differences(&times));
             }
-            if matches!(decision.verdict, Verdict::Reduced | Verdict::Skipped) {
+            if matches!(decision.outcome, EffectOutcome::Reduced | EffectOutcome::Skipped) {
                 let alone = effect.assess(scene, self.requested(), self.tolerance()).reduced;
-                saved_ms = match (alone, decision.verdict) {
+                saved_ms = match (alone, decision.outcome) {
                     (Some(alone), _) => Some(Interval::of_differences(&timer.pairs([self.requested(), &alone])?.0)),
-                    (None, Verdict::Skipped) => ms,
+                    (None, EffectOutcome::Skipped) => ms,
                     (None, _) => None,
                 };
             }
@@ -163,7 +163,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     atsplat_numeric::median(values).expect("at least one pair was timed")
 }
 
-impl Display for Verdict {
+impl Display for EffectOutcome {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::NotRequested => "not requested",
@@ -202,7 +202,7 @@ impl Display for Explanation {
             writeln!(
                 f,
                 "{:<16} {:<13} {bound:>9} {pixels:>7} {takes:>8} {saves:>8} {spent_ms:>8.2}  {}",
-                decision.effect, decision.verdict, decision.reason
+                decision.effect, decision.outcome, decision.reason
             )?;
         }
         writeln!(

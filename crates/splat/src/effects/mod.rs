@@ -26,7 +26,7 @@ use std::fmt::Debug;
 use crate::{Gaussians, RenderOptions, View};
 
 pub use explain::{Cost, Explanation};
-pub use plan::{Decision, EffectPlan, Verdict};
+pub use plan::{Decision, EffectOutcome, EffectPlan};
 pub use scene::Scene;
 pub use selection::EffectSelection;
 pub use summary::EffectSummary;

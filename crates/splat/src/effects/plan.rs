@@ -23,18 +23,19 @@ pub struct EffectPlan {
 pub struct Decision {
     /// Name of the effect.
     pub effect: &'static str,
-    /// The decision.
-    pub verdict: Verdict,
+    /// Whether it runs.
+    #[serde(rename = "verdict")]
+    pub outcome: EffectOutcome,
     /// See [`Assessment::bound`].
     pub bound: Option<f64>,
     /// In words.
     pub reason: String,
 }
 
-/// The decision on an effect.
+/// Whether an effect runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum EffectOutcome {
     /// The request does not include it.
     NotRequested,
     /// It runs as requested.
@@ -146,15 +147,15 @@ struct Planning<'a> {
 
 impl Planning<'_> {
     fn decide(&mut self, effect: &dyn Effect) -> Decision {
-        let decision = |verdict, bound, reason: String| Decision { effect: effect.name(), verdict, bound, reason };
+        let decision = |outcome, bound, reason: String| Decision { effect: effect.name(), outcome, bound, reason };
         if !effect.is_requested(self.scene.gaussians(), &self.reduced) {
-            return decision(Verdict::NotRequested, Some(0.0), "not requested".to_owned());
+            return decision(EffectOutcome::NotRequested, Some(0.0), "not requested".to_owned());
         }
         if *self.selection == EffectSelection::Auto {
             return self.assess(effect);
         }
         if self.selection.allows(effect.name()) {
-            return decision(Verdict::Runs, None, format!("chosen by `{}`", self.selection));
+            return decision(EffectOutcome::Runs, None, format!("chosen by `{}`", self.selection));
         }
         let Assessment { bound, reason, .. } = effect.assess(self.scene, &self.reduced, EffectPlan::UNLIMITED);
         effect.remove_from(&mut self.reduced);
@@ -162,21 +163,21 @@ impl Planning<'_> {
             Some(_) => format!("left out by `{}`; {reason}", self.selection),
             None => format!("left out by `{}`, though {reason}", self.selection),
         };
-        decision(Verdict::Skipped, bound, reason)
+        decision(EffectOutcome::Skipped, bound, reason)
     }
 
     fn assess(&mut self, effect: &dyn Effect) -> Decision {
         let Assessment { reduced, bound, reason } = effect.assess(self.scene, &self.reduced, self.budget);
         let (Some(reduced), Some(change)) = (reduced, bound) else {
-            return Decision { effect: effect.name(), verdict: Verdict::Runs, bound, reason };
+            return Decision { effect: effect.name(), outcome: EffectOutcome::Runs, bound, reason };
         };
         self.reduced = reduced;
         self.budget -= change;
-        let verdict = if effect.is_requested(self.scene.gaussians(), &self.reduced) {
-            Verdict::Reduced
+        let outcome = if effect.is_requested(self.scene.gaussians(), &self.reduced) {
+            EffectOutcome::Reduced
         } else {
-            Verdict::Skipped
+            EffectOutcome::Skipped
         };
-        Decision { effect: effect.name(), verdict, bound, reason }
+        Decision { effect: effect.name(), outcome, bound, reason }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use atsplat_numeric::Tolerance;
 
 use super::amplitude;
-use crate::{Gaussians, Harmonics};
+use crate::{Gaussians, PackedHarmonics};
 
 /// Gaussians to be rendered to several views, and what is decided about them once for all views.
 #[derive(Debug)]
@@ -20,7 +20,7 @@ pub struct Scene<'a> {
 struct Packed {
     degree: u8,
     tolerance: f64,
-    harmonics: Option<Arc<Harmonics>>,
+    harmonics: Option<Arc<PackedHarmonics>>,
 }
 
 impl<'a> Scene<'a> {
@@ -54,7 +54,7 @@ impl<'a> Scene<'a> {
 
     /// Harmonics up to `degree` that change no colour by more than `tolerance`, packed once; `None` if there are too few
     /// views, or too little would be saved.
-    pub(super) fn harmonics(&self, degree: u8, tolerance: f64) -> Option<Arc<Harmonics>> {
+    pub(super) fn harmonics(&self, degree: u8, tolerance: f64) -> Option<Arc<PackedHarmonics>> {
         // Of the bytes: with more, packed harmonics are hardly faster.
         const LARGEST_SHARE: f64 = 0.75;
         if self.views < Self::FEWEST_VIEWS {
@@ -65,8 +65,8 @@ impl<'a> Scene<'a> {
         if let Some(known) = packed.as_ref().filter(is_known) {
             return known.harmonics.clone();
         }
-        let pays = Harmonics::packed_share(&self.gaussians, degree, tolerance) <= LARGEST_SHARE;
-        let harmonics = pays.then(|| Harmonics::pack(&self.gaussians, degree, tolerance)).flatten().map(Arc::new);
+        let pays = PackedHarmonics::packed_share(&self.gaussians, degree, tolerance) <= LARGEST_SHARE;
+        let harmonics = pays.then(|| PackedHarmonics::pack(&self.gaussians, degree, tolerance)).flatten().map(Arc::new);
         *packed = Some(Packed { degree, tolerance, harmonics: harmonics.clone() });
         harmonics
     }

@@ -3,9 +3,9 @@ use std::fmt;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use super::{Decision, EffectSelection, Verdict};
+use super::{Decision, EffectOutcome, EffectSelection};
 
-/// Verdicts on each effect over the frames of a render. [`Display`](fmt::Display) lists the effects that were not run in full.
+/// What became of each effect over the frames of a render. [`Display`](fmt::Display) lists the effects that were not run in full.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct EffectSummary {
@@ -14,7 +14,7 @@ pub struct EffectSummary {
     effects: Vec<Row>,
 }
 
-/// Number of frames per verdict of one effect.
+/// Number of frames per outcome of one effect.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
@@ -46,14 +46,14 @@ impl EffectSummary {
 impl Row {
     fn of<'a>(effect: &'static str, decisions: impl Iterator<Item = &'a Decision>) -> Self {
         let mut row = Self { effect, runs: 0, reduced: 0, skipped: 0, not_requested: 0, largest_bound: Some(0.0) };
-        for Decision { verdict, bound, .. } in decisions {
-            match verdict {
-                Verdict::Runs => row.runs += 1,
-                Verdict::Reduced => row.reduced += 1,
-                Verdict::Skipped => row.skipped += 1,
-                Verdict::NotRequested => row.not_requested += 1,
+        for Decision { outcome, bound, .. } in decisions {
+            match outcome {
+                EffectOutcome::Runs => row.runs += 1,
+                EffectOutcome::Reduced => row.reduced += 1,
+                EffectOutcome::Skipped => row.skipped += 1,
+                EffectOutcome::NotRequested => row.not_requested += 1,
             }
-            if matches!(verdict, Verdict::Reduced | Verdict::Skipped) {
+            if matches!(outcome, EffectOutcome::Reduced | EffectOutcome::Skipped) {
                 row.largest_bound = row.largest_bound.zip(*bound).map(|(largest, bound)| largest.maximum_of(bound));
             }
         }

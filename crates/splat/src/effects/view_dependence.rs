@@ -1,11 +1,11 @@
 use std::sync::Arc;
 
 use super::{Assessment, Effect, EffectPlan, Request, Scene, amplitude};
-use crate::{Gaussians, Harmonics, LARGEST_CHANNEL};
+use crate::{Gaussians, LARGEST_CHANNEL, PackedHarmonics};
 
 /// Spherical harmonics above degree 0: view-dependent colour.
 ///
-/// Decided for each Gaussian, once for all views: which bands it needs, see [`Harmonics`].
+/// Decided for each Gaussian, once for all views: which bands it needs, see [`PackedHarmonics`].
 #[derive(Debug)]
 pub(super) struct ViewDependence;
 
@@ -52,7 +52,7 @@ fn before_exposure(budget: f64, gain: f64) -> f64 {
     if change < LARGEST_CHANNEL { change } else { LARGEST_CHANNEL }
 }
 
-fn packed_into(request: &Request, packed: Arc<Harmonics>, gain: f64) -> Assessment {
+fn packed_into(request: &Request, packed: Arc<PackedHarmonics>, gain: f64) -> Assessment {
     let bound = packed.bound() * gain;
     let all = packed.len() as f64;
     let shares = (0u8..).zip(packed.kept()).filter(|(_, count)| *count > 0);
@@ -67,7 +67,7 @@ fn packed_into(request: &Request, packed: Arc<Harmonics>, gain: f64) -> Assessme
 
 /// All of it, whatever that changes.
 fn of_removal(effect: &dyn Effect, scene: &Scene<'_>, request: &Request, degree: u8) -> Assessment {
-    let [_, change, ..] = amplitude::above(scene.gaussians(), degree);
+    let [_, change, ..] = amplitude::band_bounds(scene.gaussians(), degree);
     let change = change * request.gain();
     if change.is_finite() {
         Assessment::remove(

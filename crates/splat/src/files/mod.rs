@@ -28,12 +28,12 @@ pub use opacities::interpret;
 use crate::sh::C0;
 use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
 
-/// How the doubt of [`interpret`] about opacities begins.
-pub const OPACITIES: &str = "every opacity of the file lies in [0, 1]";
-/// How that of [`Import::doubts`] about scales begins.
-pub const LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
-/// How that of [`Import::doubts`] about colours begins.
-pub const COLOURS: &str = "every coefficient of the file lies in [0, 1]";
+/// How the suspicion of [`interpret`] about opacities begins.
+pub const SUSPICIOUS_OPACITIES: &str = "every opacity of the file lies in [0, 1]";
+/// How that of [`ImportReport::suspicions`] about scales begins.
+pub const SUSPICIOUS_LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
+/// How that of [`ImportReport::suspicions`] about colours begins.
+pub const SUSPICIOUS_COLOURS: &str = "every coefficient of the file lies in [0, 1]";
 
 /// First bytes of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
@@ -73,7 +73,7 @@ pub enum Output {
     /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units within ±2047, log-scales to 1/16
     /// within [−10, 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or
     /// 1/8 within [−1, 1). Beyond these ranges, all centres get coarser steps, and other values become the nearest
-    /// within, which [`Export`] counts.
+    /// within, which [`ExportReport`] counts.
     Spz2 {
         /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
         antialiased: bool,
@@ -87,7 +87,7 @@ pub enum Output {
 
 /// Report of reading a file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Import {
+pub struct ImportReport {
     /// The file's format.
     pub format: Format,
     /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
@@ -111,13 +111,13 @@ pub struct Import {
     pub integers: Vec<String>,
 }
 
-impl Import {
+impl ImportReport {
     /// What may be stored in another way than it was read, in words. Opacities are not among it, because a caller may know
     /// how they are stored.
-    pub fn doubts(&self) -> Vec<String> {
-        let scales = format!("{LOG_SCALES}: they may be scales without their logarithm");
+    pub fn suspicions(&self) -> Vec<String> {
+        let scales = format!("{SUSPICIOUS_LOG_SCALES}: they may be scales without their logarithm");
         let colours = format!(
-            "{COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
+            "{SUSPICIOUS_COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
         );
         let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
         self.scales_may_be_no_logarithms
@@ -131,7 +131,7 @@ impl Import {
 
 /// Report of writing a file: how many values a format's ranges changed by more than its usual rounding does, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Export {
+pub struct ExportReport {
     /// Log-scales, of three per Gaussian.
     pub log_scales: u64,
     /// SH coefficients of degree 0, of three per Gaussian.
@@ -142,7 +142,7 @@ pub struct Export {
     pub centres: u64,
 }
 
-impl Export {
+impl ExportReport {
     /// What was clamped or rounded more coarsely than usual, in words; nothing if no value was.
     pub fn warnings(&self) -> Vec<String> {
         let kinds = [
@@ -172,7 +172,7 @@ struct Stored {
 ///
 /// # Errors
 /// [`SplatError::Io`]; otherwise as [`parse`].
-pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
+pub fn read(path: &Path) -> Result<(Gaussians, ImportReport), SplatError> {
     parse(&read_bytes(path)?, path)
 }
 
@@ -182,13 +182,17 @@ pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
 /// # Errors
 /// [`SplatError::Format`] for an unknown format or a malformed file, including bytes after the last row that a PLY
 /// header declares; [`SplatError::LfsPointer`].
-pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatError> {
+pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, ImportReport), SplatError> {
     parse_cleaned(bytes, path, Cleaning::Import)
 }
 
 /// As [`parse`], but with [`Cleaning::Reject`] infinite logits of a PLY file are rejected instead of repaired. In the other
 /// formats they are opacities of 0 and 1, with which nothing is wrong.
-pub(crate) fn parse_cleaned(bytes: &[u8], path: &Path, policy: Cleaning) -> Result<(Gaussians, Import), SplatError> {
+pub(crate) fn parse_cleaned(
+    bytes: &[u8],
+    path: &Path,
+    policy: Cleaning,
+) -> Result<(Gaussians, ImportReport), SplatError> {
     if bytes.starts_with(LFS_POINTER) {
         return Err(SplatError::LfsPointer { path: path.to_owned() });
     }
@@ -198,16 +202,16 @@ pub(crate) fn parse_cleaned(bytes: &[u8], path: &Path, policy: Cleaning) -> Resu
     let policy = if is_ply && policy == Cleaning::Reject { policy } else { Cleaning::Import };
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(policy);
     let GaussianParts { opacity_logits, log_scales, sh_degree, sh, .. } = gaussians.parts();
-    let is_doubtful = is_ply && !gaussians.is_empty();
+    let may_be_suspicious = is_ply && !gaussians.is_empty();
     let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
-    let opacities_may_be_no_logits = is_doubtful && opacity_logits.iter().all(is_opacity);
+    let opacities_may_be_no_logits = may_be_suspicious && opacity_logits.iter().all(is_opacity);
     let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
-    let scales_may_be_no_logarithms = is_doubtful && log_scales.as_flattened().iter().all(is_scale);
+    let scales_may_be_no_logarithms = may_be_suspicious && log_scales.as_flattened().iter().all(is_scale);
     let is_colour = |coefficient: &f32| (0.0..=1.0).contains(coefficient);
     let differ = |colours: &[f32]| colours.windows(2).any(|pair| matches!(pair, [a, b] if a.to_bits() != b.to_bits()));
     let colours_may_be_no_coefficients =
-        is_doubtful && *sh_degree == 0 && sh.as_flattened().iter().all(is_colour) && differ(sh.as_flattened());
-    let import = Import {
+        may_be_suspicious && *sh_degree == 0 && sh.as_flattened().iter().all(is_colour) && differ(sh.as_flattened());
+    let import = ImportReport {
         format,
         validation,
         unused,
@@ -240,19 +244,19 @@ fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
 ///
 /// # Errors
 /// [`SplatError::Format`] if the format cannot store the Gaussians, [`SplatError::Io`].
-pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<Export, SplatError> {
+pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<ExportReport, SplatError> {
     let parts = gaussians.parts();
     match output {
         Output::Ply(encoding) => {
             write_file(path, |out| ply::write(parts, encoding, out))?;
-            Ok(Export::default())
+            Ok(ExportReport::default())
         }
         Output::Spz2 { antialiased } => write_spz(path, parts, 2, antialiased),
         Output::Spz3 { antialiased } => write_spz(path, parts, 3, antialiased),
     }
 }
 
-fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Export, SplatError> {
+fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<ExportReport, SplatError> {
     let (payload, export) = spz::encode(parts, version, antialiased).map_err(|malformed| malformed.in_file(path))?;
     write_file(path, |out| spz::compress(&payload, out))?;
     Ok(export)

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::{Encoding, Format, Import, OPACITIES};
+use super::{Encoding, Format, ImportReport, SUSPICIOUS_OPACITIES};
 use crate::{Gaussians, SplatError};
 
 /// The Gaussians that were read from a file, and what may be stored in it in another way than it was read, in words. With
@@ -13,7 +13,7 @@ use crate::{Gaussians, SplatError};
 /// made logits of them.
 pub fn interpret(
     gaussians: Gaussians,
-    import: &Import,
+    import: &ImportReport,
     opacities_as_stored: bool,
     path: &Path,
 ) -> Result<(Gaussians, Vec<String>), SplatError> {
@@ -25,15 +25,19 @@ pub fn interpret(
     } else {
         if import.opacities_may_be_no_logits {
             let advice = "see --opacities-as-stored, in Python opacities_as_stored=True";
-            warnings.push(format!("{OPACITIES}: they may not be logits; {advice}"));
+            warnings.push(format!("{SUSPICIOUS_OPACITIES}: they may not be logits; {advice}"));
         }
         gaussians
     };
-    warnings.extend(import.doubts());
+    warnings.extend(import.suspicions());
     Ok((gaussians, warnings))
 }
 
-fn converted(gaussians: &Gaussians, import: &Import, path: &Path) -> Result<(Gaussians, Option<String>), SplatError> {
+fn converted(
+    gaussians: &Gaussians,
+    import: &ImportReport,
+    path: &Path,
+) -> Result<(Gaussians, Option<String>), SplatError> {
     if !matches!(import.format, Format::Ply(_)) {
         return Err(SplatError::Format {
             path: path.to_owned(),
@@ -70,7 +74,7 @@ mod tests {
     use crate::{Field, Problem};
 
     #[test]
-    fn formats_that_store_opacities_are_refused() {
+    fn formats_that_store_opacities_are_rejected() {
         let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files");
         for (name, format) in [
             ("compressed_degree1.ply", "compressed PLY"),
@@ -113,7 +117,10 @@ mod tests {
             assert_eq!(converted.parts().opacity_logits.first(), Some(&3.0f32.ln()));
             let (unchanged, found) = interpret(kept.clone(), &import, false, &path).unwrap();
             assert_eq!(unchanged, kept);
-            assert_eq!(found.iter().filter(|text| text.starts_with(OPACITIES)).count(), usize::from(lost == 0));
+            assert_eq!(
+                found.iter().filter(|text| text.starts_with(SUSPICIOUS_OPACITIES)).count(),
+                usize::from(lost == 0)
+            );
         }
     }
 }

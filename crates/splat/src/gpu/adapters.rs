@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use super::panics::catch_panics;
-use super::{GpuError, GpuOptions, GpuRenderer, SelfTestObserver, Verdict, VerdictKey};
+use super::{GpuError, GpuOptions, GpuRenderer, SelfTestKey, SelfTestObserver, SelfTestResult};
 
 /// Which adapter to render on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -144,14 +144,14 @@ pub struct ExaminedAdapter {
     pub cached: bool,
 }
 
-/// Tests every adapter; those whose verdict `observer` has cached are not tested again.
+/// Tests every adapter; those whose result `observer` has cached are not tested again.
 pub fn examine(observer: &dyn SelfTestObserver) -> Vec<ExaminedAdapter> {
     let examined = found().into_iter().map(|candidate| {
         let description = candidate.1.clone();
-        let known = cached_verdict(&description, &GpuOptions::default(), observer);
+        let known = cached_result(&description, &GpuOptions::default(), observer);
         let cached = known.is_some();
         let outcome = match known {
-            Some(verdict) => verdict.outcome(&description.to_string()),
+            Some(result) => result.outcome(&description.to_string()),
             None => GpuRenderer::open(&candidate, GpuOptions::default(), observer).map(drop),
         };
         ExaminedAdapter { description, outcome, cached }
@@ -159,20 +159,20 @@ pub fn examine(observer: &dyn SelfTestObserver) -> Vec<ExaminedAdapter> {
     examined.collect()
 }
 
-/// The cached verdict of an earlier test.
-pub(super) fn cached_verdict(
+/// The cached result of an earlier test.
+pub(super) fn cached_result(
     description: &AdapterDescription,
     options: &GpuOptions,
     observer: &dyn SelfTestObserver,
-) -> Option<Verdict> {
+) -> Option<SelfTestResult> {
     cache_key(description, options).and_then(|key| observer.cached(&key))
 }
 
-/// The key of a verdict that stays valid: of a test with default options, on a driver that reports its version. Metal reports none,
+/// The key of a result that stays valid: of a test with default options, on a driver that reports its version. Metal reports none,
 /// so that an update of the system would not be noticed.
-pub(super) fn cache_key(description: &AdapterDescription, options: &GpuOptions) -> Option<VerdictKey> {
+pub(super) fn cache_key(description: &AdapterDescription, options: &GpuOptions) -> Option<SelfTestKey> {
     let stays_valid = *options == GpuOptions::default() && !description.driver.is_empty();
-    stays_valid.then(|| VerdictKey::of(description))
+    stays_valid.then(|| SelfTestKey::of(description))
 }
 
 /// All adapters; a driver that panics while listing them counts as having none.
@@ -296,11 +296,11 @@ mod tests {
     }
 
     #[test]
-    fn verdicts_are_cached_for_drivers_that_report_a_version() {
+    fn results_are_cached_for_drivers_that_report_a_version() {
         struct Passed;
         impl SelfTestObserver for Passed {
-            fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
-                Some(Verdict { fault: None })
+            fn cached(&self, _key: &SelfTestKey) -> Option<SelfTestResult> {
+                Some(SelfTestResult { fault: None })
             }
         }
         let unnamed = one("Apple M2", "Metal", AdapterKind::Integrated);
@@ -308,7 +308,7 @@ mod tests {
         let usual = GpuOptions::default();
         let limited = GpuOptions { memory_limit: 1 << 30, ..usual };
         let found = [(&named, &usual), (&unnamed, &usual), (&named, &limited)]
-            .map(|(description, options)| cached_verdict(description, options, &Passed).is_some());
+            .map(|(description, options)| cached_result(description, options, &Passed).is_some());
         assert_eq!(found, [true, false, false]);
     }
 

@@ -177,7 +177,7 @@ impl Context {
             let reason = error.to_string();
             return Err(match error {
                 wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter, reason },
-                _ => GpuError::Refused { adapter, reason },
+                _ => GpuError::Rejected { adapter, reason },
             }
             .into());
         }
@@ -189,7 +189,7 @@ impl Context {
             && let Some(reason) = self.uncaptured.lock().unwrap_or_else(PoisonError::into_inner).take()
         {
             let reason = format!("a command from outside this renderer: {reason}");
-            return Err(GpuError::Refused { adapter, reason }.into());
+            return Err(GpuError::Rejected { adapter, reason }.into());
         }
         result
     }
@@ -230,7 +230,7 @@ impl Context {
         }
         if !buffer.usage().contains(wgpu::BufferUsages::STORAGE) {
             let reason = format!("buffer of {what}: expected usage STORAGE, found {:?}", buffer.usage());
-            return Err(GpuError::Refused { adapter, reason });
+            return Err(GpuError::Rejected { adapter, reason });
         }
         Ok(())
     }

@@ -41,7 +41,7 @@ pub enum GpuError {
     },
     /// The driver or wgpu rejected a command.
     #[error("{adapter}: rejected command: {reason}")]
-    Refused {
+    Rejected {
         /// Name of the adapter.
         adapter: String,
         /// wgpu's message.

@@ -58,7 +58,7 @@ impl GpuPart {
 }
 
 impl GpuGaussians {
-    /// Wraps buffers in device memory. Buffers of another device are rejected on rendering, as [`GpuError::Refused`];
+    /// Wraps buffers in device memory. Buffers of another device are rejected on rendering, as [`GpuError::Rejected`];
     /// for a device of another `wgpu::Instance`, wgpu panics.
     ///
     /// # Errors

@@ -41,13 +41,13 @@ mod record;
 mod render;
 mod self_test;
 mod self_test_batch;
+mod self_test_cache;
+mod self_test_result;
 mod sort;
 mod status;
 #[cfg(test)]
 mod tests;
 mod uniforms;
-mod verdict;
-mod verdict_cache;
 mod windows;
 mod work;
 
@@ -63,8 +63,8 @@ pub use image::{GpuImage, ImageFormat, ImageNumbers};
 pub use images::{GpuRendering, GpuStrip};
 pub use options::{GpuOptions, Threads};
 pub use pending::{Pending, Settled};
-pub use verdict::{ProbeStage, SelfTestObserver, Verdict, VerdictKey, WrongResult};
-pub use verdict_cache::VerdictCache;
+pub use self_test_cache::SelfTestCache;
+pub use self_test_result::{ProbeStage, SelfTestKey, SelfTestObserver, SelfTestResult, WrongResult};
 
 use crate::{Gaussians, MAX_SH_DEGREE, SplatError, Stage, View};
 use bounds::Bounds;
@@ -95,7 +95,7 @@ impl GpuRenderer {
         Self::observed(choice, options, &())
     }
 
-    /// As [`Self::new`], reporting to `observer`; an adapter whose verdict it has cached is not tested again.
+    /// As [`Self::new`], reporting to `observer`; an adapter whose result it has cached is not tested again.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -107,17 +107,17 @@ impl GpuRenderer {
         Self::open(&adapters::choose(choice)?, options, observer)
     }
 
-    /// Opens an adapter, and tests it unless its verdict is cached.
+    /// Opens an adapter, and tests it unless its result is cached.
     fn open(
         (adapter, description): &adapters::Candidate,
         options: GpuOptions,
         observer: &dyn SelfTestObserver,
     ) -> Result<Self, GpuError> {
         let name = description.to_string();
-        let known = adapters::cached_verdict(description, &options, observer);
-        tracing::debug!(adapter = name, is_verdict_cached = known.is_some(), "opening graphics adapter");
-        if let Some(verdict) = &known {
-            verdict.outcome(&name)?;
+        let known = adapters::cached_result(description, &options, observer);
+        tracing::debug!(adapter = name, is_result_cached = known.is_some(), "opening graphics adapter");
+        if let Some(result) = &known {
+            result.outcome(&name)?;
         }
         catch_panics(&name, || {
             observer.begins(description, ProbeStage::Opening);
@@ -125,8 +125,10 @@ impl GpuRenderer {
             let mut renderer = Self::with_context(context, options)?;
             if known.is_none() {
                 let tested = self_test::self_test(&mut renderer, &|stage| observer.begins(description, stage));
-                if let (Some(key), Some(verdict)) = (adapters::cache_key(description, &options), Verdict::of(&tested)) {
-                    observer.store(&key, &verdict);
+                if let (Some(key), Some(result)) =
+                    (adapters::cache_key(description, &options), SelfTestResult::of(&tested))
+                {
+                    observer.store(&key, &result);
                 }
                 tested?;
             }
@@ -159,7 +161,7 @@ impl GpuRenderer {
     }
 
     /// The device, for sharing buffers. An error that wgpu finds in commands other than this renderer's is returned
-    /// once, by the renderer's next call, as [`GpuError::Refused`]; of commands within [`Self::guarded`], at once.
+    /// once, by the renderer's next call, as [`GpuError::Rejected`]; of commands within [`Self::guarded`], at once.
     pub const fn device(&self) -> &wgpu::Device {
         &self.context.device
     }
@@ -183,7 +185,7 @@ impl GpuRenderer {
     /// error on a device opened by the caller without an error handler.
     ///
     /// # Errors
-    /// Those of `work`; [`GpuError::OutOfMemory`] and [`GpuError::Refused`] for an error of its commands,
+    /// Those of `work`; [`GpuError::OutOfMemory`] and [`GpuError::Rejected`] for an error of its commands,
     /// [`GpuError::Device`] for a lost device.
     pub fn guarded<T>(&self, work: impl FnOnce() -> Result<T, SplatError>) -> Result<T, SplatError> {
         self.context.guarded(work)

@@ -25,7 +25,7 @@ macro_rules! sources {
     ($($name:literal),+) => { &[$(($name, include_str!($name))),+] };
 }
 
-/// Sources other than kernels that determine a verdict, by name: this file, and the code that drives the kernels.
+/// Sources other than kernels that determine a result, by name: this file, and the code that drives the kernels.
 pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "backward.rs",
     "bounds.rs",
@@ -47,10 +47,10 @@ pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "render.rs",
     "self_test.rs",
     "self_test_batch.rs",
+    "self_test_result.rs",
     "sort.rs",
     "status.rs",
     "uniforms.rs",
-    "verdict.rs",
     "windows.rs",
     "work.rs"
 );
@@ -60,7 +60,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let adapter = renderer.context.name.clone();
     compare(renderer, &adapter, begins).map_err(|error| match error {
         SplatError::Gpu(error) => error,
-        other => GpuError::Refused { adapter, reason: other.to_string() },
+        other => GpuError::Rejected { adapter, reason: other.to_string() },
     })
 }
 
@@ -172,13 +172,13 @@ pub(super) fn relative_difference(actual: &[f64], expected: &[f64]) -> f64 {
 mod tests {
     use super::SOURCES;
 
-    /// They choose adapters, count, describe errors, cache verdicts, or serve what the self-test does not call.
+    /// They choose adapters, count, describe errors, cache results, or serve what the self-test does not call.
     const OTHERS: [&str; 7] =
-        ["adapters.rs", "counts.rs", "error.rs", "panics.rs", "image.rs", "tests.rs", "verdict_cache.rs"];
+        ["adapters.rs", "counts.rs", "error.rs", "panics.rs", "image.rs", "self_test_cache.rs", "tests.rs"];
 
-    /// A cached verdict would outlive changes of a file that is in neither list.
+    /// A cached result would outlive changes of a file that is in neither list.
     #[test]
-    fn every_file_determines_verdicts_or_is_known_not_to() {
+    fn every_file_determines_results_or_is_known_not_to() {
         let folder = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")).unwrap();
         let paths = folder.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
         let mut found: Vec<String> = paths.map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect();

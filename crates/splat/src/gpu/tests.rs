@@ -156,7 +156,7 @@ fn a_buffer_of_a_reading_that_cannot_be_allocated_is_an_error_and_not_kept() {
     let resident = gpu.upload(&needle(0.4, 30)).unwrap();
     let image = gpu.render_resident(&resident, &view, &RenderOptions::default()).unwrap();
     let whole = gpu.read_image(&image, ImageFormat { numbers: ImageNumbers::F32, alpha: true });
-    assert!(matches!(whole, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{whole:?}");
+    assert!(matches!(whole, Err(SplatError::Gpu(GpuError::Rejected { .. }))), "{whole:?}");
     let small = gpu.read_image(&image, ImageFormat { numbers: ImageNumbers::U8, alpha: false }).unwrap();
     assert!(small.bytes.len() == 3 * 90 * 80 && small.bytes.iter().any(|byte| *byte > 0));
 }

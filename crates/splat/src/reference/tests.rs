@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
 use crate::stress::parameter::{Parameter, moved};
-use crate::{Channels, GaussianParts, GradientReach, RasterMode, RendererConstants};
+use crate::{Channels, GaussianParts, RasterMode, RendererConstants, StoppedGradients};
 
 /// A few soft Gaussians in front of the camera, using all fields. Every value is a multiple of 2⁻¹², so that adding a
 /// step is exact in f32.
@@ -146,7 +146,8 @@ fn a_stopped_scalar_has_a_gradient_with_respect_to_scalars_only() {
     let (gaussians, view) = (scene(0), view(Distortion::None));
     let all = image_gradients(&view);
     let without = ImageGradients { scalar: None, ..all.clone() };
-    let stopped = RenderOptions { gradients: GradientReach { scalar_stops: true, directions_stop: false }, ..smooth() };
+    let stopped =
+        RenderOptions { gradients: StoppedGradients { scalar_stops: true, directions_stop: false }, ..smooth() };
     let with_stop = backward_unchecked(&gaussians, &view, &stopped, &all).unwrap();
     let not_rendered = backward_unchecked(&gaussians, &view, &smooth(), &without).unwrap();
     assert_eq!(Gradients { scalars: not_rendered.scalars.clone(), ..with_stop.clone() }, not_rendered);

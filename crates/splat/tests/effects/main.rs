@@ -2,14 +2,14 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod harmonics;
+mod packed_harmonics;
 
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Scene, Verdict};
+use atsplat_splat::effects::{Decision, EffectOutcome, EffectPlan, EffectSelection, Scene};
 use atsplat_splat::{
-    Channels, Exposure, GaussianParts, Gaussians, Harmonics, ImageGradients, RasterMode, ReferenceRenderer,
+    Channels, Exposure, GaussianParts, Gaussians, ImageGradients, PackedHarmonics, RasterMode, ReferenceRenderer,
     RenderOptions, Renderer, Rendering, SplatError, View, hard_cases, sh_coefficients,
 };
 use glam::{DMat3, DVec3};
@@ -215,7 +215,7 @@ fn a_scene_that_needs_no_effect_gets_none() {
     let bare = RenderOptions { max_sh_degree: 0, constants, harmonics, ..RenderOptions::default() };
     assert_eq!(plan.reduced().options, bare);
     for decision in plan.decisions() {
-        assert!(matches!(decision.verdict, Verdict::Skipped | Verdict::NotRequested), "{decision:?}");
+        assert!(matches!(decision.outcome, EffectOutcome::Skipped | EffectOutcome::NotRequested), "{decision:?}");
         assert_eq!(decision.bound, Some(0.0), "{decision:?}");
     }
 }
@@ -291,7 +291,7 @@ fn an_infinite_change_has_no_bound() {
     let gaussians = Gaussians::new(parts).unwrap();
     let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "background");
     let decision = decision(&plan, "view-dependence");
-    assert_eq!((decision.verdict, decision.bound), (Verdict::Skipped, None));
+    assert_eq!((decision.outcome, decision.bound), (EffectOutcome::Skipped, None));
     assert!(decision.reason.contains("not finite"), "{}", decision.reason);
 }
 
@@ -305,7 +305,7 @@ fn invisible_sh_bands_are_removed() {
     let gaussians = Gaussians::new(parts).unwrap();
     let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "auto");
     assert_eq!(plan.reduced().options.max_sh_degree, 1);
-    assert_eq!(decision(&plan, "view-dependence").verdict, Verdict::Reduced);
+    assert_eq!(decision(&plan, "view-dependence").outcome, EffectOutcome::Reduced);
     assert!(decision(&plan, "view-dependence").bound.unwrap() > 0.0);
 }
 
@@ -317,8 +317,8 @@ fn changes_add_up() {
     let exposure = Some(Exposure { offset: [three_quarters, 0.0, 0.0], ..Exposure::IDENTITY });
     let options = RenderOptions { exposure, background: [three_quarters, 0.0, 0.0], ..RenderOptions::default() };
     let plan = plan(&gaussians, &view(Distortion::None), &options, "auto");
-    assert_eq!(decision(&plan, "exposure").verdict, Verdict::Skipped);
-    assert_eq!(decision(&plan, "background").verdict, Verdict::Runs);
+    assert_eq!(decision(&plan, "exposure").outcome, EffectOutcome::Skipped);
+    assert_eq!(decision(&plan, "background").outcome, EffectOutcome::Runs);
     let bounds: f64 = plan.decisions().iter().filter_map(|decision| decision.bound).sum();
     assert!(bounds <= plan.tolerance());
 }
@@ -332,9 +332,9 @@ fn exposure_amplifies_the_changes_of_other_effects() {
             Exposure { matrix: DMat3::from_diagonal(DVec3::splat(gain)).to_cols_array_2d(), offset: [0.0; 3] };
         RenderOptions { exposure: Some(exposure), ..RenderOptions::default() }
     };
-    for (gain, verdict) in [(2.0, Verdict::Skipped), (1e4, Verdict::Runs)] {
+    for (gain, outcome) in [(2.0, EffectOutcome::Skipped), (1e4, EffectOutcome::Runs)] {
         let plan = plan(&gaussians, &view(Distortion::None), &brighter(gain), "auto");
-        assert_eq!(decision(&plan, "view-dependence").verdict, verdict, "gain {gain}");
+        assert_eq!(decision(&plan, "view-dependence").outcome, outcome, "gain {gain}");
     }
 }
 

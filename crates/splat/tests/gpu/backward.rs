@@ -3,8 +3,8 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::Uploaded;
 use atsplat_splat::{
-    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
-    RendererConstants, ShAxes, View, reference,
+    ClampedGradient, Extent, GaussianParts, Gaussians, Gradients, RasterMode, RenderOptions, Renderer,
+    RendererConstants, ShAxes, StoppedGradients, View, reference,
 };
 use proptest::prelude::*;
 
@@ -77,7 +77,7 @@ fn gradients_match_for_every_mode_rule_and_filter() {
 #[test]
 fn gradients_match_for_every_degree_and_stop() {
     for degree in 0..=4 {
-        let gradients = GradientReach { scalar_stops: degree % 2 == 1, directions_stop: degree == 2 };
+        let gradients = StoppedGradients { scalar_stops: degree % 2 == 1, directions_stop: degree == 2 };
         let constants = without_thresholds(RendererConstants::default());
         let options = RenderOptions { constants, gradients, max_sh_degree: 3, ..everything() };
         check(&cloud(300, degree, 9), &view(33, 29), &options, &format!("degree {degree}"));

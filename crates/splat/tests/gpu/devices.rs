@@ -44,7 +44,7 @@ fn errors_of_guarded_commands_are_returned_at_once() {
         gpu.guarded(|| Ok(gpu.device().create_buffer(&descriptor)))
     };
     let outcome = buffer(1 << 62, &gpu);
-    let is_typed = matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. } | GpuError::OutOfMemory { .. })));
+    let is_typed = matches!(outcome, Err(SplatError::Gpu(GpuError::Rejected { .. } | GpuError::OutOfMemory { .. })));
     assert!(is_typed, "{outcome:?}");
     assert_eq!(buffer(48, &gpu).unwrap().size(), 48);
     assert!(gpu.render(&gaussians, &view, &everything()).unwrap() == expected);
@@ -76,7 +76,7 @@ fn errors_of_other_users_are_reported_once() {
     let mut render = || gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
     let outcome = render();
     assert!(
-        matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("outside")),
+        matches!(&outcome, Err(SplatError::Gpu(GpuError::Rejected { reason, .. })) if reason.contains("outside")),
         "{outcome:?}"
     );
     assert!(render().unwrap() == expected);

@@ -115,7 +115,7 @@ fn exceeding_a_limit_is_a_typed_error() {
 
 /// Without room for lists, there would be a window for every tile, and then an error. With the least room there are few windows.
 #[test]
-fn a_limit_without_room_for_lists_is_refused_at_once() {
+fn a_limit_without_room_for_lists_is_rejected_at_once() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (dust(4000), view(320, 240));
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();

@@ -2,7 +2,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
     GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
 };
-use atsplat_splat::{Exposure, Gaussians, GradientReach, ImageGradients, RenderOptions, Renderer, SplatError};
+use atsplat_splat::{Exposure, Gaussians, ImageGradients, RenderOptions, Renderer, SplatError, StoppedGradients};
 
 use crate::scenes::{cloud, everything, external_device, filtered, gpu, image_gradients, narrow, open, view};
 
@@ -84,7 +84,7 @@ fn a_gradient_that_is_not_a_number_is_read_as_such() {
     let (mut parts, view) = (cloud(1, 0, 19).into_parts(), view(21, 15));
     (parts.means, parts.log_scales, parts.opacity_logits) = (vec![[0.0, 0.0, 3.0]], vec![[0.0; 3]], vec![1.0]);
     let gaussians = Gaussians::new(parts).unwrap();
-    let gradients = GradientReach { scalar_stops: true, directions_stop: false };
+    let gradients = StoppedGradients { scalar_stops: true, directions_stop: false };
     let options = RenderOptions { gradients, ..everything() };
     let resident = gpu.upload(&gaussians).unwrap();
     let (colours, mut extras) =
@@ -206,7 +206,8 @@ fn rejects_gradients_of_the_wrong_shape() {
     let unseen = constant(&gpu, 30 * 20, wgpu::BufferUsages::COPY_DST);
     let outcome = backward(&unseen, &mut gpu);
     assert!(
-        matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("STORAGE, found")),
+        matches!(&outcome, Err(SplatError::Gpu(GpuError::Rejected { reason, .. }))
+            if reason.contains("STORAGE, found")),
         "{outcome:?}"
     );
     let right = constant(&gpu, 30 * 20, storage);
@@ -215,7 +216,7 @@ fn rejects_gradients_of_the_wrong_shape() {
 
 /// Buffers that are longer than a kernel may see and end within a word; of another device; that no kernel may see.
 #[test]
-fn buffers_of_others_are_taken_or_refused_in_words() {
+fn buffers_of_others_are_taken_or_rejected_in_words() {
     let lower = |limits: &mut wgpu::Limits| limits.max_storage_buffer_binding_size = 128 << 10;
     let (Some(mut gpu), Some((device, queue))) = (gpu(), external_device(lower)) else { return };
     let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
@@ -249,12 +250,13 @@ fn buffers_of_others_are_taken_or_refused_in_words() {
         let rendering = external.render_resident(&long, &view, &everything()).unwrap();
         assert!(external.read(&rendering).unwrap() == expected, "{size}");
         let outcome = unrelated.render_resident(&long, &view, &everything());
-        assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{outcome:?}");
+        assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::Rejected { .. }))), "{outcome:?}");
     }
     let unseen = GpuGaussians::from_parts(vec![part(14_400, wgpu::BufferUsages::COPY_SRC)], 1).unwrap();
     let outcome = external.render_resident(&unseen, &view, &everything());
     assert!(
-        matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("STORAGE, found")),
+        matches!(&outcome, Err(SplatError::Gpu(GpuError::Rejected { reason, .. }))
+            if reason.contains("STORAGE, found")),
         "{outcome:?}"
     );
     let mut many = part(512 << 10, wgpu::BufferUsages::STORAGE);

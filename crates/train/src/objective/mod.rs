@@ -5,7 +5,7 @@ mod images;
 mod terms;
 
 use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, Views};
-use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
+use atsplat_splat::{Channels, RenderOptions, StoppedGradients, View};
 use burn::Tensor;
 use burn::tensor::{Device, Gradients};
 use indexmap::IndexMap;
@@ -268,7 +268,7 @@ impl Objective {
         RenderOptions {
             background: self.config.background,
             channels: Channels { scalar: with_scalars, ..Channels::default() },
-            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+            gradients: StoppedGradients { scalar_stops: true, ..StoppedGradients::default() },
             ..RenderOptions::default()
         }
     }

@@ -89,7 +89,7 @@ impl<'a> Copies<'a> {
     }
 
     fn failed(&self, error: &dyn std::fmt::Debug) -> SplatError {
-        GpuError::Refused { adapter: self.renderer.adapter().to_owned(), reason: format!("{error:?}") }.into()
+        GpuError::Rejected { adapter: self.renderer.adapter().to_owned(), reason: format!("{error:?}") }.into()
     }
 
     /// Submits the copies after all work that burn queued for a tensor.
@@ -107,7 +107,7 @@ impl<'a> Copies<'a> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_splat::gpu::{AdapterChoice, GpuOptions, SelfTestObserver, Verdict, VerdictKey};
+    use atsplat_splat::gpu::{AdapterChoice, GpuOptions, SelfTestKey, SelfTestObserver, SelfTestResult};
     use atsplat_tests::skip_without_graphics;
 
     use super::*;
@@ -116,8 +116,8 @@ mod tests {
     struct Trusting;
 
     impl SelfTestObserver for Trusting {
-        fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
-            Some(Verdict { fault: None })
+        fn cached(&self, _key: &SelfTestKey) -> Option<SelfTestResult> {
+            Some(SelfTestResult { fault: None })
         }
     }
 
@@ -141,7 +141,7 @@ mod tests {
             let is_of_this_call = !reason.to_string().contains("outside");
             assert!(
                 is_of_this_call
-                    && matches!(reason, SplatError::Gpu(GpuError::Refused { .. } | GpuError::OutOfMemory { .. })),
+                    && matches!(reason, SplatError::Gpu(GpuError::Rejected { .. } | GpuError::OutOfMemory { .. })),
                 "{reason}"
             );
         }

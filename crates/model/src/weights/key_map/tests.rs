@@ -4,7 +4,7 @@ use super::*;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
 use crate::weights::{
-    DType, LeftOver, MismatchCounts, MismatchReason, Missing, StoredTensor, StoredTensors, generated,
+    DType, MismatchCounts, MismatchReason, Missing, StoredTensor, StoredTensors, UnusedTensor, generated,
 };
 
 fn dino(size: DinoSize, registers: bool) -> Vec<Parameter> {
@@ -84,7 +84,7 @@ fn the_report_lists_missing_unused_and_mismatched_tensors() {
     let (found, report) = map.apply(&file, &expected);
     assert_eq!(found.tensors.keys().collect::<Vec<_>>(), ["a"]);
     assert_eq!(report.missing, [Missing { parameter: "d".to_owned(), shape: vec![7] }]);
-    let left_over = LeftOver { tensor: "c".to_owned(), found: "float32 [1]".to_owned() };
+    let left_over = UnusedTensor { tensor: "c".to_owned(), found: "float32 [1]".to_owned() };
     assert_eq!(report.left_over, [left_over]);
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["missing"], serde_json::json!([{ "parameter": "d", "shape": [7] }]));

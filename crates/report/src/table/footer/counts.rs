@@ -1,4 +1,4 @@
-use atsplat_eval::doubts::DOUBTS;
+use atsplat_eval::suspicious_notes::SUSPICIOUS_NOTES;
 use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES};
@@ -36,8 +36,8 @@ impl Notes {
         }
     }
 
-    /// Trials that count in a row's means although their renders show nothing, or have a note that doubts them.
-    pub(super) fn doubtful(&mut self, row: &Row, results: &ComparableResults<'_>) {
+    /// Trials that count in a row's means although their renders show nothing, or have a suspicious note.
+    pub(super) fn suspicious(&mut self, row: &Row, results: &ComparableResults<'_>) {
         // The trials of a mean over trainings, and of a row without leaked targets, are those of other rows.
         if row.without_leaked || row.is_over_trainings() {
             return;
@@ -53,7 +53,7 @@ impl Notes {
                 "no Gaussian is rendered in {undrawn} of {all} trials, whose images show the background"
             ));
         }
-        for (beginning, what) in DOUBTS {
+        for (beginning, what) in SUSPICIOUS_NOTES {
             let count = with_note(beginning);
             if count > 0 {
                 parts.push(format!("{what} in {count} of {all} trials"));

@@ -360,9 +360,9 @@ fn numbers_in_names_are_not_times() {
     let scene = dataset.load(&dataset.keys()[0], &mut warnings).unwrap();
     let numbers: Vec<Option<i64>> = scene.frames.iter().map(|frame| frame.timestamp_micros).collect();
     assert_eq!(numbers, [Some(153_012_345), Some(153_112_345), Some(153_312_345)], "as stored in chunks");
-    assert_eq!(dataset.times(), Times::FromNames);
+    assert_eq!(dataset.times(), TimestampSource::FromNames);
     assert!(!scene.has_times(dataset.times()));
-    assert!(scene.has_times(Times::Given), "as timestamps of a trajectory they would be times");
+    assert!(scene.has_times(TimestampSource::Given), "as timestamps of a trajectory they would be times");
     let cameras = camera_file::read(folder.path(), None, LensOfPoses::default(), &mut warnings).unwrap();
     assert_eq!(cameras.len(), 3);
     assert!(cameras.iter().all(|camera| camera.timestamp_micros.is_none()));

@@ -303,7 +303,7 @@ fn gradients_of_every_rule_match_the_reference() {
         for preset in RendererConstants::PRESETS {
             for stops in [false, true] {
                 let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::named(preset).unwrap() };
-                let gradients = crate::GradientReach { scalar_stops: stops, directions_stop: stops };
+                let gradients = crate::StoppedGradients { scalar_stops: stops, directions_stop: stops };
                 let mode = if stops { RasterMode::Antialiased } else { RasterMode::Classic };
                 let options = RenderOptions { constants, mode, gradients, ..everything() };
                 let images = image_gradients(&view);

@@ -44,7 +44,7 @@ struct Columns {
     has_filter: bool,
     has_scalar: bool,
     unused: Vec<String>,
-    /// See [`crate::files::Import::integers`].
+    /// See [`crate::files::ImportReport::integers`].
     integers: Vec<String>,
 }
 

@@ -1,7 +1,7 @@
 use super::axes::Axes;
 use super::header::Header;
 use super::quaternions::{to_four_bytes, to_three_bytes};
-use super::{COLOUR_SCALE, Export, Malformed};
+use super::{COLOUR_SCALE, ExportReport, Malformed};
 use crate::{GaussianParts, sh_coefficients};
 
 /// As in the reference: a quarter of a millimetre if a scene unit is a metre.
@@ -19,7 +19,7 @@ pub(in super::super) fn encode(
     parts: &GaussianParts,
     version: u32,
     antialiased: bool,
-) -> Result<(Vec<u8>, Export), Malformed> {
+) -> Result<(Vec<u8>, ExportReport), Malformed> {
     check(parts)?;
     let mut parts = parts.clone();
     // Signs are their own inverse.
@@ -61,7 +61,7 @@ pub(in super::super) fn encode(
         }
     }
     let centres = coarser(parts.means.as_flattened(), header.fractional_bits);
-    Ok((payload, Export { centres, ..clamped(&parts) }))
+    Ok((payload, ExportReport { centres, ..clamped(&parts) }))
 }
 
 /// The step of coefficient `k`, above degree 0.
@@ -70,9 +70,9 @@ const fn step(k: usize) -> i32 {
 }
 
 /// Counts the values of Gaussians in the stored axes that are beyond the format's ranges.
-fn clamped(parts: &GaussianParts) -> Export {
+fn clamped(parts: &GaussianParts) -> ExportReport {
     let log_scales = beyond(parts.log_scales.as_flattened(), [-10.0, 5.9375], 1.0 / 16.0);
-    let mut export = Export { log_scales, ..Export::default() };
+    let mut export = ExportReport { log_scales, ..ExportReport::default() };
     let largest = 0.5 / COLOUR_SCALE;
     for of_one in parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)) {
         for (k, rgb) in of_one.iter().enumerate() {
@@ -178,11 +178,11 @@ mod tests {
             sh: vec![[3.34, -3.34, 0.0], [1.03, -1.02, 0.0], [0.0; 3], [0.0; 3]],
             ..GaussianParts::default()
         };
-        assert_eq!(encode(&within, 3, false).unwrap().1, Export::default(), "rounding");
+        assert_eq!(encode(&within, 3, false).unwrap().1, ExportReport::default(), "rounding");
         let mut beyond = within;
         beyond.log_scales = vec![[f32::NEG_INFINITY, 0.0, 5.98]];
         beyond.sh = vec![[3.5, -3.4, -9.0], [1.03, 1.03, -1.03], [0.0; 3], [0.0; 3]];
-        let expected = Export { log_scales: 2, colours: 3, coefficients: 1, centres: 0 };
+        let expected = ExportReport { log_scales: 2, colours: 3, coefficients: 1, centres: 0 };
         assert_eq!(encode(&beyond, 2, true).unwrap().1, expected);
     }
 
@@ -201,8 +201,12 @@ mod tests {
             encode(&parts, 3, false).unwrap().1
         };
         let odd = 1.0 / 4096.0;
-        assert_eq!(exported([2047.0, odd, 0.1]), Export::default(), "steps of 1/4096");
-        assert_eq!(exported([3000.0, odd, 0.5]), Export { centres: 1, ..Export::default() }, "steps of 1/2048");
+        assert_eq!(exported([2047.0, odd, 0.1]), ExportReport::default(), "steps of 1/4096");
+        assert_eq!(
+            exported([3000.0, odd, 0.5]),
+            ExportReport { centres: 1, ..ExportReport::default() },
+            "steps of 1/2048"
+        );
         let whole = exported([8_388_607.0, 0.3, -0.6]);
         let expected =
             "coordinates of centres rounded more coarsely than SPZ's usual 1/4096, because one is beyond ±2047: 2";

@@ -15,7 +15,7 @@ pub(super) use container::{GZIP_MAGIC, compress, is_gzip};
 pub(super) use encode::encode;
 pub(super) use header::MAGIC;
 
-use super::{Export, Format, Malformed, Stored};
+use super::{ExportReport, Format, Malformed, Stored};
 use axes::Axes;
 use container::Container;
 

@@ -111,7 +111,7 @@ mod tests {
             (GpuError::OutOfMemory { adapter: adapter(), reason: reason() }.into(), true),
             (too_large.into(), true),
             (SplatError::Memory { needed: 9, limit: 8 }, true),
-            (GpuError::Refused { adapter: adapter(), reason: reason() }.into(), false),
+            (GpuError::Rejected { adapter: adapter(), reason: reason() }.into(), false),
             (GpuError::Device { adapter: adapter(), reason: reason() }.into(), false),
             (SplatError::Length { field: "views", expected: 1, found: 0 }, false),
         ];

@@ -17,11 +17,11 @@ fn each_gaussian_keeps_the_bands_that_it_needs() {
         }
     }
     let gaussians = Gaussians::new(parts).unwrap();
-    let packed = Harmonics::pack(&gaussians, 4, EffectPlan::TOLERANCE).unwrap();
+    let packed = PackedHarmonics::pack(&gaussians, 4, EffectPlan::TOLERANCE).unwrap();
     assert_eq!((packed.kept(), packed.degree()), ([2, 1, 1, 1, 0], 3));
     // √(7 / 4π) times the only coefficients that are dropped.
     Tolerance::relative(1e-4).assert([packed.bound()], [0.746_352_665 * f64::from(flat)], "bound");
-    let lower = Harmonics::pack(&gaussians, 2, EffectPlan::TOLERANCE).unwrap();
+    let lower = PackedHarmonics::pack(&gaussians, 2, EffectPlan::TOLERANCE).unwrap();
     assert_eq!((lower.kept(), lower.degree()), ([3, 1, 1, 0, 0], 2), "no band above the requested one");
     let colour = largest_change(EffectPlan::TOLERANCE, &gaussians, &view(Distortion::None), &everything());
     assert!(colour <= EffectPlan::TOLERANCE);
@@ -35,7 +35,7 @@ fn a_culled_gaussian_adds_nothing_to_the_bound() {
         parts.sh[sh_coefficients(degree) + 1][2] = f32::NEG_INFINITY;
         let gaussians = Gaussians::new(parts).unwrap();
         for tolerance in [1e-3, f64::MAX, f64::INFINITY] {
-            let packed = Harmonics::pack(&gaussians, 4, tolerance).unwrap();
+            let packed = PackedHarmonics::pack(&gaussians, 4, tolerance).unwrap();
             assert_eq!((packed.kept()[0], packed.kept()[usize::from(degree)]), (2, 1), "{degree}, {tolerance}");
             assert!(packed.bound() > 0.0 && packed.bound() < 1e-3, "{degree}: {}", packed.bound());
         }
@@ -57,7 +57,7 @@ fn the_bound_is_reached() {
             let coefficient = (share * TOLERANCE / sup) as f32;
             parts.sh[at] = [coefficient, 0.0, 0.0];
             let gaussians = Gaussians::new(parts).unwrap();
-            let packed = Harmonics::pack(&gaussians, 4, TOLERANCE).unwrap();
+            let packed = PackedHarmonics::pack(&gaussians, 4, TOLERANCE).unwrap();
             assert_eq!(packed.degree() == 0, drops, "{share} of the tolerance in coefficient {at}");
             let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
             let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
@@ -80,7 +80,7 @@ fn the_bound_is_reached() {
 fn gradients_leave_nothing_out() {
     let gaussians = scene(40, 0.3, -0.5, None);
     let at = view(Distortion::None);
-    let packed = Harmonics::pack(&gaussians, 4, 10.0).unwrap();
+    let packed = PackedHarmonics::pack(&gaussians, 4, 10.0).unwrap();
     assert_eq!(packed.degree(), 0);
     let reduced = RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), ..RenderOptions::default() };
     let images = ImageGradients { rgb: vec![[1.0, -0.5, 0.3]; at.pixels()], alpha: None, depth: None, scalar: None };
@@ -97,7 +97,7 @@ fn gradients_leave_nothing_out() {
 
 #[test]
 fn packed_harmonics_of_other_gaussians_are_rejected() {
-    let packed = Harmonics::pack(&scene(4, 0.3, -1.0, None), 4, 0.0).unwrap();
+    let packed = PackedHarmonics::pack(&scene(4, 0.3, -1.0, None), 4, 0.0).unwrap();
     let options = RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), ..RenderOptions::default() };
     let gaussians = scene(5, 0.3, -1.0, None);
     let renderers: [Box<dyn Renderer>; 2] = [Box::new(CpuRenderer::default()), Box::new(ReferenceRenderer)];

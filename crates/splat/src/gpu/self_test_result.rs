@@ -4,10 +4,10 @@ use super::adapters::AdapterDescription;
 use super::kernels::Kernel;
 use super::{GpuError, self_test};
 
-/// Key of a self-test's verdict, which is valid until the adapter, its driver, wgpu, the kernels or the test change.
+/// Key of a self-test's result, which is valid until the adapter, its driver, wgpu, the kernels or the test change.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct VerdictKey {
+pub struct SelfTestKey {
     /// Name reported by the driver.
     pub adapter: String,
     /// Such as `Vulkan` or `Gl`.
@@ -21,7 +21,7 @@ pub struct VerdictKey {
 /// Result of a self-test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Verdict {
+pub struct SelfTestResult {
     /// The wrong result, if any.
     pub fault: Option<WrongResult>,
 }
@@ -49,25 +49,25 @@ pub enum ProbeStage {
     Derivative,
 }
 
-/// Observes the examination of adapters, and may cache the verdicts.
+/// Observes the examination of adapters, and may cache the results of tests.
 pub trait SelfTestObserver {
     /// A stage begins.
     fn begins(&self, _adapter: &AdapterDescription, _stage: ProbeStage) {}
 
-    /// The cached verdict of an earlier test, which is then not repeated.
-    fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
+    /// The cached result of an earlier test, which is then not repeated.
+    fn cached(&self, _key: &SelfTestKey) -> Option<SelfTestResult> {
         None
     }
 
     /// A test passed, or failed deterministically. Results that may differ next time, such as a lost device, are not
     /// stored.
-    fn store(&self, _key: &VerdictKey, _verdict: &Verdict) {}
+    fn store(&self, _key: &SelfTestKey, _result: &SelfTestResult) {}
 }
 
 /// Ignores everything.
 impl SelfTestObserver for () {}
 
-impl VerdictKey {
+impl SelfTestKey {
     /// The key of an adapter.
     pub fn of(description: &AdapterDescription) -> Self {
         Self {
@@ -79,8 +79,8 @@ impl VerdictKey {
     }
 }
 
-impl Verdict {
-    /// The verdict of a test; `None` if the result may differ next time.
+impl SelfTestResult {
+    /// The result of a test; `None` if it may differ next time.
     pub(super) fn of(outcome: &Result<(), GpuError>) -> Option<Self> {
         match outcome {
             Ok(()) => Some(Self { fault: None }),
@@ -92,7 +92,7 @@ impl Verdict {
         }
     }
 
-    /// Converts the verdict back to a result.
+    /// Converts it back to what the test returned.
     ///
     /// # Errors
     /// [`GpuError::SelfTest`].
@@ -127,18 +127,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_deterministic_results_become_verdicts() {
+    fn only_deterministic_results_can_be_cached() {
         let wrong = |difference: f64| {
             let (adapter, what) = ("a".to_owned(), "depth".to_owned());
             Err(GpuError::SelfTest { adapter, what, difference, bound: 1e-4 })
         };
         for outcome in [Ok(()), wrong(0.5)] {
-            assert_eq!(Verdict::of(&outcome).unwrap().outcome("a"), outcome);
+            assert_eq!(SelfTestResult::of(&outcome).unwrap().outcome("a"), outcome);
         }
-        let nan = Verdict::of(&wrong(f64::NAN)).unwrap().outcome("a").unwrap_err().to_string();
+        let nan = SelfTestResult::of(&wrong(f64::NAN)).unwrap().outcome("a").unwrap_err().to_string();
         assert!(nan.contains("depth differs by NaN"), "{nan}");
         let lost = Err(GpuError::Device { adapter: "a".to_owned(), reason: "lost".to_owned() });
-        assert_eq!(Verdict::of(&lost), None, "it may be there next time");
+        assert_eq!(SelfTestResult::of(&lost), None, "it may be there next time");
     }
 
     #[test]
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// Verdicts of other versions would be taken for those of the locked ones.
+    /// Results of other versions would be taken for those of the locked ones.
     #[test]
     fn the_libraries_have_the_versions_of_the_lock_file() {
         let lock = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../Cargo.lock")).unwrap();

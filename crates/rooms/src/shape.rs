@@ -1,14 +1,14 @@
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::bundle::Extent;
+use crate::ray_packet::Extent;
 
 /// Shape of an object, about the origin of its own frame. Lengths in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Form {
+pub(crate) enum Shape {
     /// A box with these half sides.
     Box(DVec3),
-    /// A ball.
-    Ball(f64),
+    /// A sphere with this radius.
+    Sphere(f64),
     /// A cylinder about z with flat caps.
     Cylinder { radius: f64, half_height: f64 },
     /// A flat ellipse in the plane z = 0: a leaf.
@@ -18,7 +18,7 @@ pub(crate) enum Form {
 /// A shape with a pose in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Object {
-    pub form: Form,
+    pub shape: Shape,
     pub world_from_local: DMat3,
     pub centre: DVec3,
     /// Half sides of an axis-aligned box.
@@ -64,15 +64,15 @@ pub(crate) struct HitPoint {
 
 impl Object {
     /// An object with a pose. Rotations by multiples of 90° are made exact.
-    pub(crate) fn new(form: Form, world_from_local: DMat3, centre: DVec3, material: usize, instance: u32) -> Self {
+    pub(crate) fn new(shape: Shape, world_from_local: DMat3, centre: DVec3, material: usize, instance: u32) -> Self {
         let rounded = DMat3::from_cols_array(&world_from_local.to_cols_array().map(f64::round));
         let quarter = world_from_local.abs_diff_eq(rounded, 1e-12);
         let world_from_local = if quarter { rounded } else { world_from_local };
-        let aligned = match form {
-            Form::Box(half) if quarter => Some((rounded * half).abs()),
+        let aligned = match shape {
+            Shape::Box(half) if quarter => Some((rounded * half).abs()),
             _ => None,
         };
-        Self { form, world_from_local, centre, aligned, material, instance }
+        Self { shape, world_from_local, centre, aligned, material, instance }
     }
 
     /// The smallest `t` within the ray's limits at which it hits the surface.
@@ -84,15 +84,15 @@ impl Object {
         let local_from_world = self.world_from_local.transpose();
         let o = local_from_world * (ray.origin - self.centre);
         let d = local_from_world * ray.direction;
-        match self.form {
-            Form::Box(half) => slabs(-o, half, RaySegment::new(o, d, 0.0, 0.0).inverse, within),
-            Form::Ball(radius) => {
+        match self.shape {
+            Shape::Box(half) => slabs(-o, half, RaySegment::new(o, d, 0.0, 0.0).inverse, within),
+            Shape::Sphere(radius) => {
                 let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - radius * radius);
                 let root = (b * b - a * c).sqrt();
                 within((-b - root) / a).or_else(|| within((root - b) / a))
             }
-            Form::Cylinder { radius, half_height } => cylinder(o, d, radius, half_height, within),
-            Form::Leaf(half) => {
+            Shape::Cylinder { radius, half_height } => cylinder(o, d, radius, half_height, within),
+            Shape::Leaf(half) => {
                 let t = within(-o.z / d.z)?;
                 let p = (o + d * t).truncate() / half;
                 (p.length_squared() <= 1.0).then_some(t)
@@ -134,8 +134,8 @@ impl Object {
     /// Normal and surface coordinates at a point that [`Self::hit`] found.
     pub(crate) fn hit_point(&self, point: DVec3) -> HitPoint {
         let p = self.world_from_local.transpose() * (point - self.centre);
-        let (normal, uv) = match self.form {
-            Form::Box(half) => {
+        let (normal, uv) = match self.shape {
+            Shape::Box(half) => {
                 let q = p / half;
                 let (x, y, z) = (q.x.abs(), q.y.abs(), q.z.abs());
                 if x >= y && x >= z {
@@ -146,11 +146,11 @@ impl Object {
                     (DVec3::Z * q.z.signum(), DVec2::new(p.x, p.y))
                 }
             }
-            Form::Ball(radius) => {
+            Shape::Sphere(radius) => {
                 let n = p / radius;
                 (n, DVec2::new(n.y.atan2(n.x), n.z.clamp(-1.0, 1.0).asin()) * radius)
             }
-            Form::Cylinder { radius, half_height } => {
+            Shape::Cylinder { radius, half_height } => {
                 let across = p.truncate() / radius;
                 if p.z.abs() / half_height > across.length() {
                     (DVec3::Z * p.z.signum(), p.truncate())
@@ -158,7 +158,7 @@ impl Object {
                     (across.extend(0.0), DVec2::new(across.y.atan2(across.x) * radius, p.z))
                 }
             }
-            Form::Leaf(_) => (DVec3::Z, p.truncate()),
+            Shape::Leaf(_) => (DVec3::Z, p.truncate()),
         };
         let normal = self.world_from_local * normal;
         // Rotations by multiples of 90° keep the length exactly.
@@ -168,11 +168,11 @@ impl Object {
 
     /// Half sides of the axis-aligned box in the world around [`Self::centre`].
     pub(crate) fn half_extent(&self) -> DVec3 {
-        let local = match self.form {
-            Form::Box(half) => half,
-            Form::Ball(radius) => return DVec3::splat(radius),
-            Form::Cylinder { radius, half_height } => DVec3::new(radius, radius, half_height),
-            Form::Leaf(half) => half.extend(0.0),
+        let local = match self.shape {
+            Shape::Box(half) => half,
+            Shape::Sphere(radius) => return DVec3::splat(radius),
+            Shape::Cylinder { radius, half_height } => DVec3::new(radius, radius, half_height),
+            Shape::Leaf(half) => half.extend(0.0),
         };
         let m = self.world_from_local;
         m.x_axis.abs() * local.x + m.y_axis.abs() * local.y + m.z_axis.abs() * local.z
@@ -182,13 +182,13 @@ impl Object {
     pub(crate) fn distance(&self, point: DVec3) -> f64 {
         let p = self.world_from_local.transpose() * (point - self.centre);
         let to_box = |q: DVec3| q.max(DVec3::ZERO).length() + q.max_element().clamp(f64::MIN, 0.0);
-        match self.form {
-            Form::Box(half) => to_box(p.abs() - half),
-            Form::Ball(radius) => p.length() - radius,
-            Form::Cylinder { radius, half_height } => {
+        match self.shape {
+            Shape::Box(half) => to_box(p.abs() - half),
+            Shape::Sphere(radius) => p.length() - radius,
+            Shape::Cylinder { radius, half_height } => {
                 to_box(DVec3::new(p.truncate().length() - radius, -half_height, p.z.abs() - half_height))
             }
-            Form::Leaf(half) => to_box(p.abs() - half.extend(0.0)),
+            Shape::Leaf(half) => to_box(p.abs() - half.extend(0.0)),
         }
     }
 }
@@ -229,12 +229,12 @@ mod tests {
 
     use super::*;
 
-    fn forms() -> impl Strategy<Value = Form> {
+    fn shapes() -> impl Strategy<Value = Shape> {
         let side = || 0.05..2.0f64;
         prop_oneof![
-            (side(), side(), side()).prop_map(|(x, y, z)| Form::Box(DVec3::new(x, y, z))),
-            side().prop_map(Form::Ball),
-            (side(), side()).prop_map(|(radius, half_height)| Form::Cylinder { radius, half_height }),
+            (side(), side(), side()).prop_map(|(x, y, z)| Shape::Box(DVec3::new(x, y, z))),
+            side().prop_map(Shape::Sphere),
+            (side(), side()).prop_map(|(radius, half_height)| Shape::Cylinder { radius, half_height }),
         ]
     }
 
@@ -242,7 +242,7 @@ mod tests {
     /// is lower, off to the side or not between the boxes hides less than all.
     #[test]
     fn a_wall_between_two_boxes_separates_them() {
-        let wall = |centre: DVec3, half: DVec3| Object::new(Form::Box(half), DMat3::IDENTITY, centre, 0, 1);
+        let wall = |centre: DVec3, half: DVec3| Object::new(Shape::Box(half), DMat3::IDENTITY, centre, 0, 1);
         let from = Extent::around(DVec3::new(0.0, 0.0, 0.0), DVec3::new(0.2, 0.3, 0.1));
         let to = Extent::around(DVec3::new(0.5, 6.0, 1.0), DVec3::new(0.4, 0.1, 0.6));
         let shields = wall(DVec3::new(0.2, 2.0, 0.3), DVec3::new(1.0, 0.05, 1.0));
@@ -265,7 +265,7 @@ mod tests {
         for (wall, why) in gaps {
             assert!(!wall.separates(&from, &to) && !wall.separates(&to, &from), "{why}");
         }
-        let turned = Object::new(shields.form, DMat3::from_rotation_z(0.1), shields.centre, 0, 1);
+        let turned = Object::new(shields.shape, DMat3::from_rotation_z(0.1), shields.centre, 0, 1);
         assert!(!turned.separates(&from, &to), "only aligned walls are sure");
     }
 
@@ -277,12 +277,12 @@ mod tests {
         /// Sphere tracing finds the surface independently.
         #[test]
         fn hits_agree_with_sphere_tracing(
-            form in forms(), turn in (0.0..1.0, 0.0..1.0f64), angle in 0.0..6.0f64,
+            shape in shapes(), turn in (0.0..1.0, 0.0..1.0f64), angle in 0.0..6.0f64,
             from in (0.0..1.0, 0.0..1.0f64), aim in (-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64),
         ) {
             let centre = DVec3::new(0.3, -1.0, 2.0);
             let world_from_local = DMat3::from_axis_angle(unit(turn), angle);
-            let object = Object::new(form, world_from_local, centre, 0, 1);
+            let object = Object::new(shape, world_from_local, centre, 0, 1);
             let origin = centre + unit(from) * 5.0;
             let direction = (centre + DVec3::from(aim) - origin).normalize();
             let found = object.hit(&RaySegment::new(origin, direction, 0.0, 50.0));

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec4};
 
 use crate::bvh::{Bvh, Node, OBJECT, Slabs, WIDTH, limit};
-use crate::form::{Object, RaySegment};
+use crate::shape::{Object, RaySegment};
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ impl RayPacket {
         let side = |axis: usize, at: usize| (as_vec4(o[at][axis]), as_vec4(1.0 / safe(d[at][axis])));
         let sides = [0, 1, 2].map(|axis| [0, 1].map(|at| side(axis, at)));
         let rises = [0, 1, 2].map(|axis| [0, 1].map(|at| safe(d[at][axis]) > 0.0));
-        // Finite, so that no bundle enters the boxes of an empty slot at infinity.
+        // Finite, so that no packet enters the boxes of an empty slot at infinity.
         let farthest = limit(farthest).clamp(0.0, f32::MAX);
         Self { sides, rises, farthest }
     }
@@ -78,7 +78,7 @@ fn as_vec4(value: f64) -> Vec4 {
     Vec4::splat(value as f32)
 }
 
-/// The objects that the rays of a bundle can hit, nearest first; or too many to be worth listing.
+/// The objects that the rays of a packet can hit, nearest first; or too many to be worth listing.
 #[derive(Debug)]
 pub(crate) struct Candidates {
     /// Boxes of objects alone, and the first `t` of each node.
@@ -89,16 +89,16 @@ pub(crate) struct Candidates {
 /// Longest list of objects.
 const MOST: usize = 32;
 
-/// Where the bundle enters an object's box, the object's link, and the box: low and high by axis.
+/// Where the packet enters an object's box, the object's link, and the box: low and high by axis.
 type Entered = (f32, u32, [(f32, f32); 3]);
 
 impl Candidates {
     /// Finds the objects; those that `keep` excludes are known not to be hit.
-    pub(crate) fn new(bvh: &Bvh, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn new(bvh: &Bvh, packet: &RayPacket, keep: impl Fn(usize) -> bool) -> Self {
         let mut found: Vec<Entered> = Vec::new();
         let mut open = vec![0u32];
         while let Some(node) = open.pop().and_then(|link| bvh.nodes.get(link as usize)) {
-            let (enters, hits) = bundle.enter(node);
+            let (enters, hits) = packet.enter(node);
             for slot in (0..WIDTH).filter(|slot| hits >> slot & 1 == 1) {
                 let link = node.links[slot];
                 if link & OBJECT == 0 {
@@ -125,7 +125,7 @@ impl Candidates {
         Self { nodes: found.chunks(WIDTH).map(node).collect(), complete: true }
     }
 
-    /// As [`Bvh::closest`], for a ray of the bundle.
+    /// As [`Bvh::closest`], for a ray of the packet.
     pub(crate) fn closest(&self, bvh: &Bvh, objects: &[Object], ray: &RaySegment) -> Option<(f64, usize)> {
         if !self.complete {
             return bvh.closest(objects, ray);
@@ -156,7 +156,7 @@ impl Candidates {
         best
     }
 
-    /// As [`Bvh::blocked`], for a ray of the bundle.
+    /// As [`Bvh::blocked`], for a ray of the packet.
     pub(crate) fn blocked(&self, bvh: &Bvh, objects: &[Object], ray: &RaySegment) -> bool {
         if !self.complete {
             return bvh.blocked(objects, ray);

@@ -15,9 +15,9 @@ use crate::{Gaussians, LARGEST_CHANNEL, MAX_SH_DEGREE, sh_coefficients};
 /// `Σₘ Yₗₘ² = (2l + 1) / 4π` and Cauchy–Schwarz, dropping them changes a channel of its colour in no direction by more than
 /// `Σₗ ‖cₗ‖ √((2l + 1) / 4π)`. Clamping colours at 0 moves two of them no further apart. Along a ray, compositing weights
 /// are at least 0 and sum to at most 1, so a pixel changes by no more than the Gaussian that changes most:
-/// [`Harmonics::bound`].
+/// [`PackedHarmonics::bound`].
 #[derive(Clone, Debug)]
-pub struct Harmonics {
+pub struct PackedHarmonics {
     degree: u8,
     heads: Vec<Head>,
     /// Coefficients above degree 0, Gaussian by Gaussian.
@@ -39,7 +39,7 @@ const BANDS: usize = MAX_SH_DEGREE as usize + 1;
 /// Gaussians per task.
 const CHUNK: usize = 4096;
 
-impl PartialEq for Harmonics {
+impl PartialEq for PackedHarmonics {
     fn eq(&self, other: &Self) -> bool {
         let numbers = |harmonics: &Self| (harmonics.degree, harmonics.bound, harmonics.kept);
         std::ptr::eq(self, other)
@@ -47,7 +47,7 @@ impl PartialEq for Harmonics {
     }
 }
 
-impl Harmonics {
+impl PackedHarmonics {
     /// Keeps the fewest bands up to `max_degree` with which no colour changes by more than `tolerance`. Gaussians that are
     /// culled for their colour stay culled.
     ///
@@ -152,37 +152,37 @@ impl Harmonics {
 
 /// The lowest degree that changes no colour by more than the tolerance, and the bound on that change, which is finite.
 fn needed(sh: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
-    let above = above(sh);
+    let bounds = band_bounds(sh);
     let highest = sh.len().isqrt().saturating_sub(1);
     let is_invisible = |change: &f64| change.is_finite() && *change <= tolerance;
-    let kept = above.iter().skip(1).take(highest).position(is_invisible).unwrap_or(highest);
+    let kept = bounds.iter().skip(1).take(highest).position(is_invisible).unwrap_or(highest);
     #[expect(clippy::expect_used, reason = "`kept` is a degree")]
-    let change = above.get(kept + 1).expect("one bound for each degree, and 0 behind the last");
+    let change = bounds.get(kept + 1).expect("one bound for each degree, and 0 behind the last");
     #[expect(clippy::expect_used, reason = "`kept` is a degree")]
     let degree = u8::try_from(kept).expect("at most the degree that is stored");
     (degree, *change)
 }
 
-/// Upper bounds on the contribution of all bands from each degree on, see [`Harmonics`]: entry 0 covers every band, so
+/// Upper bounds on the contribution of all bands from each degree on, see [`PackedHarmonics`]: entry 0 covers every band, so
 /// `0.5 +` it bounds the colour itself. Infinite if the colour may be too large to be drawn, which depends on every band.
-pub(crate) type Above = [f64; BANDS + 1];
+pub(crate) type BandBounds = [f64; BANDS + 1];
 
 /// The bounds of one Gaussian.
-pub(crate) fn above(sh: &[[f32; 3]]) -> Above {
+pub(crate) fn band_bounds(sh: &[[f32; 3]]) -> BandBounds {
     // More than f32 rounding loses in a sum of 25 squares.
     const ROUNDING: f64 = 1.0 + 1e-5;
-    let mut above = [0.0; BANDS + 1];
+    let mut bounds = [0.0; BANDS + 1];
     let mut sum = 0.0;
-    for (band, slot) in above.iter_mut().enumerate().take(BANDS).rev() {
+    for (band, slot) in bounds.iter_mut().enumerate().take(BANDS).rev() {
         let Some(of_band) = sh.get(band * band..(band + 1) * (band + 1)) else { continue };
         let squares = of_band.iter().fold([0.0f32; 3], |[r, g, b], [x, y, z]| [r + x * x, g + y * y, b + z * z]);
         let largest = squares.into_iter().fold(0.0, f32::maximum_of);
         sum += ROUNDING * (f64::from(largest) * (2.0 * band as f64 + 1.0) / (4.0 * PI)).sqrt();
         *slot = sum;
     }
-    if above.first().is_some_and(|all| !(*all < 0.5 * LARGEST_CHANNEL)) {
+    if bounds.first().is_some_and(|all| !(*all < 0.5 * LARGEST_CHANNEL)) {
         // Where there are no bands, nothing can be left out.
-        above.iter_mut().take(sh.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
+        bounds.iter_mut().take(sh.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
     }
-    above
+    bounds
 }

@@ -7,7 +7,7 @@ use super::images::LazyImage;
 use super::lazy::LazyValue;
 use super::prefetch::{Budget, DecodeAhead, OrderedJobs, Prefetch};
 use super::prepare::prepare;
-use super::{Refusal, SkipReason, SkipReport, Skipped, TargetImages, Trial, TrialRecipe};
+use super::{Rejection, SkipReason, SkipReport, Skipped, TargetImages, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
 
 /// Iterates over an evaluation index on a dataset: for each entry, in index order, a trial and its target images, or
@@ -38,7 +38,7 @@ struct PendingEntry {
 /// A scene shared by its entries and loaded by the first that needs it; those prepared at the same moment each load it.
 struct SharedScene {
     key: String,
-    loaded: LazyValue<(Result<Arc<Scene>, Refusal>, Warnings)>,
+    loaded: LazyValue<(Result<Arc<Scene>, Rejection>, Warnings)>,
 }
 
 struct PreparedEntry {
@@ -151,19 +151,21 @@ impl PendingEntry {
         let mut warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
         let prepared = match scene {
             Ok(scene) => prepare(&scene, entry_number, &entry, recipe, &mut warnings),
-            Err(refusal) => Err(refusal),
+            Err(rejection) => Err(rejection),
         };
         let trial = match prepared {
             Ok((trial, images)) => Ok(decode_ahead(trial, images, decode, budget)),
-            Err(Refusal { reason, detail }) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
+            Err(Rejection { reason, detail }) => {
+                Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail })
+            }
         };
         PreparedEntry { trial, warnings }
     }
 }
 
-fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Refusal>, Warnings) {
+fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Rejection>, Warnings) {
     let mut warnings = Warnings::new();
-    let scene = crate::loading::load(source, key, &mut warnings).map(Arc::new).map_err(Refusal::from);
+    let scene = crate::loading::load(source, key, &mut warnings).map(Arc::new).map_err(Rejection::from);
     (scene, warnings)
 }
 

@@ -1,4 +1,4 @@
-//! Parameters, selections, neighbours and budgets agree with fixtures of the PyTorch twin in `oracle/`.
+//! Parameters, selections, neighbours and budgets agree with fixtures of the PyTorch reference in `oracle/`.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail like tests")]
 
@@ -61,7 +61,7 @@ fn parameters_agree_with_the_twin() {
     for fixture in Fixture::all() {
         let theirs: BTreeMap<String, Vec<usize>> =
             serde_json::from_str(&fixture.stored.metadata["parameters"]).unwrap();
-        // The twin lists only the parameters it uses, without those of disabled expansions.
+        // The reference lists only the parameters it uses, without those of disabled expansions.
         let unused = |name: &str| {
             let block = name.strip_prefix("decoder.blocks.").and_then(|rest| rest.split_once(".expansion."));
             block.is_some_and(|(block, _)| !fixture.config.decoder.blocks[block.parse::<usize>().unwrap()].expand)

@@ -14,10 +14,10 @@ const RIVAL_FACTOR: f64 = 1.5;
 /// An interpretation with a smaller fraction of points in front of both cameras cannot be right.
 const IN_FRONT: f64 = 0.5;
 
-/// The conclusion from the scores about the declared cameras.
+/// Which interpretation of the declared cameras explains the images.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "verdict", rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum ConventionFit {
     /// An interpretation explains the images: the declared one unless another is clearly better.
     Fits {
         /// The interpretation to use.
@@ -34,42 +34,42 @@ pub enum Verdict {
     TooFewMatches,
 }
 
-impl Verdict {
+impl ConventionFit {
     /// Whether the cameras can be used as declared.
     pub const fn declared_fits(&self) -> bool {
         matches!(self, Self::Fits { convention: Convention::Declared, .. })
     }
 }
 
-/// The verdict on scores of [`super::score_conventions`].
+/// The interpretation that fits by the scores of [`super::score_conventions`].
 ///
 /// An interpretation fits if its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points are in
 /// front of both cameras. Of those, the declared one is trusted unless another has a median more than 1.5 times
 /// smaller; interpretations within that factor of the best are listed as not ruled out.
-pub fn verdict(scores: &[ConventionScore], diagonal_px: f64, min_matches: usize) -> Verdict {
+pub fn fitting_convention(scores: &[ConventionScore], diagonal_px: f64, min_matches: usize) -> ConventionFit {
     let declared = scores.iter().find(|score| score.convention == Convention::Declared);
     if declared.is_none_or(|score| score.matches < min_matches) {
-        return Verdict::TooFewMatches;
+        return ConventionFit::TooFewMatches;
     }
     let mut possible: Vec<_> = scores.iter().filter(|score| score.in_front >= IN_FRONT).collect();
     possible.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
     let limit = FIT_PX + FIT_DIAGONAL * diagonal_px;
     let closest = possible.first().copied();
     let Some(best) = closest.filter(|score| score.median_px <= limit) else {
-        return Verdict::NothingFits { closest: closest.map(|score| score.convention) };
+        return ConventionFit::NothingFits { closest: closest.map(|score| score.convention) };
     };
     let rivals = possible.iter().filter(|score| score.median_px <= limit && is_rival(score, best));
     let mut names: Vec<Convention> = rivals.map(|score| score.convention).collect();
     let trusted = names.iter().position(|name| *name == Convention::Declared).unwrap_or(0);
     let convention = names.remove(trusted);
-    Verdict::Fits { convention, not_ruled_out: names }
+    ConventionFit::Fits { convention, not_ruled_out: names }
 }
 
 fn is_rival(score: &ConventionScore, best: &ConventionScore) -> bool {
     score.median_px <= RIVAL_FACTOR * best.median_px
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for ConventionFit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Fits { convention, not_ruled_out } => {
@@ -99,8 +99,8 @@ mod tests {
         ConventionScore { convention, median_px, in_front, matches: 100 }
     }
 
-    fn fits(convention: Convention, not_ruled_out: &[Convention]) -> Verdict {
-        Verdict::Fits { convention, not_ruled_out: not_ruled_out.to_vec() }
+    fn fits(convention: Convention, not_ruled_out: &[Convention]) -> ConventionFit {
+        ConventionFit::Fits { convention, not_ruled_out: not_ruled_out.to_vec() }
     }
 
     #[test]
@@ -108,32 +108,41 @@ mod tests {
         use Convention::{AxesFlipped, Declared, PoseInverted};
         let inverted = |px| score(PoseInverted, px, 1.0);
         let declared = |px| score(Declared, px, 1.0);
-        assert_eq!(verdict(&[declared(0.3), inverted(9.0)], 400.0, 50), fits(Declared, &[]));
-        assert_eq!(verdict(&[declared(0.3), inverted(0.25)], 400.0, 50), fits(Declared, &[PoseInverted]));
-        assert_eq!(verdict(&[declared(9.0), inverted(0.3)], 400.0, 50), fits(PoseInverted, &[]));
+        assert_eq!(fitting_convention(&[declared(0.3), inverted(9.0)], 400.0, 50), fits(Declared, &[]));
+        assert_eq!(fitting_convention(&[declared(0.3), inverted(0.25)], 400.0, 50), fits(Declared, &[PoseInverted]));
+        assert_eq!(fitting_convention(&[declared(9.0), inverted(0.3)], 400.0, 50), fits(PoseInverted, &[]));
         let flipped = score(AxesFlipped, 0.4, 1.0);
-        assert_eq!(verdict(&[declared(0.8), inverted(0.3), flipped], 400.0, 50), fits(PoseInverted, &[AxesFlipped]));
+        assert_eq!(
+            fitting_convention(&[declared(0.8), inverted(0.3), flipped], 400.0, 50),
+            fits(PoseInverted, &[AxesFlipped])
+        );
     }
 
     #[test]
     fn points_behind_the_cameras_rule_out_an_interpretation() {
         let scores = [score(Convention::Declared, 0.2, 0.01), score(Convention::PoseInverted, 0.2, 0.99)];
-        assert_eq!(verdict(&scores, 400.0, 50), fits(Convention::PoseInverted, &[]));
-        assert_eq!(verdict(&scores[..1], 400.0, 50), Verdict::NothingFits { closest: None });
+        assert_eq!(fitting_convention(&scores, 400.0, 50), fits(Convention::PoseInverted, &[]));
+        assert_eq!(fitting_convention(&scores[..1], 400.0, 50), ConventionFit::NothingFits { closest: None });
     }
 
     #[test]
     fn large_and_nan_medians_do_not_fit() {
-        let nothing = Verdict::NothingFits { closest: Some(Convention::Declared) };
-        assert_eq!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
-        assert!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(), "a larger image");
-        assert_eq!(verdict(&[score(Convention::Declared, f64::NAN, 1.0)], 400.0, 50), nothing);
+        let nothing = ConventionFit::NothingFits { closest: Some(Convention::Declared) };
+        assert_eq!(fitting_convention(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
+        assert!(
+            fitting_convention(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(),
+            "a larger image"
+        );
+        assert_eq!(fitting_convention(&[score(Convention::Declared, f64::NAN, 1.0)], 400.0, 50), nothing);
     }
 
     #[test]
-    fn too_few_matches_give_no_verdict() {
-        assert_eq!(verdict(&[score(Convention::Declared, 0.1, 1.0)], 400.0, 101), Verdict::TooFewMatches);
-        assert_eq!(verdict(&[], 400.0, 0), Verdict::TooFewMatches);
+    fn too_few_matches_fit_nothing() {
+        assert_eq!(
+            fitting_convention(&[score(Convention::Declared, 0.1, 1.0)], 400.0, 101),
+            ConventionFit::TooFewMatches
+        );
+        assert_eq!(fitting_convention(&[], 400.0, 0), ConventionFit::TooFewMatches);
     }
 
     #[test]

@@ -6,49 +6,49 @@ use atsplat_splat::{GaussianParts, Gaussians, RendererConstants};
 use super::{Stage, View};
 use crate::DriftError;
 
-/// Side of the sheet's image in pixels; the focal length equals the side.
+/// Side of the scene's image in pixels; the focal length equals the side.
 const SIDE: u32 = 64;
 
-/// A sheet of synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's Gaussians may
+/// Synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's Gaussians may
 /// reach none of them: an untrained one's never reach the largest alpha. Changing any of these constants by a thousandth
 /// changes a pixel.
-pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftError> {
+pub(super) fn limit_scene(constants: &RendererConstants) -> Result<Gaussians, DriftError> {
     let mut random = SplitMix64::new(0x7368_6565_7421);
     let mut between = |low: f64, high: f64| low + (high - low) * random.unit();
-    let mut sheet = Sheet::default();
+    let mut scene = LimitScene::default();
     // Faint layers behind each other on the left: transmittance decreases in small steps to the termination threshold.
     for layer in 0..400 {
         let direction = [between(-0.4, -0.1), between(-0.4, 0.4)];
-        sheet.add(direction, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
+        scene.add(direction, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
     }
     // Discs with wide rims, along which alpha crosses the smallest alpha.
     for _ in 0..600 {
         let direction = [between(-0.1, 0.5), between(-0.5, 0.5)];
-        sheet.add(direction, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
+        scene.add(direction, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
     }
     // Nearly opaque dots in front of everything, at pixel centres, for the largest alpha.
     for dot in 0..12 {
         let centre = |pixel: i32| (f64::from(pixel) + 0.5) / f64::from(SIDE) - 0.5;
-        sheet.add([centre(36 + 4 * (dot % 6)), centre(10 + 6 * (dot / 6))], 1.5, 1.5, 12.0);
+        scene.add([centre(36 + 4 * (dot % 6)), centre(10 + 6 * (dot / 6))], 1.5, 1.5, 12.0);
     }
     // Centres outside the border and the margin, whose tails reach the image.
     for _ in 0..20 {
-        sheet.add([between(0.68, 0.75), between(-0.4, 0.4)], 3.0, 9.0, -2.0);
+        scene.add([between(0.68, 0.75), between(-0.4, 0.4)], 3.0, 9.0, -2.0);
     }
     // Both sides of the near and far planes.
     for plane in [constants.near, constants.far] {
         for (depth, at) in [0.9995, 1.0005].into_iter().zip(0u8..) {
             if plane > 0.0 && plane.is_finite() {
-                sheet.add([0.47, 0.1 + 0.2 * f64::from(at)], plane * depth, 2.0, -1.0);
+                scene.add([0.47, 0.1 + 0.2 * f64::from(at)], plane * depth, 2.0, -1.0);
             }
         }
     }
     let failed = |error| Stage::Renderer.failed()(&error);
-    Gaussians::new(sheet.0).map_err(failed)
+    Gaussians::new(scene.0).map_err(failed)
 }
 
-/// The view of the sheet.
-pub(super) fn sheet_view() -> Result<View, DriftError> {
+/// The view of [`limit_scene`].
+pub(super) fn limit_view() -> Result<View, DriftError> {
     let image = ImageU8::new(SIDE, SIDE, vec![0; (SIDE * SIDE * 3) as usize]);
     let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5);
     Ok(View {
@@ -61,9 +61,9 @@ pub(super) fn sheet_view() -> Result<View, DriftError> {
 }
 
 #[derive(Default)]
-struct Sheet(GaussianParts);
+struct LimitScene(GaussianParts);
 
-impl Sheet {
+impl LimitScene {
     /// Adds an isotropic Gaussian at a direction `(x/z, y/z)` and a depth, with a standard deviation in pixels.
     #[expect(clippy::cast_possible_truncation, reason = "renderers take f32")]
     fn add(&mut self, [x, y]: [f64; 2], depth: f64, pixels: f64, opacity_logit: f64) {

@@ -63,11 +63,15 @@ fn arguments_that_nothing_reads_are_usage_errors() {
             "--context-size requires --weights with a file",
         ),
     ] {
-        let refused = atsplat(here, &[&args[..], more].concat());
-        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        let rejected = atsplat(here, &[&args[..], more].concat());
+        assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);
     }
-    let refused = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
-    assert!(refused.code == 2 && refused.stderr.contains("--weights is required: micro-rooms,"), "{}", refused.stderr);
+    let rejected = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
+    assert!(
+        rejected.code == 2 && rejected.stderr.contains("--weights is required: micro-rooms,"),
+        "{}",
+        rejected.stderr
+    );
     assert!(!here.join("store").exists());
     succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white", "--seed", "7"]].concat());
 }
@@ -79,18 +83,18 @@ fn weights_keep_their_configuration_and_training() {
     let here = folder.path();
     write_noise(here, 1);
     let network = [&RUN[..], &["--method", "atsplat", "--weights", "micro-rooms", "--model", "micro"]].concat();
-    let refused = atsplat(here, &network);
-    assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
+    let rejected = atsplat(here, &network);
+    assert!(rejected.code == 1 && rejected.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", rejected.stderr);
 
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
     let import = ["weights", "import", file, "--out", "copy.safetensors", "--precision", "f16"];
-    let refused = atsplat(here, &[&import[..], &["--model", "micro"]].concat());
-    assert!(refused.code == 1 && refused.stderr.contains("is a weights file of this toolkit"), "{}", refused.stderr);
+    let rejected = atsplat(here, &[&import[..], &["--model", "micro"]].concat());
+    assert!(rejected.code == 1 && rejected.stderr.contains("is a weights file of this toolkit"), "{}", rejected.stderr);
     let config = atsplat_model::weights::ModelWeights::read(file.as_ref()).unwrap();
     fs::write(here.join("same.toml"), toml::to_string(&config.config).unwrap()).unwrap();
     succeed(here, &[&import[..], &["--model", "same.toml"]].concat());
-    let refused = atsplat(here, &["weights", "verify", file, "--model", "micro"]);
-    assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
+    let rejected = atsplat(here, &["weights", "verify", file, "--model", "micro"]);
+    assert!(rejected.code == 1 && rejected.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", rejected.stderr);
     succeed(here, &["weights", "verify", "copy.safetensors", "--model", "same.toml"]);
     let copy = atsplat_model::weights::ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert!(copy.config == config.config && copy.tensors.digest() == config.tensors.digest());
@@ -110,11 +114,11 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     let index = r#"{"aaaa": {"context": [10, 40], "target": [20]}}"#;
     fs::write(here.join("index.json"), index).unwrap();
     let extrapolate = ["protocol", "extrapolate", "index.json", "--data", "data", "--out"];
-    let refused = atsplat(here, &[&extrapolate[..], &["wide.json", "--margin", "30"]].concat());
-    assert!(refused.code == 1 && refused.stderr.contains("no window has room"), "{}", refused.stderr);
+    let rejected = atsplat(here, &[&extrapolate[..], &["wide.json", "--margin", "30"]].concat());
+    assert!(rejected.code == 1 && rejected.stderr.contains("no window has room"), "{}", rejected.stderr);
     assert!(!here.join("wide.json").exists());
-    let refused = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
-    assert!(refused.code == 1 && refused.stderr.contains("would overwrite the input index"), "{}", refused.stderr);
+    let rejected = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
+    assert!(rejected.code == 1 && rejected.stderr.contains("would overwrite the input index"), "{}", rejected.stderr);
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
     succeed(here, &[&extrapolate[..], &["near.json"]].concat());
 }
@@ -122,8 +126,8 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
 #[test]
 fn a_report_of_no_store_creates_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = atsplat(folder.path(), &["report", "nowhere", "--out", "page"]);
-    assert!(refused.code == 1 && refused.stderr.contains("reading nowhere: "), "{}", refused.stderr);
+    let rejected = atsplat(folder.path(), &["report", "nowhere", "--out", "page"]);
+    assert!(rejected.code == 1 && rejected.stderr.contains("reading nowhere: "), "{}", rejected.stderr);
     assert!(!folder.path().join("page").exists());
 }
 
@@ -239,11 +243,11 @@ fn an_unfinished_run_is_no_baseline() {
     results.targets.retain(|row| row.key != last.key);
     results.write(&here.join("killed")).unwrap();
     let accept = ["drift", "accept", "killed", "--baseline", "baseline.json", "--why", "first", "--no-probe"];
-    let refused = atsplat(here, &accept);
+    let rejected = atsplat(here, &accept);
     assert!(
-        refused.code == 1 && refused.stderr.contains("is not done: 2 of 3 entries of tiny under nearest-view"),
+        rejected.code == 1 && rejected.stderr.contains("is not done: 2 of 3 entries of tiny under nearest-view"),
         "{}",
-        refused.stderr
+        rejected.stderr
     );
     assert!(!here.join("baseline.json").exists());
     succeed(here, &["drift", "accept", "store", "--baseline", "baseline.json", "--why", "first", "--no-probe"]);
