@@ -26,7 +26,7 @@ pub struct AcceptedNumber {
     pub interval: Option<[f64; 2]>,
     /// How far the mean of a later run may change; `None` for a deterministic method, which is compared bit by bit.
     pub limit: Option<f64>,
-    /// DriftVerdict against the previous acceptance; `None` if there was none.
+    /// Verdict against the previous acceptance; `None` if there was none.
     pub verdict: Option<DriftVerdict>,
 }
 

@@ -1,7 +1,5 @@
 //! Stores of older versions are read as far as they go.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::path::Path;
 
 use atsplat_results::times::times;

@@ -149,7 +149,9 @@ impl StoredTensors {
     pub fn to_safetensors(&self) -> Result<Vec<u8>, TensorError> {
         let views = self.views();
         let mut file = safetensors::start(&views, &self.metadata)?;
-        views.iter().for_each(|(_, view)| file.extend_from_slice(view.bytes()));
+        for (_, view) in &views {
+            file.extend_from_slice(view.bytes());
+        }
         Ok(file)
     }
 

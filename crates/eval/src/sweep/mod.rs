@@ -4,13 +4,13 @@
 //! ([`atsplat_results::tradeoff`]).
 
 mod knobs;
+#[cfg(test)]
+mod knobs_tests;
 mod parts;
 #[cfg(test)]
 mod parts_tests;
-#[cfg(test)]
-mod settings_tests;
-mod sweep;
+mod settings;
 
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, SweepBase, parts};
-pub use sweep::{Setting, Sweep};
+pub use settings::{Setting, Sweep};

@@ -79,6 +79,9 @@ pub fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
 
 /// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
 /// is not stored.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(), ResultsError> {
     let path = image_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
     match render.to_u8(Rounding::Nearest) {
@@ -89,6 +92,9 @@ pub fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(),
 
 /// Gives the renders of a trial their names, after its rows were stored: a run that is killed before leaves no image next to the
 /// rows of an earlier one.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn publish(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
     for path in disk::files(&folder(store, key))? {
         if path.extension().is_some_and(|extension| extension == PARTIAL) {
@@ -99,6 +105,9 @@ pub fn publish(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
 }
 
 /// Whether a store has an image of a trial.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn has_images(store: &Path, key: &TrialKey) -> Result<bool, ResultsError> {
     let is_image = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
     Ok(disk::files(&folder(store, key))?.iter().any(is_image))
@@ -106,6 +115,9 @@ pub fn has_images(store: &Path, key: &TrialKey) -> Result<bool, ResultsError> {
 
 /// Names the renders of results that a process stored and was killed before it named them, and removes what else it left
 /// unfinished.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn settle(store: &Store) -> Result<(), ResultsError> {
     let unfinished = unfinished(store.folder())?;
     if unfinished.is_empty() {
@@ -140,6 +152,9 @@ fn unfinished(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
 }
 
 /// Removes a trial's images, if there are any.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
     let folder = folder(store, key);
     match fs::remove_dir_all(&folder) {
@@ -151,6 +166,9 @@ pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
 }
 
 /// Stores an 8-bit image.
+///
+/// # Errors
+/// [`ResultsError::Io`].
 pub fn write_image(store: &Path, key: &TrialKey, frame: u64, image: &ImageU8) -> Result<(), ResultsError> {
     write(&image_path(store, key, frame), image, Some(&hash_of_bytes(image)))
 }

@@ -2,15 +2,15 @@
 
 mod load;
 mod machine;
+mod of_method;
 mod row;
 mod spread;
-mod times;
 
 pub use load::Load;
 pub use machine::{Machine, platform};
+pub(crate) use of_method::times_on;
+pub use of_method::{GAUSSIANS_UNTIMED, NOTHING_ENCODED, Times, machine_of, times};
 pub use row::{TimingRow, rendered_targets};
 pub use spread::Spread;
-pub(crate) use times::times_on;
-pub use times::{GAUSSIANS_UNTIMED, NOTHING_ENCODED, Times, machine_of, times};
 
 pub(crate) use row::merged;
