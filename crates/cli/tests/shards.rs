@@ -75,6 +75,31 @@ fn a_merge_counts_what_failed_in_its_parts() {
     assert_eq!(report["partial"], serde_json::json!(["shard 2 is missing"]), "{report}");
 }
 
+/// The second of two parts finds the data, their index and the renders in other folders.
+#[test]
+fn parts_may_find_their_data_elsewhere_and_tables_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 2);
+    assert_eq!(run_with(here, &[], &["--out", "all", "--keep-images", "all"]).0, Some(0));
+    let renders = "all/images/tiny/nearest-view";
+    let score = |shard: &str, data: &str, renders: &str, out: &str| {
+        let places = ["score", "tiny.toml", "--data", data, "--renders", renders, "--name", "mine"];
+        succeed(here, &[&places[..], &["--shard", shard, "--out", out]].concat());
+    };
+    score("1/2", "data", renders, "one");
+    fs::rename(here.join("data"), here.join("scratch")).unwrap();
+    fs::rename(here.join(renders), here.join("tuesday")).unwrap();
+    score("2/2", "scratch", "tuesday", "two");
+    let merged = succeed(here, &["merge", "one", "two", "--out", "merged"]);
+    let of_data = "tiny: 1 runs on data in another place than the first: scratch; the first is data\n";
+    let of_files = "tiny: 1 runs on files in another folder than the first: mine: tuesday; the first is all/images";
+    assert!(merged.contains(of_data) && merged.contains(of_files), "{merged}");
+    succeed(here, &["report", "merged", "--out", "page", "--format", "markdown"]);
+    let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
+    assert!(table.contains("in another folder than the first: mine: tuesday"), "{table}");
+}
+
 /// Two scenes, of which the first of three parts gets none; the other two have no renders of one of them.
 #[test]
 fn a_part_without_trials_is_done() {

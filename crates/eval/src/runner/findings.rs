@@ -6,7 +6,7 @@ use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
 use atsplat_results::RunCounts;
-use atsplat_results::warning_kinds::{SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS};
+use atsplat_results::warning_kinds::{SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS, is_of_places};
 use atsplat_results::{Provenance, SkippedEntry, WarningCount};
 use atsplat_scene::Warnings;
 
@@ -156,7 +156,8 @@ impl Findings {
             let is_repeated =
                 || self.warnings.iter().any(|known| (&known.preset, &known.kind) == (&warning.preset, &warning.kind));
             let is_shared = || has_others && warning.kind.starts_with(SHARED_FILES) && !is_repeated();
-            if !is_run(&warning.preset) || is_of_another_method(&warning.kind, &methods) || is_shared() {
+            let is_kept = is_of_places(&warning.kind) || is_of_another_method(&warning.kind, &methods);
+            if is_kept || !is_run(&warning.preset) || is_shared() {
                 self.warnings.push(warning.clone());
             }
         }

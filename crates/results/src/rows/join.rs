@@ -12,13 +12,14 @@ use crate::warning_kinds::is_of_run;
 
 impl Provenance {
     /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
-    /// once.
+    /// once. Its data, indices and folders may be in other places: the record keeps the first, and warnings count the others.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
     pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), ResultsError> {
         let joined = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
+        self.note_places(&other);
         // They may have been added to the shards in another order.
         same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
         let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
@@ -49,7 +50,7 @@ impl Provenance {
         Ok(())
     }
 
-    /// A method of another run; a folder that this run knows under another path is named as here.
+    /// A method of another run, with its folder named as here.
     pub(crate) fn placed(&self, method: MethodRecord) -> MethodRecord {
         match self.method(&method.name) {
             Some(known) => method.with_places_of(known),
@@ -57,14 +58,15 @@ impl Provenance {
         }
     }
 
-    /// Resumes a run with the same settings; presets and methods may be new. Data, indices and folders are the same if they
-    /// are in the same place, whatever paths lead there; the record keeps the first.
+    /// Resumes a run with the same settings; presets and methods may be new. Data, indices and folders may be in other places: the
+    /// record keeps the first, and warnings count the others.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
     pub(crate) fn resume_with(&mut self, other: Self) -> Result<(), ResultsError> {
         const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
         self.same_run(&other, ADVICE)?;
+        self.note_places(&other);
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         same("shards", None, &(self.shard, &self.merged_shards), &(other.shard, &other.merged_shards), ADVICE)?;
         for preset in other.presets {
@@ -142,6 +144,7 @@ fn same<T: Serialize + PartialEq>(
 mod tests {
     use super::*;
     use crate::AdapterRecord;
+    use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
 
     #[test]
     fn rows_of_several_processors_name_them_all() {
@@ -271,14 +274,30 @@ mod tests {
         resumed.resume_with(other()).unwrap();
         merged.merge_shard(other(), true).unwrap();
         assert!(resumed == known && merged == known, "{resumed:?} {merged:?}");
-        for (elsewhere, field) in [
-            (of("data", "index.json", "data"), "dataset: "),
-            (with_other_index(of("data/test", "data", "data")), "index: "),
-            (of("data/test/", "index.json", "data/test"), "parameters.folder: "),
-        ] {
-            let refused = known.clone().resume_with(elsewhere.clone()).unwrap_err().to_string();
-            assert!(refused.contains(field), "{refused}");
-            assert!(known.clone().merge_shard(elsewhere, true).is_err(), "{field}");
-        }
+        let other_index = || with_other_index(of("data/test", "data", "data"));
+        let refused = known.clone().resume_with(other_index()).unwrap_err().to_string();
+        assert!(refused.contains("index: ") && refused.contains("index-sha256: "), "{refused}");
+        assert!(known.clone().merge_shard(other_index(), true).is_err());
+        let elsewhere = || of("data", "copy.json", "data/test");
+        let expect = |found: Provenance, runs: u64| {
+            let Provenance { warnings, .. } = &found;
+            let [data, files] = warnings.as_slice() else { panic!("{warnings:?}") };
+            assert_eq!((&*data.kind, data.count), (OTHER_DATA, runs));
+            assert!(data.example.ends_with(&format!("data; the first is {}", known.presets[0].dataset)), "{data:?}");
+            assert_eq!((files.kind.clone(), files.count), (format!("{OTHER_FOLDER}: m"), runs));
+            assert!(files.example.contains("data/test; the first is "), "{files:?}");
+            assert!(warnings.iter().all(|warning| warning.preset == "p"), "{warnings:?}");
+            assert_eq!(Provenance { warnings: Vec::new(), ..found }, known, "the first places stay");
+        };
+        let (mut resumed, mut merged) = (known.clone(), known.clone());
+        resumed.resume_with(elsewhere()).unwrap();
+        merged.merge_shard(elsewhere(), false).unwrap();
+        expect(resumed.clone(), 1);
+        expect(merged.clone(), 1);
+        // A shard in the first places, of which another run was not.
+        merged.merge_shard(resumed, false).unwrap();
+        expect(merged.clone(), 2);
+        merged.merge_shard(elsewhere(), false).unwrap();
+        expect(merged, 3);
     }
 }

@@ -1,22 +1,52 @@
-//! Whether two records name one file or folder.
+//! Where two runs find data, indices and imported files. Places do not identify a run: rows have the hashes of the data and files that
+//! they were computed from, records those of indices.
 
 use std::path::{Component, Path, PathBuf};
 
-use super::{MethodRecord, PresetRecord};
+use super::{MethodRecord, PresetRecord, Provenance, WarningCount};
+use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
 
 /// How the description of a sampled index begins; the rule's name or path follows.
 pub const SAMPLED_BY: &str = "sampled by ";
 /// The parameter of an imported method that names its folder.
 const FOLDER: &str = "folder";
 
+impl Provenance {
+    /// A warning for each preset of another run whose data are in another place than here, and under each of its presets for each
+    /// method whose files are in another folder: without a common row, nothing says whether their contents agree.
+    pub(crate) fn other_places(&self, other: &Self) -> Vec<WarningCount> {
+        let of_method = |method: &MethodRecord| {
+            let example = elsewhere(self.method(&method.name)?.folder()?, method.folder()?)?;
+            Some((format!("{OTHER_FOLDER}: {}", method.name), example))
+        };
+        let folders: Vec<(String, String)> = other.methods.iter().filter_map(of_method).collect();
+        let of_preset = |preset: &PresetRecord| {
+            let data = self.preset(&preset.name).and_then(|known| elsewhere(&known.dataset, &preset.dataset));
+            let data = data.map(|example| (OTHER_DATA.to_owned(), example));
+            let all = data.into_iter().chain(folders.clone());
+            all.map(|(kind, example)| WarningCount { preset: preset.name.clone(), kind, count: 1, example })
+                .collect::<Vec<_>>()
+        };
+        other.presets.iter().flat_map(of_preset).collect()
+    }
+
+    /// Counts another run among those whose data or files are in other places.
+    pub(super) fn note_places(&mut self, other: &Self) {
+        for found in self.other_places(other) {
+            match self.warnings.iter_mut().find(|known| known.preset == found.preset && known.kind == found.kind) {
+                Some(known) => known.count += found.count,
+                None => self.warnings.push(found),
+            }
+        }
+    }
+}
+
 impl PresetRecord {
-    /// Names data and index as `known` does, if the data are in the same place, and the index is there too or has the same content: the
-    /// machines of a cluster may have it under several paths.
+    /// Names the data as `known` does, and the index if it has the same entries or is in the same place.
     pub(super) fn with_places_of(self, known: &Self) -> Self {
         let same_index = self.index_sha256 == known.index_sha256 || is_same(&self.index, &known.index);
-        let same_dataset = is_same(&self.dataset, &known.dataset);
         Self {
-            dataset: if same_dataset { known.dataset.clone() } else { self.dataset },
+            dataset: known.dataset.clone(),
             index: if same_index { known.index.clone() } else { self.index },
             ..self
         }
@@ -24,15 +54,27 @@ impl PresetRecord {
 }
 
 impl MethodRecord {
-    /// Names the folder of an imported method as `known` does, if it is the same.
+    /// Names the folder of an imported method as `known` does.
     pub(super) fn with_places_of(mut self, known: &Self) -> Self {
-        let folder = |record: &Self| record.parameters.get(FOLDER)?.as_str().map(str::to_owned);
-        let same_folder = folder(&self).zip(folder(known)).filter(|(folder, known)| is_same(folder, known));
-        if let Some((_, known)) = same_folder {
-            self.parameters.insert(FOLDER.to_owned(), known.into());
+        if let Some(folder) = self.folder().and(known.folder()).map(str::to_owned) {
+            self.parameters.insert(FOLDER.to_owned(), folder.into());
         }
         self
     }
+
+    /// Whether its files are in another folder.
+    pub(crate) fn is_elsewhere(&self, known: &Self) -> bool {
+        known.folder().zip(self.folder()).is_some_and(|(first, found)| !is_same(first, found))
+    }
+
+    fn folder(&self) -> Option<&str> {
+        self.parameters.get(FOLDER)?.as_str()
+    }
+}
+
+/// Both places, if they differ.
+fn elsewhere(first: &str, found: &str) -> Option<String> {
+    (!is_same(first, found)).then(|| format!("{found}; the first is {first}"))
 }
 
 fn is_same(first: &str, second: &str) -> bool {

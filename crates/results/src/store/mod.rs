@@ -43,6 +43,7 @@ pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
+use crate::warning_kinds::OTHER_DATA;
 use crate::{Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
 use read::{Content, Rows};
 
@@ -115,7 +116,8 @@ impl Store {
 
     /// Resumes the store in a folder, or creates one if there is none. Presets and methods that it lacks are added. A method
     /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
-    /// target is restarted. Trials that a Python method failed are run again.
+    /// target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
+    /// differ: the run compares their contents with the rows' hashes, and [`crate::warning_kinds::OTHER_DATA`] says that they do.
     ///
     /// # Errors
     /// Those of [`Self::create`] and [`Self::open`]; [`ResultsError::Differences`] if the existing results were made in
@@ -130,12 +132,17 @@ impl Store {
         let mut replaced = BTreeSet::new();
         for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
             let requested = provenance.method(&known.name);
-            if let Some(other) = requested.filter(|method| store.provenance.placed((*method).clone()) != *known) {
+            let other = requested
+                .filter(|method| method.is_elsewhere(known) || store.provenance.placed((*method).clone()) != *known);
+            if let Some(other) = other {
                 replaced.insert(known.name.clone());
                 known.clone_from(other);
             }
         }
+        // Without a score, nothing is worth the record of data that were given by mistake.
+        let has_other_data = store.provenance.other_places(&provenance).iter().any(|found| found.kind == OTHER_DATA);
         match joined.resume_with(provenance.clone()) {
+            Ok(()) if has_other_data && store.scored_methods.is_empty() => store.restart(provenance),
             Ok(()) => {
                 // Under the new records, the run after one that is killed would keep the old rows.
                 if !replaced.is_empty() {

@@ -113,3 +113,32 @@ fn a_restarted_store_keeps_neither_rows_nor_times() {
         assert_eq!((provenance.limit, trials.len(), targets.len(), timings.len()), (Some(7), 0, 0, 0));
     }
 }
+
+/// The first run was given other data, and found none of the renders: the right ones are not counted as others.
+#[test]
+fn places_of_a_run_without_a_score_are_forgotten() {
+    let of = |data: &str, renders: &str| {
+        let mut provenance = run_of(1);
+        provenance.methods.truncate(1);
+        provenance.methods[0].parameters.insert("folder".to_owned(), renders.into());
+        let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
+        let (name, dataset) = ("p".to_owned(), data.to_owned());
+        provenance.presets = vec![PresetRecord { name, dataset, toml, ..PresetRecord::default() }];
+        provenance
+    };
+    let resumed = |is_scored: bool, data: &str, renders: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::create(folder.path(), of("wrong", "empty")).unwrap();
+        let (trial, targets) = if is_scored { scored("m", "a") } else { failed("a") };
+        store.append(&trial, &targets).unwrap();
+        drop(store);
+        let store = Store::resume(folder.path(), of(data, renders)).unwrap();
+        let Provenance { presets, methods, warnings, .. } = store.provenance().clone();
+        let folder = methods[0].parameters["folder"].as_str().unwrap().to_owned();
+        (presets[0].dataset.clone(), folder, warnings.len(), is_known(&store, "m", "a"))
+    };
+    let [wrong, right, empty, renders] = ["wrong", "right", "empty", "renders"].map(str::to_owned);
+    assert_eq!(resumed(false, "right", "renders"), (right, renders.clone(), 0, false));
+    assert_eq!(resumed(false, "wrong", "renders"), (wrong.clone(), renders, 0, false));
+    assert_eq!(resumed(true, "right", "renders"), (wrong, empty, 2, true), "scores are kept with the first places");
+}
