@@ -18,7 +18,8 @@ pub struct PlannedIndex {
     pub index: EvaluationIndex,
     /// Its file, or how it was generated.
     pub description: String,
-    /// Hash of the file's bytes; for a generated index, of its serialisation.
+    /// Hash of the published file's bytes if this is its content, whatever its format; otherwise of the entries as pixelSplat's
+    /// files are formatted, so that a copy in another format is the same index.
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
@@ -46,8 +47,8 @@ impl PlannedIndex {
             return Self::published(&IndexFolder::search(path)?, preset, source, warnings);
         }
         let file = IndexFile::read(path)?;
-        let sha256 = file.sha256;
         let matched = preset.index.recognise(&file);
+        let sha256 = identity(&file, matched, preset);
         let name = match matched {
             IndexMatch::Default { name }
             | IndexMatch::Alternative { name, .. }
@@ -130,9 +131,27 @@ impl PlannedIndex {
     }
 
     fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
-        let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
+        let sha256 = hash_of_entries(&index);
         Self { index, description, sha256, name, left_out: 0, notices: BTreeMap::new() }
     }
+}
+
+/// [`PlannedIndex::sha256`] of a file that a preset matched in this way.
+fn identity(file: &IndexFile, matched: IndexMatch<'_>, preset: &Preset) -> Sha256Digest {
+    let published = match matched {
+        IndexMatch::Default { name } | IndexMatch::Alternative { name, .. } | IndexMatch::Underived { name } => {
+            let accepted = preset.index.accepted.iter().find(|accepted| accepted.name == name);
+            accepted.map(|accepted| accepted.sha256)
+        }
+        IndexMatch::Derived { .. } | IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => {
+            file.recognised().map(|known| known.sha256)
+        }
+    };
+    published.unwrap_or_else(|| hash_of_entries(&file.index))
+}
+
+fn hash_of_entries(index: &EvaluationIndex) -> Sha256Digest {
+    Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())
 }
 
 #[cfg(test)]
@@ -249,6 +268,30 @@ mod tests {
             .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Missing::Nothing))
             .collect();
         assert_eq!(notices_of(&sampled), noticed);
+    }
+
+    #[test]
+    fn a_reformatted_index_is_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.json");
+        let preset = Preset::named("rooms-2v-64").unwrap();
+        let read = |index: &EvaluationIndex, layout: &IndexLayout| {
+            std::fs::write(&path, index.to_json(layout)).unwrap();
+            let read = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
+            (read.sha256, read.name)
+        };
+        let layouts = [IndexLayout::NOPOSPLAT, IndexLayout::PIXELSPLAT, IndexLayout::LATENTSPLAT];
+        let mut index = IndexFile::embedded("rooms-2v-200").unwrap().unwrap().index;
+        let published = preset.index.accepted.iter().find(|accepted| accepted.name == "rooms-2v-200").unwrap();
+        let expected = (published.sha256, Some(published.name.clone()));
+        assert_eq!(layouts.map(|layout| read(&index, &layout)), [(); 3].map(|()| expected.clone()));
+        // A part of it is no published index.
+        index.scenes.truncate(6);
+        let expected = (hash_of_entries(&index), None);
+        assert_eq!(layouts.map(|layout| read(&index, &layout)), [(); 3].map(|()| expected.clone()));
+        index.scenes[0][0].target[0] += 1;
+        let other = read(&index, &IndexLayout::NOPOSPLAT).0;
+        assert!(other != expected.0 && other != published.sha256);
     }
 
     #[test]

@@ -138,8 +138,12 @@ impl IndexRule {
     fn recognise_hashes(&self, sha256: &Sha256Digest, index: &EvaluationIndex) -> IndexMatch<'_> {
         let by_bytes = self.accepted.iter().position(|accepted| accepted.sha256 == *sha256);
         let by_content = || {
-            let known = crate::KnownIndex::by_content(&index.content_hash())?;
-            self.accepted.iter().position(|accepted| accepted.sha256 == known.sha256)
+            let content = index.content_hash();
+            let known = crate::KnownIndex::by_content(&content).map(|known| known.sha256);
+            let embedded = |name: &str| Some(IndexFile::embedded(name)?.ok()?.index.content_hash());
+            let is_this =
+                |accepted: &AcceptedIndex| known == Some(accepted.sha256) || embedded(&accepted.name) == Some(content);
+            self.accepted.iter().position(is_this)
         };
         let position = by_bytes.or_else(by_content);
         match position.and_then(|at| self.accepted.get(at).map(|accepted| (at, accepted))) {

@@ -75,7 +75,8 @@ pub struct PresetRecord {
     pub dataset: String,
     /// The evaluation index's path, or how it was generated.
     pub index: String,
-    /// SHA-256 of the index.
+    /// SHA-256 that identifies the index's entries, however their file is formatted: that of the published file that has them, or
+    /// else of the entries as pixelSplat's files are formatted. Earlier versions wrote that of the file.
     pub index_sha256: String,
     /// The published index that it equals or was derived from, if any.
     pub index_name: Option<String>,
