@@ -6,7 +6,8 @@ use serde::Serialize;
 use super::SCHEMA_VERSION;
 use super::data::check_consistent;
 use crate::times::{TimingRow, merged};
-use crate::{Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
+use crate::warning_kinds::MISSING_SCENES;
+use crate::{PresetRecord, Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
 
 /// Several stores merged into one.
 #[derive(Clone, Debug, PartialEq)]
@@ -109,11 +110,12 @@ impl Results {
         unfinished.iter().filter(is_cut_off).cloned().collect()
     }
 
-    /// Merges shards of one run. Rows that several shards contain must agree; timings stay separate by machine.
+    /// Merges shards of one run. Rows that several shards contain must agree; timings stay separate by machine. The data and imported
+    /// files may have been in other places ([`crate::warning_kinds::OTHER_DATA`]).
     ///
     /// # Errors
-    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, [`ResultsError::Disagreement`],
-    /// [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty list.
+    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, or were divided by copies of the data
+    /// with other scenes, [`ResultsError::Disagreement`], [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty list.
     pub fn merge(parts: Vec<Self>) -> Result<Merged, ResultsError> {
         let mut parts = parts.into_iter();
         let nothing =
@@ -144,6 +146,9 @@ impl Results {
         let is_same = |a: &Unfinished, b: &Unfinished| (&a.preset, &a.method) == (&b.preset, &b.method);
         unfinished.retain(|run| cut_off.iter().any(|other| is_same(run, other)));
         if missing_shards.is_empty() && unfinished.is_empty() {
+            if count.is_some() {
+                check_division(&results)?;
+            }
             results.provenance.shard = None;
         }
         let is_several = results.provenance.shard.is_some() && shards.len() > 1;
@@ -178,6 +183,32 @@ fn is_repeated(merged: &BTreeSet<u32>, part: &Provenance) -> Result<bool, Result
             advice: "; name each shard once",
         }),
     }
+}
+
+/// Rejects shards that are all there and done, but lack scenes: each was divided by the scenes of its own copy of the data.
+fn check_division(results: &Results) -> Result<(), ResultsError> {
+    let Provenance { presets, skipped, warnings, limit, .. } = &results.provenance;
+    for PresetRecord { name, scenes_of_index, .. } in presets {
+        let keys = results.trials.iter().map(|trial| &trial.key).filter(|key| key.preset == *name);
+        let mut scenes: BTreeSet<&str> = keys.map(|key| key.scene.as_str()).collect();
+        // Under a protocol without a row, nothing may have been requested.
+        let Some(of_index) = scenes_of_index.filter(|_| !scenes.is_empty()) else { continue };
+        scenes.extend(skipped.iter().filter(|entry| entry.preset == *name).map(|entry| entry.scene.as_str()));
+        let missing = warnings.iter().filter(|found| found.preset == *name && found.kind == MISSING_SCENES);
+        let missing: u64 = missing.map(|found| found.count).sum();
+        let expected = of_index.saturating_sub(missing).min(limit.unwrap_or(u64::MAX));
+        let found = scenes.len() as u64;
+        if found < expected {
+            return Err(ResultsError::Different {
+                what: "scenes",
+                expected: format!("{expected} of {name}, each in one shard"),
+                found: format!("{found} of them"),
+                advice: "; a copy of the data with other scenes, or in another order, is divided in another way: run all shards on \
+                         equal copies",
+            });
+        }
+    }
+    Ok(())
 }
 
 #[derive(Default)]

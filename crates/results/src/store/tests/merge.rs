@@ -161,6 +161,36 @@ fn shards_of_several_runs_are_done_when_each_run_is() {
     assert!(merged.results.provenance.shard.is_some());
 }
 
+/// Of an index with four scenes, each of two shards computes two; copies of the data list the scenes in other orders, or lack one.
+#[test]
+fn shards_of_differently_ordered_copies_are_not_merged() {
+    let part = |number: u32, scenes: [&str; 2], copy: &str| {
+        let mut part = shard(number, &scenes);
+        part.provenance.shard = Some(Shard { number, count: 2 });
+        let (name, dataset, entries) = ("p".to_owned(), copy.to_owned(), scenes.len() as u64);
+        let preset = PresetRecord { name, dataset, entries, scenes_of_index: Some(4), ..PresetRecord::default() };
+        part.provenance.presets = vec![preset];
+        part
+    };
+    let first = || part(1, ["a", "b"], "one");
+    let merged = Results::merge(vec![first(), part(2, ["c", "d"], "another")]).unwrap();
+    let Provenance { warnings, shard, .. } = merged.results.provenance;
+    assert_eq!((warnings[0].kind.as_str(), warnings[0].count, shard), (crate::warning_kinds::OTHER_DATA, 1, None));
+    let refused = Results::merge(vec![first(), part(2, ["b", "a"], "another")]).unwrap_err().to_string();
+    assert!(refused.contains("expected 4 of p, each in one shard, found 2 of them; a copy of the data"), "{refused}");
+    let mut last = part(2, ["b", "c"], "another");
+    assert!(Results::merge(vec![first(), last.clone()]).is_err(), "nobody says that the fourth is missing");
+    let (preset, kind) = ("p".to_owned(), crate::warning_kinds::MISSING_SCENES.to_owned());
+    last.provenance.warnings = vec![WarningCount { preset, kind, count: 1, example: "d".to_owned() }];
+    assert_eq!(Results::merge(vec![first(), last]).unwrap().results.trials.len(), 3);
+    let limited = |mut part: Results| {
+        part.provenance.limit = Some(3);
+        part
+    };
+    let last = limited(part(2, ["b", "c"], "another"));
+    assert_eq!(Results::merge(vec![limited(first()), last]).unwrap().results.trials.len(), 3);
+}
+
 #[test]
 fn a_reason_of_several_stores_concerns_the_methods_of_each() {
     let merged = |first: &[&str], second: &[&str]| {
