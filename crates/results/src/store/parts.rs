@@ -12,6 +12,9 @@ use crate::{ResultsError, TargetRow, TrialKey, TrialRow};
 /// Folder of a store.
 const FOLDER: &str = "parts";
 
+/// What a part is expected to be. A file that was cut short by something else than atsplat, which writes it whole, is no loss.
+const EXPECTED: &str = "the rows of a trial (remove this file, and run again: only this trial is computed anew)";
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Part {
@@ -55,7 +58,7 @@ pub(super) fn read(store: &Path) -> Result<Parts, ResultsError> {
                 // A part that was removed after the folder was listed is in the tables by now.
                 let Some(bytes) = disk::read(&path)? else { continue };
                 let part: Part = serde_json::from_slice(&bytes)
-                    .map_err(|error| ResultsError::malformed(&path, "file", "the rows of a trial", error))?;
+                    .map_err(|error| ResultsError::malformed(&path, "file", EXPECTED, error))?;
                 let expected = name(&part.trial.key);
                 if path.file_name().is_none_or(|found| *found != *expected) {
                     let expected = format!("{expected}, which the trial's key gives");

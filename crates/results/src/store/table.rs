@@ -1,6 +1,8 @@
+use std::any::Any;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::io::Cursor;
+use std::panic::catch_unwind;
 use std::path::Path;
 
 use polars::prelude::{DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series};
@@ -9,6 +11,9 @@ use super::disk;
 use super::schema::Column;
 use crate::rows::Impossible;
 use crate::{ResultsError, TrialKey};
+
+/// What the file of a table is expected to be. Its rows are in no other file.
+const EXPECTED: &str = "a Parquet table (restore the file from a copy, or remove the store and run again)";
 
 /// A table read from disk, with the columns of its schema version.
 pub(super) struct Table<'a> {
@@ -32,8 +37,7 @@ impl<'a> Table<'a> {
     /// Reads a table and checks its columns; `None` if there is no file.
     pub(super) fn read(path: &'a Path, columns: &'a [Column]) -> Result<Option<Self>, ResultsError> {
         let Some(bytes) = disk::read(path)? else { return Ok(None) };
-        let frame = ParquetReader::new(Cursor::new(bytes)).finish();
-        let frame = frame.map_err(|error| ResultsError::malformed(path, "file", "a Parquet table", error))?;
+        let frame = parsed(bytes).map_err(|why| ResultsError::malformed(path, "file", EXPECTED, why))?;
         let table = Self { frame, columns, path };
         columns.iter().try_for_each(|column| table.check(column))?;
         Ok(Some(table))
@@ -61,6 +65,17 @@ impl<'a> Table<'a> {
         let columns = self.columns.iter().map(|column| (column.name.as_str(), series(&column.name))).collect();
         (0..self.frame.height()).map(|at| convert(&Row { columns: &columns, path: self.path, at })).collect()
     }
+}
+
+/// The table in a file's bytes, or why it cannot be read: some damaged files let polars panic.
+fn parsed(bytes: Vec<u8>) -> Result<DataFrame, String> {
+    let read = catch_unwind(|| ParquetReader::new(Cursor::new(bytes)).finish());
+    read.map_err(|panic| panic_message(panic.as_ref()))?.map_err(|error| error.to_string())
+}
+
+fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+    text.map_or_else(|| "damaged data".to_owned(), |text| format!("damaged data: {text}"))
 }
 
 /// A row of a table. Columns that were added in a later version are null, or empty lists.

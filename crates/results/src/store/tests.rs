@@ -265,11 +265,23 @@ fn errors_of_damaged_tables_name_the_location() {
     assert!(null.contains("1 nulls"), "{null}");
     let path = folder.path().join(TRIALS);
     let bytes = fs::read(&path).unwrap();
-    for cut in [0, 3, bytes.len() / 2, bytes.len() - 1] {
-        fs::write(&path, &bytes[..cut]).unwrap();
+    let said = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
         let error = Results::read(folder.path()).unwrap_err();
         assert!(matches!(error, ResultsError::Malformed(_)), "{error}");
+        error.to_string()
+    };
+    for cut in [0, 3, bytes.len() / 2, bytes.len() - 1] {
+        let error = said(&bytes[..cut]);
+        assert!(error.contains("restore the file from a copy") && error.ends_with("trials.parquet)"), "{error}");
     }
+    // In the type of an unsigned column (64 bits, unsigned), one bit of the field that is a flag; polars panics.
+    let unsigned = [0x13, 64, 0x12, 0];
+    let at = bytes.windows(4).position(|window| window == unsigned).unwrap();
+    let mut flipped = bytes;
+    flipped[at + 2] ^= 1;
+    let error = said(&flipped);
+    assert!(error.contains("found damaged data: ") && error.ends_with("trials.parquet)"), "{error}");
 }
 
 #[test]

@@ -68,3 +68,18 @@ fn a_file_of_the_user_is_neither_replaced_nor_removed() {
     assert_eq!(fs::read(&file).unwrap(), br#"{ "rate": 0.1 }"#);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+#[test]
+fn a_part_that_was_cut_short_can_be_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(filled(folder.path(), &["a", "b"]));
+    let part = parts::path(folder.path(), &key("a"));
+    let bytes = fs::read(&part).unwrap();
+    for cut in [0, bytes.len() / 2] {
+        fs::write(&part, &bytes[..cut]).unwrap();
+        let error = Results::read(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("remove this file") && error.contains(part.to_str().unwrap()), "{error}");
+    }
+    fs::remove_file(&part).unwrap();
+    assert_eq!(Results::read(folder.path()).unwrap().trials, [trial("b")]);
+}
