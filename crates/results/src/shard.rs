@@ -22,7 +22,7 @@ pub struct Shard {
 #[error("{0}")]
 pub struct InvalidShard(String);
 
-/// Number of parts, for schedulers that number their jobs but do not tell them how many there are.
+/// Number of parts, for schedulers that number their jobs but do not tell them how many there are, and for arrays of one task.
 const COUNT: &str = "ATSPLAT_SHARDS";
 
 /// Rank and world size, as launchers of parallel programs set them.
@@ -50,7 +50,8 @@ impl Shard {
     /// `ATSPLAT_SHARDS`, or by the rank of torchrun or MPI.
     ///
     /// # Errors
-    /// [`InvalidShard`] with the variables, if none specifies a part, some contradict each other, or one is not a number.
+    /// [`InvalidShard`] with the variables, if none specifies a part, some contradict each other, one is not a number, or an array
+    /// has one task and `ATSPLAT_SHARDS` does not say that there is no other.
     pub fn from_environment() -> Result<Self, InvalidShard> {
         from_environment(&|name| std::env::var(name).ok()).map_err(InvalidShard)
     }
@@ -66,13 +67,21 @@ struct EnvironmentShard {
 /// A launcher of a single process is ignored if another one divides the work.
 fn from_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, String> {
     let environment = Environment(variable);
-    let mut stated: Vec<EnvironmentShard> = Vec::new();
-    stated.extend(environment.slurm()?);
+    let slurm = environment.slurm()?;
+    let is_lone_task = slurm.as_ref().is_some_and(|task| task.shard.count == 1) && environment.number(COUNT)?.is_none();
+    let mut stated: Vec<EnvironmentShard> = Vec::from_iter(slurm);
     stated.extend(environment.kubernetes()?);
     for (rank, size) in RANKS {
         stated.extend(environment.rank(rank, size)?);
     }
     let divided: Vec<EnvironmentShard> = stated.iter().filter(|stated| stated.shard.count > 1).cloned().collect();
+    if let Some(task) = stated.first().filter(|_| is_lone_task && divided.is_empty()) {
+        return Err(format!(
+            "expected an array of several tasks, or {COUNT} for the number of parts, found {}: a task of an array that is submitted \
+             again alone does not know that there are others: give --shard K/N (or export {COUNT}=1 if there is one part)",
+            task.by
+        ));
+    }
     let stated = if divided.is_empty() { stated } else { divided };
     let Some((first, others)) = stated.split_first() else {
         return Err(format!(
@@ -142,9 +151,10 @@ impl Environment<'_> {
     fn check_count(&self, stated: EnvironmentShard) -> Result<EnvironmentShard, String> {
         match self.number(COUNT)?.filter(|count| *count != stated.shard.count) {
             None => Ok(stated),
-            Some(count) => {
-                Err(format!("expected {COUNT}={count} parts, found {} by {}", stated.shard.count, stated.by))
-            }
+            Some(count) => Err(format!(
+                "expected {COUNT}={count} parts, found {} by {}: give --shard K/{count}",
+                stated.shard.count, stated.by
+            )),
         }
     }
 }
@@ -209,6 +219,20 @@ mod tests {
         assert_eq!(of(&[&slurm("5", "0", "7", "8", "1")[..], &[("ATSPLAT_SHARDS", "8")]].concat()), Ok((6, 8)));
     }
 
+    /// As `sbatch --array=5` starts the sixth of eight tasks again.
+    #[test]
+    fn a_task_of_an_array_alone_is_not_the_whole_run() {
+        let lone = slurm("5", "5", "5", "1", "1");
+        let with = |more: &[(&str, &str)]| of(&[&lone[..], more].concat());
+        let starting_one = [("PMI_RANK", "0"), ("PMI_SIZE", "1")];
+        for more in [&[][..], &starting_one] {
+            let refused = with(more).unwrap_err();
+            assert!(refused.contains("SLURM_ARRAY_TASK_ID=5") && refused.contains("give --shard K/N"), "{refused}");
+        }
+        assert_eq!(with(&[("ATSPLAT_SHARDS", "1")]), Ok((1, 1)));
+        assert_eq!(with(&[("RANK", "2"), ("WORLD_SIZE", "4")]), Ok((3, 4)), "another launcher divides the work");
+    }
+
     #[test]
     fn contradictions_name_their_variables() {
         let refused = |variables: &[(&str, &str)], names: &[&str]| {
@@ -225,7 +249,7 @@ mod tests {
         refused(&slurm("5", "1", "7", "3", "1"), &["without gaps", "_COUNT=3"]);
         refused(
             &slurm("3", "3", "3", "1", "1").iter().copied().chain([("ATSPLAT_SHARDS", "8")]).collect::<Vec<_>>(),
-            &["ATSPLAT_SHARDS=8", "found 1"],
+            &["ATSPLAT_SHARDS=8", "found 1", "--shard K/8"],
         );
         refused(
             &slurm("5", "0", "7", "8", "1")[..4]
