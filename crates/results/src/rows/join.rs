@@ -6,7 +6,7 @@ use std::mem::take;
 use serde::Serialize;
 
 use super::difference::differences;
-use super::{MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
+use super::{MethodRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
 use crate::ResultsError;
 use crate::warning_kinds::is_of_run;
 
@@ -17,8 +17,11 @@ impl Provenance {
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
     pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), ResultsError> {
+        const ADVICE: &str = "; only shards of one run can be merged";
         let joined = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
-        self.same_run(&other, "; only shards of one run can be merged")?;
+        self.same_program(&other, ADVICE)?;
+        self.check_metrics(&other.metrics, ADVICE)?;
+        self.check_limit(&other, ADVICE)?;
         self.note_places(&other);
         // They may have been added to the shards in another order.
         same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
@@ -58,17 +61,20 @@ impl Provenance {
         }
     }
 
-    /// Resumes a run with the same settings; presets and methods may be new. Data, indices and folders may be in other places: the
-    /// record keeps the first, and warnings count the others.
+    /// Resumes a run with the same settings; presets, methods, metrics and scenes may be new. Data, indices and folders may be in other
+    /// places: the record keeps the first, and warnings count the others.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
     pub(crate) fn resume_with(&mut self, other: Self) -> Result<(), ResultsError> {
         const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
-        self.same_run(&other, ADVICE)?;
+        self.same_program(&other, ADVICE)?;
+        self.add_metrics(&other.metrics)?;
+        self.extend_limit(&other)?;
         self.note_places(&other);
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
-        same("shards", None, &(self.shard, &self.merged_shards), &(other.shard, &other.merged_shards), ADVICE)?;
+        let part = |run: &Self| run.part().unwrap_or_else(|| "the whole run".to_owned());
+        same("shards", None, &part(self), &part(&other), ADVICE)?;
         for preset in other.presets {
             match self.preset(&preset.name) {
                 Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
@@ -99,13 +105,10 @@ impl Provenance {
         processors(&self.processor)
     }
 
-    fn same_run(&self, other: &Self, advice: &'static str) -> Result<(), ResultsError> {
+    fn same_program(&self, other: &Self, advice: &'static str) -> Result<(), ResultsError> {
         same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
         same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
-        same("platforms", None, &self.platform, &other.platform, advice)?;
-        let metrics = |run: &Self| run.metrics.iter().map(MetricRecord::without_folders).collect::<Vec<_>>();
-        same("metrics", None, &metrics(self), &metrics(other), advice)?;
-        same("limits", None, &self.limit, &other.limit, advice)
+        same("platforms", None, &self.platform, &other.platform, advice)
     }
 }
 
@@ -143,8 +146,8 @@ fn same<T: Serialize + PartialEq>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::AdapterRecord;
     use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
+    use crate::{AdapterRecord, MetricRecord};
 
     #[test]
     fn rows_of_several_processors_name_them_all() {
@@ -173,11 +176,22 @@ mod tests {
         resumed.resume_with(same()).unwrap();
         merged.merge_shard(same(), false).unwrap();
         assert!(resumed == known && merged == known, "the first record stays: {resumed:?} {merged:?}");
-        for other in [of(None), of(Some("weights absent: LPIPS (VGG) needs b.pth; get it; looked in no folder"))] {
-            assert!(known.clone().resume_with(other.clone()).is_err() && other.clone().resume_with(same()).is_err());
+        known.clone().resume_with(of(None)).unwrap();
+        assert!(of(None).resume_with(same()).is_err(), "rows would lack a number that others have");
+        let other = || of(Some("weights absent: LPIPS (VGG) needs b.pth; get it; looked in no folder"));
+        assert!(known.clone().resume_with(other()).is_err() && other().resume_with(same()).is_err());
+        for (other, expected) in [(of(None), "lpips: in one store not computed, "), (other(), "lpips.absent: ")] {
             let refused = known.clone().merge_shard(other, false).unwrap_err().to_string();
-            assert!(refused.contains("lpips.absent: "), "{refused}");
+            assert!(refused.contains(expected), "{refused}");
         }
+    }
+
+    #[test]
+    fn parts_of_a_run_are_named() {
+        let of = |shard| Provenance { schema_version: crate::store::SCHEMA_VERSION, shard, ..Provenance::default() };
+        let second = Some(crate::Shard { number: 2, count: 8 });
+        let refused = of(None).resume_with(of(second)).unwrap_err().to_string();
+        assert!(refused.contains("shards of the two runs differ: the whole run and shard 2 of 8; "), "{refused}");
     }
 
     /// Every shard warns of what is true of the whole run; each of its scenes causes separate warnings.

@@ -1,6 +1,7 @@
 //! The rows of a results store.
 
 mod adapter;
+mod additions;
 pub(crate) mod difference;
 mod join;
 mod place;
@@ -20,7 +21,8 @@ pub use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
 };
-pub use target::{IDENTICAL, TargetRow, TargetStatus};
+pub(crate) use target::ADDED_LATER;
+pub use target::{IDENTICAL, TargetRow, TargetStatus, WEIGHTS_ABSENT};
 pub use trial::{TrialRow, TrialStatus};
 
 use crate::ResultsError;

@@ -3,12 +3,18 @@ use std::collections::BTreeMap;
 use atsplat_metrics::definition;
 use serde::{Deserialize, Serialize};
 
-use super::{Impossible, TrialKey, finite};
+use super::{Impossible, MetricRecord, TrialKey, finite};
 use crate::ResultsError;
 
 /// The entry in [`TargetRow::not_computed`] of a metric that is infinite because its inputs are equal: the PSNR of identical
 /// images, or of images that are identical after rounding to 8 bits.
 pub const IDENTICAL: &str = "identical";
+
+/// The entry in [`TargetRow::not_computed`] of a learned metric whose weights were not found.
+pub const WEIGHTS_ABSENT: &str = "weights absent";
+
+/// Why a target lacks a metric that its store has ([`TargetRow::lacks`]).
+pub(crate) const ADDED_LATER: &str = "added to the results later; running the method again computes it";
 
 /// One target view under one method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,6 +75,16 @@ impl TargetRow {
         finite(&self.key, "overlap", self.overlap)?;
         self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))?;
         self.impossible().map_or(Ok(()), |found| Err(found.of_row(&self.key)))
+    }
+
+    /// Whether it lacks a metric that can be computed now: it was compared when the metric was not requested, or its weights were
+    /// not found.
+    pub(crate) fn lacks(&self, metric: &MetricRecord) -> bool {
+        let is_lacking = || match self.not_computed.get(&metric.id) {
+            Some(why) => why == WEIGHTS_ABSENT,
+            None => !self.scores.contains_key(&metric.id),
+        };
+        self.status != TargetStatus::Failed && metric.absent.is_none() && is_lacking()
     }
 
     /// The first field with an impossible value. Metrics that this toolkit does not know have no range.

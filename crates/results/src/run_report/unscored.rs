@@ -6,7 +6,8 @@ use atsplat_numeric::{counted, noun};
 use serde::Serialize;
 
 use super::metric_name;
-use crate::{IDENTICAL, Results, SkippedEntry, TargetRow, TargetStatus, TrialRow};
+use crate::rows::ADDED_LATER;
+use crate::{IDENTICAL, Results, SkippedEntry, TargetRow, TargetStatus, TrialRow, WEIGHTS_ABSENT};
 
 /// Entries, trials or targets without a score, or without one of them, for one reason.
 #[derive(Debug, Serialize)]
@@ -45,8 +46,13 @@ pub(super) fn unscored(results: &Results) -> Vec<Unscored> {
     let metrics = &results.provenance.metrics;
     let has_weights = |id: &str| metrics.iter().all(|metric| metric.id != id || metric.absent.is_none());
     let compared = results.targets.iter().filter(|row| row.status == TargetStatus::Scored);
+    let added_later = compared.clone().flat_map(|row| {
+        let lacking = metrics.iter().filter(move |metric| row.lacks(metric));
+        lacking.map(move |metric| Case::lacking(row, &metric.id, ADDED_LATER))
+    });
     let lacking = compared.flat_map(|row| row.not_computed.iter().map(move |(id, why)| (row, id, why)));
-    let lacking = lacking.filter(|(_, id, _)| has_weights(id)).map(|(row, id, why)| Case::lacking(row, id, why));
+    let lacking = lacking.filter(|(_, id, why)| has_weights(id) && *why != WEIGHTS_ABSENT);
+    let lacking = lacking.map(|(row, id, why)| Case::lacking(row, id, why)).chain(added_later);
     let mut kinds: BTreeMap<(&str, &str, String, String), (usize, String)> = BTreeMap::new();
     for Case { preset, noun, what, kind, example } in skipped.chain(not_applicable).chain(failed).chain(lacking) {
         kinds.entry((preset, noun, what, kind)).or_insert((0, example)).0 += 1;
@@ -147,6 +153,18 @@ mod tests {
         ];
         assert_eq!(found.collect::<Vec<_>>(), expected);
         assert_eq!(rows[1].text, "1 target of m not in the mean of PSNR (8 bit, rounded)");
+        // Weights that are there now, for the results of other methods, and a metric that a later run requested.
+        results.targets.truncate(2);
+        results.targets[1].not_computed = [("lpips".to_owned(), WEIGHTS_ABSENT.to_owned())].into();
+        results.targets[0].scores.insert("lpips".to_owned(), 0.1);
+        results.provenance.metrics =
+            ["psnr", "lpips", "l1"].map(|id| MetricRecord { id: id.to_owned(), ..MetricRecord::default() }).to_vec();
+        let found: Vec<_> = unscored(&results).into_iter().map(|row| (row.text, row.example)).collect();
+        let of = |count: &str, metric: &str, frame: u32| {
+            let text = format!("{count} of m not in the mean of {metric}");
+            (text, format!("scene a, frame {frame}: {ADDED_LATER}"))
+        };
+        assert_eq!(found, [of("2 targets", "L1", 0), of("1 target", "LPIPS", 1)]);
     }
 
     #[test]

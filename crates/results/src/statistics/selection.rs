@@ -3,6 +3,7 @@ use std::collections::BTreeMap;
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
 use super::{Identical, Leaked, MetricQuery};
+use crate::rows::ADDED_LATER;
 use crate::{IDENTICAL, Results, TargetRow, TargetStatus};
 
 /// One target of a query.
@@ -90,6 +91,9 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
         outcome: match outcome(row, metric, is_requested, absent) {
             Outcome::Failed if unsupported.contains(&row.key) => Outcome::NotApplicable,
             Outcome::Score { identical: true, .. } if identical == Identical::Excluded => Outcome::Identical,
+            Outcome::NotComputed(_) if record.is_some_and(|record| row.lacks(record)) => {
+                Outcome::NotComputed(ADDED_LATER)
+            }
             other => other,
         },
     };

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::{MethodRecord, Results, ResultsError, TrialKey, TrialRow};
+use crate::{MethodRecord, MetricRecord, Results, ResultsError, TargetRow, TrialKey, TrialRow};
 
 /// The kind of methods that are Python callables.
 const PYTHON: &str = "python";
@@ -23,16 +23,26 @@ struct Inputs {
     input: Option<String>,
     /// Whether another run tries again: nothing says whether the reason for which a method of Python failed is still there.
     retried: bool,
+    /// Whether a target lacks a metric that can be computed now.
+    lacks_metric: bool,
 }
 
 impl KnownResults {
-    pub(super) fn of(trials: impl Iterator<Item = TrialRow>, methods: &[MethodRecord]) -> Self {
+    /// Trials with their targets, for a run that computes these metrics.
+    pub(super) fn of(
+        rows: impl Iterator<Item = (TrialRow, Vec<TargetRow>)>,
+        methods: &[MethodRecord],
+        metrics: &[MetricRecord],
+    ) -> Self {
         let is_python = |name: &str| methods.iter().any(|method| method.name == name && method.kind == PYTHON);
         let mut known = Self::default();
-        for TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } in trials {
+        for (row, rows_of_targets) in rows {
+            let TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } = row;
+            let lacks_metric = rows_of_targets.iter().any(|target| metrics.iter().any(|metric| target.lacks(metric)));
             let retried = status.is_incomplete() && is_python(&key.method);
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
-            let inputs = Inputs { trial: trial_hash, targets, data: data_hash, input: input_hash, retried };
+            let (trial, data, input) = (trial_hash, data_hash, input_hash);
+            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric };
             by_method.insert(key.method, inputs);
         }
         known
@@ -49,6 +59,11 @@ impl KnownResults {
             known.trial == trial && same_input && !known.retried
         };
         self.get(key).is_some_and(same)
+    }
+
+    /// Whether a result lacks a metric that the run computes: it was made without it, or without its weights.
+    pub fn lacks_metric(&self, key: &TrialKey) -> bool {
+        self.get(key).is_some_and(|known| known.lacks_metric)
     }
 
     /// Drops the results of these methods.
@@ -106,7 +121,7 @@ fn mixed(what: &'static str, first: &TrialKey, second: &TrialKey) -> ResultsErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{TrialStatus, sample_rows};
+    use crate::{TargetStatus, TrialStatus, WEIGHTS_ABSENT, sample_rows};
 
     /// A method of Python may have been mended; what another method failed fails again.
     #[test]
@@ -115,12 +130,35 @@ mod tests {
             let method = MethodRecord { name: "m".to_owned(), kind: kind.to_owned(), ..MethodRecord::default() };
             let row = TrialRow { status, data_hash: Some("d".to_owned()), ..sample_rows::trial("m", "a", 0, 1) };
             let (key, hash) = (row.key.clone(), row.trial_hash.clone());
-            let known = KnownResults::of([row].into_iter(), &[method]);
+            let known = KnownResults::of([(row, Vec::new())].into_iter(), &[method], &[]);
             assert_eq!(known.methods(&key.preset, "a", 0).count(), 1, "its row is there");
             known.contains(&key, &hash, "d", None)
         };
         assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
         assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
         assert!(of("exec", TrialStatus::Failed));
+    }
+
+    #[test]
+    fn results_made_without_a_metric_or_its_weights_lack_it() {
+        let metric = |id: &str, absent: bool| {
+            let absent = absent.then(|| "weights absent: LPIPS (VGG) needs a file".to_owned());
+            MetricRecord { id: id.to_owned(), absent, ..MetricRecord::default() }
+        };
+        let lacks = |status: TargetStatus, why: Option<&str>, metrics: &[MetricRecord]| {
+            let computed = sample_rows::target("m", "a", 0, 0, "psnr", 20.0);
+            let not_computed = why.map(|why| ("lpips".to_owned(), why.to_owned())).into_iter().collect();
+            let scores = if status == TargetStatus::Scored { computed.scores.clone() } else { BTreeMap::new() };
+            let target = TargetRow { status, not_computed, scores, ..computed };
+            let row = sample_rows::trial("m", "a", 0, 1);
+            let key = row.key.clone();
+            KnownResults::of([(row, vec![target])].into_iter(), &[], metrics).lacks_metric(&key)
+        };
+        let (now, absent) = ([metric("psnr", false), metric("lpips", false)], [metric("lpips", true)]);
+        let scored = |why, metrics: &[MetricRecord]| lacks(TargetStatus::Scored, why, metrics);
+        assert!(scored(None, &now) && scored(Some(WEIGHTS_ABSENT), &now));
+        assert!(!scored(Some("too small"), &now) && !scored(None, &now[..1]), "there is a reason, or it is there");
+        assert!(!scored(None, &absent) && !scored(Some(WEIGHTS_ABSENT), &absent), "it cannot be computed now either");
+        assert!(!lacks(TargetStatus::Failed, None, &now) && lacks(TargetStatus::NonFinite, None, &now));
     }
 }

@@ -109,8 +109,12 @@ pub fn publish(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
 /// # Errors
 /// [`ResultsError::Io`].
 pub fn has_images(store: &Path, key: &TrialKey) -> Result<bool, ResultsError> {
-    let is_image = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
-    Ok(disk::files(&folder(store, key))?.iter().any(is_image))
+    Ok(disk::files(&folder(store, key))?.iter().any(|path| is_named(path)))
+}
+
+/// Whether a file has the name of an image, not a temporary one.
+fn is_named(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "png")
 }
 
 /// Names the renders of results that a process stored and was killed before it named them, and removes what else it left
@@ -163,6 +167,20 @@ pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
         }
         _ => Ok(()),
     }
+}
+
+/// Removes a trial's images that are not the renders of its new rows, which are stored next: those of equal renders stay.
+///
+/// # Errors
+/// [`ResultsError::Io`].
+pub fn remove_others(store: &Path, key: &TrialKey, rows: &[TargetRow]) -> Result<(), ResultsError> {
+    let is_of = |row: &TargetRow, path: &Path| {
+        let hash = row.render_hash.as_deref();
+        image_path(store, key, row.frame) == path && is_whole_image_of(path, hash).unwrap_or(false)
+    };
+    let images = disk::files(&folder(store, key))?.into_iter().filter(|path| is_named(path));
+    let mut others = images.filter(|path| !rows.iter().any(|row| is_of(row, path)));
+    others.try_for_each(|path| disk::remove(&path))
 }
 
 /// Stores an 8-bit image.
@@ -266,6 +284,29 @@ mod tests {
         assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")));
         assert!(has_images(root.path(), &of_x.key).unwrap() && !has_images(root.path(), &of_y.key).unwrap());
         assert_eq!(unfinished(root.path()).unwrap(), [] as [PathBuf; 0]);
+    }
+
+    /// A trial is evaluated again: one of three renders is the same, one differs, and one failed.
+    #[test]
+    fn images_of_equal_renders_stay() {
+        let root = tempfile::tempdir().unwrap();
+        let render = Image::new(1, 1, vec![0.0, 0.5, 1.0]).unwrap();
+        let row = |frame: u64, hash: Option<&str>| TargetRow {
+            frame,
+            render_hash: hash.map(str::to_owned),
+            ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0)
+        };
+        for frame in 4..7 {
+            write_render(root.path(), &row(frame, Some("before")), &render).unwrap();
+        }
+        let key = row(4, None).key;
+        publish(root.path(), &key).unwrap();
+        write_render(root.path(), &row(5, Some("now")), &render).unwrap();
+        remove_others(root.path(), &key, &[row(4, Some("before")), row(5, Some("now")), row(6, None)]).unwrap();
+        let stored = || (4..7).map(|frame| image_path(root.path(), &key, frame).exists()).collect::<Vec<_>>();
+        assert_eq!(stored(), [true, false, false]);
+        publish(root.path(), &key).unwrap();
+        assert_eq!(stored(), [true, true, false], "the new one gets its name after its row is stored");
     }
 
     #[test]

@@ -44,7 +44,9 @@ pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
 use crate::warning_kinds::OTHER_DATA;
-use crate::{Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
+use crate::{
+    MetricRecord, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount,
+};
 use read::{Content, Rows};
 
 /// The file that makes a folder a store.
@@ -100,21 +102,24 @@ impl Store {
             return Err(ResultsError::NoStore { folder: folder.to_owned() });
         }
         let lock = lock(folder)?;
-        Self::open_locked(folder, lock)
+        Self::open_locked(folder, lock, None)
     }
 
-    fn open_locked(folder: &Path, lock: FolderLock) -> Result<Self, ResultsError> {
+    /// With the metrics of the run that opens it; by default the store's.
+    fn open_locked(folder: &Path, lock: FolderLock, metrics: Option<&[MetricRecord]>) -> Result<Self, ResultsError> {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(ResultsError::io("opening a results store", &parts))?;
         let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
         let scored_methods = scored.map(|(trial, _)| trial.key.method.clone()).collect();
-        let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial), &provenance.methods);
+        let metrics = metrics.unwrap_or(&provenance.metrics);
+        let known = KnownResults::of(rows.into_values(), &provenance.methods, metrics);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         Ok(Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock })
     }
 
-    /// Resumes the store in a folder, or creates one if there is none. Presets and methods that it lacks are added. A method
+    /// Resumes the store in a folder, or creates one if there is none. Presets, methods and metrics that it lacks are added, and
+    /// scenes that a limit left out; [`KnownResults::lacks_metric`] says which results lack a metric. A method
     /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
     /// target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
     /// differ: the run compares their contents with the rows' hashes, and [`crate::warning_kinds::OTHER_DATA`] says that they do.
@@ -127,7 +132,7 @@ impl Store {
         if !folder.join(PROVENANCE).exists() {
             return Self::create_locked(folder, provenance, lock);
         }
-        let mut store = Self::open_locked(folder, lock)?;
+        let mut store = Self::open_locked(folder, lock, Some(provenance.metrics.as_slice()))?;
         let mut joined = store.provenance.clone();
         let mut replaced = BTreeSet::new();
         for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
