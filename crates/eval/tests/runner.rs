@@ -9,8 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
 use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, current_provenance};
-use atsplat_metrics::learned::{Network, Step};
-use atsplat_model::weights::{StoredTensor, StoredTensors};
+use atsplat_metrics::learned::Network;
 use atsplat_pixels::Image;
 use atsplat_protocol::SamplingRule;
 use atsplat_results::store::images::image_path;
@@ -19,7 +18,7 @@ use atsplat_results::{
     Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
 };
 use atsplat_scene::Warnings;
-use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite};
+use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite, write_zero_weights};
 
 /// Fails in a different way in each of the first scenes, and counts its calls.
 #[derive(Debug, Default)]
@@ -438,18 +437,7 @@ fn drift_names_the_image_that_changed() {
 #[test]
 fn weights_of_a_metric_that_are_not_the_published_ones_are_a_warning() {
     let folder = tempfile::tempdir().unwrap();
-    let network = Network::LpipsAlex;
-    let mut weights = StoredTensors::default();
-    for step in network.steps() {
-        let Step::Convolution { name, channels_in, channels_out, kernel, .. } = step else { continue };
-        for (part, shape) in [("weight", vec![channels_out, channels_in, kernel, kernel]), ("bias", vec![channels_out])]
-        {
-            let zeros = vec![0.0; shape.iter().product()];
-            weights.tensors.insert(format!("{name}.{part}"), StoredTensor::from_f32(shape, &zeros).unwrap());
-        }
-    }
-    let file = folder.path().join(network.file());
-    weights.write(&file).unwrap();
+    let file = write_zero_weights(folder.path(), Network::LpipsAlex);
     let run = settings(Walls::new(2, 8), baselines());
     let suite = atsplat_eval::runner::suite(&run.datasets, &["lpips-alex".to_owned()], Some(folder.path())).unwrap();
     let (results, _) = Run { suite, ..run }.run(&folder.path().join("store")).unwrap();

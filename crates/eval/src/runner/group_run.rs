@@ -216,15 +216,16 @@ impl GroupRun<'_> {
         Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch)
     }
 
-    /// Methods without an up-to-date result for this trial, data and input files, or without images that are to be kept, each
-    /// with the hash of its input files.
+    /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run or has no
+    /// images that are to be kept, each with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
         let hash = trial.hash().to_string();
         let missing = |method: &Arc<dyn Method>| {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            (!is_known || self.images_and_times.lacks_images(&key)).then_some(input_hash)
+            let is_complete = !self.store.known().lacks_metric(&key) && !self.images_and_times.lacks_images(&key);
+            (!is_known || !is_complete).then_some(input_hash)
         };
         self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
@@ -253,11 +254,15 @@ impl GroupRun<'_> {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            images::remove(self.images.store, &key)?;
+            let (hash, data) = (trial.hash().to_string(), &decoded.data_hash);
+            if !self.store.known().contains(&key, &hash, data, input_hash.as_deref()) {
+                images::remove(self.images.store, &key)?;
+            }
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
             self.images_and_times.remove_outdated_times(&row)?;
+            images::remove_others(self.images.store, &row.key, &targets)?;
             self.store.append(&row, &targets)?;
             images::publish(self.images.store, &row.key)?;
             (self.step)();

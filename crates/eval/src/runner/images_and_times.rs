@@ -1,5 +1,6 @@
 //! Images and times belong to the rows that they were made with: they are removed before a row is replaced, so that a killed run
-//! loses them instead of leaving them with another row.
+//! loses them instead of leaving them with another row. A row that is made again from the same trial, data and files, for a
+//! metric or an image that it lacks, keeps its times, and the images of renders that are the same again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};

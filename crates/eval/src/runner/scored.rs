@@ -5,7 +5,7 @@ use atsplat_metrics::{NotComputed, Score, Suite, definition};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 
-use atsplat_results::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
+use atsplat_results::{IDENTICAL, TargetRow, TargetStatus, TrialKey, WEIGHTS_ABSENT};
 
 /// The row of a target before it is rendered.
 pub(super) fn unscored_row(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
@@ -57,7 +57,7 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
             Score::Value(value) => format!("the score is {value}"),
             Score::Identical => IDENTICAL.to_owned(),
             // The searched folders are in the provenance.
-            Score::NotComputed(NotComputed::WeightsAbsent(_)) => "weights absent".to_owned(),
+            Score::NotComputed(NotComputed::WeightsAbsent(_)) => WEIGHTS_ABSENT.to_owned(),
             Score::NotComputed(_) if row.status == TargetStatus::NonFinite => "NaN or infinite samples".to_owned(),
             Score::NotComputed(reason) => reason.to_string(),
         };

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(dead_code, reason = "each test file uses a part")]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -15,7 +15,9 @@ use atsplat_eval::runner::{
 };
 use atsplat_eval::timing::TimingPlan;
 use atsplat_files::Sha256Digest;
+use atsplat_metrics::learned::{Network, Step};
 use atsplat_metrics::{Networks, Suite};
+use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_pixels::{Image, ImageU8, encode_png};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
@@ -212,4 +214,20 @@ impl Run {
 
 pub(crate) fn suite(ids: &[&str]) -> Suite {
     Suite::new(named_metrics(ids.iter().copied()).unwrap(), Networks::default(), 0)
+}
+
+/// Writes weights of a learned metric that are all zero, under the published file's name.
+pub(crate) fn write_zero_weights(folder: &Path, network: Network) -> PathBuf {
+    let mut weights = StoredTensors::default();
+    for step in network.steps() {
+        let Step::Convolution { name, channels_in, channels_out, kernel, .. } = step else { continue };
+        for (part, shape) in [("weight", vec![channels_out, channels_in, kernel, kernel]), ("bias", vec![channels_out])]
+        {
+            let zeros = vec![0.0; shape.iter().product()];
+            weights.tensors.insert(format!("{name}.{part}"), StoredTensor::from_f32(shape, &zeros).unwrap());
+        }
+    }
+    let file = folder.join(network.file());
+    weights.write(&file).unwrap();
+    file
 }

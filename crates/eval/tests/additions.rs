@@ -1,0 +1,118 @@
+//! Metrics and scenes that are added to existing results.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use atsplat_eval::method::{Method, Warp};
+use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics};
+use atsplat_eval::timing::TimingPlan;
+use atsplat_metrics::learned::{Network, WeightsFolders};
+use atsplat_metrics::{Networks, Suite};
+use atsplat_results::store::images::image_path;
+use atsplat_results::{Results, Store, TargetRow, WEIGHTS_ABSENT};
+use common::{Run, Walls, baselines, dataset, entry, rows, suite, write_zero_weights};
+
+const TIMING: TimingPlan =
+    TimingPlan { trials: 2, warm_up: 0, warm_up_until: Duration::MAX, repetitions: 1, long: Duration::MAX };
+
+/// Baselines, or the plane warp alone, on five scenes; no target is also a context frame.
+fn run_of(methods: Vec<Arc<dyn Method>>, metrics: &[&str]) -> Run {
+    let datasets = vec![dataset(Walls::new(5, 8), &[entry(&[0, 4], &[1, 6])])];
+    Run { suite: suite(metrics), ..Run::new(datasets, methods) }
+}
+
+fn warp() -> Vec<Arc<dyn Method>> {
+    vec![Arc::new(Warp)]
+}
+
+/// The rows of a run into a new store.
+fn fresh(run: &Run) -> Results {
+    run.run(tempfile::tempdir().unwrap().path()).unwrap().0
+}
+
+/// How many targets have a score of a metric, of the warp and of the nearest view.
+fn scored(results: &Results, metric: &str) -> [usize; 2] {
+    ["warp", "nearest-view"].map(|method| {
+        let has_score = |row: &&TargetRow| row.key.method == method && row.scores.contains_key(metric);
+        results.targets.iter().filter(has_score).count()
+    })
+}
+
+#[test]
+fn results_without_a_metric_are_evaluated_again_with_their_times_and_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = Run { timing: Some(TIMING), images: KeepImages::All, ..run_of(baselines(), &["psnr"]) };
+    let (before, _) = first.run(folder.path()).unwrap();
+    let more = run_of(warp(), &["psnr", "ssim"]);
+    // Killed before its first trial.
+    let provenance = more.plan().provenance(current_provenance("0", None, Vec::new())).unwrap();
+    drop(Store::resume(folder.path(), provenance).unwrap());
+    assert_eq!(scored(&Results::read(folder.path()).unwrap(), "ssim"), [0, 0]);
+    let (added, summary) = more.run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, scored(&added, "ssim")), (5, 0, [10, 0]));
+    assert!(!before.timings.is_empty());
+    assert_eq!(added.timings, before.timings);
+    let has_image = |row: &TargetRow| image_path(folder.path(), &row.key, row.frame).is_file();
+    assert!(added.targets.iter().all(has_image), "the renders are the same");
+    let without = run_of(baselines(), &["psnr"]).run(folder.path()).unwrap_err().to_string();
+    assert!(without.contains("ssim: then computed, now not requested"), "{without}");
+    let all = run_of(baselines(), &["psnr", "ssim"]);
+    let (joined, summary) = all.run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, scored(&joined, "ssim")), (5, 5, [10, 10]));
+    let expected = fresh(&all);
+    assert_eq!(rows(&joined), rows(&expected));
+    assert_eq!(joined.provenance.metrics, expected.provenance.metrics);
+}
+
+#[test]
+fn a_metric_is_added_once_its_weights_are_there() {
+    let [store, weights] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let metrics = ["psnr", "lpips-alex"];
+    let absent = run_of(baselines(), &metrics);
+    let (before, _) = absent.run(store.path()).unwrap();
+    assert!(before.targets.iter().all(|row| row.not_computed["lpips-alex"] == WEIGHTS_ABSENT));
+    let (_, summary) = absent.run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed), (0, 10), "nothing can be added");
+    write_zero_weights(weights.path(), Network::LpipsAlex);
+    let present = |methods| Run { suite: with_weights(&metrics, weights.path()), ..run_of(methods, &[]) };
+    let (added, summary) = present(warp()).run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, scored(&added, "lpips-alex")), (5, [10, 0]));
+    let now_absent = absent.run(store.path()).unwrap_err().to_string();
+    assert!(now_absent.contains("now not computed, because its weights alexnet-owt-7be5be79.pth were not found"));
+    let (joined, _) = present(baselines()).run(store.path()).unwrap();
+    let expected = fresh(&present(baselines()));
+    assert_eq!((rows(&joined), &joined.provenance.metrics), (rows(&expected), &expected.provenance.metrics));
+}
+
+fn with_weights(metrics: &[&str], folder: &Path) -> Suite {
+    let definitions = named_metrics(metrics.iter().copied()).unwrap();
+    let networks = Networks::for_definitions(&definitions, &WeightsFolders::new(vec![folder.to_owned()])).unwrap();
+    Suite::new(definitions, networks, 0)
+}
+
+#[test]
+fn scenes_that_a_limit_left_out_are_added() {
+    let folder = tempfile::tempdir().unwrap();
+    let limited = |methods, limit| {
+        let mut run = run_of(methods, &["psnr"]);
+        run.selection.limit = limit;
+        run
+    };
+    limited(baselines(), Some(2)).run(folder.path()).unwrap();
+    let uneven = limited(baselines(), Some(3)).run(folder.path()).unwrap_err().to_string();
+    assert!(uneven.contains("then 2 scenes, now 3 scenes"), "{uneven}");
+    let (some, summary) = limited(warp(), Some(4)).run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, some.provenance.presets[0].entries), (2, 2, 4));
+    let unfinished: Vec<_> = some.unfinished().into_iter().map(|run| (run.method, run.entries, run.total)).collect();
+    assert_eq!(unfinished, [("nearest-view".to_owned(), 2, 4)]);
+    let (whole, summary) = limited(baselines(), None).run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, whole.provenance.limit), (4, 6, None));
+    let expected = fresh(&limited(baselines(), None));
+    assert_eq!((rows(&whole), &whole.provenance.presets), (rows(&expected), &expected.provenance.presets));
+    assert!(limited(baselines(), Some(4)).run(folder.path()).is_err(), "a limit does not remove scenes");
+}
