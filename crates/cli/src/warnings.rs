@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use atsplat_results::trial_notes::STEPS_TAKEN;
-use atsplat_results::{Results, WarningCount};
+use atsplat_results::{MetricRecord, Results, WarningCount};
 use atsplat_scene::Warnings;
 
-use crate::print::{print_status, warn};
+use crate::print::{note, print_status, warn};
 
 /// Prints the warnings of runs, about their data and their trials, counted by protocol and kind, with the first of each.
 /// Warnings in `printed` were already printed when the data were opened and sampled.
@@ -18,6 +18,30 @@ pub(crate) fn print_findings(stores: &[&Results], printed: &Warnings) {
     for results in stores {
         print_trial_warnings(results);
     }
+}
+
+/// Says before a run which metrics it will not compute, because their weights are missing, and what to do: a line for each file.
+pub(crate) fn print_absent_metrics(metrics: &[MetricRecord]) {
+    for line in absent_metrics(metrics) {
+        note(&line);
+    }
+}
+
+fn absent_metrics(metrics: &[MetricRecord]) -> Vec<String> {
+    let mut by_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for MetricRecord { id, absent, .. } in metrics {
+        if let Some(reason) = absent {
+            by_reason.entry(reason).or_default().push(id);
+        }
+    }
+    let line = |(reason, ids): (&str, Vec<&str>)| {
+        format!(
+            "{} will not be computed: {reason}; once the file is there, or --metric-weights names its folder, the same command \
+             evaluates these results again with it",
+            ids.join(", ")
+        )
+    };
+    by_reason.into_iter().map(line).collect()
 }
 
 /// Warnings about data by protocol and kind, with the first of each. Stores of one protocol's data all have them: they count
@@ -83,6 +107,23 @@ mod tests {
         };
         let warnings = warnings.iter().map(warning).collect();
         Results { provenance: Provenance { warnings, ..Provenance::default() }, ..Results::default() }
+    }
+
+    #[test]
+    fn metrics_without_weights_are_named_once_for_each_file() {
+        let metric = |id: &str, absent: Option<&str>| MetricRecord {
+            id: id.to_owned(),
+            absent: absent.map(str::to_owned),
+            ..MetricRecord::default()
+        };
+        let [vgg, alex] = ["LPIPS (VGG) needs a.pth", "LPIPS (Alex) needs b.pth"].map(Some);
+        let metrics =
+            [metric("psnr", None), metric("lpips", vgg), metric("lpips-alex", alex), metric("lpips-clipped", vgg)];
+        let lines = absent_metrics(&metrics);
+        let starts =
+            ["lpips-alex will not be computed: LPIPS (Alex)", "lpips, lpips-clipped will not be computed: LPIPS (VGG)"];
+        assert!(lines.len() == 2 && lines.iter().zip(starts).all(|(line, start)| line.starts_with(start)), "{lines:?}");
+        assert!(lines.iter().all(|line| line.contains("--metric-weights")), "{lines:?}");
     }
 
     /// Networks and their ablations are in two stores, on the same data; a few unreadable scenes were known when it was opened.

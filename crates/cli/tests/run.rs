@@ -321,15 +321,54 @@ fn a_store_of_a_newer_version_or_other_settings_is_not_resumed() {
     let here = folder.path();
     simulated(here, 1);
     let args = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
-    succeed(here, &args);
-    let other = atsplat(here, &[&args[..], &["--metrics", "l1"]].concat());
-    assert!(other.code == 1 && other.stderr.contains("metrics of the two runs differ"), "{}", other.stderr);
+    succeed(here, &[&args[..], &["--metrics", "l1"]].concat());
+    let other = atsplat(here, &args);
+    let said = "metrics of the two runs differ: l1: then computed, now not requested; request the metrics";
+    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
     let path = here.join("store/provenance.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let written = format!("\"schema-version\": {}", atsplat_results::store::SCHEMA_VERSION);
     std::fs::write(&path, text.replace(&written, "\"schema-version\": 99")).unwrap();
     let newer = atsplat(here, &args);
     assert!(newer.code == 1 && newer.stderr.contains("a newer atsplat is needed"), "{}", newer.stderr);
+}
+
+/// The second and third command of whoever scores: more scenes, and a metric that was not requested, for one method of two.
+#[test]
+fn a_store_gets_the_scenes_that_a_limit_left_out_and_further_metrics() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 5);
+    let run = |out: &str, more: &[&str]| {
+        let args = ["run", "tiny.toml", "--data", "data/test", "--out", out];
+        atsplat(here, &[&args[..], more].concat())
+    };
+    let expect = |outcome: common::Outcome, computed: &str| {
+        assert!(outcome.code == 0 && outcome.stdout.contains(computed), "{}{}", outcome.stdout, outcome.stderr);
+        outcome
+    };
+    let both = FLOORS[1];
+    let first = expect(run("store", &["--method", both, "--limit", "2"]), "4 results computed");
+    let note = "note: lpips will not be computed: weights absent: LPIPS (VGG) needs vgg16-397923af.pth; get it from ";
+    assert!(first.stderr.contains(note), "{}", first.stderr);
+    let uneven = run("store", &["--method", both, "--limit", "3"]);
+    let said = "limits of the two runs differ: then 2 scenes, now 3 scenes; ";
+    assert!(uneven.code == 1 && uneven.stderr.contains(said), "{}", uneven.stderr);
+    expect(run("store", &["--method", both]), "6 results computed; 4 were there before");
+    let added = run("store", &["--method", "warp", "--metrics", "l1"]);
+    let lacking = "10 targets of nearest-view not in the mean of L1: scene ";
+    assert!(expect(added, "5 results computed").stdout.contains(lacking));
+    expect(run("fresh", &["--method", "warp", "--metrics", "l1"]), "5 results computed");
+    let [store, fresh] = ["store", "fresh"].map(|name| Results::read(&here.join(name)).unwrap());
+    let of_warp: Vec<_> = store.targets.iter().filter(|row| row.key.method == "warp").cloned().collect();
+    assert_eq!(of_warp, fresh.targets);
+    assert_eq!((store.provenance.limit, store.provenance.metrics), (None, fresh.provenance.metrics));
+    succeed(here, &["report", "store", "--out", "page", "--format", "markdown"]);
+    let table = std::fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
+    assert!(table.contains("not computed: added to the results later"), "{table}");
+    succeed(here, &["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", both, "--metrics", "l1"]);
+    let store = Results::read(&here.join("store")).unwrap();
+    assert!(store.targets.iter().all(|row| row.scores.contains_key("l1")), "both methods have it");
 }
 
 /// A capture whose first target was cropped and whose lens distorts: `run` skips the former by name and counts the latter.

@@ -21,7 +21,7 @@ use crate::parse::{once, usage_error};
 use crate::print::{print_report, print_status, warn};
 use crate::progress::Progress;
 use crate::provenance;
-use crate::warnings::{print_findings, print_trial_warnings, print_warnings};
+use crate::warnings::{print_absent_metrics, print_findings, print_trial_warnings, print_warnings};
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
@@ -66,8 +66,8 @@ Methods:
   exec:COMMAND           A process that answers trials. It must come last: COMMAND is the rest
                          of the argument; see docs/methods.md
 
-An unfinished store is resumed: its results are not computed again. Failed trials become rows with a reason and never \
-stop the others.";
+A store is resumed: results are not computed again, unless they lack a metric that is requested now. Failed trials become \
+rows with a reason and never stop the others.";
 
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
@@ -108,6 +108,7 @@ fn evaluate(
     let record = plan.provenance(provenance())?;
     let open = |folder: &Path| Ok((settings.store(folder, record.clone())?, folder.to_owned()));
     let (out, (store, folder)) = protocols.cache().output(settings.out(), open)?;
+    print_absent_metrics(&record.metrics);
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let step = || {
         progress.step();

@@ -15,7 +15,8 @@ use crate::requirements::{Requirement, check_all};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
-    /// Folder of the results, or a URL (s3://, gs://, az://); an unfinished run in it is resumed.
+    /// Folder of the results, or a URL (s3://, gs://, az://); an unfinished run in it is resumed, and methods, protocols and
+    /// metrics are added.
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
@@ -24,7 +25,7 @@ pub(crate) struct SettingArgs {
     #[arg(long, value_name = "K/N|env")]
     shard: Option<Shard>,
 
-    /// Only N scenes of each dataset, spread evenly over the index.
+    /// Only N scenes of each dataset, spread evenly over the index. A later run without it, or with a multiple, adds the others.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
 
