@@ -90,7 +90,14 @@ impl Failure {
             ),
             _ => {
                 let of = name.as_ref().map_or_else(|| (*what).to_owned(), |name| format!("{what} {name}"));
-                format!("{of} of the results in {folder} differ: {differences}; give another folder (out)")
+                let remedy = match field {
+                    "metrics" => "request the metrics of these results too, with the same weights, or ",
+                    "limit" => {
+                        "no limit, or a multiple of theirs, adds scenes to results that are not a shard; otherwise "
+                    }
+                    _ => "",
+                };
+                format!("{of} of the results in {folder} differ: {differences}; {remedy}give another folder (out)")
             }
         };
         Self::Library { message: format!("{field}: {advice}"), place: at }

@@ -174,19 +174,28 @@ def test_results_are_kept_and_a_changed_method_is_an_error(rooms, tmp_path):
         calls += 1
         return nearest(images, context, target)
 
-    evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
-    for options, field in [({"limit": 2}, "limit"), ({"metrics": ["ssim-inria"]}, "metrics"), ({"any_size": True}, "out")]:
+    settings = {"limit": 2, "metrics": ["ssim-inria"], "parameters": {"step": 1}}
+    evaluated(method, rooms, tmp_path / "store", **settings)
+    first = calls
+    for options, field in [({"limit": 1}, "limit"), ({"metrics": []}, "metrics"), ({"any_size": True}, "out")]:
         with pytest.raises(atsplat.InvalidError, match="another folder|choose another") as raised:
-            evaluated(method, rooms, tmp_path / "store", **{"limit": 1, "parameters": {"step": 1}, **options})
+            evaluated(method, rooms, tmp_path / "store", **{**settings, **options})
         if field != "out":
             assert (raised.value.field, raised.value.file) == (field, str(tmp_path / "store"))
-    evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
-    assert calls == 1
+    evaluated(method, rooms, tmp_path / "store", **settings)
+    assert calls == first
     with pytest.raises(atsplat.InvalidError, match="step"):
-        evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 2})
+        evaluated(method, rooms, tmp_path / "store", **{**settings, "parameters": {"step": 2}})
     with pytest.raises(atsplat.InvalidError, match="without results") as raised:
         evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1}, resume=False)
     assert (raised.value.field, raised.value.file) == ("out", str(tmp_path / "store"))
+
+
+def test_metrics_and_scenes_are_added(rooms, tmp_path):
+    few = evaluated(nearest, rooms, tmp_path / "store", limit=1)
+    whole = evaluated(nearest, rooms, tmp_path / "store", metrics=["l1"])
+    assert 0 < len(few) < len(whole) and all(row["l1"] > 0 for row in whole.rows())
+    assert whole.rows() == evaluated(nearest, rooms, tmp_path / "fresh", metrics=["l1"]).rows()
 
 
 def test_shards_merge_into_the_whole(rooms, tmp_path):

@@ -89,9 +89,11 @@ def evaluate(
             parameters and setting: others are an error.
         title: its title in tables.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
-        resume: keep results that the store already has, if method, trial and data are unchanged, and try failed trials again; else
-            the folder must not contain a store.
-        limit: at most this many scenes, spread evenly over the index.
+        resume: keep results that the store already has, if method, trial and data are unchanged, and try failed trials again; results
+            without a metric that is requested now, or whose weights were not found then, are computed again. Otherwise the folder must
+            not contain a store.
+        limit: at most this many scenes, spread evenly over the index. Without a limit, or with a multiple of it, the next call adds
+            the others.
         shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
         metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
         weights: folder of LPIPS weights, searched before torch's cache.
