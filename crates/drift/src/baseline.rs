@@ -78,6 +78,12 @@ pub struct BaselineTrial {
     pub final_tokens: Option<u64>,
     /// Same as [`TrialRow::gaussians`].
     pub gaussians: Option<u64>,
+    /// Same as [`TrialRow::context`]; `None` in a baseline of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub context: Option<Vec<u64>>,
+    /// Same as [`TrialRow::data_hash`]; `None` in a baseline of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data_hash: Option<String>,
 }
 
 /// The fields of a target that are compared.
@@ -347,8 +353,8 @@ impl TargetGrouping {
 
 impl From<&TrialRow> for BaselineTrial {
     fn from(row: &TrialRow) -> Self {
-        let TrialRow { key, trial_hash, status, final_tokens, gaussians, .. } = row.clone();
-        Self { key, trial_hash, status, final_tokens, gaussians }
+        let TrialRow { key, trial_hash, status, final_tokens, gaussians, context, data_hash, .. } = row.clone();
+        Self { key, trial_hash, status, final_tokens, gaussians, context: Some(context), data_hash }
     }
 }
 

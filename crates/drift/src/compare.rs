@@ -1,17 +1,20 @@
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{
     Paired, SelectedTarget, direction, paired_of, scene_differences, score_of, summary_of,
 };
-use atsplat_results::{Results, TargetStatus, TrialKey, TrialStatus};
+use atsplat_results::{Results, TargetStatus};
 
+use super::change::{Change, of_drifted};
 use super::data::compare_images;
+use super::inputs::SharedPreset;
 use super::provenance::{differences, same_machine};
+use super::rows::{Group, Rows};
 use super::{
-    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, DriftVerdict, Finding,
-    FindingKind, Limit, SceneChange, least_limit, metric_bound, scene_limit,
+    Baseline, BaselineTarget, Basis, Cause, ChangedImage, Comparison, DataComparison, DriftReport, DriftVerdict,
+    Finding, FindingKind, Limit, SceneChange, least_limit, metric_bound, scene_limit,
 };
 
 /// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
@@ -19,8 +22,18 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
     let now = Rows::new(results.trials.iter().map(Into::into), results.targets.iter().map(Into::into));
-    let data = compare_images(results, baseline);
-    let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
+    let differences = differences(&baseline.provenance, &results.provenance);
+    let presets = SharedPreset::all(&baseline.provenance, &results.provenance, &differences);
+    let of_other_images: BTreeSet<&str> = presets.iter().filter_map(SharedPreset::of_other_images).collect();
+    let data = compare_images(results, baseline, &of_other_images);
+    let (mut comparisons, mut findings) = (Vec::new(), Vec::new());
+    let of_image = |image: &ChangedImage| Change::new(Cause::Data, format!("{}, {image}", image.preset));
+    let mut changes: Vec<Change> = data.changed.iter().map(of_image).collect();
+    for preset in &presets {
+        let (found, changed) = preset.compare(&then, &now);
+        findings.extend(found);
+        changes.extend(changed);
+    }
     findings.extend(data_findings(&data));
     let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
     let empty = Group::default();
@@ -44,18 +57,27 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
-    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.verdict != DriftVerdict::Nothing);
+    changes.extend(of_drifted(&comparisons, &differences));
+    let verdict = verdict(&comparisons, &findings, then.share_a_target(&now));
+    let (changes, attribution, not_attributed) = (Change::merged(changes), None, None);
+    DriftReport { verdict, comparisons, findings, data, differences, changes, attribution, not_attributed }
+}
+
+/// The worst verdict of all parts; if no target is in both runs, nothing was compared, whatever else differs.
+fn verdict(comparisons: &[Comparison], findings: &[Finding], share_a_target: bool) -> DriftVerdict {
+    if !share_a_target {
+        return DriftVerdict::Nothing;
+    }
+    let compared = comparisons.iter().any(|comparison| comparison.verdict != DriftVerdict::Nothing);
     let at_least = if compared { DriftVerdict::Same } else { DriftVerdict::Nothing };
-    let verdicts = comparisons.iter().map(|c| c.verdict).chain(findings.iter().map(|finding| finding.verdict));
-    let verdict = verdicts.fold(at_least, DriftVerdict::max);
-    let differences = differences(&baseline.provenance, &results.provenance);
-    DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
+    let verdicts = comparisons.iter().map(|comparison| comparison.verdict);
+    verdicts.chain(findings.iter().map(|finding| finding.verdict)).fold(at_least, DriftVerdict::max)
 }
 
 /// Changed images by preset.
 fn data_findings(data: &DataComparison) -> Vec<Finding> {
     let presets = data.changed.chunk_by(|a, b| a.preset == b.preset);
-    let finding = |changed: &[super::ChangedImage]| {
+    let finding = |changed: &[ChangedImage]| {
         let first = changed.first()?;
         Some(Finding {
             preset: first.preset.clone(),
@@ -69,119 +91,7 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
     presets.filter_map(finding).collect()
 }
 
-/// Presets whose hash or index hash differs.
-fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
-    let finding = |then: &atsplat_results::PresetRecord| {
-        let now = results.provenance.preset(&then.name)?;
-        let hashes = [(&then.hash, &now.hash), (&then.index_sha256, &now.index_sha256)];
-        let (before, after) = hashes.into_iter().find(|(then, now)| then != now)?;
-        Some(Finding {
-            preset: then.name.clone(),
-            method: String::new(),
-            kind: FindingKind::Protocol,
-            verdict: DriftVerdict::Drifted,
-            count: 1,
-            example: format!("was {before}, is now {after}"),
-        })
-    };
-    baseline.provenance.presets.iter().filter_map(finding).collect()
-}
-
-/// Rows by preset and method.
-struct Rows(BTreeMap<(String, String), Group>);
-
-/// Rows of one method under one preset.
-#[derive(Default)]
-struct Group {
-    trials: BTreeMap<(String, u32), BaselineTrial>,
-    targets: BTreeMap<(String, u32, u32), BaselineTarget>,
-}
-
-impl Rows {
-    fn new(trials: impl Iterator<Item = BaselineTrial>, targets: impl Iterator<Item = BaselineTarget>) -> Self {
-        let mut rows: BTreeMap<(String, String), Group> = BTreeMap::new();
-        let group = |key: &TrialKey| (key.preset.clone(), key.method.clone());
-        for trial in trials {
-            let id = (trial.key.scene.clone(), trial.key.entry);
-            rows.entry(group(&trial.key)).or_default().trials.insert(id, trial);
-        }
-        for target in targets {
-            let id = (target.key.scene.clone(), target.key.entry, target.target);
-            rows.entry(group(&target.key)).or_default().targets.insert(id, target);
-        }
-        Self(rows)
-    }
-}
-
-/// Number and first example of each kind of change.
-type Changes = BTreeMap<FindingKind, (u64, String)>;
-
 impl Group {
-    fn findings(&self, now: &Self, preset: &str, method: &str, basis: Basis) -> Vec<Finding> {
-        let mut changes = Changes::new();
-        let mut add = |kind, example: &dyn Fn() -> String| {
-            changes.entry(kind).or_insert_with(|| (0, example())).0 += 1;
-        };
-        for (id, then) in &self.trials {
-            let Some(now) = now.trials.get(id) else { continue };
-            if then.trial_hash != now.trial_hash {
-                add(FindingKind::Trial, &|| format!("{} {}", id.0, id.1));
-            }
-            if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
-                let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
-                add(FindingKind::Count, &|| format!("{} {}: was {}, is now {}", id.0, id.1, counts(then), counts(now)));
-            }
-        }
-        for (id, then) in &self.targets {
-            let location = || format!("{} {} frame {}", id.0, id.1, then.frame);
-            let Some(row) = now.targets.get(id) else {
-                add(FindingKind::Missing, &location);
-                continue;
-            };
-            let (was, is) = (self.status_of(then), now.status_of(row));
-            if was != is {
-                add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}", location()));
-            }
-            let groupings = then.grouping.as_ref().zip(row.grouping.as_ref());
-            if let Some(change) = groupings.and_then(|(then, now)| then.change(now)) {
-                add(FindingKind::Grouping, &|| format!("{}: {change}", location()));
-            }
-            if then.render_hash.is_some() && then.render_hash != row.render_hash {
-                add(FindingKind::Render, &location);
-            }
-            if let Some(id) = then.scores.keys().find(|id| !row.scores.contains_key(*id)) {
-                add(FindingKind::Score, &|| format!("{}: {id}", location()));
-            }
-            if let Some(id) = row.scores.keys().find(|id| !then.scores.contains_key(*id)) {
-                add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
-            }
-        }
-        for (id, row) in now.targets.iter().filter(|(id, _)| !self.targets.contains_key(*id)) {
-            add(FindingKind::New, &|| format!("{} {} frame {}", id.0, id.1, row.frame));
-        }
-        let finding = |(kind, (count, example))| {
-            let verdict = match kind {
-                FindingKind::New | FindingKind::NewScore => DriftVerdict::Within,
-                // Bits and counts are only guaranteed for deterministic methods on the same machine type.
-                FindingKind::Render | FindingKind::Count if basis != Basis::Exact => DriftVerdict::Within,
-                _ => DriftVerdict::Drifted,
-            };
-            Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
-        };
-        changes.into_iter().map(finding).collect()
-    }
-
-    /// The name of a target's status, which says whether the method supports the trial at all.
-    fn status_of(&self, row: &BaselineTarget) -> &'static str {
-        let trial = self.trials.get(&(row.key.scene.clone(), row.key.entry));
-        let is_unsupported = trial.is_some_and(|trial| trial.status == TrialStatus::NotApplicable);
-        if is_unsupported && row.status == TargetStatus::Failed {
-            TrialStatus::NotApplicable.name()
-        } else {
-            row.status.name()
-        }
-    }
-
     /// The targets with a score in both.
     fn pairs<'a>(&'a self, now: &'a Self, metric: &str) -> Vec<TargetPair<'a>> {
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);

@@ -32,6 +32,8 @@ pub struct DataComparison {
     pub changed: Vec<ChangedImage>,
     /// Images of common scenes with a digest in only one of them.
     pub unknown: u64,
+    /// Images of common scenes that the preset now crops or resizes otherwise, so that their digests say nothing about the data.
+    pub preprocessed_otherwise: u64,
 }
 
 /// An image that differs from the baseline's.
@@ -79,9 +81,9 @@ impl DataComparison {
     }
 }
 
-/// Compares the images of common scenes.
+/// Compares the images of common scenes, but for those of presets in `others`, which preprocess images otherwise now.
 #[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
-pub(super) fn compare_images(results: &Results, baseline: &Baseline) -> DataComparison {
+pub(super) fn compare_images(results: &Results, baseline: &Baseline, others: &BTreeSet<&str>) -> DataComparison {
     let then = by_id(&baseline.images);
     let listed = images_of(results);
     let now = by_id(&listed);
@@ -99,6 +101,7 @@ pub(super) fn compare_images(results: &Results, baseline: &Baseline) -> DataComp
     let mut found = DataComparison::default();
     for id in ids.into_iter().filter(shared) {
         match (then.get(id), now.get(id)) {
+            _ if others.contains(id.0.as_str()) => found.preprocessed_otherwise += 1,
             (Some(then), Some(now)) => {
                 found.compared += 1;
                 if then != now {

@@ -1,8 +1,6 @@
-use std::collections::BTreeSet;
 use std::fmt;
 
 use atsplat_numeric::counted;
-use atsplat_results::excerpts;
 
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
@@ -47,7 +45,7 @@ impl fmt::Display for StageVerdict {
 
 impl fmt::Display for DriftReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { verdict, comparisons, findings, data, differences, attribution, not_attributed } = self;
+        let Self { verdict, comparisons, findings, data, differences, attribution, not_attributed, .. } = self;
         writeln!(
             f,
             "{:<24} {:<16} {:<12} {:>10} {:>10} {:>12} {:>26} {:>8} {:<8} verdict",
@@ -66,10 +64,7 @@ impl fmt::Display for DriftReport {
             writeln!(f, "\nDifferent from the baseline:")?;
         }
         for difference in differences {
-            // Values such as configurations are long.
-            let values = [&difference.baseline, &difference.now].map(|value| value.as_deref().unwrap_or("nothing"));
-            let [was, now] = excerpts(values, 48);
-            writeln!(f, "  {}: was {was}, is now {now}", difference.what)?;
+            writeln!(f, "  {difference}")?;
         }
         write!(f, "\n{data}")?;
         if let Some(attribution) = attribution {
@@ -87,82 +82,38 @@ impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { preset, method, kind, verdict: _, count, example } = self;
         let of = if method.is_empty() { preset.clone() } else { format!("{preset}, {method}") };
-        write!(f, "{of}: {}: {count}, such as {example}", kind.description())
+        write!(f, "{of}: {}", kind.description())?;
+        if example.is_empty() { Ok(()) } else { write!(f, ": {count}, such as {example}") }
     }
 }
 
-impl DriftReport {
-    /// What changed: metrics themselves, then the first changed stage, or what was compared without a change.
-    fn conclusion(&self) -> String {
-        let (changed, unexplained) = self.drifted_metrics();
-        let of_metric = |(metric, what): &(&str, &str)| {
-            format!("The {what} of {metric} is not the baseline's, which moves its numbers whatever the methods do. ")
-        };
-        let metrics: String = changed.iter().map(of_metric).collect();
-        format!("{metrics}{}", self.stages(unexplained))
+impl Comparison {
+    /// Both means, their difference and its interval, with units; `-` for one that is unknown.
+    pub(super) fn numbers(&self) -> [String; 4] {
+        let Self { metric, baseline, now, paired, .. } = self;
+        let or_dash = |number: Option<String>| number.unwrap_or_else(|| "-".to_owned());
+        let mean = |value: &Option<f64>| or_dash(value.map(|value| score(metric, value)));
+        let difference = paired.as_ref().map(|paired| change(metric, paired.difference));
+        let interval = paired.as_ref().and_then(|paired| paired.interval).map(|bounds| range(metric, bounds));
+        [mean(baseline), mean(now), or_dash(difference), or_dash(interval)]
     }
 
-    /// The metrics that drifted and are measured otherwise than in the baseline, with what differs about them; and whether a metric
-    /// drifted that is measured as before.
-    fn drifted_metrics(&self) -> (Vec<(&str, &str)>, bool) {
-        const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-        let comparisons = self.comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
-        let drifted: BTreeSet<&str> = comparisons.map(|comparison| comparison.metric.as_str()).collect();
-        let differs = |what: &str| self.differences.iter().any(|difference| difference.what == what);
-        let changed = |metric: &str| {
-            FIELDS.into_iter().find(|(field, _)| differs(&format!("metric {metric}, {field}"))).map(|(_, what)| what)
-        };
-        let (mut named, mut unexplained) = (Vec::new(), false);
-        for metric in drifted {
-            match changed(metric) {
-                Some(what) => named.push((metric, what)),
-                None => unexplained = true,
-            }
-        }
-        (named, unexplained)
-    }
-
-    /// The first changed stage, or what was compared without a change; `moved` says whether a number did.
-    fn stages(&self, moved: bool) -> String {
-        if let Some(stage) = self.first_stage() {
-            return format!("The first stage that changed is the {}.", stage.name());
-        }
-        let data = match self.data.verdict() {
-            StageVerdict::Empty => "No image of the dataset could be compared",
-            _ => "The dataset's images are the baseline's",
-        };
-        let stages = self.attribution.iter().flat_map(|attribution| &attribution.stages);
-        let empty: Vec<&str> =
-            stages.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
-        match &self.attribution {
-            None if self.not_attributed.is_some() => format!("{data}; the probe could not be run."),
-            None => format!("{data}; no probe was run."),
-            Some(_) if empty.is_empty() && moved => format!(
-                "{data}; no stage of the probe changed. The cause is outside atsplat's pipeline: the method's files, such as \
-                 renders or weights, or its code."
-            ),
-            Some(_) if empty.is_empty() => format!("{data}; no stage of the probe changed."),
-            Some(_) => format!("{data}; the probe had nothing to compare for: {}.", empty.join(", ")),
-        }
+    /// The verdict, and the direction of a drift.
+    pub(super) fn judgement(&self) -> String {
+        let improved = self.improved().filter(|_| self.verdict == DriftVerdict::Drifted);
+        let direction = improved.map_or("", |better| if better { ", better" } else { ", worse" });
+        format!("{}{direction}", self.verdict)
     }
 }
 
 fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
-    let Comparison { preset, method, metric, verdict, basis, baseline, now, paired, changed, .. } = comparison;
-    let number = |value: &Option<f64>| value.map_or("-".to_owned(), |value| score(metric, value));
-    let difference = paired.as_ref().map_or("-".to_owned(), |paired| change(metric, paired.difference));
-    let interval = paired.as_ref().and_then(|paired| paired.interval);
-    let interval = interval.map_or("-".to_owned(), |bounds| range(metric, bounds));
-    let direction = comparison
-        .improved()
-        .filter(|_| *verdict == DriftVerdict::Drifted)
-        .map_or("", |better| if better { ", better" } else { ", worse" });
+    let Comparison { preset, method, metric, basis, paired, changed, .. } = comparison;
+    let [baseline, now, difference, interval] = comparison.numbers();
+    let verdict = comparison.judgement();
     let targets = paired.as_ref().map_or("-".to_owned(), |paired| format!("{changed}/{}", paired.targets));
     writeln!(
         f,
-        "{preset:<24} {method:<16} {metric:<12} {:>10} {:>10} {difference:>12} {interval:>26} {targets:>8} {basis:<8} {verdict}{direction}",
-        number(baseline),
-        number(now),
+        "{preset:<24} {method:<16} {metric:<12} {baseline:>10} {now:>10} {difference:>12} {interval:>26} {targets:>8} {basis:<8} {verdict}",
     )?;
     if comparison.identical > 0 {
         let are = if comparison.identical == 1 { "is" } else { "are" };
@@ -196,7 +147,7 @@ impl fmt::Display for Limit {
 impl fmt::Display for DataComparison {
     /// One line, and one for each of the first changed images.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { compared, changed, unknown } = self;
+        let Self { compared, changed, unknown, preprocessed_otherwise } = self;
         let differ = format!("{}/{compared}", changed.len());
         writeln!(f, "{:<10} {:<10} {differ:>15} images differ", "data", self.verdict())?;
         for image in changed.iter().take(MAX_LISTED) {
@@ -204,6 +155,10 @@ impl fmt::Display for DataComparison {
         }
         if let Some(more) = changed.len().checked_sub(MAX_LISTED).filter(|more| *more > 0) {
             writeln!(f, "    and {more} more")?;
+        }
+        if *preprocessed_otherwise > 0 {
+            let images = counted(*preprocessed_otherwise, "image");
+            writeln!(f, "    {images} not compared: the preset crops or resizes them otherwise")?;
         }
         match unknown {
             0 => Ok(()),

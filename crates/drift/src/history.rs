@@ -5,8 +5,7 @@ use atsplat_results::statistics::{SelectedTarget, score_of, summary_of};
 use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
-use super::probe::Stage;
-use super::{Baseline, BaselineTarget, Comparison, DriftReport, DriftVerdict};
+use super::{Baseline, BaselineTarget, Cause, Comparison, DriftReport, DriftVerdict};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,7 +61,7 @@ pub struct HistoricRun {
     pub verdict: Option<DriftVerdict>,
     /// Difference from that baseline's mean.
     pub moved: Option<f64>,
-    /// Why it was accepted; for the current run, the first stage that changed.
+    /// Why it was accepted; for the current run, where something changed first.
     pub why: Option<String>,
 }
 
@@ -158,7 +157,7 @@ fn history(
             limits: before.map(|before| range(before.mean, comparison.limit)),
             verdict: Some(*verdict),
             moved: before.map(|before| mean - before.mean),
-            why: report.first_stage().map(Stage::name).map(str::to_owned),
+            why: report.first_change().map(Cause::name).map(str::to_owned),
         });
     }
     let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());

@@ -1,6 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
-use atsplat_results::Provenance;
+use atsplat_results::{PresetRecord, Provenance, excerpts};
 use serde::Serialize;
 
 /// A setting that differs from the baseline's.
@@ -15,15 +16,60 @@ pub struct Difference {
     pub now: Option<String>,
 }
 
-/// Settings that affect numbers and differ.
+impl Difference {
+    /// The field, if it is one of a preset, method or metric of this name.
+    pub(super) fn field_of(&self, kind: &str, name: &str) -> Option<&str> {
+        self.what.strip_prefix(kind)?.strip_prefix(' ')?.strip_prefix(name)?.strip_prefix(", ")
+    }
+
+    /// `was 0.3, is now 0.1`: at most 48 characters of each value, as those of configurations are long.
+    pub(super) fn values(&self) -> String {
+        let values = [&self.baseline, &self.now].map(|value| value.as_deref().unwrap_or("nothing"));
+        let [was, now] = excerpts(values, 48);
+        format!("was {was}, is now {now}")
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.what, self.values())
+    }
+}
+
+/// Values of settings by name.
+type Fields = BTreeMap<String, String>;
+
+/// Fields of presets that change no number, as [`atsplat_protocol::Preset::hash`] leaves them out.
+const PROSE: [&str; 6] = ["name", "title", "notes", "inferred", "sources", "stands-for"];
+/// The same below the top.
+const PROSE_BELOW: [&str; 2] = ["index.sampler", "overlap-bins.estimator"];
+
+/// Settings that affect numbers and differ: those of the run, then of each method, metric and preset field by field. One that only
+/// one of them has is a single difference.
 pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Difference> {
-    let (baseline, now) = (settings(baseline), settings(now));
-    let names: BTreeSet<&String> = baseline.keys().chain(now.keys()).collect();
-    let difference = |what: &String| {
-        let [baseline, now] = [&baseline, &now].map(|settings| settings.get(what).cloned());
-        (baseline != now).then(|| Difference { what: what.clone(), baseline, now })
+    let is_other = |then: &&PresetRecord| now.preset(&then.name).is_some_and(|now| now.hash != then.hash);
+    let others: BTreeSet<&str> = baseline.presets.iter().filter(is_other).map(|then| then.name.as_str()).collect();
+    let [then, now] = [baseline, now].map(|provenance| settings(provenance, &others));
+    let mut found = Vec::new();
+    for of in then.keys().chain(now.keys()).collect::<BTreeSet<_>>() {
+        if let (Some(then), Some(now)) = (then.get(of), now.get(of)) {
+            found.extend(differing_fields(of, then, now));
+        } else {
+            let presence =
+                |all: &BTreeMap<String, Fields>| if all.contains_key(of) { "present" } else { "absent" }.to_owned();
+            found.push(Difference { what: of.clone(), baseline: Some(presence(&then)), now: Some(presence(&now)) });
+        }
+    }
+    found
+}
+
+fn differing_fields(of: &str, then: &Fields, now: &Fields) -> Vec<Difference> {
+    let difference = |field: &String| {
+        let [baseline, now] = [then, now].map(|fields| fields.get(field).cloned());
+        let what = if of.is_empty() { field.clone() } else { format!("{of}, {field}") };
+        (baseline != now).then_some(Difference { what, baseline, now })
     };
-    names.into_iter().filter_map(difference).collect()
+    then.keys().chain(now.keys()).collect::<BTreeSet<_>>().into_iter().filter_map(difference).collect()
 }
 
 /// Whether results can be compared bit by bit: the same platform, and a single processor that is the same. Graphics adapters do not
@@ -32,59 +78,88 @@ pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
     a.processors().count() <= 1 && a.platform == b.platform && a.processor == b.processor
 }
 
-/// All settings of a provenance that affect numbers, by name; absent ones have no entry.
-fn settings(provenance: &Provenance) -> BTreeMap<String, String> {
+/// All settings of a provenance that affect numbers, by what they are of (nothing for those of the run) and name; absent ones have no
+/// entry. Of presets, protocols are among them for those whose names are in `others`.
+fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String, Fields> {
     let Provenance { atsplat, commit, platform, processor, adapter, presets, methods, metrics, .. } = provenance;
-    let mut settings = BTreeMap::new();
-    let mut put = |what: String, value: Option<String>| {
-        if let Some(value) = value {
-            settings.insert(what, value);
-        }
-    };
-    put("atsplat".to_owned(), Some(atsplat.clone()));
-    put("commit".to_owned(), commit.clone());
-    put("platform".to_owned(), Some(platform.clone()));
-    put("processor".to_owned(), Some(processor.clone()));
-    put("adapter".to_owned(), adapter.clone());
+    let of_run = fields([
+        ("atsplat", Some(atsplat.clone())),
+        ("commit", commit.clone()),
+        ("platform", Some(platform.clone())),
+        ("processor", Some(processor.clone())),
+        ("adapter", adapter.clone()),
+    ]);
+    let mut settings = BTreeMap::from([(String::new(), of_run)]);
     for preset in presets {
-        let of = |field: &str| format!("preset {}, {field}", preset.name);
-        put(of("hash"), Some(preset.hash.clone()));
-        put(of("index-sha256"), Some(preset.index_sha256.clone()));
-        put(of("dataset"), Some(preset.dataset.clone()));
-        put(of("entries"), Some(preset.entries.to_string()));
+        let is_other = others.contains(preset.name.as_str());
+        let mut of_preset = if is_other { protocol(&preset.toml) } else { Fields::new() };
+        of_preset.extend(fields([
+            ("hash", Some(preset.hash.clone())),
+            ("index-sha256", Some(preset.index_sha256.clone())),
+            ("dataset", Some(preset.dataset.clone())),
+            ("entries", Some(preset.entries.to_string())),
+        ]));
+        settings.insert(format!("preset {}", preset.name), of_preset);
     }
     for method in methods {
-        let of = |field: &str| format!("method {}, {field}", method.name);
-        put(of("kind"), Some(method.kind.clone()));
-        put(of("weights-sha256"), method.weights_sha256.clone());
-        put(of("constants"), method.constants.clone());
-        put(of("backend"), method.backend.clone());
-        put(of("network-adapter"), method.network_adapter.as_ref().map(ToString::to_string));
-        put(of("renderer-adapter"), method.renderer_adapter.as_ref().map(ToString::to_string));
-        put(of("deterministic"), Some(method.deterministic.to_string()));
+        let mut of_method = fields([
+            ("kind", Some(method.kind.clone())),
+            ("weights-sha256", method.weights_sha256.clone()),
+            ("constants", method.constants.clone()),
+            ("backend", method.backend.clone()),
+            ("network-adapter", method.network_adapter.as_ref().map(ToString::to_string)),
+            ("renderer-adapter", method.renderer_adapter.as_ref().map(ToString::to_string)),
+            ("deterministic", Some(method.deterministic.to_string())),
+        ]);
         for (name, value) in &method.parameters {
-            each_field(&of(name), value, &mut put);
+            each_field(name, value, &mut of_method);
         }
+        settings.insert(format!("method {}", method.name), of_method);
     }
     for metric in metrics {
-        let of = |field: &str| format!("metric {}, {field}", metric.id);
-        put(of("convention"), Some(metric.convention.clone()));
-        put(of("weights-sha256"), metric.weights_sha256.clone());
-        put(of("absent"), metric.reason_of_absence().map(str::to_owned));
+        let of_metric = fields([
+            ("convention", Some(metric.convention.clone())),
+            ("weights-sha256", metric.weights_sha256.clone()),
+            ("absent", metric.reason_of_absence().map(str::to_owned)),
+        ]);
+        settings.insert(format!("metric {}", metric.id), of_metric);
     }
     settings
 }
 
-/// Adds a parameter's fields one by one, so that a difference names the field.
-fn each_field(name: &str, value: &serde_json::Value, put: &mut impl FnMut(String, Option<String>)) {
-    match value {
-        serde_json::Value::Object(fields) => {
-            fields.iter().for_each(|(field, value)| each_field(&format!("{name}.{field}"), value, put));
+/// The fields that have a value.
+fn fields<const N: usize>(all: [(&str, Option<String>); N]) -> Fields {
+    all.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+}
+
+/// The fields of a preset's TOML that can change a number; none if it is no TOML.
+fn protocol(text: &str) -> Fields {
+    let mut fields = Fields::new();
+    for (name, value) in text.parse::<toml::Table>().unwrap_or_default() {
+        if let Ok(value) = serde_json::to_value(value)
+            && !PROSE.contains(&name.as_str())
+        {
+            each_field(&name, &value, &mut fields);
         }
-        serde_json::Value::String(text) => put(name.to_owned(), Some(text.clone())),
-        serde_json::Value::Number(number) => put(name.to_owned(), Some(plain(number))),
-        other => put(name.to_owned(), Some(other.to_string())),
     }
+    fields.retain(|name, _| !PROSE_BELOW.contains(&name.as_str()));
+    fields
+}
+
+/// Adds a parameter's fields one by one, so that a difference names the field.
+fn each_field(name: &str, value: &serde_json::Value, fields: &mut Fields) {
+    let text = match value {
+        serde_json::Value::Object(below) => {
+            for (field, value) in below {
+                each_field(&format!("{name}.{field}"), value, fields);
+            }
+            return;
+        }
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Number(number) => plain(number),
+        other => other.to_string(),
+    };
+    fields.insert(name.to_owned(), text);
 }
 
 /// A number with the digits it was written with: one that is an exact f32 is formatted as f32.

@@ -4,8 +4,8 @@ use atsplat_metrics::Direction;
 use atsplat_results::statistics::{Paired, direction};
 use serde::{Deserialize, Serialize};
 
-use super::probe::{Attribution, Stage, StageVerdict};
-use super::{DataComparison, Difference};
+use super::probe::{Attribution, StageVerdict};
+use super::{Change, DataComparison, Difference};
 
 /// Comparison of results with a baseline.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -21,6 +21,8 @@ pub struct DriftReport {
     pub data: DataComparison,
     /// Settings that affect numbers and differ.
     pub differences: Vec<Difference>,
+    /// What changed and explains changed numbers, in the order in which these are made: the first is where to look first.
+    pub changes: Vec<Change>,
     /// Which stage changed a probe's numbers; `None` if no probe was run.
     pub attribution: Option<Attribution>,
     /// Why there is no attribution although the baseline has a probe.
@@ -126,7 +128,7 @@ pub struct Finding {
     pub verdict: DriftVerdict,
     /// Number of occurrences.
     pub count: u64,
-    /// The first occurrence.
+    /// The first occurrence; empty if the kind says everything.
     pub example: String,
 }
 
@@ -134,8 +136,12 @@ pub struct Finding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingKind {
-    /// The protocol's or the index's hash: the numbers are not comparable.
+    /// Fields of the protocol: the numbers are not comparable.
     Protocol,
+    /// Entries of the index: the numbers are not comparable.
+    Index,
+    /// The file of the index, with the same entries: not drift.
+    RewrittenIndex,
     /// Targets of the baseline without a row in the results.
     Missing,
     /// Targets that the baseline does not have; not drift, but not monitored either.
@@ -163,9 +169,11 @@ impl FindingKind {
     pub const fn description(self) -> &'static str {
         match self {
             Self::Protocol => "another protocol",
+            Self::Index => "entries of the index have changed",
+            Self::RewrittenIndex => "another index file with the same entries",
             Self::Missing => "targets are missing",
             Self::New => "targets are new",
-            Self::Trial => "trials have changed",
+            Self::Trial => "trials have other frames, cameras or preprocessing",
             Self::Grouping => "targets have another mark of context frames, distance or overlap",
             Self::Status => "targets have another status",
             Self::Data => "images have changed",
@@ -183,14 +191,6 @@ impl DriftReport {
         self.verdict == DriftVerdict::Drifted
     }
 
-    /// The first stage that changed. Changed images are attributed to the data unless decoding or resizing changed on the
-    /// probe, since those stages can produce other images from the same files.
-    pub fn first_stage(&self) -> Option<Stage> {
-        let probed = self.attribution.as_ref().and_then(Attribution::first);
-        let explained = matches!(probed, Some(Stage::Decode | Stage::Resize));
-        if self.data.verdict() == StageVerdict::Changed && !explained { Some(Stage::Data) } else { probed }
-    }
-
     /// Adds the attribution of a probe.
     #[must_use]
     pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
@@ -201,7 +201,9 @@ impl DriftReport {
                     StageVerdict::Empty => DriftVerdict::Nothing,
                     StageVerdict::Changed => DriftVerdict::Drifted,
                 });
-                Self { verdict: found.fold(self.verdict, DriftVerdict::max), attribution: Some(attribution), ..self }
+                let verdict = found.fold(self.verdict, DriftVerdict::max);
+                let changes = self.changes_with(&attribution);
+                Self { verdict, changes, attribution: Some(attribution), ..self }
             }
             Err(error) => Self { verdict: DriftVerdict::Drifted, not_attributed: Some(error.to_string()), ..self },
         }

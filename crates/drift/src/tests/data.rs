@@ -12,7 +12,7 @@ fn a_changed_context_image_is_named_by_scene_and_frame() {
     let base = store(true, 6, 0.0, 1);
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
-    assert_eq!(compare(&base, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
+    assert_eq!(compare(&base, &baseline).data, DataComparison { compared: 6 * 4, ..DataComparison::default() });
     let mut now = base.clone();
     now.trials[3].context_hashes[1] = "blurred".to_owned();
     now.targets[3 * 3 + 2].truth_hash = Some("sharpened".to_owned());
@@ -20,12 +20,12 @@ fn a_changed_context_image_is_named_by_scene_and_frame() {
     let changed: Vec<_> = report.data.changed.iter().map(|p| (p.scene.as_str(), p.frame, roles(p))).collect();
     assert_eq!(changed, [("scene 003", 2, vec!["target"]), ("scene 003", 9, vec!["context"])]);
     assert_eq!(kinds(&report), [(FindingKind::Data, DriftVerdict::Drifted, 2)]);
-    assert_eq!((report.verdict, report.first_stage()), (DriftVerdict::Drifted, Some(Stage::Data)), "{report}");
+    assert_eq!((report.verdict, report.first_change()), (DriftVerdict::Drifted, Some(Cause::Data)), "{report}");
     let text = report.to_string();
     for part in [
         "images have changed: 2, such as scene scene 003, frame 2 (target)",
         "sampled: scene scene 003, frame 9 (context)",
-        "The first stage that changed is the data.",
+        "The first change is in the data: sampled, scene scene 003, frame 2 (target), and 1 more.",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }
@@ -64,7 +64,7 @@ fn scenes_missing_on_one_side_are_not_changed_data() {
     fewer.targets.truncate(4 * 3);
     for (then, now) in [(&all, &fewer), (&fewer, &all)] {
         let found = compare(now, &Baseline::new(then, &[], acceptance("first"))).data;
-        assert_eq!(found, DataComparison { compared: 4 * 4, changed: vec![], unknown: 0 });
+        assert_eq!(found, DataComparison { compared: 4 * 4, ..DataComparison::default() });
     }
 }
 
@@ -76,13 +76,17 @@ fn images_without_a_digest_are_counted_as_unknown() {
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
     for (then, now) in [(&base, &old), (&old, &base)] {
         let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
-        assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
+        assert_eq!(
+            report.data,
+            DataComparison { compared: 3 * 3, unknown: 3, ..DataComparison::default() },
+            "frame 9 of each"
+        );
         assert!(report.to_string().contains("3 images have a digest on one side only"), "{report}");
     }
     let mut unknown = old.clone();
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
     let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
-    assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
+    assert_eq!((report.data.verdict(), report.first_change()), (StageVerdict::Empty, None));
     assert!(report.to_string().contains("No image of the dataset could be compared; no probe was run."), "{report}");
 }
 
@@ -128,18 +132,18 @@ fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     let first = |now: &Results, changed: &[Stage]| {
         let report = compare(now, &baseline).with_attribution(Ok(probed(changed)));
         assert_eq!(report.verdict == DriftVerdict::Same, changed.is_empty() && report.data.changed.is_empty());
-        report.first_stage()
+        report.first_change()
     };
     for (changed, expected) in [
-        (&[][..], Stage::Data),
-        (&[Stage::Decode], Stage::Decode),
-        (&[Stage::Resize, Stage::Metric], Stage::Resize),
-        (&[Stage::Model], Stage::Data),
-        (&[Stage::Renderer, Stage::Metric], Stage::Data),
+        (&[][..], Cause::Data),
+        (&[Stage::Decode], Cause::Decode),
+        (&[Stage::Resize, Stage::Metric], Cause::Resize),
+        (&[Stage::Model], Cause::Data),
+        (&[Stage::Renderer, Stage::Metric], Cause::Data),
     ] {
         assert_eq!(first(&now, changed), Some(expected), "{changed:?}");
     }
-    assert_eq!((first(&base, &[]), first(&base, &[Stage::Metric])), (None, Some(Stage::Metric)));
+    assert_eq!((first(&base, &[]), first(&base, &[Stage::Metric])), (None, Some(Cause::Metric)));
 }
 
 #[test]
@@ -149,6 +153,6 @@ fn a_stage_without_values_is_not_the_same() {
     attribution.stages[4].verdict = StageVerdict::Empty;
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     let report = compare(&base, &baseline).with_attribution(Ok(attribution));
-    assert_eq!((report.verdict, report.first_stage()), (DriftVerdict::Nothing, None));
+    assert_eq!((report.verdict, report.first_change()), (DriftVerdict::Nothing, None));
     assert!(report.to_string().contains("the probe had nothing to compare for: metric."), "{report}");
 }

@@ -42,7 +42,7 @@ fn a_probe_is_judged_by_the_machine_that_ran_it() {
     let judged = |baseline: &Baseline| {
         let report = compare(&base, baseline);
         let report = report.with_attribution(attribute(&pipeline, &outputs, baseline.was_probed_on(&here)));
-        (report.verdict, report.first_stage())
+        (report.verdict, report.first_change())
     };
     let probed_on = |baseline: &Baseline, processor: &str| {
         let mut baseline = baseline.clone();
@@ -55,7 +55,7 @@ fn a_probe_is_judged_by_the_machine_that_ran_it() {
         (DriftVerdict::Same, None),
         "only the rows are of this machine"
     );
-    let changed = (DriftVerdict::Drifted, Some(Stage::Renderer));
+    let changed = (DriftVerdict::Drifted, Some(Cause::Renderer));
     assert_eq!(judged(&probed_on(&of_rows, &here.processor)), changed);
     assert_eq!(judged(&of_rows), changed, "of an older version, which knows the machine of the rows alone");
     let provenance = Provenance { processor: "another".to_owned(), ..of_rows.provenance.clone() };

@@ -112,11 +112,11 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
         for amount in [-0.03, 0.03] {
             let report = report(Some(stage), amount);
             assert_eq!(
-                (report.verdict, report.first_stage()),
-                (DriftVerdict::Drifted, Some(stage)),
+                (report.verdict, report.first_change()),
+                (DriftVerdict::Drifted, Some(Cause::from(stage))),
                 "{amount}: {report}"
             );
-            let conclusion = format!("The first stage that changed is the {}.", stage.name());
+            let conclusion = format!("The first change is in the {}: ", stage.name());
             assert!(report.to_string().contains(&conclusion), "{stage:?} {amount}: {report}");
             let comparison = &report.comparisons[0];
             assert_eq!(comparison.verdict, DriftVerdict::Drifted, "{stage:?} {amount}: {report}");
@@ -126,7 +126,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
     }
     for _ in 0..10 {
         let unchanged = report(None, 0.0);
-        let found = (unchanged.verdict, unchanged.first_stage(), unchanged.findings.len());
+        let found = (unchanged.verdict, unchanged.first_change(), unchanged.findings.len());
         assert_eq!(found, (DriftVerdict::Same, None, 0), "{unchanged}");
     }
 }
@@ -141,7 +141,7 @@ fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
         let now = run(&pipeline, &other_files(&pipeline, views, 0.02)).unwrap();
         let report = compare(&rows(&now), &baseline).with_attribution(attribute(&pipeline, &then, true));
         let found: Vec<u64> = report.data.changed.iter().map(|image| image.frame).collect();
-        assert_eq!((found, report.first_stage()), (frames.to_vec(), Some(Stage::Data)), "{report}");
+        assert_eq!((found, report.first_change()), (frames.to_vec(), Some(Cause::Data)), "{report}");
         assert_eq!(report.attribution.as_ref().unwrap().first(), None, "{report}");
     }
 }

@@ -31,7 +31,7 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
             |repeat| repeat.provenance.methods[0].weights_sha256 = Some("d".to_owned()),
             "method m, weights-sha256: d instead of none",
         ),
-        (|repeat| repeat.provenance.metrics.clear(), "metric psnr, convention: none instead of "),
+        (|repeat| repeat.provenance.metrics.clear(), "metric psnr: absent instead of present"),
         (|repeat| drop(repeat.targets.remove(4)), "no target 1 of m on sampled, scene \"scene 001\", entry 0"),
         (|repeat| repeat.targets[11].target = 3, "found no target 2 of m on sampled, scene \"scene 003\", entry 0"),
         (

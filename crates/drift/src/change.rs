@@ -1,0 +1,214 @@
+//! What changed: from the data and the protocol, over the stages, to the methods.
+
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+
+use super::probe::{Attribution, Stage, StageChange, StageVerdict};
+use super::{Comparison, Difference, DriftReport, DriftVerdict};
+
+/// Where something changed, in the order in which a number is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cause {
+    /// Images of the dataset.
+    Data,
+    /// Cameras of the dataset: poses, intrinsics or lenses.
+    Cameras,
+    /// Entries of the evaluation index.
+    Index,
+    /// How the preset crops and resizes images.
+    Preprocessing,
+    /// Other fields of the preset.
+    Protocol,
+    /// [`Stage::Decode`].
+    Decode,
+    /// [`Stage::Resize`].
+    Resize,
+    /// [`Stage::Model`].
+    Model,
+    /// [`Stage::Renderer`]; `splatter` in files, as there.
+    #[serde(rename = "splatter")]
+    Renderer,
+    /// [`Stage::Metric`], or the convention or the weights of a metric.
+    Metric,
+    /// The recorded settings or weights of a method.
+    Method,
+    /// Nothing that is recorded: a method's files or its code.
+    Outside,
+}
+
+impl Cause {
+    /// The name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Data => "data",
+            Self::Cameras => "cameras",
+            Self::Index => "index",
+            Self::Preprocessing => "preprocessing",
+            Self::Protocol => "protocol",
+            Self::Decode => "decode",
+            Self::Resize => "resize",
+            Self::Model => "model",
+            Self::Renderer => "renderer",
+            Self::Metric => "metric",
+            Self::Method => "method",
+            Self::Outside => "outside",
+        }
+    }
+}
+
+impl From<Stage> for Cause {
+    fn from(stage: Stage) -> Self {
+        match stage {
+            Stage::Data => Self::Data,
+            Stage::Decode => Self::Decode,
+            Stage::Resize => Self::Resize,
+            Stage::Model => Self::Model,
+            Stage::Renderer => Self::Renderer,
+            Stage::Metric => Self::Metric,
+        }
+    }
+}
+
+/// Something that changed and moves numbers, or may move them.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Change {
+    /// Where.
+    pub stage: Cause,
+    /// What, with the first case and the number of the others: an image, a trial, a field with both values.
+    pub detail: String,
+}
+
+/// The detail of [`Cause::Outside`].
+const OUTSIDE: &str = "outside atsplat's pipeline: the method's files, such as renders or weights, or its code";
+
+impl Change {
+    pub(super) const fn new(stage: Cause, detail: String) -> Self {
+        Self { stage, detail }
+    }
+
+    /// One for each cause, in order, with the first case.
+    pub(super) fn merged(mut all: Vec<Self>) -> Vec<Self> {
+        all.sort();
+        // Every method has rows of a changed trial.
+        all.dedup();
+        let of_cause = |same: &[Self]| {
+            let (first, more) = same.split_first()?;
+            let more = if more.is_empty() { String::new() } else { format!(", and {} more", more.len()) };
+            Some(Self::new(first.stage, format!("{}{more}", first.detail)))
+        };
+        all.chunk_by(|a, b| a.stage == b.stage).filter_map(of_cause).collect()
+    }
+
+    fn of_stage(change: &StageChange) -> Self {
+        let StageChange { stage, differing, values, .. } = change;
+        Self::new((*stage).into(), format!("{differing} of {values} values of the probe differ"))
+    }
+}
+
+/// Metrics that drifted and are not measured as in the baseline, and methods that drifted with other settings or weights.
+pub(super) fn of_drifted(comparisons: &[Comparison], differences: &[Difference]) -> Vec<Change> {
+    let drifted = || comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
+    let metrics: BTreeSet<&str> = drifted().map(|comparison| comparison.metric.as_str()).collect();
+    let methods: BTreeSet<&str> = drifted().map(|comparison| comparison.method.as_str()).collect();
+    let of_metric = |metric: &&str| {
+        let what = measured_otherwise(metric, differences)?;
+        Some(Change::new(Cause::Metric, format!("the {what} of {metric} is not the baseline's")))
+    };
+    let of_method = |method: &str| -> Vec<Change> {
+        // The same renders may be in another folder.
+        let is_setting = |found: &&Difference| found.field_of("method", method).is_some_and(|field| field != "folder");
+        let settings = differences.iter().filter(is_setting);
+        settings.map(|difference| Change::new(Cause::Method, difference.to_string())).collect()
+    };
+    metrics.iter().filter_map(of_metric).chain(methods.into_iter().flat_map(of_method)).collect()
+}
+
+/// What differs about how a metric is measured, if something does.
+fn measured_otherwise(metric: &str, differences: &[Difference]) -> Option<&'static str> {
+    const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
+    let differs =
+        |field: &str| differences.iter().any(|difference| difference.field_of("metric", metric) == Some(field));
+    FIELDS.into_iter().find(|&(field, _)| differs(field)).map(|(_, what)| what)
+}
+
+impl DriftReport {
+    /// Where something changed first; `None` if nothing is known to have changed.
+    pub fn first_change(&self) -> Option<Cause> {
+        self.changes.first().map(|change| change.stage)
+    }
+
+    /// What changed, with what a probe found. Changed images are not changed data if decoding or resizing changed on the probe, since
+    /// these stages can produce other images from the same files.
+    pub(super) fn changes_with(&self, attribution: &Attribution) -> Vec<Change> {
+        let first = attribution.first();
+        let are_decoded_otherwise = matches!(first, Some(Stage::Decode | Stage::Resize));
+        let is_known = |change: &&Change| change.stage != Cause::Data || !are_decoded_otherwise;
+        let mut changes: Vec<Change> = self.changes.iter().filter(is_known).cloned().collect();
+        for stage in attribution.stages.iter().filter(|stage| stage.verdict == StageVerdict::Changed) {
+            let change = Change::of_stage(stage);
+            if changes.iter().all(|known| known.stage != change.stage) {
+                changes.push(change);
+            }
+        }
+        let is_whole = attribution.stages.iter().all(|stage| stage.verdict != StageVerdict::Empty);
+        // Another convention or other weights move the numbers of their metric alone.
+        let is_explained = first.is_some() || changes.iter().any(|change| change.stage != Cause::Metric);
+        if is_whole && !is_explained && self.moved_as_measured_before() {
+            changes.push(Change::new(Cause::Outside, OUTSIDE.to_owned()));
+        }
+        changes.sort();
+        changes
+    }
+
+    /// Whether a metric drifted that is measured as in the baseline.
+    fn moved_as_measured_before(&self) -> bool {
+        let mut drifted = self.comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
+        drifted.any(|comparison| measured_otherwise(&comparison.metric, &self.differences).is_none())
+    }
+
+    /// What changed first, what else did, or what was compared without a change.
+    pub(super) fn conclusion(&self) -> String {
+        let is_nothing = |comparison: &Comparison| comparison.verdict == DriftVerdict::Nothing;
+        if self.verdict == DriftVerdict::Nothing && self.comparisons.iter().all(is_nothing) {
+            return "Nothing could be compared: no target has a score both in the results and in the baseline, which \
+                    may be that of another run."
+                .to_owned();
+        }
+        let (outside, known): (Vec<&Change>, Vec<&Change>) =
+            self.changes.iter().partition(|change| change.stage == Cause::Outside);
+        let named = |change: &&Change| format!("{}: {}", change.stage.name(), change.detail);
+        let is_outside = !outside.is_empty();
+        match known.split_first() {
+            None if is_outside => format!("{} The cause is {OUTSIDE}.", self.without_change()),
+            None => self.without_change(),
+            Some((first, rest)) => {
+                let mut text = format!("The first change is in the {}.", named(first));
+                if !rest.is_empty() {
+                    let rest: Vec<String> = rest.iter().map(named).collect();
+                    text = format!("{text} Also changed: {}.", rest.join("; "));
+                }
+                if is_outside { format!("{text} What moved the other metrics is {OUTSIDE}.") } else { text }
+            }
+        }
+    }
+
+    /// What was compared, if nothing changed.
+    fn without_change(&self) -> String {
+        let data = match self.data.verdict() {
+            StageVerdict::Empty => "No image of the dataset could be compared",
+            _ => "The dataset's images are the baseline's",
+        };
+        let stages = self.attribution.iter().flat_map(|attribution| &attribution.stages);
+        let empty: Vec<&str> =
+            stages.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
+        match &self.attribution {
+            None if self.not_attributed.is_some() => format!("{data}; the probe could not be run."),
+            None => format!("{data}; no probe was run."),
+            Some(_) if empty.is_empty() => format!("{data}; no stage of the probe changed."),
+            Some(_) => format!("{data}; the probe had nothing to compare for: {}.", empty.join(", ")),
+        }
+    }
+}

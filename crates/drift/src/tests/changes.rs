@@ -1,0 +1,246 @@
+//! Changes planted in what methods and stages start from, and in how metrics and methods are set: each is named, and nothing else.
+
+use atsplat_protocol::Preset;
+use atsplat_scene::preprocess::RescaleAndCrop;
+
+use super::*;
+use crate::probe::Attribution;
+
+/// Makes a changed built-in preset the preset of the rows.
+fn set_preset(results: &mut Results, change: fn(&mut Preset)) {
+    let mut preset = Preset::named("rooms-2v-64").unwrap();
+    change(&mut preset);
+    let record = &mut results.provenance.presets[0];
+    (record.hash, record.toml) = (preset.hash().unwrap().to_string(), preset.to_toml().unwrap());
+}
+
+/// Six scenes of three targets under a built-in preset.
+fn base() -> Results {
+    let mut base = store(true, 6, 0.0, 1);
+    set_preset(&mut base, |_| ());
+    base.provenance.presets[0].index_sha256 = "an index".to_owned();
+    base
+}
+
+/// A change that also moves a number, against a baseline that may be of an older version.
+fn report_of(change: fn(&mut Results), of_older_version: bool) -> DriftReport {
+    let mut baseline = Baseline::new(&base(), &[], acceptance("first"));
+    for trial in baseline.trials.iter_mut().filter(|_| of_older_version) {
+        (trial.context, trial.data_hash) = (None, None);
+    }
+    let mut now = base();
+    now.targets[7].scores.values_mut().for_each(|score| *score -= 1.0);
+    change(&mut now);
+    compare(&now, &baseline).with_attribution(Ok(Attribution { stages: Vec::new(), metrics: Vec::new() }))
+}
+
+fn found(report: &DriftReport) -> Vec<(Cause, &str)> {
+    report.changes.iter().map(|change| (change.stage, change.detail.as_str())).collect()
+}
+
+/// Another trial on other data, as with a moved camera.
+fn move_camera(results: &mut Results) {
+    let trial = &mut results.trials[2];
+    (trial.trial_hash, trial.data_hash) = ("moved".to_owned(), Some("moved".to_owned()));
+}
+
+/// Another trial on other data, of another context frame under another index.
+fn other_entry(results: &mut Results) {
+    move_camera(results);
+    results.trials[2].context = vec![0, 8];
+    results.provenance.presets[0].index_sha256 = "another".to_owned();
+}
+
+/// Other trials and images of the same data.
+fn crop(results: &mut Results) {
+    set_preset(results, |preset| preset.preprocessing.steps.push(RescaleAndCrop::new(48, 40).into()));
+    for trial in &mut results.trials {
+        trial.trial_hash.push_str(" cropped");
+        trial.context_hashes.iter_mut().for_each(|hash| hash.push_str(" cropped"));
+    }
+    results.targets.iter_mut().filter_map(|row| row.truth_hash.as_mut()).for_each(|hash| hash.push_str(" cropped"));
+}
+
+type Case = (fn(&mut Results), Cause, &'static str);
+
+#[test]
+fn each_cause_is_named_and_nothing_else() {
+    let cases: [Case; 9] = [
+        (move_camera, Cause::Cameras, "sampled, scene scene 002, entry 0"),
+        (other_entry, Cause::Index, "sampled, scene scene 002, entry 0: context frame 9 is now 8"),
+        (
+            |now| {
+                now.trials[2].trial_hash = "other".to_owned();
+                now.targets[7].frame = 5;
+                now.provenance.presets[0].index_sha256 = "another".to_owned();
+            },
+            Cause::Index,
+            "sampled, scene scene 002, entry 0: target frame 1 is now 5",
+        ),
+        (crop, Cause::Preprocessing, "preset sampled, preprocessing.steps: was [], is now [{"),
+        (
+            |now| set_preset(now, |preset| preset.renderer.dilation = 0.1),
+            Cause::Protocol,
+            "preset sampled, renderer.dilation: was 0.3, is now 0.1",
+        ),
+        (
+            |now| {
+                set_preset(now, |preset| preset.near_far.near = 0.02);
+                now.trials.iter_mut().for_each(|trial| trial.trial_hash.push_str(" nearer"));
+            },
+            Cause::Protocol,
+            "preset sampled, near-far.near: was 0.01, is now 0.02",
+        ),
+        (
+            |now| now.trials[4].context_hashes[1] = "blurred".to_owned(),
+            Cause::Data,
+            "sampled, scene scene 004, frame 9 (context)",
+        ),
+        (
+            |now| set_preset(now, |preset| preset.metrics.clip_before_ssim_and_lpips = true),
+            Cause::Metric,
+            "preset sampled, metrics.clip-before-ssim-and-lpips: was false, is now true",
+        ),
+        (
+            |now| now.provenance.methods[0].weights_sha256 = Some("trained again".to_owned()),
+            Cause::Method,
+            "method m, weights-sha256: was nothing, is now trained again",
+        ),
+    ];
+    for (change, cause, detail) in cases {
+        let report = report_of(change, false);
+        let named = found(&report);
+        let expected_outside = if cause == Cause::Metric { vec![Cause::Outside] } else { vec![] };
+        let [(first, text), rest @ ..] = &named[..] else { panic!("{detail}: {report}") };
+        assert_eq!((*first, report.verdict), (cause, DriftVerdict::Drifted), "{report}");
+        assert!(text.starts_with(detail), "{detail}: {report}");
+        assert_eq!(rest.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), expected_outside, "{report}");
+        let said = format!("The first change is in the {}: {detail}", cause.name());
+        assert!(report.to_string().contains(&said), "{said}: {report}");
+    }
+    let outside = report_of(|_| (), false);
+    assert_eq!(outside.first_change(), Some(Cause::Outside), "{outside}");
+    assert!(outside.to_string().contains("The cause is outside atsplat's pipeline: "), "{outside}");
+    let json = serde_json::to_value(report_of(move_camera, false)).unwrap();
+    let expected = serde_json::json!([{ "stage": "cameras", "detail": "sampled, scene scene 002, entry 0" }]);
+    assert_eq!(json["changes"], expected);
+}
+
+#[test]
+fn images_of_another_crop_are_not_compared() {
+    let report = report_of(crop, false);
+    let expected = DataComparison { preprocessed_otherwise: 6 * 4, ..DataComparison::default() };
+    assert_eq!(report.data, expected, "{report}");
+    assert!(report.findings.iter().all(|finding| finding.kind != FindingKind::Data), "{report}");
+    assert!(report.to_string().contains("24 images not compared: the preset crops or resizes them otherwise"));
+    // With another crop, the data of a trial still tell.
+    let both = report_of(
+        |now| {
+            crop(now);
+            now.trials[4].data_hash = Some("restored".to_owned());
+        },
+        false,
+    );
+    let first = (Cause::Data, "images or cameras of sampled, scene scene 004, entry 0");
+    assert_eq!(found(&both)[0], first, "{both}");
+    assert_eq!(found(&both)[1].0, Cause::Preprocessing, "{both}");
+}
+
+/// It has neither the context frames nor the data of a trial.
+#[test]
+fn a_baseline_of_an_older_version_tells_what_it_can() {
+    let causes = |change: fn(&mut Results)| {
+        let report = report_of(change, true);
+        report.changes.into_iter().map(|change| (change.stage, change.detail)).collect::<Vec<_>>()
+    };
+    let at = "sampled, scene scene 002, entry 0";
+    assert_eq!(causes(move_camera), [(Cause::Cameras, at.to_owned())]);
+    let unclear = format!("{at}: other context frames, or other cameras");
+    assert_eq!(causes(other_entry), [(Cause::Index, unclear)]);
+    let cropped = causes(crop);
+    assert_eq!(cropped.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), [Cause::Preprocessing], "{cropped:?}");
+}
+
+#[test]
+fn a_new_file_of_the_same_entries_is_not_drift() {
+    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let against = |change: fn(&mut Results)| {
+        let mut now = base();
+        now.provenance.presets[0].index_sha256 = "another".to_owned();
+        change(&mut now);
+        compare(&now, &baseline)
+    };
+    let rewritten = against(|_| ());
+    assert_eq!(kinds(&rewritten), [(FindingKind::RewrittenIndex, DriftVerdict::Same, 1)]);
+    assert_eq!((rewritten.verdict, rewritten.changes.len()), (DriftVerdict::Same, 0), "{rewritten}");
+    let said = "same     sampled: another index file with the same entries\n";
+    assert!(rewritten.to_string().contains(said), "{rewritten}");
+    let cases: [(fn(&mut Results), &str); 3] = [
+        (|now| now.targets[4].overlap = Some(0.25), "scene 001 0: overlap was none, is now 0.25"),
+        (|now| now.provenance.presets[0].entries_of_index = 7, "7 entries of the index instead of 0"),
+        (
+            |now| {
+                let mut row = now.trials[5].clone();
+                row.key.entry = 1;
+                now.trials.push(row);
+            },
+            "scene 005 1: new",
+        ),
+    ];
+    for (change, example) in cases {
+        let other = against(change);
+        let finding = other.findings.iter().find(|finding| finding.kind == FindingKind::Index).unwrap();
+        assert_eq!((finding.verdict, finding.example.as_str()), (DriftVerdict::Drifted, example), "{other}");
+        assert_eq!(other.first_change(), Some(Cause::Index), "{other}");
+    }
+    // A camera has moved as well.
+    let moved = against(move_camera);
+    assert_eq!(found(&moved), [(Cause::Cameras, "sampled, scene scene 002, entry 0")], "{moved}");
+}
+
+/// The baseline of another preset, and of another method.
+#[test]
+fn without_a_common_target_nothing_was_compared() {
+    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let renames: [fn(&mut Results, &str); 2] = [
+        |now, name| {
+            now.provenance.presets[0].name = name.to_owned();
+            now.trials.iter_mut().for_each(|row| row.key.preset = name.to_owned());
+            now.targets.iter_mut().for_each(|row| row.key.preset = name.to_owned());
+        },
+        |now, name| {
+            now.provenance.methods[0].name = name.to_owned();
+            now.trials.iter_mut().for_each(|row| row.key.method = name.to_owned());
+            now.targets.iter_mut().for_each(|row| row.key.method = name.to_owned());
+        },
+    ];
+    for rename in renames {
+        let mut now = base();
+        rename(&mut now, "other");
+        let report = compare(&now, &baseline);
+        assert_eq!(report.verdict, DriftVerdict::Nothing, "{report}");
+        assert!(report.to_string().contains("\nNothing could be compared: "), "{report}");
+    }
+    // A method that fails everywhere has drifted.
+    let mut failed = base();
+    for row in &mut failed.targets {
+        row.status = TargetStatus::Failed;
+        row.scores.clear();
+    }
+    assert_eq!(compare(&failed, &baseline).verdict, DriftVerdict::Drifted);
+}
+
+#[test]
+fn a_method_of_one_run_alone_is_one_difference() {
+    let one = base();
+    let mut two = base();
+    let parameters = ["depth", "width"].map(|name| (name.to_owned(), serde_json::json!({ "first": 1, "last": 2 })));
+    let method = MethodRecord { name: "n".to_owned(), parameters: parameters.into(), ..MethodRecord::default() };
+    two.provenance.methods.push(method);
+    let differences = |then: &Results, now: &Results| {
+        let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
+        report.differences.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    assert_eq!(differences(&one, &two), ["method n: was absent, is now present"]);
+    assert_eq!(differences(&two, &one), ["method n: was present, is now absent"]);
+}
