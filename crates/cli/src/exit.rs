@@ -27,7 +27,7 @@ impl From<Exit> for ExitCode {
     }
 }
 
-// Arguments of a command that may skip scenes or frames; other commands have no `--strict`.
+// Arguments of a command that may skip scenes or frames; of others, only `drift accept` has its own `--strict`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct WithStrict<A: clap::Args> {
     #[command(flatten)]

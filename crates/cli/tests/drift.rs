@@ -150,7 +150,7 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     let args = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
     let outcome = atsplat(at, &args);
     assert!(
-        outcome.code == 3 && outcome.stdout.contains("The first stage that changed is the renderer."),
+        outcome.code == 3 && outcome.stdout.contains("The first change is in the renderer: "),
         "{}",
         outcome.stdout
     );
@@ -177,7 +177,7 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
     });
     let outcome = atsplat(at, &["drift", "blurred", "--baseline", "quick.json"]);
     assert_eq!(outcome.code, 3, "{}", outcome.stdout);
-    for part in ["p: scene scene 3, frame 9 (context)", "The first stage that changed is the data."] {
+    for part in ["p: scene scene 3, frame 9 (context)", "The first change is in the data: "] {
         assert!(outcome.stdout.contains(part), "{part}: {}", outcome.stdout);
     }
     store(&at.join("worse"), -0.125);
@@ -196,7 +196,55 @@ fn distinguishes_changed_data_losses_and_missing_numbers() {
         outcome.stderr
     );
     let outcome = atsplat(at, &["drift", "empty", "--baseline", "quick.json"]);
-    assert!(outcome.code == 3 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
+    assert!(outcome.code == 1 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
+    assert!(outcome.stdout.ends_with("Verdict: nothing compared\n"), "{}", outcome.stdout);
+}
+
+#[test]
+fn github_gets_an_annotation_and_a_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    store(&at.join("now"), -0.125);
+    succeed(at, &["drift", "accept", "then", "--baseline", "quick.json", "--why", "the first numbers", "--no-probe"]);
+    let github = |store: &str, summary: &Path| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
+        command.current_dir(at).env("GITHUB_STEP_SUMMARY", summary);
+        let output = command.args(["drift", store, "--baseline", "quick.json", "--github", "--json"]).output().unwrap();
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let summary = at.join("summary.md");
+    std::fs::write(&summary, "of another command\n").unwrap();
+    let (code, said) = github("now", &summary);
+    assert!(code == Some(3) && said.starts_with("::error file=quick.json,title="), "{said}");
+    assert!(said.contains("psnr of fine under p: was ") && said.contains(" (-0.125 dB)"), "{said}");
+    let text = std::fs::read_to_string(&summary).unwrap();
+    assert!(text.starts_with("of another command\n### Drift: DRIFTED\n"), "{text}");
+    assert!(text.contains("| p | fine | psnr |") && !text.contains("coarse"), "{text}");
+    let (code, said) = github("then", &summary);
+    assert!(code == Some(0) && said.is_empty(), "{said}");
+    let (code, said) = github("now", at);
+    assert!(code == Some(3) && said.contains("warning: --github: the summary of the step: "), "{said}");
+}
+
+#[test]
+fn only_complete_results_are_accepted_strictly() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("whole"), 0.0);
+    store_of(&at.join("broken"), 0.0, |results| {
+        results.targets[3].status = TargetStatus::NonFinite;
+        results.targets[3].scores.clear();
+    });
+    let accept = |store| {
+        let args = ["drift", "accept", store, "--baseline", "b.json", "--why", "first", "--no-probe", "--strict"];
+        atsplat(at, &args)
+    };
+    let refused = accept("broken");
+    assert!(refused.code == 4 && !at.join("b.json").exists(), "{}", refused.stderr);
+    assert!(refused.stderr.contains("broken: p: 1 target of coarse has NaN or infinite samples"), "{}", refused.stderr);
+    assert_eq!(accept("whole").code, 0);
 }
 
 #[test]
@@ -296,7 +344,7 @@ fn reports_usage_errors_and_broken_files() {
         (&["drift", "then"][..], 2, "--baseline"),
         (&["drift", "accept", "then", "--baseline", "b.json"], 2, "--why"),
         (&["drift", "accept", "then", "--baseline", "b.json", "--why", ""], 2, "--why"),
-        (&["drift", "then", "--baseline", "none.json"], 1, "none.json"),
+        (&["drift", "then", "--baseline", "none.json"], 1, "accept then --baseline none.json --why"),
         (&["drift", "then", "--baseline", "broken.json"], 1, "broken.json"),
         (&["drift", "accept", "nowhere", "--baseline", "b.json", "--why", "x"], 1, "nowhere"),
         (&["tradeoff", "then", "--metric", "beauty"], 2, "ssim"),

@@ -10,7 +10,7 @@ use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
 use crate::parse::usage_error;
-use crate::print::print_report;
+use crate::print::{print_report, warn};
 use crate::provenance;
 
 #[derive(Debug, clap::Args)]
@@ -39,6 +39,11 @@ pub(super) struct Args {
     #[arg(long)]
     no_probe: bool,
 
+    /// Write no baseline and exit with code 4 if the results are incomplete: shards, scenes or frames are missing, entries were
+    /// skipped, or a trial failed, has samples that are NaN or infinite, or rendered no Gaussian.
+    #[arg(long)]
+    strict: bool,
+
     #[command(flatten)]
     cache: CacheArgs,
 
@@ -52,6 +57,14 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
     let (place, results) = read(&args.store, &args.cache)?;
     acceptable(&results).with_context(|| args.store.display().to_string())?;
+    let gaps = if args.strict { results.gaps() } else { Vec::new() };
+    if !gaps.is_empty() {
+        for gap in &gaps {
+            warn(&format!("{}: {gap}", args.store.display()));
+        }
+        warn(&format!("--strict: {} was not written", args.baseline.display()));
+        return Ok(Exit::Skipped);
+    }
     let repeats = repeats(args, place, &results)?;
     let now = provenance();
     let acceptance = Acceptance {

@@ -2,6 +2,7 @@
 
 mod accept;
 mod check;
+mod github;
 mod history;
 
 use std::path::{Path, PathBuf};
@@ -34,6 +35,11 @@ pub(crate) struct Args {
     /// Compare only rows, without attribution to stages.
     #[arg(long)]
     no_probe: bool,
+
+    /// Also print an annotation for GitHub Actions if something drifted, and add the report as Markdown to the summary of
+    /// the step, whose file $GITHUB_STEP_SUMMARY names.
+    #[arg(long)]
+    github: bool,
 
     #[command(flatten)]
     history: history::HistoryArgs,
