@@ -15,10 +15,13 @@ pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'
 pub(crate) const UNBROKEN: &str =
     "mvsplat_re10k_finetuned_rank16_lr1e-4_steps30000_batch8_seed1_ema_checkpoint_last_final";
 const OVERLAPS: [f64; 4] = [0.1, 0.3, 0.5, 0.7];
+/// The hash of no known index.
+pub(crate) const UNKNOWN_HASH: &str = "0000000000000000000000000000000000000000000000000000000000000001";
 pub(crate) const SCENES: [&str; 4] = ["aa11", "bb22", "cc33", HOSTILE];
 
 pub(crate) fn preset(name: &str) -> PresetRecord {
     let preset = Preset::named(name).unwrap();
+    let index = preset.index.accepted.first();
     PresetRecord {
         name: name.to_owned(),
         stands_for: preset.stands_for.clone(),
@@ -28,8 +31,8 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
         toml: preset.to_toml().unwrap(),
         dataset: "data/re10k".to_owned(),
         index: "index.json".to_owned(),
-        index_sha256: "fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc".to_owned(),
-        index_name: Some("pixelsplat-re10k".to_owned()),
+        index_sha256: index.map_or_else(|| UNKNOWN_HASH.to_owned(), |index| index.sha256.to_string()),
+        index_name: index.map(|index| index.name.clone()),
         overlap_estimators: Vec::new(),
         entries: 4,
         entries_of_index: 7194,
@@ -101,12 +104,13 @@ pub(crate) fn results_over(presets: Vec<PresetRecord>, methods: Vec<MethodRecord
         ..Results::default()
     };
     for preset in results.provenance.presets.clone() {
+        let views = preset.protocol().map_or(2, |protocol| protocol.index.context_views);
         for (place, method) in results.provenance.methods.clone().iter().enumerate() {
             for (at, scene) in scenes.iter().enumerate() {
                 let (preset, method_name) = (preset.name.clone(), method.name.clone());
                 let key = TrialKey { preset, method: method_name, scene: scene.clone(), entry: 0 };
                 let failed = place == 1 && at == 2;
-                results.trials.push(trial(&key, failed, method.kind == "atsplat", at));
+                results.trials.push(trial((&key, views), failed, method.kind == "atsplat", at));
                 if at < 3 && !failed {
                     results.timings.push(timing(&key, method.kind == "atsplat", at));
                 }
@@ -123,7 +127,7 @@ fn metric(id: &str) -> MetricRecord {
     MetricRecord { id: id.to_owned(), ..MetricRecord::default() }
 }
 
-fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
+fn trial((key, views): (&TrialKey, usize), failed: bool, tokens: bool, at: usize) -> TrialRow {
     let count = |count: u64| tokens.then_some(count);
     TrialRow {
         key: key.clone(),
@@ -134,7 +138,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         status: if failed { TrialStatus::Failed } else { TrialStatus::Done },
         detail: failed.then(|| "the network said NaN".to_owned()),
         context_hashes: Vec::new(),
-        context: vec![0, 30],
+        context: (0..views as u64).map(|view| 30 * view).collect(),
         targets: 3,
         overlap: Some(OVERLAPS[at % OVERLAPS.len()]),
         width: 16,

@@ -4,4 +4,4 @@ mod cropped;
 mod simulated;
 
 pub use cropped::AlreadyCropped;
-pub use simulated::simulated;
+pub use simulated::{simulated, simulated_dataset};

@@ -31,6 +31,14 @@ pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<Simu
     Ok(Some(scenes))
 }
 
+/// The dataset of simulated scenes that all of these keys name, `rooms` or `yards`; `None` without keys, and if any is not one of the
+/// simulator's.
+pub fn simulated_dataset<'a>(keys: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let keys: Vec<&str> = keys.into_iter().collect();
+    let names_all = |kind: &SceneKind| !keys.is_empty() && keys.iter().all(|key| seed(*kind, key).is_some());
+    [SceneKind::Rooms, SceneKind::Yards].into_iter().find(names_all).map(|kind| kind.to_string())
+}
+
 /// The seed of a scene key.
 fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
     let number = key.rsplit('-').next()?.parse().ok()?;
@@ -56,6 +64,18 @@ mod tests {
             let source = simulated(&preset, &index).unwrap().unwrap();
             assert_eq!(source.keys().len(), index.scenes.len());
             assert!(index.scenes.keys().all(|key| source.keys().contains(key)), "{}", preset.name);
+        }
+    }
+
+    #[test]
+    fn simulated_scenes_are_known_by_all_of_their_keys() {
+        let dataset = |keys: &[&str]| simulated_dataset(keys.iter().copied());
+        assert_eq!(dataset(&["rooms-test-00000003", "rooms-train-00000012"]).as_deref(), Some("rooms"));
+        assert_eq!(dataset(&["yards-test-00000003"]).as_deref(), Some("yards"));
+        let others: [&[&str]; 3] =
+            [&["rooms-test-00000003", "yards-test-00000003"], &["rooms-test-00000003", "rooms-mine"], &[]];
+        for keys in others {
+            assert_eq!(dataset(keys), None, "{keys:?}");
         }
     }
 

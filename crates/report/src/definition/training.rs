@@ -31,8 +31,8 @@ fn datasets_in(description: &str) -> BTreeSet<&'static str> {
     DATASETS.iter().filter(|(_, names)| names.iter().any(|name| words.contains(name))).map(|(id, _)| *id).collect()
 }
 
-/// `zero-shot: not trained on yards`, for a network that was trained on other data than `dataset`; `None` for a network that was
-/// trained on it, or whose training data are not known.
+/// `zero-shot: not trained on yards`, for a network that was trained on other data than `dataset`, which is empty for data of no
+/// known dataset; `None` for a network that was trained on it, or whose training data are not known.
 pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<String> {
     let datasets = training_datasets(record);
     let known = DATASETS.iter().any(|(id, _)| *id == dataset);

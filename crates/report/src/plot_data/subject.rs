@@ -6,6 +6,7 @@ use atsplat_results::store::Unfinished;
 use atsplat_results::{MethodRecord, PresetRecord, Results, TrialKey};
 
 use crate::counted;
+use crate::table::other_data;
 
 /// A method's title, with its name if other methods of the results have the same title, as trainings of one network do; random
 /// weights are named.
@@ -16,7 +17,8 @@ pub(crate) fn title_of(results: &Results, method: &MethodRecord) -> String {
     format!("{}{name}{untrained}", method.title)
 }
 
-/// Protocol, data and scenes: `RealEstate10K, 2 views (re10k-2v-256); 8 scenes, 8 of 7194 trials of the index`.
+/// Protocol, data and scenes: `RealEstate10K, 2 views (re10k-2v-256); 8 scenes, 8 of 7194 trials of the index`; data that are not
+/// known to be those of the protocol's title are named after it.
 pub(super) fn subject(results: &Results, preset: &PresetRecord) -> String {
     let trials = results.trials.iter().filter(|trial| trial.key.preset == preset.name);
     let scenes = trials.map(|trial| trial.key.scene.as_str()).collect::<BTreeSet<_>>().len() as u64;
@@ -25,7 +27,8 @@ pub(super) fn subject(results: &Results, preset: &PresetRecord) -> String {
     } else {
         String::new()
     };
-    format!("{} ({}); {}{part}", preset.title, preset.name, counted(scenes, "scene"))
+    let data = other_data(results, preset).map_or_else(String::new, |data| format!(" on {data}"));
+    format!("{} ({}){data}; {}{part}", preset.title, preset.name, counted(scenes, "scene"))
 }
 
 /// `; 2 of 48 targets are context frames`, of the targets under these presets of results, whatever the number of methods; empty
@@ -85,7 +88,7 @@ mod tests {
     use atsplat_results::Shard;
 
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{UNKNOWN_HASH, atsplat, floor, preset, results};
 
     #[test]
     fn a_title_tells_trainings_apart_and_names_random_weights() {
@@ -94,6 +97,24 @@ mod tests {
         let results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), random, named]);
         let titles: Vec<String> = results.provenance.methods.iter().map(|method| title_of(&results, method)).collect();
         assert_eq!(titles, ["ATSplat (a)", "ATSplat (b), untrained", "untrained network"]);
+    }
+
+    #[test]
+    fn data_that_the_protocols_title_does_not_name_are_named() {
+        let said = |record: PresetRecord| subject(&results(vec![record.clone()], vec![floor()]), &record);
+        let named = preset("re10k-2v-256");
+        let part = "4 scenes, 4 of 7194 trials of the index";
+        assert_eq!(said(named.clone()), format!("{} (re10k-2v-256); {part}", named.title));
+        let other = PresetRecord {
+            dataset: "captures/desk".to_owned(),
+            index_sha256: UNKNOWN_HASH.to_owned(),
+            index_name: None,
+            ..named.clone()
+        };
+        let expected = format!("{} (re10k-2v-256) on unidentified data (desk); {part}", named.title);
+        assert_eq!(said(other), expected);
+        let capture = PresetRecord { dataset: "fox".to_owned(), ..preset("photos-3v-256") };
+        assert!(!said(capture).contains("fox"), "its protocol is for any capture");
     }
 
     /// Two methods with the same twelve targets, of which one is leaked.

@@ -8,6 +8,7 @@ use atsplat_results::statistics::{Identical, Leaked, MetricQuery};
 use atsplat_results::store::Unfinished;
 use atsplat_results::{MethodRecord, PresetRecord, Results};
 
+use super::known_dataset::known_dataset;
 use super::{Row, Source, StoreProtocol, Table};
 use crate::definition::TableDefinition;
 use crate::{ReportError, counted};
@@ -32,6 +33,8 @@ pub(super) struct Part<'a> {
     pub(super) preset: &'a PresetRecord,
     /// The protocol that the record contains as text.
     pub(super) protocol: Preset,
+    /// Id of the dataset that its data are known to be of.
+    pub(super) dataset: Option<String>,
     /// For each method with rows whose run is unfinished, how far it got.
     pub(super) unfinished: Vec<String>,
 }
@@ -97,7 +100,8 @@ fn parts_of<'a>(source: Source<'a>, needed: &[&str]) -> Result<Vec<Part<'a>>, Re
         .into_iter()
         .map(|preset| {
             let unfinished = unfinished(preset, &interrupted);
-            Ok(Part { source, preset, protocol: preset.protocol()?, unfinished })
+            let dataset = known_dataset(source.results, preset);
+            Ok(Part { source, preset, protocol: preset.protocol()?, dataset, unfinished })
         })
         .collect()
 }

@@ -1,15 +1,16 @@
 //! What a row was measured on, in words for the row itself: a row pasted without its table's notes still says so.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 
+use atsplat_numeric::noun;
+use atsplat_protocol::Preset;
 use atsplat_results::{PresetRecord, TargetRow, TargetStatus};
 use serde::Serialize;
 
 use super::comparable::{MethodRun, Part};
 use super::difference::is_changed;
+use super::known_dataset::in_words;
 use crate::counted;
-use crate::definition::dataset_name;
 
 /// Data, size of images and number of scenes of a measured row.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -78,17 +79,9 @@ impl MeasuredOn {
 }
 
 impl Part<'_> {
-    /// The data in words: `RE10K`, `simulated rooms`, `capture fox`.
+    /// The data in words.
     pub(super) fn data(&self) -> String {
-        match self.protocol.dataset.as_str() {
-            kind @ ("rooms" | "yards") => format!("simulated {kind}"),
-            known @ ("re10k" | "acid" | "dl3dv") => dataset_name(known).to_owned(),
-            _ => {
-                let path = Path::new(&self.preset.dataset);
-                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-                format!("capture {}", name.unwrap_or_else(|| self.preset.dataset.clone()))
-            }
-        }
+        in_words(self.dataset.as_deref(), &self.protocol.dataset, &self.preset.dataset)
     }
 }
 
@@ -107,6 +100,7 @@ impl<'a> MethodRun<'a> {
     fn scenes(self) -> String {
         let part = self.part;
         let mut text = self.scored_scenes();
+        text.push_str(&self.other_context_views());
         text.push_str(&self.targets_without_score());
         if let Some(shard) = part.source.results.provenance.part() {
             text.push_str(&format!(", {shard} of the run"));
@@ -135,6 +129,28 @@ impl<'a> MethodRun<'a> {
                 let PresetRecord { entries, entries_of_index, .. } = self.part.preset;
                 format!("{}, {entries} of {entries_of_index} index entries", counted(scenes, "scene"))
             }
+        }
+    }
+
+    /// The numbers of context views of its trials, such as `2` or `2 and 3`, and the noun after them; `None` without trials.
+    pub(super) fn context_views(self) -> Option<(String, String)> {
+        let trials = self.results().trials_of(self.preset_name(), self.method());
+        let found: BTreeSet<u64> = trials.map(|trial| trial.context.len() as u64).filter(|views| *views > 0).collect();
+        let most = found.last().copied()?;
+        let numbers: Vec<String> = found.iter().map(u64::to_string).collect();
+        Some((numbers.join(" and "), noun(most, "context view")))
+    }
+
+    /// `, 3 context views`, if the protocol, or the published one whose columns the row fills, has another number; else empty.
+    fn other_context_views(self) -> String {
+        let Part { preset, protocol, .. } = self.part;
+        let published = Preset::named(preset.published()).ok().map(|published| published.index.context_views);
+        let stated = [Some(protocol.index.context_views), published];
+        match self.context_views() {
+            Some((numbers, views)) if stated.into_iter().flatten().any(|stated| stated.to_string() != numbers) => {
+                format!(", {numbers} {views}")
+            }
+            _ => String::new(),
         }
     }
 

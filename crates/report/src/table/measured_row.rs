@@ -172,6 +172,7 @@ impl<'a> MeasuredRow<'a> {
         let label = |(column, label): (&str, String)| match column {
             "{dataset}" => run.part.data(),
             "{height}×{width}" => run.size().unwrap_or(label),
+            "{views}" => run.context_views().map_or(label, |(numbers, _)| numbers),
             _ => label,
         };
         definition.labels.iter().map(|column| column.text.as_str()).zip(labels).map(label).collect()

@@ -8,10 +8,13 @@ mod comparable;
 #[cfg(test)]
 mod comparable_tests;
 mod counts;
+#[cfg(test)]
+mod data_tests;
 mod difference;
 #[cfg(test)]
 mod difference_tests;
 mod footer;
+mod known_dataset;
 mod labels;
 mod measure;
 mod measured_on;
@@ -46,6 +49,7 @@ pub use column::{CellIndex, Column, Group};
 pub(crate) use comparable::is_same_data;
 pub use counts::Counts;
 pub(crate) use difference::is_changed;
+pub(crate) use known_dataset::other_data;
 pub(crate) use labels::{short, short_commit};
 pub use measured_on::MeasuredOn;
 pub use note::{Note, NoteKind};

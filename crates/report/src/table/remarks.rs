@@ -15,7 +15,7 @@ impl ComparableResults<'_> {
     pub(super) fn remarks(&self, run: MethodRun<'_>) -> Vec<String> {
         let record = run.record;
         let untrained = (record.untrained && !record.title.contains("untrained")).then(|| "untrained".to_owned());
-        let zero_shot = zero_shot_note(record, &run.part.protocol.dataset);
+        let zero_shot = zero_shot_note(record, run.part.dataset.as_deref().unwrap_or_default());
         let thresholds = by_quantile(record).map(|thresholds| format!("thresholds {thresholds}"));
         let inference_only = self.is_inference_only(record).then(|| INFERENCE_ONLY.to_owned());
         let machines = run.results().optimised_on(run.preset_name(), run.method()).len();

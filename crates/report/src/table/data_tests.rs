@@ -1,0 +1,118 @@
+//! What rows say about their data and context views.
+
+use atsplat_results::{PresetRecord, Results};
+
+use super::statement_tests::{built, measured, trained};
+use super::*;
+use crate::emit::TableFormat;
+use crate::sample::{SCENES, UNKNOWN_HASH, atsplat, floor, preset, results};
+
+/// A protocol on data at this path, with an index that nobody published.
+fn elsewhere(name: &str, data: &str) -> PresetRecord {
+    PresetRecord {
+        dataset: data.to_owned(),
+        index: "mine.json".to_owned(),
+        index_sha256: UNKNOWN_HASH.to_owned(),
+        index_name: None,
+        entries_of_index: 4,
+        scenes_of_index: Some(4),
+        ..preset(name)
+    }
+}
+
+/// What the first measured row says.
+fn said(table: &Table) -> &str {
+    &measured(table).next().unwrap().measured_on.as_ref().unwrap().text
+}
+
+fn with_context(mut results: Results, contexts: &[&[u64]]) -> Results {
+    for (trial, context) in results.trials.iter_mut().zip(contexts.iter().cycle()) {
+        trial.context = context.to_vec();
+    }
+    results
+}
+
+/// The scenes are named as the simulator names its own.
+fn simulated(mut results: Results) -> Results {
+    let key = |scene: &str| format!("rooms-test-{:08}", SCENES.iter().position(|known| *known == scene).unwrap());
+    for row in &mut results.trials {
+        row.key.scene = key(&row.key.scene);
+    }
+    for row in &mut results.targets {
+        row.key.scene = key(&row.key.scene);
+    }
+    results
+}
+
+#[test]
+fn data_of_an_unpublished_index_are_not_called_the_protocols_dataset() {
+    for (protocol, table, data, expected) in [
+        ("re10k-2v-256", "re10k", "captures/desk, images cropped beforehand", "unidentified data (desk)"),
+        ("dl3dv-6v-256x448", "dl3dv", "/data/mine/test", "unidentified data (mine/test)"),
+        ("rooms-2v-128", "re10k", "cm/", "unidentified data (cm)"),
+    ] {
+        let results = results(vec![elsewhere(protocol, data)], vec![floor()]);
+        let table = built(table, &results);
+        let expected = format!("{expected}, 16×16, all 4 scenes, unpublished index");
+        assert_eq!(said(&table), expected);
+        let caption = format!(" Measured on {expected}: not comparable with the paper's numbers.");
+        assert!(table.caption.ends_with(&caption), "{}", table.caption);
+        let csv = TableFormat::Csv.write(&table).unwrap();
+        assert!(csv.contains(&format!(",measured,\"{expected}\",false,")), "{csv}");
+    }
+}
+
+/// The protocol's columns are for six views of DL3DV.
+#[test]
+fn simulated_scenes_are_named_under_any_protocol_and_so_is_their_number_of_views() {
+    let record = PresetRecord {
+        entries_of_index: 24,
+        scenes_of_index: Some(24),
+        ..elsewhere("dl3dv-6v-256x448", "rooms150/test")
+    };
+    let network = trained("atsplat", "1", "simulated rooms");
+    let mut results = with_context(simulated(results(vec![record], vec![network])), &[&[0, 30]]);
+    let table = built("dl3dv", &results);
+    assert_eq!(said(&table), "simulated rooms, 16×16, 4 of 24 scenes, 2 context views, unpublished index");
+    let is_zero_shot = |table: &Table| {
+        let remarks = &measured(table).next().unwrap().remarks;
+        remarks.iter().any(|remark| remark.starts_with("zero-shot"))
+    };
+    assert!(!is_zero_shot(&table), "it was trained on rooms");
+    results.trials[1].key.scene = "mine".to_owned();
+    let table = built("dl3dv", &results);
+    assert!(said(&table).starts_with("unidentified data (rooms150/test), 16×16, "), "{}", said(&table));
+    assert!(is_zero_shot(&table));
+}
+
+#[test]
+fn a_published_index_names_its_dataset_under_any_protocol() {
+    let index_sha256 = preset("acid-2v-256").index_sha256;
+    let record = PresetRecord { index_sha256, ..elsewhere("re10k-2v-256", "data/re10k") };
+    let table = built("re10k", &results(vec![record], vec![floor()]));
+    assert_eq!(said(&table), "ACID, 16×16, all 4 scenes, unpublished index");
+}
+
+#[test]
+fn rows_say_their_number_of_context_views_if_it_is_not_the_protocols() {
+    let of = |record: PresetRecord, contexts: &[&[u64]]| {
+        said(&built("re10k", &with_context(results(vec![record], vec![floor()]), contexts))).to_owned()
+    };
+    let scenes = "RE10K, 16×16, 4 of 6474 scenes";
+    let protocol = || preset("re10k-2v-256");
+    assert_eq!(of(protocol(), &[&[0, 30]]), scenes);
+    assert_eq!(of(protocol(), &[&[0, 15, 30]]), format!("{scenes}, 3 context views"));
+    assert_eq!(of(protocol(), &[&[0, 15, 30], &[0, 30]]), format!("{scenes}, 2 and 3 context views"));
+    assert_eq!(of(protocol(), &[&[7]]), format!("{scenes}, 1 context view"));
+    // A changed protocol fills the columns of the published one.
+    let mut changed = protocol();
+    changed.toml = changed.toml.replace("context-views = 2", "context-views = 3");
+    assert_eq!(of(changed, &[&[0, 15, 30]]), format!("{scenes}, 3 context views"));
+}
+
+#[test]
+fn labels_with_the_published_data_and_views_show_those_that_were_measured() {
+    let results = results(vec![elsewhere("dl3dv-6v-256x448", "captures/desk")], vec![atsplat("atsplat", |_| ())]);
+    let table = built("budget", &with_context(results, &[&[0, 30]]));
+    assert_eq!(measured(&table).next().unwrap().labels, ["unidentified data (desk)", "16×16", "2"]);
+}
