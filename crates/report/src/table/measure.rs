@@ -1,6 +1,6 @@
 use atsplat_results::statistics::{
-    Binned, Cost, Identical, Leaked, MetricQuery, Summary, Trend, along_distance, along_overlap, by_overlap, cost,
-    summary, within_distances,
+    Binned, Cost, Identical, Leaked, MetricQuery, NoTrend, Summary, Trend, along_distance, along_overlap, by_overlap,
+    cost, summary, within_distances,
 };
 use atsplat_results::times::{NOTHING_ENCODED, Times, times};
 use atsplat_results::{Results, TargetStatus};
@@ -108,8 +108,11 @@ fn slope(run: MethodRun<'_>, query: &MetricQuery<'_>, along: SlopeOver) -> Cell 
 }
 
 /// `targets` are those that the slope is measured along.
-fn slope_cell(trend: Option<Trend>, targets: &Summary, unit: f64) -> Cell {
-    let Some(Trend { slope, interval, scenes }) = trend else { return Cell::default() };
+fn slope_cell(trend: Result<Trend, NoTrend>, targets: &Summary, unit: f64) -> Cell {
+    let Trend { slope, interval, scenes } = match trend {
+        Ok(trend) => trend,
+        Err(why) => return Cell { not_computed: Some(why.to_string()), ..Cell::default() },
+    };
     let interval = interval.map(|ends| ends.map(|end| end * unit));
     let counts = Some(Counts { scenes, ..counts_of(targets) });
     Cell { value: Value::Number(slope * unit), interval, counts, ..Cell::default() }

@@ -274,6 +274,32 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
     assert!(labels.iter().any(|label| label == "ATSplat, random, changed at inference only"), "{labels:?}");
 }
 
+/// Eight scenes with overlaps of 0.1 to 0.7, four, and eight with overlaps that are almost equal.
+#[test]
+fn a_trend_of_few_scenes_or_close_overlaps_is_not_computed() {
+    let said = |scenes: usize, step: Option<f64>| {
+        let mut results = results_over(vec![preset("rooms-overlap-128")], vec![floor()], scenes);
+        for (row, at) in results.targets.iter_mut().zip(0u8..) {
+            row.signed_distance = 0;
+            row.overlap = step.map_or(row.overlap, |step| Some(0.5 + step * f64::from(at)));
+        }
+        let table = protocols(&results).swap_remove(0);
+        let trend = CellIndex { group: 4, column: 0 };
+        let printed = measured(&table).next().unwrap().cell(trend).print(table.column(trend));
+        let why = notes(&table, NoteKind::NotComputed);
+        (printed, why.lines().find(|note| note.contains("per 0.1 of overlap")).map(str::to_owned))
+    };
+    let (printed, why) = said(8, None);
+    assert!(printed.contains(" [") && why.is_none(), "{printed} {why:?}");
+    for (scenes, step, expected) in [
+        (4, None, "expected at least 6 scenes, found 4"),
+        (8, Some(0.001), "expected overlaps that differ by at least 0.1, found 0.023"),
+    ] {
+        let why = Some(format!("n/c per 0.1 of overlap: not computed: {expected}"));
+        assert_eq!(said(scenes, step), ("n/c".to_owned(), why));
+    }
+}
+
 #[test]
 fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
     let by_quantile = |published: [f64; 3], at: f64, gaussians: u64| {

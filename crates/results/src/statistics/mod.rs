@@ -3,7 +3,7 @@
 //! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without targets that
 //! are also context frames. Targets that were not compared are counted but never averaged; a non-finite value always
 //! counts as a broken render. Intervals resample scenes, because targets of one scene fail together; with fewer than
-//! [`MIN_SCENES`] there is no interval.
+//! [`MIN_SCENES`] there is no interval, and no slope.
 
 mod bootstrap;
 mod breakdown;
@@ -30,7 +30,9 @@ pub use seeds::{Seeds, difference_of_seeds, of_seeds};
 pub use selection::{SelectedTarget, score_of};
 pub use significance::{sign_test, student_quantile};
 pub use summary::{Summary, of_selected as summary_of, summary};
-pub use trend::{Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap};
+pub use trend::{
+    NoTrend, Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap,
+};
 
 pub(crate) use contrast::contrast;
 pub(crate) use selection::select;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of, resamples};
@@ -16,46 +17,90 @@ use crate::Results;
 pub struct Trend {
     /// Change of the metric per unit.
     pub slope: f64,
-    /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` with fewer than
-    /// [`MIN_SCENES`].
+    /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` if resamples have no slope, as those
+    /// that draw scenes of one overlap.
     pub interval: Option<[f64; 2]>,
     /// Scenes that the slope rests on: those with scores, and for lines within scenes only those with two different values of the
-    /// property.
+    /// property. At least [`MIN_SCENES`].
     pub scenes: u64,
+}
+
+/// Why no slope is given.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoTrend {
+    /// It would rest on fewer scenes ([`Trend::scenes`]) than [`MIN_SCENES`].
+    #[error("expected at least {expected} scenes, found {found}")]
+    FewScenes {
+        /// [`MIN_SCENES`].
+        expected: u64,
+        /// Those that it would rest on.
+        found: u64,
+    },
+    /// The overlaps are so close to each other that the slope, which tables print per 0.1, would be an extrapolation.
+    #[error("expected overlaps that differ by at least {expected}, found {found:.3}")]
+    CloseOverlaps {
+        /// 0.1.
+        expected: f64,
+        /// The largest difference.
+        found: f64,
+    },
+    /// Scores are so large that the slope is not finite.
+    #[error("expected a finite slope, found another")]
+    NotFinite,
 }
 
 /// Points of one scene: the property, and the score.
 type Points = Vec<[f64; 2]>;
 
 /// The slope over overlap (per 1.0 of overlap): one line through the targets of all scenes, because overlap differs between
-/// trials more than within them. `None` without two different overlaps.
-pub fn along_overlap(results: &Results, query: &MetricQuery) -> Option<Trend> {
+/// trials more than within them.
+///
+/// # Errors
+/// [`NoTrend`], also for overlaps that differ by less than 0.1.
+pub fn along_overlap(results: &Results, query: &MetricQuery) -> Result<Trend, NoTrend> {
     over_overlap(&select(results, query))
 }
 
 /// The slope over the distance from the window of context frames, per frame, of the targets outside it: lines of one slope,
-/// each scene at another height. Scenes without two different distances do not count; `None` if no scene has them.
-pub fn along_distance(results: &Results, query: &MetricQuery) -> Option<Trend> {
+/// each scene at another height. Scenes without two different distances do not count.
+///
+/// # Errors
+/// [`NoTrend`].
+pub fn along_distance(results: &Results, query: &MetricQuery) -> Result<Trend, NoTrend> {
     over_distance(&select(results, query))
 }
 
 /// The slope of `a − b` over overlap, as of [`along_overlap`], over the targets that both have a score for.
-pub fn lead_along_overlap(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Trend> {
+///
+/// # Errors
+/// Those of [`along_overlap`].
+pub fn lead_along_overlap(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Result<Trend, NoTrend> {
     over_overlap(&differences(&select(a.0, a.1), &select(b.0, b.1)).0)
 }
 
 /// The slope of `a − b` over the distance from the window, as of [`along_distance`], over the targets that both have a score
 /// for.
-pub fn lead_along_distance(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Trend> {
+///
+/// # Errors
+/// Those of [`along_distance`].
+pub fn lead_along_distance(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Result<Trend, NoTrend> {
     over_distance(&differences(&select(a.0, a.1), &select(b.0, b.1)).0)
 }
 
-fn over_overlap(targets: &[SelectedTarget<'_>]) -> Option<Trend> {
-    let scenes = by_scene(targets, |target| target.overlap);
-    of_sums(&one_line(&scenes.into_values().collect::<Vec<_>>()))
+fn over_overlap(targets: &[SelectedTarget<'_>]) -> Result<Trend, NoTrend> {
+    let scenes: Vec<Points> = by_scene(targets, |target| target.overlap).into_values().collect();
+    enough(&scenes)?;
+    let overlaps = scenes.iter().flatten().map(|[overlap, _]| *overlap);
+    let [low, high] = overlaps.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], overlap| {
+        [low.minimum_of(overlap), high.maximum_of(overlap)]
+    });
+    if high - low < LEAST_RANGE - ROUNDING {
+        return Err(NoTrend::CloseOverlaps { expected: LEAST_RANGE, found: high - low });
+    }
+    of_sums(&one_line(&scenes))
 }
 
-fn over_distance(targets: &[SelectedTarget<'_>]) -> Option<Trend> {
+fn over_distance(targets: &[SelectedTarget<'_>]) -> Result<Trend, NoTrend> {
     let outside = |distance: i64| (distance != 0).then(|| distance.unsigned_abs() as f64);
     of_sums(&parallel_lines(by_scene(targets, |target| target.distance.and_then(outside)).into_values()))
 }
@@ -75,8 +120,11 @@ fn by_scene<'a>(
 }
 
 /// The slope over a setting, given as its value with the scene means that it led to: lines of one slope, each scene at another
-/// height. Only scenes that all settings have count. `None` without two different values.
-pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Option<Trend> {
+/// height. Only scenes that all settings have count, and without two different values none.
+///
+/// # Errors
+/// [`NoTrend`].
+pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Result<Trend, NoTrend> {
     let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
     for (value, means) in settings {
         for scene in means {
@@ -91,6 +139,10 @@ type Sums = [f64; 5];
 
 /// Spread below which all values of the property are the same, in the square of its unit.
 const LEAST_SPREAD: f64 = 1e-12;
+/// Smallest difference of overlaps that a slope is measured over: the unit in which tables print it.
+const LEAST_RANGE: f64 = 0.1;
+/// What a difference of two overlaps may lose by rounding.
+const ROUNDING: f64 = 1e-9;
 
 fn one_line(scenes: &[Points]) -> Vec<Sums> {
     // Sums of centred numbers lose no digits.
@@ -126,10 +178,19 @@ fn slope(sums: Sums) -> f64 {
     (sxy - sx * sy / n) / spread(sums)
 }
 
-fn of_sums(scenes: &[Sums]) -> Option<Trend> {
+/// A line through few scenes is no trend, as their mean has no interval.
+const fn enough<T>(scenes: &[T]) -> Result<(), NoTrend> {
+    let found = scenes.len() as u64;
+    if found < MIN_SCENES { Err(NoTrend::FewScenes { expected: MIN_SCENES, found }) } else { Ok(()) }
+}
+
+fn of_sums(scenes: &[Sums]) -> Result<Trend, NoTrend> {
+    enough(scenes)?;
     let all = scenes.iter().fold([0.0; 5], |all: Sums, scene| std::array::from_fn(|at| all[at] + scene[at]));
-    let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread(all) > LEAST_SPREAD)?;
-    let enough = scenes.len() as u64 >= MIN_SCENES;
-    let interval = enough.then(|| interval_of(scenes, resamples(scenes.len()), slope)).flatten();
-    Some(Trend { slope: found, interval, scenes: scenes.len() as u64 })
+    let found = slope(all);
+    if !found.is_finite() {
+        return Err(NoTrend::NotFinite);
+    }
+    let interval = interval_of(scenes, resamples(scenes.len()), slope);
+    Ok(Trend { slope: found, interval, scenes: scenes.len() as u64 })
 }

@@ -11,8 +11,9 @@ fn slopes_over_settings_compare_within_scenes() {
     Tolerance::absolute(1e-9).assert([found.slope], [-2.0], "per unit");
     Tolerance::absolute(1e-9).assert(found.interval.unwrap(), [-2.0; 2], "every scene agrees");
     assert_eq!(found.scenes, 6, "those that all settings have");
-    assert_eq!(along_setting(&[setting(2.0, 0..7)]), None, "one setting has no slope");
-    assert_eq!(along_setting(&[setting(2.0, 0..3), setting(4.0, 0..3)]).unwrap().interval, None, "three scenes");
+    let few = |found| Err(NoTrend::FewScenes { expected: 6, found });
+    assert_eq!(along_setting(&[setting(2.0, 0..7)]), few(0), "one setting has no slope");
+    assert_eq!(along_setting(&[setting(2.0, 0..5), setting(4.0, 0..5)]), few(5), "five scenes");
 }
 
 /// Against the least-squares line through nine points, by hand: Σ(x − x̄)(y − ȳ) / Σ(x − x̄)².
@@ -45,7 +46,29 @@ fn slopes_over_overlap_and_distance_are_least_squares() {
     }
     let found = along_distance(&store, &query("m")).unwrap();
     Tolerance::relative(1e-9).assert([found.slope], [-3.0], "distance");
-    assert_eq!(along_overlap(&store, &query("m")), None, "no overlaps");
+    let none = NoTrend::FewScenes { expected: 6, found: 0 };
+    assert_eq!(along_overlap(&store, &query("m")), Err(none), "no overlaps");
+    assert_eq!(none.to_string(), "expected at least 6 scenes, found 0");
+}
+
+/// Seven scenes, of which each has 1 dB more than the one before.
+#[test]
+fn overlaps_that_differ_by_less_than_a_tenth_have_no_slope_per_tenth() {
+    let over = |step: f64| {
+        let scenes = ["a", "b", "c", "d", "e", "f", "g"].into_iter().zip(0u8..);
+        let mut store = psnr(&scenes.map(|(name, at)| (name, 0, vec![20.0 + f64::from(at)])).collect::<Vec<_>>());
+        for (row, at) in store.targets.iter_mut().zip(0u8..) {
+            row.overlap = Some(0.3 + step * f64::from(at));
+        }
+        along_overlap(&store, &query("m"))
+    };
+    for (step, range) in [(0.0, 0.0), (0.002, 0.012), (0.016, 0.096)] {
+        let Err(NoTrend::CloseOverlaps { expected, found }) = over(step) else { panic!("a slope at steps of {step}") };
+        Tolerance::absolute(1e-12).assert([expected, found], [0.1, range], "least and found difference");
+    }
+    let said = over(0.002).unwrap_err().to_string();
+    assert_eq!(said, "expected overlaps that differ by at least 0.1, found 0.012");
+    Tolerance::relative(1e-9).assert([over(0.1 / 6.0).unwrap().slope], [60.0], "a tenth, but for rounding");
 }
 
 /// Nine scenes, of which only some have two distances: the others must neither narrow the interval nor be counted.
@@ -70,12 +93,15 @@ fn scenes_without_two_distances_are_no_evidence_for_a_slope() {
         }
         along_distance(&store, &query("m"))
     };
-    for informative in [1, 5, 7] {
+    for informative in [6, 8] {
         let found = with_two_distances(informative).unwrap();
-        assert_eq!((found.scenes, found.interval.is_some()), (informative as u64, informative >= 6), "{found:?}");
-        assert_eq!(Some(found), alone(informative), "as without the other scenes");
+        assert_eq!((found.scenes, found.interval.is_some()), (informative as u64, true), "{found:?}");
+        assert_eq!(Ok(found), alone(informative), "as without the other scenes");
     }
-    assert_eq!(with_two_distances(0), None);
+    for informative in [0, 1, 5] {
+        let few = NoTrend::FewScenes { expected: 6, found: informative as u64 };
+        assert_eq!(with_two_distances(informative), Err(few));
+    }
 }
 
 /// Two methods that share up to 18 dB of noise: it cancels in their lead, whose slopes are exact.
