@@ -1,7 +1,7 @@
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 
-use super::{explained, leaked_in, measured_from, metric_of, shown, subtitle};
+use super::{explained, leaked_in, measured_from, metric_of, other_setting, shown, subtitle};
 use crate::definition::TableDefinition;
 use crate::plot::{Ablation, AblationRow, Drawing, Estimate, Origin};
 use crate::table::{CellIndex, Row, Source, Table, Value};
@@ -45,7 +45,7 @@ pub(super) fn ablation(
     // The plot shows differences: without any there is nothing to draw.
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
-        title: table.title.clone(),
+        title: format!("{}{}", table.title, other_setting(table, 0..1)),
         subtitle: format!(
             "{}{}{}",
             subtitle(table, group, 0..1),

@@ -62,6 +62,14 @@ fn explained<'a>(mut rows: impl Iterator<Item = &'a Row>) -> String {
     if rows.any(|row| row.inference_only) { format!("; ¶ {INFERENCE_ONLY}") } else { String::new() }
 }
 
+/// What the title of a plot adds if these groups of columns were measured in another setting than the published numbers that it
+/// shows next to them: on other data, another index, or under a changed protocol.
+fn other_setting(table: &Table, drawn: Range<usize>) -> &'static str {
+    let is_other = |group: &Group| group.measured_on.is_some();
+    let differs = table.is_published() && table.groups.get(drawn).is_some_and(|groups| groups.iter().any(is_other));
+    if differs { "; published numbers are of other data or settings" } else { "" }
+}
+
 /// What is drawn of a table, from these of its groups of columns; `group` is their heading.
 fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
     let scenes = table
@@ -72,7 +80,7 @@ fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
         .filter_map(|cell| cell.counts)
         .map(|counts| counts.scenes)
         .max();
-    let place = group.measured_on.as_ref().map_or_else(String::new, |name| format!(" on {name}"));
+    let place = group.measured_on.as_ref().map_or_else(String::new, |name| format!(" under {name}"));
     let scenes =
         scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {}", counted(scenes, "scene")));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
@@ -116,7 +124,7 @@ fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)>
     let points: Vec<KPoint> = shown(table).filter_map(point).collect();
     let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
     let plot = KScaling {
-        title: format!("{} against K", metric.name),
+        title: format!("{} against K{}", metric.name, other_setting(table, 0..1)),
         subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
         quality: metric.into(),
         points,
@@ -142,7 +150,7 @@ fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawin
         origin: row.origin,
     };
     let plot = OverlapBinMeans {
-        title: format!("{} by overlap", metric.name),
+        title: format!("{} by overlap{}", metric.name, other_setting(table, 0..table.groups.len())),
         subtitle: format!(
             "{}{}{}",
             subtitle(table, &Group { title: String::new(), ..(*first).clone() }, 0..table.groups.len()),
