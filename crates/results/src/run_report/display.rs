@@ -14,6 +14,8 @@ use crate::times::{Spread, Times};
 
 /// Least width of a metric's column.
 const METRIC_WIDTH: usize = 8;
+/// Least width of the numbers of scenes.
+const SCENES_WIDTH: usize = 7;
 
 impl fmt::Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -53,12 +55,14 @@ impl RunReport {
         let width = |of: fn(&Row) -> &str| self.rows.iter().map(|row| of(row).chars().count()).max().unwrap_or(0);
         let preset = width(|row| &row.preset).max("protocol".len());
         let method = width(|row| &row.method).max("method".len()) + 2;
-        write!(f, "{:<preset$}  {:<method$} {:>7} {:>8}", "protocol", "method", "scenes", "targets")?;
+        let scenes = self.rows.iter().map(|row| row.scenes_in_words().len()).max().unwrap_or(0).max(SCENES_WIDTH);
+        write!(f, "{:<preset$}  {:<method$} {:>scenes$} {:>8}", "protocol", "method", "scenes", "targets")?;
         metrics.iter().try_for_each(|id| write!(f, " {:>width$}", metric_name(id), width = metric_width(id)))?;
         writeln!(f)?;
         for row in &self.rows {
             let label = if row.untrained { format!("{} *", row.method) } else { row.method.clone() };
-            write!(f, "{:<preset$}  {label:<method$} {:>7} {:>8}", row.preset, row.scenes, row.targets)?;
+            let of_scenes = row.scenes_in_words();
+            write!(f, "{:<preset$}  {label:<method$} {of_scenes:>scenes$} {:>8}", row.preset, row.targets)?;
             for id in &metrics {
                 let value = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
                 write!(f, " {value:>width$}", width = metric_width(id))?;
@@ -103,6 +107,14 @@ impl RunReport {
             }
         }
         reasons.iter().try_for_each(|(reason, methods)| writeln!(f, "no times of {}: {reason}", methods.join(", ")))
+    }
+}
+
+impl Row {
+    /// `8`, or `6 of 8` if some are not in the means.
+    fn scenes_in_words(&self) -> String {
+        let Self { scenes, scored_scenes, .. } = self;
+        if scored_scenes < scenes { format!("{scored_scenes} of {scenes}") } else { scenes.to_string() }
     }
 }
 

@@ -49,7 +49,10 @@ struct Row {
     preset: String,
     method: String,
     untrained: bool,
+    /// Scenes with targets.
     scenes: usize,
+    /// Those of them that are in the means: with a scored target.
+    scored_scenes: usize,
     targets: usize,
     failed: usize,
     /// Targets of trials that the method does not support.
@@ -130,12 +133,16 @@ impl Row {
         let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
             targets.iter().copied().partition(|row| unsupported_trials.contains(&row.key));
         let count = |status| supported.iter().filter(|row| row.status == status).count();
-        let scenes: BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
+        let scenes_of = |is_of: fn(&TargetRow) -> bool| {
+            let scenes = targets.iter().filter(|row| is_of(row)).map(|row| row.key.scene.as_str());
+            scenes.collect::<BTreeSet<&str>>().len()
+        };
         Self {
             preset: preset.name.clone(),
             method: method.name.clone(),
             untrained: method.untrained,
-            scenes: scenes.len(),
+            scenes: scenes_of(|_| true),
+            scored_scenes: scenes_of(|row| row.status == TargetStatus::Scored),
             targets: targets.len(),
             failed: count(TargetStatus::Failed),
             not_applicable: unsupported.len(),
@@ -185,6 +192,29 @@ fn metric_name(id: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample_rows;
+
+    /// Both targets of the first scene failed, and one of the second's.
+    #[test]
+    fn scenes_that_are_not_in_the_means_are_not_counted_as_if_they_were() {
+        let scenes = [("a", 0, vec![20.0, 30.0]), ("b", 0, vec![24.0, 26.0]), ("c", 0, vec![40.0])];
+        let mut results = sample_rows::results("m", "psnr", &scenes);
+        let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        let preset = PresetRecord { name: sample_rows::PRESET.to_owned(), toml, ..PresetRecord::default() };
+        results.provenance.presets.push(preset);
+        results.provenance.methods.push(MethodRecord { name: "m".to_owned(), ..MethodRecord::default() });
+        let row = |results: &Results| {
+            let report = RunReport::of(results, None, Path::new("store"));
+            let json = serde_json::to_value(&report).unwrap();
+            let text = report.to_string().lines().nth(1).unwrap().split_whitespace().collect::<Vec<_>>().join(" ");
+            (text, [&json["rows"][0]["scenes"], &json["rows"][0]["scored-scenes"]].map(|count| count.as_u64().unwrap()))
+        };
+        assert_eq!(row(&results), ("sampled m 3 5 30.0000".to_owned(), [3, 3]));
+        for target in &mut results.targets[..3] {
+            (target.status, target.scores) = (TargetStatus::Failed, [].into());
+        }
+        assert_eq!(row(&results), ("sampled m 2 of 3 5 33.0000 3 failed".to_owned(), [3, 2]));
+    }
 
     /// Both protocols accept a second file; only one was run on it.
     #[test]
