@@ -201,6 +201,11 @@ impl MethodRecord {
         self.kind == "exec"
     }
 
+    /// Whether its images were imported finished, so that nothing of it can be timed.
+    pub fn has_finished_images(&self) -> bool {
+        self.kind == "renders"
+    }
+
     /// Records where its network runs: on this adapter, or on the CPU.
     pub fn record_network(&mut self, adapter: Option<AdapterRecord>) {
         self.deterministic &= adapter.is_none();

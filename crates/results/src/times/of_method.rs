@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{Machine, Spread, TimingRow};
 use crate::rows::placement;
-use crate::{Results, TrialKey, TrialRow};
+use crate::{MethodRecord, Results, TrialKey, TrialRow};
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from images";
@@ -79,13 +79,13 @@ pub(crate) fn times_on(
 ) -> Result<Times, String> {
     let of_method = results.timings.iter().filter(|row| row.key.is_of(preset, method));
     let all: Vec<TimedTrial<'_>> = of_method.filter_map(|row| Some((row, current_trial(results, row)?))).collect();
-    let Some(machine) = machine else { return Err(untimed(results, &all)) };
+    let Some(machine) = machine else { return Err(untimed(results, method, &all)) };
     let on_machine = |(row, _): &TimedTrial<'_>| row.is_timed() && row.machine == *machine;
     let on_machine = last_of_each_trial(all.iter().copied().filter(on_machine));
     if on_machine.is_empty() {
         let elsewhere = all.iter().find(|(row, _)| row.is_timed());
         let message = |(row, _): &TimedTrial<'_>| format!("timed on another machine: {}", row.machine);
-        return Err(elsewhere.map_or_else(|| untimed(results, &all), message));
+        return Err(elsewhere.map_or_else(|| untimed(results, method, &all), message));
     }
     Ok(Times::of(machine, &on_machine))
 }
@@ -156,9 +156,12 @@ fn current_trial<'a>(results: &'a Results, row: &TimingRow) -> Option<&'a TrialR
     results.trials.iter().find(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
 }
 
-fn untimed(results: &Results, all: &[TimedTrial<'_>]) -> String {
+fn untimed(results: &Results, method: &str, all: &[TimedTrial<'_>]) -> String {
     if let Some(reason) = all.iter().find_map(|(row, _)| row.detail.as_ref()) {
         return reason.clone();
+    }
+    if results.provenance.method(method).is_some_and(MethodRecord::has_finished_images) {
+        return "it imports finished images".to_owned();
     }
     if results.provenance.schema_version < FIRST_WITH_TIMINGS {
         return "the store was written by an older atsplat, which measured times while other trials ran: run again with --timing"
@@ -270,6 +273,9 @@ mod tests {
         assert!(times(&store, PRESET, "a").unwrap_err().contains("while other trials ran"));
         store.provenance.schema_version = 2;
         assert!(times(&store, PRESET, "a").unwrap_err().contains("run --timing"));
+        let finished = MethodRecord { name: "a".to_owned(), kind: "renders".to_owned(), ..MethodRecord::default() };
+        store.provenance.methods.push(finished);
+        assert_eq!(times(&store, PRESET, "a").unwrap_err(), "it imports finished images");
         store.timings = vec![TimingRow { detail: Some("out of memory".to_owned()), ..timing("a", "x", &[], &[]) }];
         assert_eq!(times(&store, PRESET, "a").unwrap_err(), "out of memory");
         let mut elsewhere = timing("b", "x", &[1.0], &[]);
