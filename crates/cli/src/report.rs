@@ -4,11 +4,11 @@ use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
-use atsplat_report::definition::TableDefinition;
+use atsplat_report::definition::{Choice, Quantity, TableDefinition};
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, agreement};
-use atsplat_report::{Report, Request, Written, counted, store_labels};
+use atsplat_report::{Report, ReportError, Request, Written, counted, store_labels};
 use atsplat_results::Results;
 use serde_json::json;
 
@@ -31,6 +31,9 @@ pub(crate) struct Args {
     /// Which of the paper's tables; by default all for which the stores have results, and one for every protocol.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = table_name)]
     tables: Vec<String>,
+
+    #[command(flatten)]
+    choice: ChoiceArgs,
 
     /// Formats of the tables.
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values = ["markdown", "latex", "csv", "json", "terminal"], value_parser = named(FORMATS))]
@@ -58,6 +61,57 @@ pub(crate) struct Args {
     /// Print the tables as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// What tables show.
+#[derive(Debug, clap::Args)]
+struct ChoiceArgs {
+    /// Columns of the tables and their order: metrics as in --metrics, gaussians, seconds, and so on; by default all.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    columns: Vec<Quantity>,
+
+    /// Methods of the tables and their order, as tables name them; by default all.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    methods: Vec<String>,
+
+    /// Leave out the paper's rows.
+    #[arg(long)]
+    no_published: bool,
+
+    /// Add the paired difference of every measured row to this method, with its 95 % interval: of the first metric, or of all
+    /// metrics of --columns. The method may be in another store, on the same data; STORE: NAME tells methods of one name apart.
+    #[arg(long, value_name = "METHOD")]
+    against: Option<String>,
+}
+
+impl ChoiceArgs {
+    /// Rejects repeated values.
+    fn check(&self) -> Result<(), String> {
+        let columns: Vec<String> = self.columns.iter().map(|column| column.id().to_owned()).collect();
+        once("--columns", &columns)?;
+        once("--methods", &self.methods)
+    }
+
+    fn choice(&self) -> Choice {
+        Choice {
+            columns: self.columns.clone(),
+            methods: self.methods.clone(),
+            without_published: self.no_published,
+            against: self.against.clone(),
+        }
+    }
+
+    /// What it adds to a message about missing results.
+    const fn in_words(&self) -> &'static str {
+        if self.columns.is_empty() && self.methods.is_empty() { "" } else { " in the chosen columns and methods" }
+    }
+
+    fn warn_of_absent_columns(&self, report: &Report) {
+        let columns = || report.tables.iter().flat_map(|table| table.columns().map(|(_, column)| column.quantity));
+        for absent in self.columns.iter().filter(|wanted| columns().all(|shown| shown != **wanted)) {
+            warn(&format!("--columns: no table has {}", absent.id()));
+        }
+    }
 }
 
 /// Default title of the page.
@@ -117,12 +171,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .zip(&folders)
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
-    let report = Report::new(&args.request(), &stores)?;
-    if report.tables.is_empty() {
-        let tables = args.tables.join(", ");
-        ensure!(args.tables.is_empty(), "--tables: the stores have no results for any of these tables: {tables}");
-        bail!("the stores have no results: {}", labels.join(", "));
-    }
+    let report = args.report(&stores, &labels)?;
     let Written { files, removed, others } = report.replace(&args.out)?;
     args.page.warn_of_size(&report);
     if args.json {
@@ -138,8 +187,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     report_other_files(&args.out, &removed, &others);
     let missing = if args.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
-        warn(&format!("the stores have no results for table {name}"));
+        warn(&format!("the stores have no results for table {name}{}", args.choice.in_words()));
     }
+    args.choice.warn_of_absent_columns(&report);
     let mut complete = missing.is_empty();
     for (store, label) in results.iter().zip(&labels) {
         for gap in store.gaps() {
@@ -157,10 +207,26 @@ impl Args {
     /// Rejects repeated values before anything is read.
     fn check(&self) -> anyhow::Result<()> {
         once("--tables", &self.tables).map_err(usage_error)?;
+        self.choice.check().map_err(usage_error)?;
         let name_of = |given: &TableFormat| FORMATS.iter().find(|(_, format)| format == given).map(|(name, _)| *name);
         let formats: Vec<String> = self.format.iter().filter_map(name_of).map(str::to_owned).collect();
         once("--format", &formats).map_err(usage_error)?;
         reject_duplicates(&self.stores)
+    }
+
+    /// The report, which has a table.
+    fn report(&self, stores: &[PageStore<'_>], labels: &[String]) -> anyhow::Result<Report> {
+        let report = Report::new(&self.request(), stores).map_err(|error| match error {
+            ReportError::Method { .. } => anyhow::Error::from(usage_error(format!("--{error}"))),
+            error => error.into(),
+        })?;
+        if report.tables.is_empty() {
+            let (tables, chosen) = (self.tables.join(", "), self.choice.in_words());
+            let none = "the stores have no results";
+            ensure!(self.tables.is_empty(), "--tables: {none} for any of these tables{chosen}: {tables}");
+            bail!("{none}{chosen}: {}", labels.join(", "));
+        }
+        Ok(report)
     }
 
     fn request(&self) -> Request {
@@ -175,6 +241,7 @@ impl Args {
             protocols: self.tables.is_empty(),
             formats: self.format.clone(),
             mixing: if self.force { Mixing::Forced } else { Mixing::Apart },
+            choice: self.choice.choice(),
             max_bytes: self.page.max_bytes(),
             sections: Vec::new(),
             live: Vec::new(),
@@ -230,7 +297,19 @@ fn terminal() -> Terminal {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser as _;
+
     use super::*;
+    use crate::Cli;
+
+    #[test]
+    fn unknown_columns_are_usage_errors() {
+        let code = |columns: &str| {
+            let parsed = Cli::try_parse_from(["atsplat", "report", "store", "--columns", columns]);
+            parsed.map(drop).map_err(|error| error.exit_code())
+        };
+        assert_eq!((code("psnr,gaussians"), code("psnr,psmr")), (Ok(()), Err(2)));
+    }
 
     #[test]
     fn parses_table_names() {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use atsplat_report::definition::TableDefinition;
+use atsplat_report::definition::{Choice, TableDefinition};
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, table_html};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables as tables_of};
@@ -53,6 +53,7 @@ pub(crate) fn write_report(
             protocols: true,
             formats: TableFormat::ALL.to_vec(),
             mixing: mixing(force),
+            choice: Choice::default(),
             max_bytes: 8_000_000,
             sections: Vec::new(),
             live: Vec::new(),

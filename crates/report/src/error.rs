@@ -10,6 +10,9 @@ pub enum ReportError {
     /// There is no built-in table of this name.
     #[error("expected one of the tables {expected}, found {found:?}")]
     UnknownTable { expected: String, found: String },
+    /// A choice names a method that no store has, or by a title that several share.
+    #[error("{option}: expected one of the methods {expected}, found {found:?}")]
+    Method { option: &'static str, expected: String, found: String },
     /// A table's definition is inconsistent.
     #[error("table {table}: expected {expected}, found {found}")]
     Definition { table: String, expected: String, found: String },

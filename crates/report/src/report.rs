@@ -1,14 +1,14 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::definition::TableDefinition;
+use crate::definition::{Choice, TableDefinition};
 use crate::emit::{TableFormat, orders_as_markdown};
 use crate::file_list::Written;
 use crate::file_names::unused;
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::plot_data::{frontier_plots, optimisation_section, store_plots, table_plots};
-use crate::table::{Mixing, Source, Table, protocol_tables, tables};
+use crate::table::{Mixing, Source, Table, chosen_protocol_tables, tables};
 use crate::{ReportError, file_list, page};
 
 /// What a report contains.
@@ -24,6 +24,8 @@ pub struct Request {
     pub formats: Vec<TableFormat>,
     /// Whether a table may mix protocols.
     pub mixing: Mixing,
+    /// Which columns and rows tables show, and the method to which they give differences.
+    pub choice: Choice,
     /// Limit on the bytes of the page.
     pub max_bytes: usize,
     /// Plots from sources other than stores.
@@ -50,14 +52,15 @@ impl Report {
     /// Makes tables, plots and the page from stores.
     ///
     /// # Errors
-    /// [`ReportError::UnknownTable`], and the errors of tables, plots and pages.
+    /// [`ReportError::UnknownTable`], [`ReportError::Method`], and the errors of tables, plots and pages.
     pub fn new(request: &Request, stores: &[PageStore<'_>]) -> Result<Self, ReportError> {
         let sources: Vec<Source<'_>> = stores.iter().map(|store| store.source).collect();
+        request.choice.check(&sources)?;
         let (mut measured, mut unmeasured) = (Vec::new(), Vec::new());
         let mut plots = frontier_plots(&sources)?;
         let cost = cost_section(&mut plots);
         for name in &request.tables {
-            let definition = TableDefinition::named(name)?;
+            let definition = TableDefinition::named(name)?.with_choice(&request.choice);
             for table in tables(&definition, &sources, request.mixing)? {
                 if table.is_measured() {
                     plots.extend(table_plots(&definition, &table, &sources));
@@ -68,7 +71,7 @@ impl Report {
             }
         }
         if request.protocols {
-            measured.extend(protocol_tables(&sources, request.mixing)?);
+            measured.extend(chosen_protocol_tables(&sources, request.mixing, &request.choice)?);
         }
         for source in &sources {
             plots.extend(store_plots(source)?);
@@ -233,6 +236,7 @@ mod tests {
             protocols: false,
             formats: Vec::new(),
             mixing: Mixing::Apart,
+            choice: Choice::default(),
             max_bytes: 0,
             sections: vec![section],
             live: Vec::new(),

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_eval::discovery::NotRun;
-use atsplat_report::definition::TableDefinition;
+use atsplat_report::definition::{Choice, TableDefinition};
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
 use atsplat_report::table::{Mixing, Source, agreement};
@@ -41,6 +41,7 @@ pub(super) fn write(
             TableFormat::Json,
         ],
         mixing: Mixing::Apart,
+        choice: Choice::default(),
         max_bytes: page.max_bytes(),
         sections,
         live,

@@ -2,6 +2,7 @@
 //! `eval/published`.
 
 mod builtin;
+mod choice;
 mod method_rule;
 mod published;
 mod quantity;
@@ -13,6 +14,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub use choice::Choice;
+pub(crate) use choice::is_called;
 pub use method_rule::MethodRule;
 pub(crate) use method_rule::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 pub use published::{Published, PublishedRow};
@@ -66,6 +69,12 @@ pub struct TableDefinition {
     /// Properties of rows beyond their published numbers. The order of rows is that of the published file.
     #[serde(default)]
     pub rows: Vec<RowDefinition>,
+    /// What is shown of it.
+    #[serde(skip)]
+    pub choice: Choice,
+    /// Headings of the columns that the choice left out.
+    #[serde(skip)]
+    pub columns_left_out: Vec<String>,
 }
 
 /// A column that labels rows.
@@ -200,6 +209,13 @@ impl From<ColumnToml> for ColumnDefinition {
             ColumnToml::Table(table) => table,
         };
         Self { quantity, published: published.unwrap_or_else(|| quantity.id().to_owned()), title, exact }
+    }
+}
+
+impl ColumnDefinition {
+    /// Its heading.
+    pub(crate) fn title(&self) -> &str {
+        self.title.as_deref().unwrap_or_else(|| self.quantity.title())
     }
 }
 

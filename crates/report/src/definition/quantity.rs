@@ -1,4 +1,6 @@
-use atsplat_metrics::{Definition, Direction, definition, definitions};
+use std::str::FromStr;
+
+use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 /// The quantity that a column shows.
@@ -20,6 +22,8 @@ pub enum Quantity {
     FinalTokens,
     /// Slope of a metric; only in tables of protocols.
     Slope(&'static Definition, SlopeOver),
+    /// Paired difference of a metric to another method; in no definition, but in tables that are compared with one.
+    Difference(&'static Definition),
 }
 
 /// The property of targets along which a slope is measured.
@@ -53,13 +57,14 @@ impl Quantity {
             Self::FinalTokens => "final-tokens",
             Self::Slope(_, SlopeOver::Overlap) => "slope-over-overlap",
             Self::Slope(_, SlopeOver::Distance) => "slope-over-distance",
+            Self::Difference(_) => "difference",
         }
     }
 
     /// Name in tables.
     pub fn title(self) -> &'static str {
         match self {
-            Self::Metric(metric) => metric.name,
+            Self::Metric(metric) | Self::Difference(metric) => metric.name,
             Self::Gaussians => "#Gauss.",
             Self::GaussiansMin => "#Gauss. min.",
             Self::GaussiansMax => "#Gauss. max.",
@@ -76,7 +81,7 @@ impl Quantity {
         match self {
             Self::Metric(metric) => Some(metric.direction),
             Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax | Self::Seconds => Some(Direction::Lower),
-            Self::InitialTokens | Self::FinalTokens | Self::Slope(..) => None,
+            Self::InitialTokens | Self::FinalTokens | Self::Slope(..) | Self::Difference(_) => None,
         }
     }
 
@@ -87,14 +92,29 @@ impl Quantity {
             Self::Metric(metric) if metric.unit == "dB" => fixed(value, 2),
             Self::Metric(_) | Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
-            Self::Slope(..) => format!("{value:+.3}"),
+            Self::Difference(metric) if metric.unit == "dB" => format!("{value:+.2}"),
+            Self::Slope(..) | Self::Difference(_) => format!("{value:+.3}"),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
             _ => format!("{:.0}K", (value / 1000.0).trunc()),
         }
     }
 
-    fn of(id: &str) -> Option<Self> {
-        COSTS.into_iter().find(|cost| cost.id() == id).or_else(|| definition(id).map(Self::Metric))
+    /// Whether a choice of the other quantity includes it: a metric includes its slopes.
+    pub(crate) fn is_of(self, chosen: Self) -> bool {
+        self == chosen || matches!(self, Self::Slope(metric, _) if chosen == Self::Metric(metric))
+    }
+}
+
+impl FromStr for Quantity {
+    type Err = String;
+
+    /// A metric or cost by its id.
+    fn from_str(id: &str) -> Result<Self, String> {
+        let known = COSTS.into_iter().chain(definitions().iter().map(Self::Metric));
+        known.clone().find(|quantity| quantity.id() == id).ok_or_else(|| {
+            let ids: Vec<&str> = known.map(Self::id).collect();
+            format!("expected one of the quantities {}, found {id:?}", ids.join(", "))
+        })
     }
 }
 
@@ -115,12 +135,7 @@ impl Serialize for Quantity {
 
 impl<'de> Deserialize<'de> for Quantity {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let id = String::deserialize(deserializer)?;
-        Self::of(&id).ok_or_else(|| {
-            let costs = COSTS.into_iter().map(Self::id);
-            let known: Vec<&str> = costs.chain(definitions().iter().map(|metric| metric.id)).collect();
-            de::Error::custom(format!("expected one of the quantities {}, found {id:?}", known.join(", ")))
-        })
+        String::deserialize(deserializer)?.parse().map_err(de::Error::custom)
     }
 }
 
@@ -142,9 +157,9 @@ mod tests {
             assert_eq!(Quantity::Gaussians.print(count, false), printed);
         }
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");
-        assert_eq!(Quantity::of("psnr").unwrap().print(28.456, false), "28.46");
-        assert_eq!(Quantity::of("lpips").unwrap().print(0.1184, false), "0.118");
-        let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::of("ssim").unwrap().print(value, false));
+        assert_eq!(Quantity::from_str("psnr").unwrap().print(28.456, false), "28.46");
+        assert_eq!(Quantity::from_str("lpips").unwrap().print(0.1184, false), "0.118");
+        let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::from_str("ssim").unwrap().print(value, false));
         assert_eq!(ssims, ["0.000", "-0.001", "0.000"], "no sign without a digit");
     }
 

@@ -74,7 +74,7 @@ pub(super) fn write(table: &Table) -> String {
 /// Whether a note is printed below the table, because a number is misread without it.
 const fn is_printed(kind: NoteKind) -> bool {
     match kind {
-        NoteKind::Published | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval => false,
+        NoteKind::Published | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval | NoteKind::Choice => false,
         NoteKind::Setting
         | NoteKind::Untrained
         | NoteKind::NotComputed
@@ -84,6 +84,7 @@ const fn is_printed(kind: NoteKind) -> bool {
         | NoteKind::Forced
         | NoteKind::Trend
         | NoteKind::LeftOut
+        | NoteKind::Paired
         | NoteKind::Trainings => true,
     }
 }

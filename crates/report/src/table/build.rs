@@ -4,6 +4,7 @@ use super::comparable::{ComparableResults, StoreMethod, comparable_groups};
 use super::footer::footer;
 use super::measured_row::{Reproduced, RowSource};
 use super::orders::orders;
+use super::paired::paired;
 use super::rank::rank;
 use super::trainings::{distinguish, mean_rows};
 use super::{Cell, Column, Group, Row, Source, Table, Value};
@@ -53,7 +54,10 @@ pub(super) fn table(
     published: &[PublishedRow],
     results: Option<&ComparableResults<'_>>,
 ) -> Table {
-    let rows = rows(definition, published, results);
+    let mut rows = rows(definition, published, results);
+    if definition.choice.without_published {
+        rows.retain(|row| row.origin == Origin::Measured);
+    }
     let mut table = Table {
         name: definition.name.clone(),
         title: definition.title.clone(),
@@ -70,8 +74,10 @@ pub(super) fn table(
     let one_ranking = results.is_some_and(|results| !results.mixed) && table.rows.iter().all(is_published);
     let unranked = rank(&mut table, definition.marks, one_ranking);
     table.orders = results.map(|results| orders(&table, definition, results)).unwrap_or_default();
+    let paired = results.map(|results| paired(&mut table, definition, results)).unwrap_or_default();
     table.footer = footer(&table, definition, results);
-    table.footer.extend(unranked);
+    table.footer.extend(unranked.into_iter().chain(paired));
+    table.footer.extend(results.and_then(|results| results.left_out_by_choice(definition)));
     table
 }
 
@@ -193,7 +199,7 @@ fn group(
 ) -> Group {
     let column = |column: &ColumnDefinition| Column {
         name: TableDefinition::published_name(group, column),
-        title: column.title.clone().unwrap_or_else(|| column.quantity.title().to_owned()),
+        title: column.title().to_owned(),
         quantity: column.quantity,
         direction: column.quantity.direction(),
         exact: column.exact,

@@ -10,7 +10,7 @@ use atsplat_results::{MethodRecord, PresetRecord, Results};
 
 use super::known_dataset::known_dataset;
 use super::{Row, Source, StoreProtocol, Table};
-use crate::definition::TableDefinition;
+use crate::definition::{Choice, TableDefinition};
 use crate::{ReportError, counted};
 
 /// Results that may share a table.
@@ -24,6 +24,8 @@ pub(super) struct ComparableResults<'a> {
     pub(super) forced: bool,
     /// Why these results are not in the table of an earlier group.
     pub(super) separated_because: Option<String>,
+    /// What the definition shows of them.
+    pub(super) choice: Choice,
 }
 
 /// One preset of one store.
@@ -78,6 +80,7 @@ pub(super) fn comparable_groups<'a>(
                         suffix: Some(suffix),
                         forced: mix,
                         separated_because,
+                        choice: definition.choice.clone(),
                         ..ComparableResults::default()
                     });
                     groups.len() - 1
@@ -173,17 +176,18 @@ impl ComparableResults<'_> {
         Some(MethodRun { part, record: part.source.results.provenance.method(row.method.as_deref()?)? })
     }
 
-    /// The methods of each store, each once.
+    /// The chosen methods of each store, each once, in the order of the choice.
     pub(super) fn store_methods(&self) -> Vec<StoreMethod<'_>> {
         let mut methods: Vec<StoreMethod<'_>> = Vec::new();
         for Part { source, .. } in &self.parts {
             for record in &source.results.provenance.methods {
                 let method = StoreMethod { store: source.label, record };
-                if !methods.iter().any(|known| known.is(method)) {
+                if self.place_of(method).is_some() && !methods.iter().any(|known| known.is(method)) {
                     methods.push(method);
                 }
             }
         }
+        methods.sort_by_key(|method| self.place_of(*method));
         methods
     }
 

@@ -76,7 +76,8 @@ fn has_identical(run: MethodRun<'_>) -> bool {
     targets.any(|row| row.status == TargetStatus::Identical && !row.leaked)
 }
 
-fn weights_of(results: &Results, metric: &str) -> Option<String> {
+/// SHA-256 of the learned weights with which a store computed a metric.
+pub(super) fn weights_of(results: &Results, metric: &str) -> Option<String> {
     results.provenance.metrics.iter().find(|record| record.id == metric)?.weights_sha256.clone()
 }
 
@@ -125,7 +126,7 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::GaussiansMax => cost.gaussians_max.map(|count| count as f64),
         Quantity::InitialTokens => cost.initial_tokens,
         Quantity::FinalTokens => cost.final_tokens,
-        Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Seconds => None,
+        Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Difference(_) | Quantity::Seconds => None,
     };
     let value = value.map_or(Value::Absent, Value::Number);
     Cell {

@@ -79,9 +79,13 @@ impl<'a> RowSource<'a> {
         if self.method.is_some_and(|method| method.store != part.source.label) {
             return None;
         }
+        let store = part.source.label;
         let is_wanted = |record: &MethodRecord| match self.method {
             Some(method) => record.name == method.record.name,
-            None => group.method.as_ref().is_some_and(|rule| rule.accepts(record)),
+            None => {
+                group.method.as_ref().is_some_and(|rule| rule.accepts(record))
+                    && self.results.place_of(StoreMethod { store, record }).is_some()
+            }
         };
         let results = part.source.results;
         let mut records = results.provenance.methods.iter();

@@ -3,6 +3,9 @@
 mod agreement;
 mod build;
 mod cell;
+#[cfg(test)]
+mod choice_tests;
+mod chosen;
 mod column;
 mod comparable;
 #[cfg(test)]
@@ -23,6 +26,9 @@ mod measured_row;
 mod mixing_tests;
 mod note;
 mod orders;
+mod paired;
+#[cfg(test)]
+mod paired_tests;
 #[cfg(test)]
 mod process_tests;
 mod protocol;
@@ -54,7 +60,7 @@ pub(crate) use labels::{short, short_commit};
 pub use measured_on::MeasuredOn;
 pub use note::{Note, NoteKind};
 pub use orders::{Order, Outcome};
-pub use protocol::protocol_tables;
+pub use protocol::{chosen_protocol_tables, protocol_tables};
 pub(crate) use remarks::{INFERENCE_ONLY, LEAKED_EXCLUDED};
 pub use row::{Row, StoreProtocol};
 pub(crate) use time_scope::BUSY;

@@ -42,4 +42,8 @@ pub enum NoteKind {
     Unranked,
     /// Rows of different protocols.
     Forced,
+    /// Paired differences between rows.
+    Paired,
+    /// Columns and rows that were left out by choice.
+    Choice,
 }

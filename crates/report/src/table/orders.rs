@@ -2,10 +2,11 @@
 
 use atsplat_metrics::Definition;
 use atsplat_results::MethodRecord;
-use atsplat_results::statistics::{common_scene_means, difference_of_seeds, paired_between};
+use atsplat_results::statistics::Leaked;
 use serde::Serialize;
 
 use super::comparable::{ComparableResults, MethodRun};
+use super::paired::difference;
 use super::{CellIndex, Row, Table};
 use crate::definition::{Quantity, TableDefinition};
 use crate::plot::Origin;
@@ -143,29 +144,18 @@ fn compared(
     published: f64,
     rows: [&Row; 2],
 ) -> Option<Order> {
-    let [one, other] = trainings;
-    let both = [*one.first()?, *other.first()?];
-    let (measured, interval, scenes) = if one.len() + other.len() == 2 {
-        let [first, second] = both.map(|run| run.over_all_targets(metric));
-        let pair = paired_between((first.0, &first.1), (second.0, &second.1))?;
-        (pair.difference, pair.interval, pair.scenes)
-    } else {
-        let queries: Vec<_> = one.iter().chain(other).map(|run| run.over_all_targets(metric)).collect();
-        let mut means = common_scene_means(&queries);
-        let means_of_other = means.split_off(one.len());
-        let found = difference_of_seeds(&means, &means_of_other)?;
-        (found.mean, found.interval, found.scenes)
-    };
+    let both = [*trainings[0].first()?, *trainings[1].first()?];
+    let found = difference(trainings, metric, Leaked::Included)?;
     Some(Order {
         rows: rows.map(|row| row.names().join(", ")),
         quantity: metric.name,
         published,
-        measured,
-        interval,
-        scenes,
+        measured: found.value,
+        interval: found.interval,
+        scenes: found.scenes,
         trainings: trainings.map(<[_]>::len),
         inference_only: both.iter().any(|run| results.is_not_retrained(run.record)),
-        outcome: Outcome::of(published, interval),
+        outcome: Outcome::of(published, found.interval),
     })
 }
 

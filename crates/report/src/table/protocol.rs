@@ -12,7 +12,7 @@ use super::comparable::{ComparableResults, comparable_groups};
 use super::{Mixing, Source, Table};
 use crate::ReportError;
 use crate::definition::{
-    ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
+    Choice, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
 };
 use crate::emit::CSV_SUFFIXES;
 use crate::file_names::{plain, unused};
@@ -22,13 +22,25 @@ use crate::file_names::{plain, unused};
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
 pub fn protocol_tables(sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Table>, ReportError> {
+    chosen_protocol_tables(sources, mixing, &Choice::default())
+}
+
+/// What is chosen of [`protocol_tables`]. Metrics by bin of overlap or by distance are there if the first metric of all is chosen.
+///
+/// # Errors
+/// As [`protocol_tables`].
+pub fn chosen_protocol_tables(
+    sources: &[Source<'_>],
+    mixing: Mixing,
+    choice: &Choice,
+) -> Result<Vec<Table>, ReportError> {
     let records = sources.iter().flat_map(|source| &source.results.provenance.presets);
     let mut tables: Vec<Table> = Vec::new();
     for protocol in distinct(records.map(PresetRecord::published)) {
-        let needed = definition(protocol, Vec::new());
+        let needed = TableDefinition { choice: choice.clone(), ..definition(protocol, Vec::new()) };
         for results in comparable_groups(&needed, sources, mixing == Mixing::Forced)? {
             let Some(first) = results.parts.first() else { continue };
-            let mut definition = definition(protocol, groups(protocol, &results));
+            let mut definition = definition(protocol, groups(protocol, &results)).with_choice(choice);
             definition.title.clone_from(&first.preset.title);
             definition.caption = format!(
                 "Every method under the protocol {}; in brackets, 95 % intervals over scenes.",
@@ -64,6 +76,8 @@ fn definition(protocol: &str, groups: Vec<ColumnGroup>) -> TableDefinition {
         notes: Vec::new(),
         groups,
         rows: Vec::new(),
+        choice: Choice::default(),
+        columns_left_out: Vec::new(),
     }
 }
 

@@ -42,7 +42,7 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
 }
 
 /// Positions of the measured rows whose values of a column may be ranked. The mean of several trainings compares if these do.
-fn measured_rows(table: &Table, index: CellIndex) -> Vec<usize> {
+pub(super) fn measured_rows(table: &Table, index: CellIndex) -> Vec<usize> {
     let measured = printed(table, index, &|row| row.origin == Origin::Measured);
     measured.into_iter().map(|(at, _)| at).filter(|at| !table.rows[*at].is_over_trainings()).collect()
 }
@@ -142,7 +142,7 @@ fn incomparable(cells: &[&Cell], cells_without_leaked: &[&Cell], direction: Dire
 }
 
 /// The better value first.
-fn in_direction(direction: Direction, a: f64, b: f64) -> Ordering {
+pub(super) fn in_direction(direction: Direction, a: f64, b: f64) -> Ordering {
     match direction {
         Direction::Higher => b.total_cmp(&a),
         Direction::Lower => a.total_cmp(&b),

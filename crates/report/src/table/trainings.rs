@@ -123,7 +123,7 @@ impl TrainingGroup<'_> {
     fn cell(&self, index: CellIndex, quantity: Quantity, methods: &[MethodRun<'_>]) -> Option<Cell> {
         match quantity {
             Quantity::Metric(metric) => self.metric_cell(index, metric, methods),
-            Quantity::Seconds | Quantity::Slope(..) => None,
+            Quantity::Seconds | Quantity::Slope(..) | Quantity::Difference(_) => None,
             _ => self.size_cell(index),
         }
     }

@@ -14,7 +14,7 @@ impl Notes {
     /// Scenes and targets of a row, and its targets outside all bins; groups of columns with equal counts are listed together.
     pub(super) fn counts(&mut self, table: &Table, row: &Row) {
         let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
-        for (group, cells) in table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_slope(group)) {
+        for (group, cells) in table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_derived(group)) {
             let Some(text) = counts_of(cells) else { continue };
             let title = if group.title.is_empty() { "all" } else { group.title.as_str() };
             match by_text.iter_mut().find(|(_, known)| *known == text) {
@@ -80,9 +80,14 @@ impl Notes {
         }
     }
 
-    /// Numbers without intervals, because their scenes are too few.
+    /// What intervals are; numbers without any, because their scenes are too few.
     pub(super) fn few_scenes(&mut self, table: &Table) {
         let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
+        if cells.clone().any(|cell| cell.interval.is_some()) {
+            let text = "95 % intervals: expanded percentile bootstrap over scenes (Hesterberg 2015); with several trainings, \
+                        Student's t";
+            self.add(NoteKind::Interval, text.to_owned());
+        }
         let mut counts = cells.filter(|cell| cell.value.number().is_some()).filter_map(|cell| cell.counts);
         if counts.any(|counts| counts.scenes < MIN_SCENES) {
             self.add(NoteKind::LeftOut, format!("no interval with fewer than {MIN_SCENES} scenes"));
@@ -100,9 +105,10 @@ impl Notes {
     }
 }
 
-/// A slope is over the targets of other columns, which would be listed twice.
-fn is_slope(group: &Group) -> bool {
-    group.columns.iter().all(|column| matches!(column.quantity, Quantity::Slope(..)))
+/// Slopes and differences are over the targets of other columns, which would be listed twice.
+fn is_derived(group: &Group) -> bool {
+    let is_derived = |quantity: Quantity| matches!(quantity, Quantity::Slope(..) | Quantity::Difference(_));
+    group.columns.iter().all(|column| is_derived(column.quantity))
 }
 
 /// Columns of a group have the same targets: the counts of the first computed metric hold for all.

@@ -18,11 +18,11 @@ pub(super) fn footer(
     results: Option<&ComparableResults<'_>>,
 ) -> Vec<Note> {
     let mut notes = Notes::default();
-    if !definition.source.is_empty() {
+    if table.is_published() {
         notes.add(NoteKind::Published, format!("paper: {}", definition.source));
-    }
-    for note in &definition.notes {
-        notes.add(NoteKind::Published, note.clone());
+        for note in &definition.notes {
+            notes.add(NoteKind::Published, note.clone());
+        }
     }
     if let Some(results) = results.filter(|_| table.is_measured()) {
         notes.add_measured(table, definition, results);

@@ -1,0 +1,121 @@
+//! Paired differences to a chosen method, and undecided leads.
+
+use atsplat_numeric::Tolerance;
+use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
+use atsplat_results::{MethodRecord, Results, TargetStatus};
+
+use super::tests::notes;
+use super::*;
+use crate::csv_text;
+use crate::definition::{Choice, Quantity, TableDefinition};
+use crate::emit::TableFormat;
+use crate::sample::{SCENES, floor, preset, results_over};
+
+const PRESET: &str = "rooms-2v-128";
+
+/// A method without a published row, of this name and title.
+fn method(name: &str) -> MethodRecord {
+    MethodRecord { name: name.to_owned(), title: format!("the {name}"), ..floor() }
+}
+
+/// A method's results, of which the PSNR is higher in each scene by these decibels than 27, 25, 23 dB and so on.
+fn store(name: &str, gains: &[f64]) -> Results {
+    let mut results = results_over(vec![preset(PRESET)], vec![method(name)], gains.len());
+    for row in &mut results.targets {
+        let at = SCENES.iter().position(|scene| *scene == row.key.scene);
+        let at = at.unwrap_or_else(|| row.key.scene.trim_start_matches("scene ").parse().unwrap());
+        row.scores.entry("psnr".to_owned()).and_modify(|psnr| *psnr += gains[at]);
+    }
+    results
+}
+
+fn compared(stores: &[(&str, &Results)], choice: &Choice, mixing: Mixing) -> Table {
+    let sources: Vec<Source<'_>> = stores.iter().map(|(label, results)| Source { label, results }).collect();
+    tables(&TableDefinition::named("re10k").unwrap().with_choice(choice), &sources, mixing).unwrap().swap_remove(0)
+}
+
+fn against(name: &str) -> Choice {
+    Choice { against: Some(name.to_owned()), ..Choice::default() }
+}
+
+/// The difference in a method's row, the last cell.
+fn last<'a>(table: &'a Table, method: &str) -> &'a Cell {
+    let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
+    row.cells.last().unwrap().last().unwrap()
+}
+
+/// The own renders are in one store, the baseline in another. One target of the third scene was lost.
+#[test]
+fn rows_are_compared_with_a_method_of_another_store() {
+    let gains = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 9.0];
+    let (mut mine, baseline) = (store("mine", &gains), store("warp", &[0.0; 7]));
+    let lost = mine.targets.iter_mut().find(|row| row.key.scene == SCENES[2] && row.target == 1).unwrap();
+    lost.status = TargetStatus::NonFinite;
+    lost.scores.clear();
+    let stores = [("scores", &mine), ("baselines", &baseline)];
+    let table = compared(&stores, &against("the warp"), Mixing::Apart);
+    let Group { title, columns, .. } = table.groups.last().unwrap();
+    assert_eq!((title.as_str(), columns[0].head().as_str()), ("paired difference to the warp", "ΔPSNR"));
+    let cell = last(&table, "mine");
+    Tolerance::F64.assert([cell.value.number().unwrap()], [30.0 / 7.0], "mine minus the warp");
+    let query = |method| {
+        let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+        MetricQuery { preset: PRESET, method, metric: "psnr", leaked, identical }
+    };
+    let pair = paired_between((&mine, &query("mine")), (&baseline, &query("warp"))).unwrap();
+    Tolerance::EXACT.assert(cell.interval.unwrap(), pair.interval.unwrap(), "interval");
+    assert!(cell.print(&columns[0]).starts_with("+4.29 [+"), "{}", cell.print(&columns[0]));
+    assert_eq!(last(&table, "warp"), &Cell::default(), "its own row");
+    let said = notes(&table, NoteKind::Counts).join("\n");
+    assert!(said.contains("the mine: 1 target that only it or the warp has, not in the difference"), "{said}");
+    assert!(notes(&table, NoteKind::Paired).iter().any(|note| note.starts_with("Δ: the row minus the warp")));
+    let records = csv_text::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
+    let ends = ["psnr_difference", "psnr_difference_low", "psnr_difference_high", "psnr_difference_scenes"];
+    assert!(records[0].ends_with(&ends.map(str::to_owned)), "{:?}", records[0]);
+    let record = records.iter().find(|record| record[0] == "the mine").unwrap();
+    assert_eq!(record.last().map(String::as_str), Some("7"), "{record:?}");
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    assert!(latex.contains("$\\Delta$PSNR") && latex.contains("+4.29 ["), "{latex}");
+    // The other way round, with two metrics: SSIM is the same.
+    let columns = vec![Quantity::Gaussians, "ssim".parse().unwrap(), "psnr".parse().unwrap()];
+    let table = compared(&stores, &Choice { columns, ..against("mine") }, Mixing::Apart);
+    let row = table.rows.iter().find(|row| row.method.as_deref() == Some("warp")).unwrap();
+    let differences: Vec<f64> = row.cells.last().unwrap().iter().map(|cell| cell.value.number().unwrap()).collect();
+    Tolerance::F64.assert(differences, [0.0, -30.0 / 7.0], "the warp minus mine");
+}
+
+#[test]
+fn a_difference_that_means_nothing_has_a_reason() {
+    let why = |stores: &[(&str, &Results)], mixing| {
+        let table = compared(stores, &against("warp"), mixing);
+        assert_eq!(last(&table, "mine").value, Value::Absent);
+        last(&table, "mine").not_computed.clone().unwrap()
+    };
+    let few = [store("mine", &[1.0; 5]), store("warp", &[0.0; 5])];
+    let stores = [("scores", &few[0]), ("baselines", &few[1])];
+    assert_eq!(why(&stores, Mixing::Apart), "5 scenes in common with warp, fewer than 6");
+    let [mine, mut other] = [store("mine", &[1.0; 7]), store("warp", &[0.0; 7])];
+    other.trials[0].data_hash = Some("other images".to_owned());
+    let stores = [("scores", &mine), ("baselines", &other)];
+    assert_eq!(why(&stores, Mixing::Apart), "warp has no results on these data under re10k-2v-256");
+    let forced = why(&stores, Mixing::Forced);
+    assert_eq!(forced, "the results of warp are of another protocol, index or data");
+    let table = compared(&stores, &against("warp"), Mixing::Forced);
+    let said = notes(&table, NoteKind::NotComputed).join("\n");
+    assert!(said.contains(&format!("n/c ΔPSNR: not computed: {forced}")), "{said}");
+}
+
+/// The mean is 4/7 dB higher, in scenes that differ by 2 to 3 dB; or in scenes that hardly differ.
+#[test]
+fn an_undecided_lead_is_named_below_the_table() {
+    let undecided = |gains: [f64; 7]| {
+        let [better, worse] = [store("mine", &gains), store("warp", &[0.0; 7])];
+        let table = compared(&[("scores", &better), ("baselines", &worse)], &Choice::default(), Mixing::Apart);
+        let best = table.rows.iter().find(|row| row.method.as_deref() == Some("mine")).unwrap();
+        assert_eq!(best.cells[0][0].mark, Mark::Best);
+        notes(&table, NoteKind::Paired).concat()
+    };
+    let said = undecided([3.0, -2.0, 3.0, -2.0, 3.0, -2.0, 1.0]);
+    assert!(said.contains("is undecided") && said.ends_with(": PSNR"), "{said}");
+    assert_eq!(undecided([0.5, 0.6, 0.5, 0.6, 0.5, 0.6, 0.7]), "");
+}
