@@ -44,9 +44,7 @@ pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
 use crate::warning_kinds::OTHER_DATA;
-use crate::{
-    MetricRecord, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount,
-};
+use crate::{MetricRecord, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
 use read::{Content, Rows};
 
 /// The file that makes a folder a store.
