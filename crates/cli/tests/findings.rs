@@ -104,8 +104,8 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     let message = succeed(here, &measure);
     for text in [
         "1  of the index replaced",
-        "bins with a third of the values of epipolar-ray each",
-        "were published for roma (--force)",
+        "bins with a third of the overlaps each, as measured by epipolar-ray",
+        "were published for overlaps by roma; --force uses them nevertheless",
     ] {
         assert!(message.contains(text) && !message.contains("  small"), "{text}: {message}");
     }

@@ -115,8 +115,11 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     fs::write(here.join("index.json"), index).unwrap();
     let extrapolate = ["protocol", "extrapolate", "index.json", "--data", "data", "--out"];
     let rejected = atsplat(here, &[&extrapolate[..], &["wide.json", "--margin", "30"]].concat());
+    let advice = "nothing was written; --margin takes fewer targets on each side; --clip keeps windows with those that the scene has";
     assert!(rejected.code == 1 && rejected.stderr.contains("no window has room"), "{}", rejected.stderr);
+    assert!(rejected.stderr.contains(advice) && !rejected.stderr.contains("--keep-windows"), "{}", rejected.stderr);
     assert!(!here.join("wide.json").exists());
+    succeed(here, &[&extrapolate[..], &["clipped.json", "--margin", "30", "--clip"]].concat());
     let rejected = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
     assert!(rejected.code == 1 && rejected.stderr.contains("would overwrite the input index"), "{}", rejected.stderr);
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
@@ -183,7 +186,7 @@ fn strict_finds_failed_rows_and_empty_renders() {
     assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
     let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
     for expected in
-        ["no Gaussian is rendered in 2 of 2 trials", "broken Gaussians were skipped or repaired in 2 of 2 trials"]
+        ["no Gaussian is rendered in 2 of 2 trials", "broken Gaussians were repaired or not drawn in 2 of 2 trials"]
     {
         assert!(table.contains(expected), "{expected}: {table}");
     }

@@ -15,7 +15,7 @@ pub const FLAT: &str = "no better than one flat colour: ";
 
 /// How a suspicious note begins, and what to say of the trials that have it, before "in 2 of 4 trials".
 pub const SUSPICIOUS_NOTES: [(&str, &str); 9] = [
-    (BROKEN, "broken Gaussians were skipped or repaired"),
+    (BROKEN, "broken Gaussians were repaired or not drawn"),
     (DRAWN_CLASSIC, "Gaussians of antialiased training or with 3D filters were drawn in the classic mode"),
     (SUSPICIOUS_OPACITIES, "opacities were read as logits that may be none"),
     (SUSPICIOUS_LOG_SCALES, "scales were read as logarithms that may be none"),

@@ -430,7 +430,7 @@ fn scales_that_may_have_no_logarithm_are_noted() {
     assert_eq!(notes(|log_scale| log_scale + 4.0), [""; 0], "large Gaussians");
 }
 
-/// Skipped Gaussians affect the score, so the trial notes how many, which and in which file.
+/// Gaussians that are not drawn affect the score, so the trial notes how many, which and in which file.
 #[test]
 fn broken_gaussians_are_noted() {
     let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
@@ -446,8 +446,10 @@ fn broken_gaussians_are_noted() {
     broken.means[17][1] = f32::NAN;
     broken.means[20][0] = f32::NAN;
     broken.log_scales[5] = [90.0; 3];
+    broken.opacity_logits[6] = f32::INFINITY;
     let notes = notes(broken).concat();
-    assert!(notes.contains("3 of 24, of which 2 are skipped"), "{notes}");
+    let outcomes = "4 of 24 (2 with NaN not drawn, 1 repaired, 1 drawn only if the renderer can): ";
+    assert!(notes.contains(outcomes), "{notes}");
     assert!(notes.contains("means not a number in 2, first 17"), "{notes}");
     assert!(notes.contains("log-scales out of range in 1, first 5") && notes.contains("wall-0.ply"), "{notes}");
 }

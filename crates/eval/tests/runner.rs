@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, current_provenance};
+use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, Selection, current_provenance};
 use atsplat_metrics::learned::Network;
 use atsplat_pixels::Image;
-use atsplat_protocol::SamplingRule;
+use atsplat_protocol::{KnownIndex, SamplingRule};
 use atsplat_results::store::images::image_path;
 use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_SAMPLED, UNPUBLISHED_WEIGHTS};
 use atsplat_results::{
@@ -431,6 +431,26 @@ fn drift_names_the_image_that_changed() {
         assert_eq!(image.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
         assert_eq!(report.verdict, DriftVerdict::Drifted, "{report}");
     }
+}
+
+/// ACID's index on RE10K's data, which have two of its five scenes.
+#[test]
+fn entries_of_anothers_index_count_whether_or_not_the_data_have_their_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let counted = |shard: Option<Shard>, store: &str| {
+        let mut walls = dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1])]);
+        walls.index.sha256 = KnownIndex::by_name("pixelsplat-acid").unwrap().sha256;
+        let absent = ["a", "b", "c"].map(|scene| (scene.to_owned(), vec![entry(&[0, 4], &[1])]));
+        walls.index.index.scenes.extend(absent);
+        let run = Run::new(vec![walls], baselines());
+        let selection = Selection { shard, ..run.selection };
+        let (results, _) = Run { selection, ..run }.run(&folder.path().join(store)).unwrap();
+        let warnings = results.provenance.warnings.into_iter();
+        let of_acid = warnings.filter(|warning| warning.kind.contains("another dataset's index"));
+        of_acid.map(|warning| warning.count).collect::<Vec<_>>()
+    };
+    let part = |number| Some(Shard { number, count: 2 });
+    assert_eq!([counted(None, "whole"), counted(part(1), "first"), counted(part(2), "second")], [[5], [2], [3]]);
 }
 
 /// Weights of another training under the published name: the numbers are of another metric, whatever the table calls it.

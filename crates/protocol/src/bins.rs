@@ -171,8 +171,8 @@ impl OverlapBins {
         }
         let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
         let footer = format!(
-            "bins with a third of the values of {actual} each: small, medium and large were published for \
-             {published_for} (--force)"
+            "bins with a third of the overlaps each, as measured by {actual}: small, medium and large were published for overlaps by \
+             {published_for}; --force uses them nevertheless"
         );
         (Self::thirds(&values, &estimators.join(" and ")), Some(footer))
     }

@@ -1,7 +1,9 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use atsplat_protocol::extrapolation::{Extrapolation, Incomplete, Margin, Placement, scene_lengths};
+use atsplat_protocol::extrapolation::{
+    Extrapolation, ExtrapolationReport, Incomplete, Margin, Placement, scene_lengths,
+};
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
 use indexmap::IndexMap;
@@ -76,7 +78,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if report.index.entries().next().is_none() {
         print_report(&report, args.json)?;
         print_warnings(&warnings);
-        bail!("no window has room for {} targets on each side: nothing was written", args.margin);
+        bail!(
+            "no window has room for {} targets on each side: nothing was written{}",
+            args.margin,
+            advice(args, &report)
+        );
     }
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     // With --data, a scene of unknown length is missing from it.
@@ -85,4 +91,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     Ok(complete)
+}
+
+/// The options that keep more windows, if a window is in a scene at all.
+fn advice(args: &Args, report: &ExtrapolationReport) -> String {
+    if report.dropped() == report.invalid.len() {
+        return String::new();
+    }
+    let options = [
+        (args.margin.get() > 1, "--margin takes fewer targets on each side"),
+        (!args.clip, "--clip keeps windows with those that the scene has"),
+        (args.keep_windows, "without --keep-windows, windows move away from the ends of the scene"),
+    ];
+    let options = options.into_iter().filter(|(helps, _)| *helps);
+    options.map(|(_, option)| format!("; {option}")).collect::<Vec<_>>().concat()
 }

@@ -69,7 +69,8 @@ impl FoundFiles {
         let with_scenes = || others().filter(|(found, _)| found.scenes() > 0);
         let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
         let elsewhere = elsewhere.map(|(found, other)| (other, found));
-        let first = requested.first().map_or_else(String::new, |requested| requested.scene.to_owned());
+        let with_several = requested.iter().find(|of| names.entries_of(of.scene) > 1);
+        let first = with_several.or_else(|| requested.first()).map_or_else(String::new, |of| names.example(of.scene));
         let of_scene = |RequestedScene { scene, frames }: &RequestedScene<'_>| {
             let mut names = names.of(scene, 0).into_iter().filter_map(|name| below(folder, &name));
             Some((names.find(|folder| folder.is_dir())?, frames.to_vec()))

@@ -17,9 +17,9 @@ use crate::{EvalError, GaussianFrame};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
-/// several entries for a scene, the second is named `<scene>-1`, and so on; the first may be named `<scene>-0`. The name of a
-/// scene of the index refers to that scene alone. A scene with two of these files that differ in more than their extension is
-/// a failed trial.
+/// several entries of a scene, the file of the first is named `<scene>-0`, that of the second `<scene>-1`, and so on; that of an
+/// only entry `<scene>` or `<scene>-0`. The name of a scene of the index refers to that scene alone. A scene with two of these
+/// files that differ in more than their extension is a failed trial.
 #[derive(Clone, Debug)]
 pub struct Ply {
     folder: PathBuf,
@@ -73,8 +73,9 @@ impl Ply {
         let mut found = all.map(|(path, _)| path).filter(|path| path.is_file());
         let Some(first) = found.next() else {
             let (folder, note) = (self.folder.display(), self.names.note(scene, entry));
+            let (request, name) = (self.names.request(scene, entry), self.names.expected(scene, entry));
             return Err(format!(
-                "no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}{note}"
+                "no Gaussians of scene {scene}: {request} {name}.ply or {name}/gaussians.ply below {folder}{note}"
             ));
         };
         match found.find(|other| other.with_extension("") != first.with_extension("")) {
@@ -155,10 +156,16 @@ fn notes(import: &ImportReport, path: &Path) -> Vec<String> {
     if !found.is_clean() {
         let kinds: Vec<String> = found.findings.iter().map(ToString::to_string).collect();
         let (kinds, path) = (kinds.join("; "), path.display());
-        notes.push(format!(
-            "{BROKEN}{} of {}, of which {} are skipped: {kinds} ({path})",
-            found.invalid, found.total, found.rejected
-        ));
+        let as_stored = found.invalid.saturating_sub(found.rejected + found.repaired);
+        let outcomes = [
+            (found.rejected, "with NaN not drawn"),
+            (found.repaired, "repaired"),
+            (as_stored, "drawn only if the renderer can"),
+        ];
+        let outcomes = outcomes.into_iter().filter(|(count, _)| *count > 0);
+        let outcomes: Vec<String> = outcomes.map(|(count, outcome)| format!("{count} {outcome}")).collect();
+        let (invalid, total, outcomes) = (found.invalid, found.total, outcomes.join(", "));
+        notes.push(format!("{BROKEN}{invalid} of {total} ({outcomes}): {kinds} ({path})"));
     }
     if !import.unused.is_empty() {
         notes.push(format!("unused parts of a file: {} ({})", import.unused.join(", "), path.display()));

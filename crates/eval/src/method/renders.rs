@@ -30,8 +30,8 @@ use crate::EvalError;
 /// A frame's number is its position in the scene, as in the evaluation index. `.exr` files contain floats (channels R, G, B)
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
-/// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
-/// first may be `<scene>-0`. Folders that `--keep-images` names otherwise ([`atsplat_results::file_name()`]) are known too. A folder
+/// index has several entries of a scene (latentSplat's), the folder of the first is `<scene>-0`, that of the second `<scene>-1`,
+/// and so on; that of an only entry is `<scene>` or `<scene>-0`. Folders that `--keep-images` names otherwise ([`atsplat_results::file_name()`]) are known too. A folder
 /// with the name of a scene of the index is that scene's alone, except among the images of a store, where all names end with
 /// the entry.
 ///
@@ -76,12 +76,14 @@ impl Renders {
     fn find(&self, files: &FrameFiles, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
         let scene = trial.scene();
         files.file_of(frame)?.ok_or_else(|| {
-            let (folder, note) = (self.folder.display(), self.names.note(scene, trial.entry_number()));
+            let (folder, entry) = (self.folder.display(), trial.entry_number());
+            let (request, name) = (self.names.request(scene, entry), self.names.expected(scene, entry));
+            let note = self.names.note(scene, entry);
             let unread = files.unread_of(frame).first().map_or_else(String::new, |other| {
                 format!(", found {}, whose spelling or format is not read", other.display())
             });
             format!(
-                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below \
+                "no file for frame {frame} of scene {scene}: {request} {name}/{frame:06}.png or .exr below \
                  {folder}{note}{unread}"
             )
         })

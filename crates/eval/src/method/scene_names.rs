@@ -1,4 +1,4 @@
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use atsplat_results::store::PROVENANCE;
 /// one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SceneNames {
-    /// All scenes of a run; empty if they are not known.
-    keys: Arc<HashSet<String>>,
+    /// All scenes of a run, each with the most entries that one of its indices has; empty if they are not known.
+    entries: Arc<HashMap<String, usize>>,
     /// Whether the folder is a method's in the images of a store, which always appends the entry's number: there, `room-0` is
     /// the first entry of `room` and never the scene of that name.
     is_of_store: bool,
@@ -21,20 +21,52 @@ pub(super) struct SceneNames {
 impl SceneNames {
     /// For a folder, with the scenes that are known here.
     pub(super) fn below(&self, folder: &Path) -> Self {
-        Self { keys: Arc::clone(&self.keys), is_of_store: is_of_store(folder) }
+        Self { entries: Arc::clone(&self.entries), is_of_store: is_of_store(folder) }
     }
 
     /// For the same folder, with all scenes of these indices.
     pub(super) fn among(&self, indices: &[&EvaluationIndex]) -> Self {
-        let keys = indices.iter().flat_map(|index| index.scenes.keys().cloned());
-        Self { keys: Arc::new(keys.collect()), is_of_store: self.is_of_store }
+        let mut most: HashMap<String, usize> = HashMap::new();
+        for (scene, entries) in indices.iter().flat_map(|index| &index.scenes) {
+            let of_scene = most.entry(scene.clone()).or_default();
+            *of_scene = entries.len().max(*of_scene);
+        }
+        Self { entries: Arc::new(most), is_of_store: self.is_of_store }
     }
 
-    /// The accepted names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
-    /// a store keeps its images.
+    /// The accepted names of an index entry of a scene: `<scene>` if the scene has no other entry, `<scene>-<entry>`, and the name
+    /// under which a store keeps its images. Of several entries, `<scene>` may be any: that of the one that was written last.
     pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
         let (available, _) = self.available_and_taken(scene, entry);
         available
+    }
+
+    /// The name that a message about missing files of an entry asks for.
+    pub(super) fn expected(&self, scene: &str, entry: usize) -> String {
+        let (available, taken) = self.available_and_taken(scene, entry);
+        available.into_iter().chain(taken).next().unwrap_or_else(|| scene.to_owned())
+    }
+
+    /// How a message asks for an entry's files: what follows is their name.
+    pub(super) fn request(&self, scene: &str, entry: usize) -> String {
+        match self.entries_of(scene) {
+            0 | 1 => "expected".to_owned(),
+            several => format!("this index has {several} entries of the scene: entry {entry} needs"),
+        }
+    }
+
+    /// A scene's name as an example in a message: that of its first entry.
+    pub(super) fn example(&self, scene: &str) -> String {
+        let name = self.expected(scene, 0);
+        match self.entries_of(scene) {
+            0 | 1 => name,
+            several => format!("{name}, for the first of the {several} entries that this index has of {scene}"),
+        }
+    }
+
+    /// How many entries an index has of a scene, at most; 0 if that is not known.
+    pub(super) fn entries_of(&self, scene: &str) -> usize {
+        self.entries.get(scene).copied().unwrap_or_default()
     }
 
     /// What to add to a message about missing files of a scene: which of its names are those of other scenes.
@@ -46,7 +78,7 @@ impl SceneNames {
 
     /// Whether a path below the folder is not that of another scene.
     pub(super) fn may_be_of(&self, scene: &str, path: &str) -> bool {
-        self.is_of_store || path == scene || !self.keys.contains(path)
+        self.is_of_store || path == scene || !self.entries.contains_key(path)
     }
 
     /// The names of an entry, and those that it cannot have because they are keys of other scenes.
@@ -55,7 +87,7 @@ impl SceneNames {
         if self.is_of_store {
             return (vec![stored], Vec::new());
         }
-        let without_entry = (entry == 0).then(|| scene.to_owned());
+        let without_entry = (entry == 0 && self.entries_of(scene) <= 1).then(|| scene.to_owned());
         let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
         if !names.contains(&stored) {
             names.push(stored);
@@ -73,6 +105,8 @@ fn is_of_store(folder: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_protocol::IndexEntry;
+
     use super::*;
 
     fn names(keys: &[&str]) -> SceneNames {
@@ -92,6 +126,27 @@ mod tests {
         assert_eq!(of(&both, "room", 1), (vec!["room-1".to_owned()], no_note));
         assert!(names(&["a", "a/color"]).may_be_of("a/color", "a/color"));
         assert!(!names(&["a", "a/color"]).may_be_of("a", "a/color"));
+    }
+
+    /// Files of both entries under the scene's name alone would be those of the entry that was written last.
+    #[test]
+    fn names_of_several_entries_end_with_the_entry() {
+        let entry = || IndexEntry { context: vec![0], target: vec![1], overlap: None };
+        let with = |entries: usize| EvaluationIndex {
+            scenes: [("room".to_owned(), vec![entry(); entries]), ("hall".to_owned(), vec![entry()])]
+                .into_iter()
+                .collect(),
+        };
+        let of = |indices: &[&EvaluationIndex]| SceneNames::default().among(indices);
+        let (one, two) = (with(1), with(2));
+        assert_eq!(of(&[&one]).of("room", 0), ["room", "room-0"]);
+        for several in [of(&[&two]), of(&[&two, &one]), of(&[&one, &two])] {
+            assert_eq!([several.of("room", 0), several.of("room", 1)], [["room-0"], ["room-1"]]);
+            assert_eq!(several.of("hall", 0), ["hall", "hall-0"]);
+            assert_eq!(several.request("room", 1), "this index has 2 entries of the scene: entry 1 needs");
+            assert_eq!([several.request("hall", 0), several.example("hall")], ["expected", "hall"]);
+            assert_eq!(several.example("room"), "room-0, for the first of the 2 entries that this index has of room");
+        }
     }
 
     #[test]

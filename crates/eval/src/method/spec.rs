@@ -117,12 +117,13 @@ impl MethodSpec {
     }
 }
 
-/// Name and method of `NAME=METHOD`; a method may contain an equals sign after its colon.
+/// Name and method of `NAME=METHOD`; a method may contain an equals sign after its colon. The last one before it ends the name, so
+/// that a name with another one is rejected as a name.
 fn parts(text: &str) -> (Option<&str>, &str) {
-    match text.split_once('=') {
-        Some((name, method)) if !name.contains([':', ',']) => (Some(name), method),
-        _ => (None, text),
-    }
+    let kind = text.split([':', ',']).next().unwrap_or(text);
+    let name = kind.rsplit_once('=').map(|(name, _)| name);
+    let method = name.and_then(|name| text.strip_prefix(name)?.strip_prefix('='));
+    method.map_or((None, text), |method| (name, method))
 }
 
 impl FromStr for MethodSpec {
@@ -147,6 +148,26 @@ impl FromStr for MethodSpec {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As in the label of a hyperparameter.
+    #[test]
+    fn an_equals_sign_in_a_name_is_the_names_fault() {
+        for (text, name) in [
+            ("ours k=4=exec:venv/bin/python knob.py --k=4", "ours k=4"),
+            ("k=4=renders:out/k=4", "k=4"),
+            ("a=b=c=warp", "a=b=c"),
+            ("warp,k=4=ply:out", "k=4"),
+        ] {
+            let error = MethodSpec::list(text).unwrap_err().to_string();
+            let expected =
+                format!("a name of letters, digits, spaces, - _ . and +, other than truth and context, found {name:?}");
+            assert!(error.ends_with(&expected), "{error}");
+        }
+        let unknown = "k=4=".parse::<MethodSpec>().unwrap_err().to_string();
+        assert!(unknown.contains("a name of letters"), "{unknown}");
+        assert_eq!(parts("warp,k=exec:a --b=1"), (None, "warp,k=exec:a --b=1"));
+        assert_eq!(parts("exec:a --b=1"), (None, "exec:a --b=1"));
+    }
 
     #[test]
     fn parses_methods_with_optional_names() {

@@ -383,7 +383,8 @@ mod tests {
         assert_eq!(notes(&[], nan), [of_nan]);
         assert_eq!(notes(&[], zero), ["broken Gaussians: quaternions zero in 1, first 2, of 3: they are not drawn"]);
         assert_eq!(notes(&[], opaque), [""; 0], "an opacity of 1 and a scale of 0 are drawn");
-        let of_file = "broken Gaussians: 1 of 3, of which 0 are skipped: quaternions zero in 1, first 2 (a.ply)";
+        let of_file =
+            "broken Gaussians: 1 of 3 (1 drawn only if the renderer can): quaternions zero in 1, first 2 (a.ply)";
         assert_eq!(notes(&[of_file], zero), [of_file]);
         assert_eq!(notes(&[of_file], nan), [of_file, of_nan]);
     }

@@ -123,7 +123,14 @@ impl Progress {
         // Recognised by all of its entries, of which a shard has a part.
         let known = KnownIndex::by_content(&dataset.index.index.content_hash());
         let sha256 = known.map_or(dataset.index.sha256, |known| known.sha256);
-        for mismatch in dataset.preset.mismatches(index, &sha256) {
+        if let Some(foreign) = dataset.preset.foreign_index(&dataset.index.index, &sha256) {
+            // A shard counts a part, also of the entries whose scenes the data lack.
+            let count = plan.selection.share_of(foreign.count);
+            if count > 0 {
+                findings.add(&dataset.name, &foreign.kind, count, foreign.example);
+            }
+        }
+        for mismatch in dataset.preset.unfit_entries(index) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         findings.add_notices(dataset, plan.selection, summary);

@@ -277,11 +277,13 @@ struct TimingTrials {
 impl TimingTrials {
     fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], requested: usize) -> Self {
         let scenes: Vec<_> = index.scenes.iter().collect();
+        let positions = dataset.index.index.first_positions();
         let first = spread(scenes.len(), requested);
         let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
             let index = EvaluationIndex { scenes: [((*key).clone(), (*entries).clone())].into_iter().collect() };
-            Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), Prefetch::NONE)
+            let trials = Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), Prefetch::NONE);
+            trials.at_positions(&positions)
         };
         let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
         Self { scenes, prepared: Vec::new(), available: index.entries().count() }

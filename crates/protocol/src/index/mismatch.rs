@@ -23,10 +23,14 @@ pub struct IndexMismatch {
 type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
-    /// How `index` does not fit this preset: entries with a wrong number of context views, without targets, with repeated
-    /// frames, or without an overlap where the preset bins by it; and a published file that belongs to another dataset or
-    /// protocol. `sha256` is the file's.
+    /// How `index` does not fit this preset: [`Self::foreign_index`] and [`Self::unfit_entries`]. `sha256` is the file's.
     pub fn mismatches(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<IndexMismatch> {
+        self.foreign_index(index, sha256).into_iter().chain(self.unfit_entries(index)).collect()
+    }
+
+    /// Entries of `index` with a wrong number of context views, without targets, with repeated frames, or without an overlap where
+    /// the preset bins by it.
+    pub fn unfit_entries(&self, index: &EvaluationIndex) -> Vec<IndexMismatch> {
         let views = self.index.context_views;
         let has_bins = self.overlap_bins.is_some();
         let context_kind = format!("entries without the preset's {views} context views");
@@ -51,11 +55,12 @@ impl Preset {
             let example = format!("scene {scene}, entry {at}, {what}");
             Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
         };
-        self.of_another_protocol(index, sha256).into_iter().chain(rules.iter().filter_map(of_rule)).collect()
+        rules.iter().filter_map(of_rule).collect()
     }
 
-    /// Published files are recognised by hash, whatever their path.
-    fn of_another_protocol(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<IndexMismatch> {
+    /// A published file that belongs to another dataset or protocol, with the number of its entries. It is recognised by hash,
+    /// whatever its path: `index` is all of it, whichever scenes the data have, and `sha256` is the file's.
+    pub fn foreign_index(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<IndexMismatch> {
         let known = KnownIndex::by_sha256(sha256).or_else(|| KnownIndex::by_content(&index.content_hash()))?;
         if self.index.accepted.iter().any(|accepted| accepted.sha256 == known.sha256) {
             return None;

@@ -13,7 +13,7 @@ mod mismatch;
 mod read;
 mod write;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_files::Sha256Digest;
 use indexmap::IndexMap;
@@ -122,6 +122,12 @@ impl EvaluationIndex {
             .flat_map(|(key, entries)| entries.iter().enumerate().map(move |(n, entry)| (key.as_str(), n, entry)))
     }
 
+    /// Position of each scene's first entry among all entries, for scenes that have one.
+    pub fn first_positions(&self) -> BTreeMap<&str, usize> {
+        let first = self.entries().enumerate().filter(|(_, (_, entry, _))| *entry == 0);
+        first.map(|(position, (scene, ..))| (scene, position)).collect()
+    }
+
     /// Number of scenes with at least one entry; the other keys are the file's `null`s.
     pub fn scene_count(&self) -> usize {
         self.scenes.values().filter(|entries| !entries.is_empty()).count()
@@ -164,6 +170,14 @@ mod tests {
     fn an_entry_without_context_has_no_window() {
         assert_eq!(entry(&[], &[1]).window(), None);
         assert_eq!(entry(&[], &[1]).frames_outside_window(1), None);
+    }
+
+    #[test]
+    fn positions_count_the_entries_of_earlier_scenes() {
+        let scenes = [("z", 2), ("null", 0), ("a", 1), ("m", 3)];
+        let scenes = scenes.map(|(key, entries)| (key.to_owned(), vec![entry(&[0], &[1]); entries]));
+        let index = EvaluationIndex { scenes: scenes.into_iter().collect() };
+        assert_eq!(index.first_positions().into_iter().collect::<Vec<_>>(), [("a", 2), ("m", 3), ("z", 0)]);
     }
 
     #[test]

@@ -35,6 +35,7 @@ use crate::preset::NearFar;
 #[derive(Clone, Debug)]
 pub struct Trial {
     scene: String,
+    position: usize,
     entry_number: usize,
     entry: IndexEntry,
     context: Vec<ContextView>,
@@ -78,6 +79,11 @@ impl Trial {
     /// Key of the scene.
     pub fn scene(&self) -> &str {
         &self.scene
+    }
+
+    /// Position of the index entry among all entries of the index, from 0.
+    pub const fn position(&self) -> usize {
+        self.position
     }
 
     /// Position of the index entry in the scene's list; 0 except in latentSplat's indices.

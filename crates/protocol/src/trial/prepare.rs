@@ -62,6 +62,8 @@ pub(super) fn prepare(
     let context: Vec<ContextView> = context.collect();
     let trial = Trial {
         scene: scene.key.clone(),
+        // Known to the iterator over the index, which sets it.
+        position: 0,
         entry_number,
         entry: entry.clone(),
         near_far: near_far(recipe, normalised.near_far_multiplier, &context),

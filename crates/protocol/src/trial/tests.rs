@@ -41,6 +41,27 @@ fn only_trial(scene: Scene, entry: IndexEntry, recipe: TrialRecipe) -> Result<(T
     Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, lazily).next().unwrap()
 }
 
+/// The second of three scenes has two entries, the first of which has no trial.
+#[test]
+fn a_part_of_an_index_keeps_the_positions_of_the_whole() {
+    let one = || vec![entry(&[2, 6], &[4])];
+    let whole = index(&[("c", one()), ("b", vec![entry(&[2, 60], &[4]), entry(&[2, 6], &[4])]), ("a", one())]);
+    let part = EvaluationIndex { scenes: whole.scenes.iter().skip(1).map(|(k, e)| (k.clone(), e.clone())).collect() };
+    let trials = |index: &EvaluationIndex| {
+        let source = MemorySource::new(["a", "b", "c"].map(|key| scene(key, 9, 5)));
+        Trials::new(Arc::new(source), index, recipe(), Prefetch::default())
+    };
+    let found = |trials: Trials| {
+        let found = trials.filter_map(Result::ok);
+        found.map(|(trial, _)| (trial.scene().to_owned(), trial.entry_number(), trial.position())).collect::<Vec<_>>()
+    };
+    let [c, b, a] = [("c", 0, 0), ("b", 1, 2), ("a", 0, 3)].map(|(key, entry, at)| (key.to_owned(), entry, at));
+    assert_eq!(found(trials(&whole)), [c, b.clone(), a.clone()]);
+    assert_eq!(found(trials(&part).at_positions(&whole.first_positions())), [b, a]);
+    let alone: Vec<usize> = found(trials(&part)).into_iter().map(|(.., at)| at).collect();
+    assert_eq!(alone, [1, 2]);
+}
+
 /// What a loader of a format without lenses reads: the same trial, from the same data.
 #[test]
 fn an_ignored_lens_leaves_no_trace() {

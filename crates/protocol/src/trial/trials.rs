@@ -1,4 +1,4 @@
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use atsplat_scene::{Scene, SceneSource, Warnings};
@@ -31,6 +31,7 @@ pub struct Trials {
 /// An index entry that is not in preparation yet.
 struct PendingEntry {
     scene: Arc<SharedScene>,
+    position: usize,
     entry_number: usize,
     entry: IndexEntry,
 }
@@ -58,8 +59,10 @@ impl Trials {
                 report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail });
             }
             let scene = Arc::new(SharedScene { key: key.clone(), loaded: LazyValue::new() });
+            let first = pending.len();
             pending.extend(entries.iter().cloned().enumerate().map(|(entry_number, entry)| PendingEntry {
                 scene: Arc::clone(&scene),
+                position: first + entry_number,
                 entry_number,
                 entry,
             }));
@@ -74,6 +77,18 @@ impl Trials {
             report,
             warnings: Warnings::new(),
         }
+    }
+
+    /// The same trials at the positions that they have in a larger index, given that of the first entry of each scene
+    /// ([`EvaluationIndex::first_positions`]): their index is a part of it.
+    #[must_use]
+    pub fn at_positions(mut self, first: &BTreeMap<&str, usize>) -> Self {
+        for pending in &mut self.pending {
+            if let Some(first) = first.get(pending.scene.key.as_str()) {
+                pending.position = first + pending.entry_number;
+            }
+        }
+        self
     }
 
     /// The outcome of the entries so far; complete once the iterator has ended.
@@ -145,7 +160,7 @@ impl PendingEntry {
         decode: DecodeAhead,
         budget: &Arc<Budget>,
     ) -> PreparedEntry {
-        let Self { scene: shared, entry_number, entry } = self;
+        let Self { scene: shared, position, entry_number, entry } = self;
         let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
         // The first entry of a scene reports its warnings, whichever entry loaded it.
         let mut warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
@@ -154,7 +169,7 @@ impl PendingEntry {
             Err(rejection) => Err(rejection),
         };
         let trial = match prepared {
-            Ok((trial, images)) => Ok(decode_ahead(trial, images, decode, budget)),
+            Ok((trial, images)) => Ok(decode_ahead(Trial { position, ..trial }, images, decode, budget)),
             Err(Rejection { reason, detail }) => {
                 Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail })
             }

@@ -38,7 +38,7 @@ pub(super) fn scatter() -> SceneScatter {
         let points: Vec<ScatterPoint> = (0..140).map(point).collect();
         ScatterPanel {
             x: x.to_owned(),
-            difference: format!("+0.63 [+0.48, +0.79] to {x}; better in 98 of 140 scenes"),
+            difference: format!("+0.63 [+0.48, +0.79] against {x}; better in 98 of 140 scenes"),
             points,
         }
     };

@@ -1,5 +1,6 @@
 use atsplat_numeric::Tolerance;
-use atsplat_results::{MethodRecord, Results, TargetRow, TargetStatus, TrialRow, TrialStatus};
+use atsplat_results::warning_kinds::MISSING_SCENES;
+use atsplat_results::{MethodRecord, Results, TargetRow, TargetStatus, TrialRow, TrialStatus, WarningCount};
 
 use super::*;
 use crate::csv_text;
@@ -107,6 +108,19 @@ fn a_size_without_the_trials_that_failed_is_not_ranked() {
     assert_eq!(mark(&store), [Mark::Plain, Mark::Best]);
 }
 
+#[test]
+fn one_of_several_missing_scenes_is_an_example() {
+    for (count, expected) in [(3, "not in the data, such as gone"), (1, "not in the data: gone")] {
+        let (preset, kind, example) = ("re10k-2v-256", MISSING_SCENES, "gone");
+        let (preset, kind, example) = (preset.to_owned(), kind.to_owned(), example.to_owned());
+        let mut store = store();
+        store.provenance.warnings.push(WarningCount { preset, kind, count, example });
+        let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
+        let said = notes(&table, NoteKind::Counts);
+        assert!(said.iter().any(|text| text.ends_with(expected)), "{said:?}");
+    }
+}
+
 /// Two of the network's four trials show nothing, one had broken Gaussians, and one was rendered in the classic mode because none was
 /// chosen; a trial of the other protocol does not count.
 #[test]
@@ -128,8 +142,8 @@ fn trials_without_a_rendered_gaussian_or_with_broken_ones_have_a_line() {
     assert_eq!(lines(&store), [format!("{undrawn}; not left out of the mean")]);
     let is_of_network = |trial: &&mut TrialRow| trial.key.is_of("re10k-2v-256", "atsplat");
     let trial = store.trials.iter_mut().find(is_of_network).unwrap();
-    trial.notes.push("broken Gaussians: 3 of 9, of which 2 are skipped".to_owned());
-    let broken = "broken Gaussians were skipped or repaired in 1 of 4 trials";
+    trial.notes.push("broken Gaussians: 3 of 9 (2 with NaN not drawn, 1 repaired)".to_owned());
+    let broken = "broken Gaussians were repaired or not drawn in 1 of 4 trials";
     assert_eq!(lines(&store), [format!("{undrawn}; {broken}; not left out of the mean")]);
     let trial = store.trials.iter_mut().rfind(is_of_network).unwrap();
     trial.notes.push("drawn in the classic mode: the Gaussians have 3D filters".to_owned());

@@ -10,14 +10,14 @@ use super::npy;
 use crate::method::frame_files::FrameFiles;
 use crate::method::{TrialInput, ply, renders};
 
-/// The folder of one trial.
+/// The folder of one trial, named by the number of its request.
 #[derive(Debug)]
 pub(super) struct TrialFolder(PathBuf);
 
 impl TrialFolder {
     /// Writes the context images as `context-0.npy` and so on; also returns their paths.
-    pub(super) fn of(parent: &Path, trial: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
-        let trial_folder = Self(parent.join(format!("trial-{trial}")));
+    pub(super) fn of(parent: &Path, request: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
+        let trial_folder = Self(parent.join(format!("request-{request}")));
         let failed = |error: std::io::Error| format!("{}: {error}", trial_folder.0.display());
         fs::create_dir_all(&trial_folder.0).map_err(failed)?;
         let mut paths = Vec::with_capacity(input.images.len());
@@ -100,8 +100,8 @@ mod tests {
     #[test]
     fn answers_stay_in_their_folder() {
         let parent = tempfile::tempdir().unwrap();
-        let trial_folder = TrialFolder(parent.path().join("trial-1"));
-        fs::create_dir_all(parent.path().join("trial-1/renders")).unwrap();
+        let trial_folder = TrialFolder(parent.path().join("request-1"));
+        fs::create_dir_all(parent.path().join("request-1/renders")).unwrap();
         fs::write(parent.path().join("secret"), "").unwrap();
         let whole = trial_folder.0.join("renders").display().to_string();
         assert_eq!(trial_folder.file("renders"), trial_folder.file(&whole));
@@ -116,7 +116,7 @@ mod tests {
     #[cfg(unix)]
     fn a_pipe_is_not_an_answer() {
         let parent = tempfile::tempdir().unwrap();
-        let trial_folder = TrialFolder(parent.path().join("trial-1"));
+        let trial_folder = TrialFolder(parent.path().join("request-1"));
         fs::create_dir(&trial_folder.0).unwrap();
         let made = std::process::Command::new("mkfifo").arg(trial_folder.0.join("pipe")).status().unwrap();
         assert!(made.success());

@@ -42,6 +42,7 @@ pub struct Exec {
     opacities_as_stored: bool,
     splatting: Splatting,
     record: MethodRecord,
+    /// Number of requests so far. A timing pass repeats trials, but no two requests share a folder.
     requests: AtomicU64,
     /// Before the folder: processes end before it is removed.
     pool: Pool,
@@ -216,7 +217,7 @@ impl Method for Exec {
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
         let (trial_folder, files) = TrialFolder::of(self.folder.path(), number, &input).map_err(MethodError::Failed)?;
-        let request = Request::new(number, &input, trial_folder.path(), files);
+        let request = Request::new(&input, trial_folder.path(), files);
         let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
         let why = match (answer, self.hello.gives) {
             (Answer::Images(name), OutputKind::Images) => {

@@ -55,7 +55,7 @@ pub(super) enum OutputKind {
 /// A trial, without target images.
 #[derive(Debug, Serialize)]
 pub(super) struct Request<'a> {
-    /// Number of the request.
+    /// Position of the entry in the index, whatever the order and number of requests.
     pub(super) trial: u64,
     /// Name of the protocol.
     preset: &'a str,
@@ -142,13 +142,13 @@ impl Hello {
 
 impl<'a> Request<'a> {
     /// The message of a trial whose context images are the `files` in `folder`.
-    pub(super) fn new(trial: u64, input: &TrialInput<'a>, folder: String, files: Vec<String>) -> Self {
+    pub(super) fn new(input: &TrialInput<'a>, folder: String, files: Vec<String>) -> Self {
         let context = input.trial.context().iter().zip(files);
         let context = context.map(|(view, file)| View::of(view.frame, &view.camera, view.size, Some(file)));
         let targets = input.trial.targets().iter();
         let targets = targets.map(|target| View::of(target.frame, &target.camera, target.size, None));
         Self {
-            trial,
+            trial: input.trial.position() as u64,
             preset: &input.preset.name,
             scene: input.trial.scene(),
             entry: input.trial.entry_number(),
@@ -211,13 +211,16 @@ impl Answer {
         }
     }
 
-    /// The answer to the request of this number.
+    /// The answer to the request of this trial.
     pub(super) fn parse(line: &str, trial: u64) -> Result<TimedAnswer, String> {
         let expected = format!("a line such as {{\"trial\": {trial}, \"images\": …}} on its standard output");
         let answer: AnswerLine = parsed(line, &expected)?;
         if answer.trial != trial {
-            let over = if answer.trial < trial { ", which is over: an extra line after an earlier answer" } else { "" };
-            return Err(format!("expected the answer to trial {trial}, found that to trial {}{over}", answer.trial));
+            return Err(format!(
+                "expected the answer to trial {trial}, found that to trial {}: another number, or an extra line after an earlier \
+                 answer",
+                answer.trial
+            ));
         }
         if let Some((name, secs)) = answer.seconds.iter().find(|(_, secs)| !secs.is_finite() || **secs < 0.0) {
             return Err(format!("{name}: expected seconds of at least 0, found {secs}"));
@@ -314,8 +317,9 @@ mod tests {
             Answer::parse(r#"{"trial": 3, "images": "a.npy", "seconds": {"encode": 0.5}}"#, 3).unwrap();
         assert_eq!((answer, seconds["encode"]), (Answer::Images("a.npy".to_owned()), 0.5));
         let refused = |line: &str| Answer::parse(line, 3).unwrap_err();
-        assert!(refused(r#"{"trial": 2, "images": "a.npy"}"#).contains("trial 2, which is over: an extra line after"));
-        assert!(refused(r#"{"trial": 4, "images": "a.npy"}"#).ends_with("found that to trial 4"));
+        assert!(
+            refused(r#"{"trial": 4, "images": "a.npy"}"#).contains("trial 3, found that to trial 4: another number")
+        );
         assert!(refused(r#"{"trial": 3}"#).contains("one of images"));
         assert!(refused(r#"{"trial": 3, "images": "a", "error": "b"}"#).contains("one of images"));
         assert!(refused(r#"{"trial": 3, "images": "a", "time": 1}"#).contains("time"));

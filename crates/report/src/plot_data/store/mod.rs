@@ -112,7 +112,7 @@ impl<'a> ProtocolResults<'a> {
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
             let x = self.title(other);
             let difference = format!(
-                "{}{interval} to {x}; better in {} of {}, sign test p {}",
+                "{}{interval} against {x}; better in {} of {}, sign test p {}",
                 signed(pair.difference),
                 pair.wins,
                 counted(pair.scenes, "scene"),
@@ -177,7 +177,7 @@ mod tests {
         let other = MethodRecord { title: "re-render".to_owned(), ..floor() };
         let mut results = results(vec![preset("re10k-2v-256")], vec![other, atsplat("atsplat", |_| ())]);
         for difference in ["−3.00", "−0.094"] {
-            let expected = format!("{difference} to re-render; better in 0 of 3 scenes");
+            let expected = format!("{difference} against re-render; better in 0 of 3 scenes");
             let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
             let (_, scenes) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
             assert!(scenes.texts().any(|text| text.starts_with(&expected)), "{:?}", scenes.texts().collect::<Vec<_>>());

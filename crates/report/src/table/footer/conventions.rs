@@ -1,6 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::{Definition, Measure};
+use atsplat_results::warning_kinds::MISSING_SCENES;
 
 use super::super::comparable::{ComparableResults, MethodRun, Part};
 use super::super::labels::{name, short};
@@ -41,7 +42,9 @@ impl Notes {
     fn warnings(&mut self, part: &Part<'_>) {
         let preset = &part.preset.name;
         for warning in part.source.results.provenance.warnings.iter().filter(|warning| warning.preset == *preset) {
-            let text = format!("{preset}: {} {}: {}", warning.count, warning.kind, warning.example);
+            let is_one_of_several = warning.kind == MISSING_SCENES && warning.count > 1;
+            let before = if is_one_of_several { ", such as" } else { ":" };
+            let text = format!("{preset}: {} {}{before} {}", warning.count, warning.kind, warning.example);
             self.add(NoteKind::Counts, text);
         }
     }
