@@ -238,7 +238,7 @@ mod tests {
     fn errors_name_the_entry_and_its_field() {
         let entry = |text: &str| format!("[[weights]]\nfile = 'a'\n[[weights]]\nfile = 'b'\n{text}\n");
         for (text, location, found) in [
-            ("weights = 3".to_owned(), "line 1 column 11", "integer"),
+            ("weights = 3".to_owned(), "line 1 column 11", "3"),
             (String::new(), "line 1 column 1", "weights"),
             ("weights = []".to_owned(), "weights", "none"),
             (entry("preset = 're20k'"), "weights entry 2, preset", "re20k"),

@@ -25,7 +25,7 @@ pub use embedded::{Embedded, is_toml_path};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
-pub use toml_error::malformed_toml;
+pub use toml_error::{malformed_toml, toml_problem};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {

@@ -9,8 +9,59 @@ pub fn malformed_toml(what: &'static str, whole: &str, text: &str, error: &toml:
     let line = before.clone().filter(|byte| *byte == b'\n').count() + 1;
     let is_char_start = |byte: &u8| byte & 0b1100_0000 != 0b1000_0000;
     let column = before.rev().take_while(|byte| *byte != b'\n').filter(is_char_start).count() + 1;
-    let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, whole));
+    let (expected, found) = toml_problem(whole, error);
     Malformed::new(what, format!("line {line} column {column}"), expected, found)
+}
+
+/// What a TOML file should have, and what it has, in words of a reader instead of the parser's. Without a more specific expectation,
+/// the first is the `whole`.
+pub fn toml_problem(whole: &str, error: &toml::de::Error) -> (String, String) {
+    let message = error.message();
+    match message.rsplit_once(", expected ") {
+        Some((found, expected)) => (in_words(expected), found_in_words(found)),
+        None if message == "wanted string or table" => {
+            ("a name in quotation marks, or a table".to_owned(), "neither".to_owned())
+        }
+        None => (whole.to_owned(), message.to_owned()),
+    }
+}
+
+/// What the deserializer of a Rust type expects, as a value of TOML.
+fn in_words(expected: &str) -> String {
+    let is_unsigned = |name: &str| ["u8", "u16", "u32", "u64", "u128", "usize"].contains(&name);
+    match expected {
+        "f32" | "f64" => "a number".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "i128" | "isize" => "a whole number".to_owned(),
+        "a string" | "path string" => "text in quotation marks".to_owned(),
+        "a boolean" => "true or false".to_owned(),
+        "a sequence" => "a list".to_owned(),
+        name if is_unsigned(name) => "a whole number of at least 0".to_owned(),
+        nonzero if nonzero.strip_prefix("a nonzero ").is_some_and(is_unsigned) => "a positive whole number".to_owned(),
+        other => match other.strip_prefix("an array of length ") {
+            Some(length) => format!("a list of {length} values"),
+            None if other.starts_with("struct ") || other.starts_with("internally tagged enum ") => {
+                "a table".to_owned()
+            }
+            None => other.to_owned(),
+        },
+    }
+}
+
+/// What the parser found, without the names of its types.
+fn found_in_words(found: &str) -> String {
+    if let Some(length) = found.strip_prefix("invalid length ") {
+        return format!("a list of {length}");
+    }
+    let Some(value) = ["invalid type: ", "invalid value: "].iter().find_map(|start| found.strip_prefix(start)) else {
+        return found.to_owned();
+    };
+    let kinds = ["integer `", "floating point `", "boolean `"];
+    let number = kinds.iter().find_map(|kind| value.strip_prefix(kind)?.strip_suffix('`'));
+    match value {
+        "sequence" => "a list".to_owned(),
+        "map" => "a table".to_owned(),
+        _ => number.or_else(|| value.strip_prefix("string ")).unwrap_or(value).to_owned(),
+    }
 }
 
 /// The position of a field that its table does not define. The parser reports only the position of the table.
@@ -23,4 +74,45 @@ fn unknown_field(message: &str, text: &str, table: usize) -> Option<usize> {
         before.is_none_or(|before| before.is_whitespace() || "{,.\"'".contains(before)) && after.starts_with('=')
     };
     text.match_indices(name).map(|(at, _)| at).find(|at| is_key(*at)).map(|at| table + at)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::num::NonZeroUsize;
+    use std::path::PathBuf;
+
+    use serde::de::DeserializeOwned;
+
+    use super::*;
+
+    /// The error of the third line, whose value is not one of this type.
+    fn error_of<T: DeserializeOwned>(value: &str) -> String {
+        let text = format!("# ä\n\na = {value}\n");
+        let error = toml::from_str::<BTreeMap<String, T>>(&text).map(drop).unwrap_err();
+        malformed_toml("file", "the whole", &text, &error).to_string()
+    }
+
+    #[test]
+    fn errors_are_in_a_readers_words() {
+        let is = |error: String, expected: &str, found: &str| {
+            assert_eq!(error, format!("file: line 3 column 5: expected {expected}, found {found}"));
+        };
+        is(error_of::<NonZeroUsize>("0"), "a positive whole number", "0");
+        is(error_of::<u64>("\"two\""), "a whole number of at least 0", "\"two\"");
+        is(error_of::<u8>("-3"), "a whole number of at least 0", "-3");
+        is(error_of::<i32>("1.5"), "a whole number", "1.5");
+        is(error_of::<f64>("true"), "a number", "true");
+        is(error_of::<bool>("[1]"), "true or false", "a list");
+        is(error_of::<PathBuf>("3"), "text in quotation marks", "3");
+        is(error_of::<[u8; 2]>("[1]"), "a list of 2 values", "a list of 1");
+        is(error_of::<Vec<u8>>("{ b = 1 }"), "a list", "a table");
+    }
+
+    #[test]
+    fn messages_without_an_expectation_stay() {
+        let error = toml::from_str::<BTreeMap<String, u8>>("a = 1\na = 2").unwrap_err();
+        let (expected, found) = toml_problem("the whole", &error);
+        assert_eq!((expected.as_str(), found.as_str()), ("the whole", "duplicate key"));
+    }
 }

@@ -88,7 +88,7 @@ fn rejects_invalid_sweeps() {
         assert!(Sweep::from_toml(&broken).is_err(), "{broken}");
     }
     for (from, to, expected) in [
-        ("= 2", "= 'two'", "sweep: line 6 column 19: expected usize, found invalid type: string \"two\""),
+        ("= 2", "= 'two'", "sweep: line 6 column 19: expected a whole number of at least 0, found \"two\""),
         ("label = 'b'", "name = 'b'", "sweep: line 5 column 1: expected "),
     ] {
         let error = Sweep::from_toml(&text.replace(from, to)).unwrap_err().to_string();

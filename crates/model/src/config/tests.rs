@@ -202,7 +202,7 @@ fn contradictions_name_their_field() {
 #[test]
 fn malformed_text_names_line_and_column() {
     for (from, to, expected) in [
-        ("dim = 768", "dim = \"wide\"", "expected usize"),
+        ("dim = 768", "dim = \"wide\"", "expected a whole number of at least 0, found \"wide\""),
         ("dim = 768", "dimension = 768", "unknown field `dimension`"),
         ("kind = \"dino-v2\"", "kind = \"dino-v3\"", "unknown variant `dino-v3`"),
         ("registers = false", "registers = false\nlayer = 3", "unknown field `layer`"),

@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn toml_errors_name_line_and_column() {
         for (from, to, expected) in [
-            ("near = 0.01", "near = \"small\"", "expected f64"),
+            ("near = 0.01", "near = \"small\"", "expected a number, found \"small\""),
             ("near = 0.01", "nearly = 0.01", "unknown field `nearly`"),
             ("context-views = 2", "context-views = -2", "line "),
             ("edges = [0.05, 0.3", "edges = [0.5, 0.3", "finite edges that increase"),

@@ -38,7 +38,12 @@ pub struct LossConfig {
 
 /// Choice of the perceptual term.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
+#[serde(
+    rename_all = "kebab-case",
+    tag = "kind",
+    deny_unknown_fields,
+    expecting = "a table such as { kind = \"d-ssim\" } or { kind = \"learned\", network = …, weights = … }"
+)]
 pub enum PerceptualChoice {
     /// `1 − SSIM`: replaces a learned loss when there are no weights for one.
     #[default]

@@ -10,6 +10,7 @@ use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 use std::path::Path;
 
 use atsplat_camera::{MeanCameraScale, PoseNormalisation};
+use atsplat_files::malformed_toml;
 use atsplat_model::network::MatmulPrecision;
 use atsplat_scene::Warnings;
 use serde::{Deserialize, Serialize};
@@ -204,8 +205,7 @@ impl TrainConfig {
     /// # Errors
     /// [`TrainError::Malformed`].
     pub fn from_toml(text: &str) -> Result<Self, TrainError> {
-        let config: Self = toml::from_str(text)
-            .map_err(|error| TrainError::malformed(WHAT, "text", "a training configuration", error))?;
+        let config: Self = toml::from_str(text).map_err(|error| malformed_toml(WHAT, derived::WHOLE, text, &error))?;
         config.validate()?;
         Ok(config)
     }

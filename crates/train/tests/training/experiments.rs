@@ -313,10 +313,27 @@ fn errors_of_a_configuration_name_file_and_field() {
         // White, as 8-bit images have it.
         ("[losses]", "[losses]\nbackground = [1, 1, 255]", "losses.background", "channels from 0 to 1, found 255"),
     ]);
-    // After a list of all fields, its table would be cut off.
     let nano = nano();
-    let unknown = error_of(&nano.replace("[losses]", "[losses]\nperceptual-wait = 0.1"));
-    assert!(unknown.contains("run.toml: expected a training configuration, found in `losses`: unknown"), "{unknown}");
+    for (from, to, field, problem) in [
+        (
+            "[losses]",
+            "[losses]\nperceptual-wait = 0.1",
+            "losses.perceptual-wait",
+            "found unknown field `perceptual-wait`",
+        ),
+        ("seed = 1", "seed = 1.5", "seed", "expected a whole number of at least 0, found 1.5 ("),
+        (
+            "[losses]",
+            "[losses]\nperceptual = \"lpips-vgg\"",
+            "losses.perceptual",
+            "expected a table such as { kind = \"d-ssim\" } or { kind = \"learned\", network = …, weights = … }, found \"lpips-vgg\"",
+        ),
+    ] {
+        let message = error_of(&nano.replacen(from, to, 1));
+        assert!(message.starts_with("training configuration: line "), "{message}");
+        assert!(message.contains(&format!(", field {field}: expected ")) && message.contains(problem), "{message}");
+        assert!(message.ends_with("run.toml)"), "{message}");
+    }
     for (from, to, expected) in [
         (
             "[model.changes]",
