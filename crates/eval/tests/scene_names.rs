@@ -72,6 +72,43 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
     assert_eq!(score(&ROOMS[..1], &[("room-0", 0)]), alone, "where no scene has that name");
 }
 
+/// Most programs write by scene: frame 5, which both entries have, would be that of the entry written last.
+#[test]
+fn renders_of_several_entries_are_named_by_entry() {
+    let root = tempfile::tempdir().unwrap();
+    let score = |folders: &[&str]| {
+        let renders = tempfile::tempdir_in(root.path()).unwrap();
+        for folder in folders {
+            std::fs::create_dir_all(renders.path().join(folder)).unwrap();
+            std::fs::write(renders.path().join(folder).join("000005.png"), encode_png(&image(0, 5)).unwrap()).unwrap();
+        }
+        let walls = Walls { keys: vec!["room".to_owned()], ..Walls::new(0, 8) };
+        let data = dataset(walls, &[entry(&[0, 4], &[5]), entry(&[0, 6], &[5])]);
+        let run = Run::new(vec![data], vec![Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap())]);
+        let found = run.plan().find_imported_files().map(drop).map_err(|error| error.to_string());
+        let (results, _) = run.run(&renders.path().join("store")).unwrap();
+        let details = results.targets.into_iter().map(|row| row.detail.unwrap_or_default());
+        let short = |text: String| text.replace(&renders.path().display().to_string(), "renders");
+        (found.map_err(short), details.map(short).collect::<Vec<_>>())
+    };
+    let needed = |entry: usize| {
+        format!(
+            "no file for frame 5 of scene room: this index has 2 entries of the scene: entry {entry} needs \
+             room-{entry}/000005.png or .exr below renders"
+        )
+    };
+    let found = String::new;
+    assert_eq!(score(&["room-0", "room-1"]), (Ok(()), vec![found(), found()]));
+    assert_eq!(score(&["room-0", "room"]), (Ok(()), vec![found(), needed(1)]));
+    assert_eq!(score(&["room", "room-1"]).1, [needed(0), found()]);
+    let (refused, details) = score(&["room"]);
+    assert_eq!(details, [needed(0), needed(1)]);
+    let refused = refused.unwrap_err();
+    let example =
+        "where SCENE is, for example, room-0, for the first of the 2 entries that this index has of room, found";
+    assert!(refused.contains(example) && refused.ends_with("the folder contains room"), "{refused}");
+}
+
 /// `room-0` is the first entry of `room`, and the scene `room-0` is in `room-0-0`.
 #[test]
 fn kept_images_of_such_scenes_can_be_scored() {
