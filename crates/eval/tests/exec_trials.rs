@@ -1,8 +1,6 @@
 //! The numbers of the trials that a process is given.
 
 #![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 
 use std::collections::BTreeSet;

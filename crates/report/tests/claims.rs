@@ -4,12 +4,12 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_protocol::Aggregation;
+use atsplat_protocol::{Aggregation, Preset};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
-use atsplat_results::Results;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between, summary};
+use atsplat_results::{Results, TargetRow};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
@@ -56,7 +56,7 @@ const SPARSE: [&str; 3] = ["expansion-sparse", "expansion-sparse-seed-2", "expan
 
 const SPARSEST: [&str; 3] = ["expansion-sparsest", "expansion-sparsest-seed-2", "expansion-sparsest-seed-3"];
 
-const CLAIMS: [Claim; 14] = [
+const CLAIMS: [Claim; 15] = [
     Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },
     Claim {
         text: "uncertainty above farthest-point sampling",
@@ -81,6 +81,11 @@ const CLAIMS: [Claim; 14] = [
     Claim {
         text: "farthest-point sampling above no expansion",
         above: ("sparse-farthest-point", &SPARSE),
+        below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "straight-through selection above no expansion",
+        above: ("sparse-straight-through", &["expansion-sparse-straight-through", SPARSE[1], SPARSE[2]]),
         below: ("sparse-none-k11", &SPARSE),
     },
     Claim {
@@ -240,6 +245,45 @@ fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
         expected.push(format!("| {setting} | {} | {difference} |", mean(&zero_shot, protocol.0, other)));
     }
     require_lines(expected, |line| readme.contains(line));
+}
+
+/// How far the embedded network is ahead of the plane warp on all rooms, as the page of the checkpoints says.
+#[test]
+fn leads_of_the_embedded_network_are_those_of_the_stores() {
+    let page = std::fs::read_to_string(folder().join("../../eval/checkpoints/README.md")).unwrap();
+    let lead = |store: &str, preset: &'static str, keep: &dyn Fn(&TargetRow) -> bool| {
+        let mut results = Results::read(&folder().join(store).join("store")).unwrap();
+        results.targets.retain(keep);
+        let difference = |metric: &'static str, decimals: usize| {
+            let rows =
+                ["atsplat", "warp"].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, metric) });
+            let found = paired_between((&results, &rows[0]), (&results, &rows[1])).unwrap();
+            let [low, high] = found.interval.unwrap();
+            let text = format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference);
+            (text.replace('-', "−"), found.scenes)
+        };
+        let ((psnr, scenes), (ssim, _)) = (difference("psnr", 2), difference("ssim", 3));
+        format!("{scenes} | {psnr} | {ssim} |")
+    };
+    let bins = Preset::named("rooms-overlap-128").unwrap().overlap_bins.unwrap();
+    let overlap = |name: &'static str| {
+        lead("overlap", "rooms-overlap-128", &|row| row.overlap.and_then(|overlap| bins.name_of(overlap)) == Some(name))
+    };
+    let outside = |from: u64, to: u64| {
+        let is_inside = |row: &TargetRow| (from..=to).contains(&row.signed_distance.unsigned_abs());
+        lead("extrapolation", "rooms-extrapolation-128", &is_inside)
+    };
+    let expected = [
+        format!("| two views | {}", lead("rooms-2v", "rooms-2v-128", &|_| true)),
+        format!("| small overlap | {}", overlap("small")),
+        format!("| medium overlap | {}", overlap("medium")),
+        format!("| large overlap | {}", overlap("large")),
+        format!("| outside the window | {}", lead("extrapolation", "rooms-extrapolation-128", &|_| true)),
+        format!("| 1 to 15 frames outside | {}", outside(1, 15)),
+        format!("| 16 to 30 frames outside | {}", outside(16, 30)),
+        format!("| 31 to 45 frames outside | {}", outside(31, 45)),
+    ];
+    require_lines(expected.to_vec(), |line| page.contains(line));
 }
 
 /// The tables of the real scene, and the numbers that its page quotes.

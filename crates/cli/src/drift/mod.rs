@@ -37,7 +37,7 @@ pub(crate) struct Args {
     no_probe: bool,
 
     /// Also print an annotation for GitHub Actions if something drifted, and add the report as Markdown to the summary of
-    /// the step, whose file $GITHUB_STEP_SUMMARY names.
+    /// the step, whose file `$GITHUB_STEP_SUMMARY` names.
     #[arg(long)]
     github: bool,
 

@@ -161,6 +161,9 @@ fn a_baseline_of_an_older_version_tells_what_it_can() {
     assert_eq!(cropped.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), [Cause::Preprocessing], "{cropped:?}");
 }
 
+/// A change of an index, and what is said of it.
+type IndexChange = (fn(&mut Results), &'static str);
+
 #[test]
 fn a_new_file_of_the_same_entries_is_not_drift() {
     let baseline = Baseline::new(&base(), &[], acceptance("first"));
@@ -175,7 +178,7 @@ fn a_new_file_of_the_same_entries_is_not_drift() {
     assert_eq!((rewritten.verdict, rewritten.changes.len()), (DriftVerdict::Same, 0), "{rewritten}");
     let said = "same     sampled: another index file with the same entries\n";
     assert!(rewritten.to_string().contains(said), "{rewritten}");
-    let cases: [(fn(&mut Results), &str); 3] = [
+    let cases: [IndexChange; 3] = [
         (|now| now.targets[4].overlap = Some(0.25), "scene 001 0: overlap was none, is now 0.25"),
         (|now| now.provenance.presets[0].entries_of_index = 7, "7 entries of the index instead of 0"),
         (

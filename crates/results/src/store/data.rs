@@ -149,7 +149,7 @@ mod tests {
             let computed = sample_rows::target("m", "a", 0, 0, "psnr", 20.0);
             let not_computed = why.map(|why| ("lpips".to_owned(), why.to_owned())).into_iter().collect();
             let scores = if status == TargetStatus::Scored { computed.scores.clone() } else { BTreeMap::new() };
-            let target = TargetRow { status, not_computed, scores, ..computed };
+            let target = TargetRow { status, scores, not_computed, ..computed };
             let row = sample_rows::trial("m", "a", 0, 1);
             let key = row.key.clone();
             KnownResults::of([(row, vec![target])].into_iter(), &[], metrics).lacks_metric(&key)

@@ -175,7 +175,7 @@ fn shards_of_differently_ordered_copies_are_not_merged() {
     let first = || part(1, ["a", "b"], "one");
     let merged = Results::merge(vec![first(), part(2, ["c", "d"], "another")]).unwrap();
     let Provenance { warnings, shard, .. } = merged.results.provenance;
-    assert_eq!((warnings[0].kind.as_str(), warnings[0].count, shard), (crate::warning_kinds::OTHER_DATA, 1, None));
+    assert_eq!((warnings[0].kind.as_str(), warnings[0].count, shard), (OTHER_DATA, 1, None));
     let refused = Results::merge(vec![first(), part(2, ["b", "a"], "another")]).unwrap_err().to_string();
     assert!(refused.contains("expected 4 of p, each in one shard, found 2 of them; a copy of the data"), "{refused}");
     let mut last = part(2, ["b", "c"], "another");

@@ -123,7 +123,7 @@ fn places_of_a_run_without_a_score_are_forgotten() {
         provenance.methods[0].parameters.insert("folder".to_owned(), renders.into());
         let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
         let (name, dataset) = ("p".to_owned(), data.to_owned());
-        provenance.presets = vec![PresetRecord { name, dataset, toml, ..PresetRecord::default() }];
+        provenance.presets = vec![PresetRecord { name, toml, dataset, ..PresetRecord::default() }];
         provenance
     };
     let resumed = |is_scored: bool, data: &str, renders: &str| {
