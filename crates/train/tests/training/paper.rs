@@ -150,7 +150,7 @@ fn do_two_steps(name: &str, smaller: Option<(&str, &str)>) {
     }
     (stand_in.model.backbone, stand_in.losses.perceptual) = (None, PerceptualChoice::DSsim);
     // No given weights fit this network.
-    stand_in.model.init = false;
+    (stand_in.model.init, stand_in.model.fresh) = (false, Vec::new());
     stand_in.batch = 1.try_into().unwrap();
     for (number, data) in stand_in.data.iter_mut().enumerate() {
         let SourceConfig::Dataset(dataset) = &mut data.source else { panic!("{name}: not a dataset") };
