@@ -18,7 +18,10 @@ pub fn malformed_toml(what: &'static str, whole: &str, text: &str, error: &toml:
 pub fn toml_problem(whole: &str, error: &toml::de::Error) -> (String, String) {
     let message = error.message();
     match message.rsplit_once(", expected ") {
-        Some((found, expected)) => (in_words(expected), found_in_words(found)),
+        Some((found, expected)) => {
+            let found = found_in_words(found);
+            (in_words(expected, &found), found)
+        }
         None if message == "wanted string or table" => {
             ("a name in quotation marks, or a table".to_owned(), "neither".to_owned())
         }
@@ -27,24 +30,41 @@ pub fn toml_problem(whole: &str, error: &toml::de::Error) -> (String, String) {
 }
 
 /// What the deserializer of a Rust type expects, as a value of TOML.
-fn in_words(expected: &str) -> String {
-    let is_unsigned = |name: &str| ["u8", "u16", "u32", "u64", "u128", "usize"].contains(&name);
+fn in_words(expected: &str, found: &str) -> String {
     match expected {
         "f32" | "f64" => "a number".to_owned(),
         "i8" | "i16" | "i32" | "i64" | "i128" | "isize" => "a whole number".to_owned(),
         "a string" | "path string" => "text in quotation marks".to_owned(),
         "a boolean" => "true or false".to_owned(),
         "a sequence" => "a list".to_owned(),
-        name if is_unsigned(name) => "a whole number of at least 0".to_owned(),
-        nonzero if nonzero.strip_prefix("a nonzero ").is_some_and(is_unsigned) => "a positive whole number".to_owned(),
-        other => match other.strip_prefix("an array of length ") {
-            Some(length) => format!("a list of {length} values"),
-            None if other.starts_with("struct ") || other.starts_with("internally tagged enum ") => {
-                "a table".to_owned()
-            }
-            None => other.to_owned(),
-        },
+        other if other.starts_with("struct ") || other.starts_with("internally tagged enum ") => "a table".to_owned(),
+        other => unsigned_in_words(other, found).or_else(|| list_in_words(other)).unwrap_or_else(|| other.to_owned()),
     }
+}
+
+/// The numbers of an unsigned type. Only a number that is too large shows where they end.
+fn unsigned_in_words(expected: &str, found: &str) -> Option<String> {
+    let nonzero = expected.strip_prefix("a nonzero ");
+    let most: i128 = match nonzero.unwrap_or(expected) {
+        "u8" => u8::MAX.into(),
+        "u16" => u16::MAX.into(),
+        "u32" => u32::MAX.into(),
+        "u64" | "usize" => u64::MAX.into(),
+        "u128" => i128::MAX,
+        _ => return None,
+    };
+    let is_too_large = found.parse::<i128>().is_ok_and(|found| found > most);
+    Some(match nonzero {
+        _ if is_too_large => format!("a whole number from {} to {most}", u8::from(nonzero.is_some())),
+        Some(_) => "a positive whole number".to_owned(),
+        None => "a whole number of at least 0".to_owned(),
+    })
+}
+
+/// A list of so many values.
+fn list_in_words(expected: &str) -> Option<String> {
+    let length = ["an array of length ", "a tuple of size "].iter().find_map(|start| expected.strip_prefix(start))?;
+    Some(format!("a list of {length} values"))
 }
 
 /// What the parser found, without the names of its types.
@@ -79,7 +99,7 @@ fn unknown_field(message: &str, text: &str, table: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
-    use std::num::NonZeroUsize;
+    use std::num::{NonZeroU32, NonZeroUsize};
     use std::path::PathBuf;
 
     use serde::de::DeserializeOwned;
@@ -101,11 +121,15 @@ mod tests {
         is(error_of::<NonZeroUsize>("0"), "a positive whole number", "0");
         is(error_of::<u64>("\"two\""), "a whole number of at least 0", "\"two\"");
         is(error_of::<u8>("-3"), "a whole number of at least 0", "-3");
+        is(error_of::<u8>("300"), "a whole number from 0 to 255", "300");
+        is(error_of::<NonZeroU32>("5_000_000_000"), "a whole number from 1 to 4294967295", "5000000000");
+        is(error_of::<NonZeroU32>("0"), "a positive whole number", "0");
         is(error_of::<i32>("1.5"), "a whole number", "1.5");
         is(error_of::<f64>("true"), "a number", "true");
         is(error_of::<bool>("[1]"), "true or false", "a list");
         is(error_of::<PathBuf>("3"), "text in quotation marks", "3");
         is(error_of::<[u8; 2]>("[1]"), "a list of 2 values", "a list of 1");
+        is(error_of::<(usize, usize)>("[3]"), "a list of 2 values", "a list of 1");
         is(error_of::<Vec<u8>>("{ b = 1 }"), "a list", "a table");
     }
 

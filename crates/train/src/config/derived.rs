@@ -24,29 +24,17 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, TrainError> {
         let found = chain.files.iter().find_map(|file| chain.located::<T>(file, error.message()));
         found.unwrap_or_else(|| {
             let (expected, found) = toml_problem(WHOLE, &error);
-            let (_, field) = message_and_field(&error);
-            let field = field.map_or_else(String::new, |field| format!(", field {field}"));
+            let field = field_of(&error).map_or_else(String::new, |field| format!(", field {field}"));
             TrainError::malformed(WHAT, format!("{}{field}", path.display()), expected, found)
         })
     })
 }
 
-/// The message of a table's error with the field in front, where it is never cut off.
-pub(super) fn field_first(error: &Error) -> String {
-    match message_and_field(error) {
-        (message, Some(field)) => format!("in `{field}`: {message}"),
-        (message, None) => message,
-    }
-}
-
-/// The message of a table's error, and the path of its field without the numbers of elements.
-fn message_and_field(error: &Error) -> (String, Option<String>) {
+/// The path of a table's field that has this error, without the numbers of elements.
+pub(super) fn field_of(error: &Error) -> Option<String> {
     let text = error.to_string();
-    let text = text.trim_end();
-    match text.rsplit_once("\nin `") {
-        Some((message, field)) => (message.to_owned(), Some(field.trim_end_matches('`').to_owned())),
-        None => (text.to_owned(), None),
-    }
+    let (_, field) = text.trim_end().rsplit_once("\nin `")?;
+    Some(field.trim_end_matches('`').to_owned())
 }
 
 /// The files that were read, each based on the next, with their texts.

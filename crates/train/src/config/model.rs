@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use atsplat_files::toml_problem;
 use atsplat_model::ModelConfig;
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -45,8 +46,9 @@ impl ModelChoice {
             base.parse().map_err(|error: toml::de::Error| TrainError::malformed(WHAT, "model.base", "TOML", error))?;
         derived::merge(&mut table, self.changes.clone());
         let fits = |error: toml::de::Error| {
-            let found = derived::field_first(&error);
-            TrainError::malformed(WHAT, "model.changes", "changes that fit a model configuration", found)
+            let (expected, found) = toml_problem("changes that fit a model configuration", &error);
+            let field = derived::field_of(&error).map_or_else(String::new, |field| format!(".{field}"));
+            TrainError::malformed(WHAT, format!("model.changes{field}"), expected, found)
         };
         let config: ModelConfig = table.try_into().map_err(fits)?;
         config.validate()?;

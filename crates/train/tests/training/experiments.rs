@@ -297,8 +297,14 @@ fn errors_of_a_configuration_name_file_and_field() {
         (
             "[model.changes]",
             "[model.changes]\ncoarse.layerz = 1",
-            "model.changes",
-            "changes that fit a model configuration, found in `coarse`: unknown field `layerz`",
+            "model.changes.coarse: expected one of ",
+            "`layers`, found unknown field `layerz`",
+        ),
+        (
+            "[model.changes]",
+            "[model.changes]\ncoarse.layers = \"x\"",
+            "model.changes.coarse.layers",
+            "expected a whole number of at least 0, found \"x\"",
         ),
         ("samples = 2", "samples = 0", "data[0].source.rooms.samples", "1 to 256 rays a pixel, found 0"),
         ("context = [2, 2]", "context = [3, 2]", "data[0].source.rooms.views.context", "found 3 and 2"),
