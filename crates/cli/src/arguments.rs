@@ -41,14 +41,22 @@ const FORMER_DEVICES: [&str; 2] = ["--backend", "--adapter"];
 /// The command line as a command with its arguments.
 pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
     let mut command = Cli::command();
-    let matches = command.try_get_matches_from_mut(arguments).map_err(suggest_device)?;
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let matches = command.try_get_matches_from_mut(&arguments);
+    let matches = matches.map_err(|error| suggest_device(error, named(&command, &arguments)))?;
     check(&command, &matches, "")?;
     Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
-/// Suggests `--device` instead of the options that it replaced.
-fn suggest_device(mut error: clap::Error) -> clap::Error {
-    let unknown = error.get(ContextKind::InvalidArg);
+/// The innermost command that the arguments name.
+fn named<'a>(command: &'a Command, arguments: &[OsString]) -> &'a Command {
+    arguments.iter().fold(command, |command, word| command.find_subcommand(word).unwrap_or(command))
+}
+
+/// Suggests `--device`, if the command has it, instead of the options that it replaced.
+fn suggest_device(mut error: clap::Error, command: &Command) -> clap::Error {
+    let has_device = command.get_arguments().any(|arg| arg.get_long() == Some("device"));
+    let unknown = error.get(ContextKind::InvalidArg).filter(|_| has_device);
     if unknown.is_some_and(|unknown| FORMER_DEVICES.contains(&unknown.to_string().as_str())) {
         error.insert(ContextKind::SuggestedArg, ContextValue::String("--device".to_owned()));
     }
@@ -235,6 +243,12 @@ mod tests {
             let error = error_of(text).unwrap_or_default();
             assert!(error.contains(&format!("unexpected argument '{option}' found")), "{text}: {error}");
             assert!(error.contains("argument exists: '--device'"), "{text}: {error}");
+        }
+        for text in
+            ["atsplat report s --out p --backend gpu", "atsplat drift accept s --why w --baseline b --adapter 0"]
+        {
+            let error = error_of(text).unwrap_or_default();
+            assert!(error.contains("unexpected argument '--") && !error.contains("--device"), "{text}: {error}");
         }
         let error = error_of("atsplat render a.ply --orbit --out o --backgrund white").unwrap_or_default();
         assert!(error.contains("argument exists: '--background'"), "{error}");
