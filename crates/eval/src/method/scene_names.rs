@@ -3,7 +3,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_protocol::EvaluationIndex;
-
 use atsplat_results::file_name;
 use atsplat_results::store::PROVENANCE;
 
@@ -34,8 +33,8 @@ impl SceneNames {
         Self { entries: Arc::new(most), is_of_store: self.is_of_store }
     }
 
-    /// The accepted names of an index entry of a scene: `<scene>` if the scene has no other entry, `<scene>-<entry>`, and the name
-    /// under which a store keeps its images. Of several entries, `<scene>` may be any: that of the one that was written last.
+    /// The accepted names of an index entry of a scene: `<scene>` if no index has several entries of it, `<scene>-<entry>`, and the
+    /// name under which a store keeps its images. Of several entries, `<scene>` may be any: that of the one that was written last.
     pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
         let (available, _) = self.available_and_taken(scene, entry);
         available
@@ -51,7 +50,7 @@ impl SceneNames {
     pub(super) fn request(&self, scene: &str, entry: usize) -> String {
         match self.entries_of(scene) {
             0 | 1 => "expected".to_owned(),
-            several => format!("this index has {several} entries of the scene: entry {entry} needs"),
+            several => format!("an index of this run has {several} entries of the scene: entry {entry} needs"),
         }
     }
 
@@ -60,7 +59,9 @@ impl SceneNames {
         let name = self.expected(scene, 0);
         match self.entries_of(scene) {
             0 | 1 => name,
-            several => format!("{name}, for the first of the {several} entries that this index has of {scene}"),
+            several => {
+                format!("{name}, for the first of the {several} entries that an index of this run has of {scene}")
+            }
         }
     }
 
@@ -143,9 +144,10 @@ mod tests {
         for several in [of(&[&two]), of(&[&two, &one]), of(&[&one, &two])] {
             assert_eq!([several.of("room", 0), several.of("room", 1)], [["room-0"], ["room-1"]]);
             assert_eq!(several.of("hall", 0), ["hall", "hall-0"]);
-            assert_eq!(several.request("room", 1), "this index has 2 entries of the scene: entry 1 needs");
+            assert_eq!(several.request("room", 1), "an index of this run has 2 entries of the scene: entry 1 needs");
             assert_eq!([several.request("hall", 0), several.example("hall")], ["expected", "hall"]);
-            assert_eq!(several.example("room"), "room-0, for the first of the 2 entries that this index has of room");
+            let example = "room-0, for the first of the 2 entries that an index of this run has of room";
+            assert_eq!(several.example("room"), example);
         }
     }
 
