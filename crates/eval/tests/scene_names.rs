@@ -104,8 +104,8 @@ fn renders_of_several_entries_are_named_by_entry() {
     let (refused, details) = score(&["room"]);
     assert_eq!(details, [needed(0), needed(1)]);
     let refused = refused.unwrap_err();
-    let example = "where SCENE is, for example, room-0, for the first of the 2 entries that an index of this run has of \
-                   room, found";
+    let example = "where SCENE is, for example, room-0, for the first of the 2 entries that an index of this run has \
+                   of room, found";
     assert!(refused.contains(example) && refused.ends_with("the folder contains room"), "{refused}");
 }
 

@@ -212,11 +212,16 @@ fn other_run(recorded: Option<&serde_json::Value>, config: &FitConfig, path: &Pa
     }
 }
 
-/// Hash of everything that a step depends on, apart from the initial Gaussians and the state. The names of the configuration's types and
-/// fields are part of it: a run cannot be resumed after one of them has changed.
+/// Hash of everything that a step depends on, apart from the initial Gaussians and the state.
 fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
+    Sha256Digest::of(run_text(config, views).as_bytes()).to_string()
+}
+
+/// What is hashed. The names of the configuration's and the cameras' types and fields are part of it: whoever changes one of them gives up
+/// the checkpoints of earlier versions.
+fn run_text(config: &FitConfig, views: &[TrainingView]) -> String {
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
-    Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
+    lines.join("\n")
 }
 
 /// Hash of cameras and images, in order.
@@ -238,3 +243,6 @@ pub(crate) fn start_hash(start: &Gaussians) -> String {
     let lines: Vec<String> = arrays(parts).into_iter().chain(filters).map(line).collect();
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }
+
+#[cfg(test)]
+mod tests;

@@ -15,6 +15,8 @@ mod dataset;
 mod effects;
 mod error;
 #[cfg(test)]
+mod fingerprint_tests;
+#[cfg(test)]
 mod image_tests;
 mod lamp;
 mod material;

@@ -87,7 +87,7 @@ impl GeneratedImage for SimulatedImage {
     }
 
     fn fingerprint(&self) -> String {
-        format!("{GENERATOR}, frame {} of {:?}", self.frame, self.simulation.request())
+        fingerprint(self.frame, self.simulation.request())
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {
@@ -105,6 +105,12 @@ impl fmt::Debug for SimulatedImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "SimulatedImage({} {})", self.key, self.frame)
     }
+}
+
+/// A text that identifies a frame's image. The names of the request's types and fields are part of it: whoever changes one of them makes
+/// results of simulated data, and baselines, look as if their data had changed.
+pub(crate) fn fingerprint(frame: usize, request: &Request) -> String {
+    format!("{GENERATOR}, frame {frame} of {request:?}")
 }
 
 fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
