@@ -9,12 +9,11 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use atsplat_numeric::Tolerance;
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_rooms::ClipMotion;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter};
 use atsplat_scene::{SharedBytes, Warnings};
-
-use atsplat_numeric::Tolerance;
-use atsplat_rooms::ClipMotion;
 use atsplat_tests::shared_data;
 use common::{atsplat, succeed, write_trajectory};
 

@@ -5,9 +5,9 @@
 mod common;
 mod evaluation;
 
-use atsplat_files::Sha256Digest;
 use std::path::Path;
 
+use atsplat_files::Sha256Digest;
 use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::IndexFile;
 use atsplat_results::Results;

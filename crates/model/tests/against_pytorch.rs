@@ -57,7 +57,7 @@ impl Fixture {
 }
 
 #[test]
-fn parameters_agree_with_the_twin() {
+fn parameters_agree_with_pytorch() {
     for fixture in Fixture::all() {
         let theirs: BTreeMap<String, Vec<usize>> =
             serde_json::from_str(&fixture.stored.metadata["parameters"]).unwrap();
@@ -76,7 +76,7 @@ fn parameters_agree_with_the_twin() {
 }
 
 #[test]
-fn selections_agree_with_the_twin() {
+fn selections_agree_with_pytorch() {
     let mut chosen = 0;
     for fixture in Fixture::all() {
         let Fixture { name, config, .. } = &fixture;
@@ -124,7 +124,7 @@ fn selections_agree_with_the_twin() {
 }
 
 #[test]
-fn neighbours_agree_with_the_twin() {
+fn neighbours_agree_with_pytorch() {
     let mut compared = 0;
     for fixture in Fixture::all() {
         let (Some(theirs), Some(anchors)) = (fixture.indices("neighbours"), fixture.anchors()) else { continue };
@@ -137,7 +137,7 @@ fn neighbours_agree_with_the_twin() {
 }
 
 #[test]
-fn budgets_agree_with_the_twins_gaussians() {
+fn budgets_agree_with_the_gaussians_of_pytorch() {
     for fixture in Fixture::all() {
         let config = &fixture.config;
         let range = atsplat_model::budget::budget(config, config.views, config.resolution).unwrap();

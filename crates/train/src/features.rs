@@ -1,8 +1,8 @@
 //! Cache on disk of a frozen backbone's features: each image goes through the backbone once, however often it is drawn.
 
-use atsplat_files::Sha256Digest;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::Sha256Digest;
 use atsplat_model::network::{MatmulPrecision, Network, Views};
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};

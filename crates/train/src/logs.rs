@@ -1,10 +1,10 @@
 //! Logs of steps and evaluations: lines of JSON, appended as they happen, and Parquet at the end.
 
-use atsplat_files::{AtomicFile, Malformed, Sha256Digest};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::{AtomicFile, Malformed, Sha256Digest};
 use polars::prelude::{Column, DataFrame, ParquetWriter};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

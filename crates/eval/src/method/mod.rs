@@ -25,6 +25,7 @@ use atsplat_numeric::SplitMix64;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_results::MethodRecord;
 use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
@@ -40,8 +41,6 @@ pub(crate) use shared_encoding::SharedEncoding;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};
 pub use splatting::{Backend, DRAWN_CLASSIC, Splatting};
 pub use warp::Warp;
-
-use atsplat_results::MethodRecord;
 
 /// A novel-view-synthesis method under evaluation.
 pub trait Method: Debug + Send + Sync {

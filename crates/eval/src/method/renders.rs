@@ -31,9 +31,9 @@ use crate::EvalError;
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries of a scene (latentSplat's), the folder of the first is `<scene>-0`, that of the second `<scene>-1`,
-/// and so on; that of an only entry is `<scene>` or `<scene>-0`. Folders that `--keep-images` names otherwise ([`atsplat_results::file_name()`]) are known too. A folder
-/// with the name of a scene of the index is that scene's alone, except among the images of a store, where all names end with
-/// the entry.
+/// and so on; that of an only entry is `<scene>` or `<scene>-0`. Folders that `--keep-images` names otherwise
+/// ([`atsplat_results::file_name()`]) are known too. A folder with the name of a scene of the index is that scene's alone, except
+/// among the images of a store, where all names end with the entry.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
 /// over a background or skipped. So are a file whose stored samples are not the image (16 bits in a PNG, linear light, a

@@ -5,9 +5,8 @@ use std::str::FromStr;
 
 use atsplat_files::InvalidText;
 use atsplat_fit::{Budget, Strategy};
-use thiserror::Error;
-
 use atsplat_results::store::images::{CONTEXT, TRUTH};
+use thiserror::Error;
 
 /// A method that is not loaded yet: `KIND` or `NAME=KIND`.
 #[derive(Clone, Debug, PartialEq)]

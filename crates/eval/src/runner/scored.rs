@@ -4,7 +4,6 @@ use atsplat_files::Sha256Digest;
 use atsplat_metrics::{NotComputed, Score, Suite, definition};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
-
 use atsplat_results::{IDENTICAL, TargetRow, TargetStatus, TrialKey, WEIGHTS_ABSENT};
 
 /// The row of a target before it is rendered.

@@ -11,9 +11,8 @@ use atsplat_model::config::Selection;
 use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
+use atsplat_results::{TRAINED_POSES, TrainingRecord};
 
-use atsplat_results::TRAINED_POSES;
-use atsplat_results::TrainingRecord;
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
 use crate::expansion::thresholds;

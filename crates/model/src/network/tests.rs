@@ -92,7 +92,7 @@ pub(super) fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
 }
 
 #[test]
-fn every_variant_agrees_with_the_pytorch_twin() {
+fn every_variant_agrees_with_pytorch() {
     let device = Device::flex();
     let mut stages = 0;
     for path in fixtures("network") {

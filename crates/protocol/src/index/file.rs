@@ -1,7 +1,8 @@
-use atsplat_files::{FileError, Malformed, Sha256Digest};
-use atsplat_scene::{WarningKind, Warnings};
 use std::fs;
 use std::path::Path;
+
+use atsplat_files::{FileError, Malformed, Sha256Digest};
+use atsplat_scene::{WarningKind, Warnings};
 
 use super::read::{self, IndexNotices, Parsed};
 use super::{EvaluationIndex, IndexLayout};

@@ -1,6 +1,6 @@
-use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 
+use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
 use super::read::value_of_word;

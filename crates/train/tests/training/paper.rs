@@ -1,5 +1,6 @@
 //! The configurations at the paper's scale (`eval/experiments/paper/`): each reads, stands for a row of a table, keeps test
-//! scenes out, and does two steps on images of its shape with a network that a test has time for.
+//! scenes out, and does two steps with a network that a test has time for: those of the settings on images of their shape, the
+//! others on smaller ones.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
