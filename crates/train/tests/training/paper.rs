@@ -140,6 +140,7 @@ fn every_other_row_does_two_steps_on_smaller_images() {
 }
 
 /// With a network that a test has time for; under another protocol than its own, and with a change of the network for it, if given.
+#[expect(clippy::panic, reason = "a helper of tests")]
 fn do_two_steps(name: &str, smaller: Option<(&str, &str)>) {
     let folder = tempdir().unwrap();
     let mut stand_in = config(name);
