@@ -51,6 +51,7 @@ fn main() -> anyhow::Result<()> {
         description,
         sha256,
         name: None,
+        reduced_from: None,
         left_out: 0,
         notices: std::collections::BTreeMap::new(),
     };

@@ -103,6 +103,23 @@ fn every_knob_changes_what_it_should() {
     }
 }
 
+/// Tables name the dataset of such an index, but do not call it the published one.
+#[test]
+fn an_index_with_fewer_views_knows_the_published_one() {
+    let mut dataset = dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])]);
+    dataset.index.name = Some("depthsplat-dl3dv-12v".to_owned());
+    let knobs = ["views = 2", "views = 3", "steps = 2"]
+        .map(|knobs| format!("[[settings]]\nlabel = '{knobs}'\nknobs = {{ {knobs} }}\n"));
+    let parts = parts(&sweep(&knobs.concat()), &swept(), &[dataset]).unwrap();
+    let names: Vec<[Option<&str>; 2]> = parts
+        .iter()
+        .map(|part| &part.datasets[0].index)
+        .map(|index| [&index.name, &index.reduced_from].map(Option::as_deref))
+        .collect();
+    let published = Some("depthsplat-dl3dv-12v");
+    assert_eq!(names, [[None, published], [published, None], [published, None]]);
+}
+
 #[test]
 fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];

@@ -33,6 +33,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
         index: "index.json".to_owned(),
         index_sha256: index.map_or_else(|| UNKNOWN_HASH.to_owned(), |index| index.sha256.to_string()),
         index_name: index.map(|index| index.name.clone()),
+        reduced_from: None,
         overlap_estimators: Vec::new(),
         entries: 4,
         entries_of_index: 7194,

@@ -36,6 +36,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
             description: format!("embedded: {}", accepted.name),
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
+            reduced_from: None,
             left_out,
             notices: std::collections::BTreeMap::new(),
         };

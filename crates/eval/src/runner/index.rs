@@ -23,6 +23,8 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
+    /// The published index that it is but for context views that its entries leave out.
+    pub reduced_from: Option<String>,
     /// Entries of the file that `index` leaves out, because a suite takes the first scenes only.
     pub left_out: u64,
     /// What readers of results must know about the index, by kind: irregularities of an unpublished file, and what a generated
@@ -60,7 +62,7 @@ impl PlannedIndex {
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous().map_err(|error| error.in_file(path))?;
         let description = path.display().to_string();
-        let read = Self { index, description, sha256, name, left_out: 0, notices };
+        let read = Self { index, description, sha256, name, reduced_from: None, left_out: 0, notices };
         Ok(match preset.index.derivation.filter(|_| underived) {
             None => read,
             Some(derivation) => read.split(derivation, source, warnings),
@@ -132,7 +134,7 @@ impl PlannedIndex {
 
     fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
         let sha256 = hash_of_entries(&index);
-        Self { index, description, sha256, name, left_out: 0, notices: BTreeMap::new() }
+        Self { index, description, sha256, name, reduced_from: None, left_out: 0, notices: BTreeMap::new() }
     }
 }
 

@@ -130,6 +130,7 @@ impl Plan<'_> {
             index: index.description.clone(),
             index_sha256: index.sha256.to_string(),
             index_name: index.name.clone(),
+            reduced_from: index.reduced_from.clone(),
             overlap_estimators: index.index.overlap_estimators(),
             entries: self.selected(dataset).index.entries().count() as u64,
             entries_of_index: index.entries_of_file(),

@@ -183,6 +183,7 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
             description: format!("{}, fewer context views", index.description),
             // With fewer views, it is not the published index.
             name: index.name.clone().filter(|_| reduced == index.index),
+            reduced_from: index.name.clone().filter(|_| reduced != index.index),
             left_out: index.left_out,
             index: reduced,
             notices: index.notices.clone(),

@@ -146,6 +146,7 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
         description: "made for a test".to_owned(),
         sha256: Sha256Digest::of(b"test"),
         name: None,
+        reduced_from: None,
         left_out: 0,
         notices: std::collections::BTreeMap::new(),
     };

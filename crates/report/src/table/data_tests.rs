@@ -4,6 +4,7 @@ use atsplat_results::{PresetRecord, Results};
 
 use super::statement_tests::{built, measured, trained};
 use super::*;
+use crate::definition::Choice;
 use crate::emit::TableFormat;
 use crate::sample::{SCENES, UNKNOWN_HASH, atsplat, floor, preset, results};
 
@@ -91,6 +92,23 @@ fn a_published_index_names_its_dataset_under_any_protocol() {
     let record = PresetRecord { index_sha256, ..elsewhere("re10k-2v-256", "data/re10k") };
     let table = built("re10k", &results(vec![record], vec![floor()]));
     assert_eq!(said(&table), "ACID, 16×16, all 4 scenes, unpublished index");
+}
+
+/// The own index of a protocol is no published one, whatever the protocol calls its data.
+#[test]
+fn an_index_with_fewer_views_is_of_the_published_ones_dataset_and_an_own_one_is_not() {
+    let of = |name: Option<&str>, reduced_from: Option<&str>| {
+        let [index_name, reduced_from] = [name, reduced_from].map(|name| name.map(str::to_owned));
+        let record = PresetRecord { index_name, reduced_from, ..elsewhere("dl3dv-12v-512x960", "data/dl3dv") };
+        let results = with_context(results(vec![record], vec![floor()]), &[&[0, 30]]);
+        let table =
+            chosen_protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart, &Choice::default());
+        said(&table.unwrap()[0]).to_owned()
+    };
+    let reduced = of(None, Some("depthsplat-dl3dv-12v"));
+    assert_eq!(reduced, "DL3DV, 16×16, all 4 scenes, 2 context views, unpublished index");
+    assert!(of(None, None).starts_with("unidentified data (dl3dv), "));
+    assert!(of(Some("lab"), None).starts_with("unidentified data (dl3dv), "));
 }
 
 #[test]

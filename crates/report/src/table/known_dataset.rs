@@ -52,11 +52,12 @@ pub(super) fn known_dataset(results: &Results, record: &PresetRecord) -> Option<
     dataset_of_index(record).or_else(|| simulated_dataset(trials.map(|trial| trial.key.scene.as_str())))
 }
 
-/// The dataset of a recognised index: of a published file or what was derived from one, also if it is another protocol's, or of a
-/// stand-in's own file.
+/// The dataset of a recognised index: of a published file, what was derived from one or has fewer context views, also if it is another
+/// protocol's, or of a stand-in's own file. A protocol gives a published name to no other file.
 fn dataset_of_index(record: &PresetRecord) -> Option<String> {
     let by_hash = || record.index_sha256.parse::<Sha256Digest>().ok().and_then(|sha256| KnownIndex::by_sha256(&sha256));
-    let known = record.index_name.as_deref().and_then(KnownIndex::by_name).or_else(by_hash);
+    let name = record.index_name.as_deref().or(record.reduced_from.as_deref());
+    let known = name.and_then(KnownIndex::by_name).or_else(by_hash);
     if let Some(known) = known {
         return Some(known.dataset.to_owned());
     }
