@@ -1,14 +1,18 @@
 //! Reports as GitHub Actions shows them: Markdown for the summary of a step, and a workflow command that annotates a file.
 
+use atsplat_files::escaped_markdown;
+use atsplat_numeric::counted;
+
 use super::{Comparison, DriftReport, DriftVerdict, Finding};
 
-/// Number of moved numbers in an annotation.
-const MAX_NUMBERS: usize = 10;
+/// Number of moved numbers, and of other changes, in an annotation.
+const MAX_LISTED: usize = 10;
 
 impl DriftReport {
     /// The verdict, what changed, and a table of the numbers that are not the same, as Markdown; ends with a line break.
     pub fn markdown(&self) -> String {
-        let mut lines = vec![format!("### Drift: {}", self.verdict), String::new(), self.conclusion(), String::new()];
+        let conclusion = escaped_markdown(&self.conclusion());
+        let mut lines = vec![format!("### Drift: {}", self.verdict), String::new(), conclusion, String::new()];
         let (same, others): (Vec<&Comparison>, Vec<&Comparison>) =
             self.comparisons.iter().partition(|comparison| comparison.verdict == DriftVerdict::Same);
         if !others.is_empty() {
@@ -23,7 +27,8 @@ impl DriftReport {
             lines.extend([format!("Numbers that are the same: {}.", same.len()), String::new()]);
         }
         let changed = self.findings.iter().filter(|finding| finding.verdict != DriftVerdict::Same);
-        let changed: Vec<String> = changed.map(|finding| format!("- {}: {finding}", finding.verdict)).collect();
+        let item = |finding: &Finding| format!("- {}: {}", finding.verdict, escaped_markdown(&finding.to_string()));
+        let changed: Vec<String> = changed.map(item).collect();
         if !changed.is_empty() {
             lines.extend(changed);
             lines.push(String::new());
@@ -40,24 +45,28 @@ impl DriftReport {
             DriftVerdict::Drifted => "Numbers or their data drifted",
         };
         let moved = |comparison: &&Comparison| comparison.verdict == DriftVerdict::Drifted;
-        let numbers: Vec<String> = self.comparisons.iter().filter(moved).map(sentence).collect();
-        let more = numbers.len().checked_sub(MAX_NUMBERS).filter(|more| *more > 0);
         let is_drift = |finding: &&Finding| finding.verdict == DriftVerdict::Drifted;
-        let findings = self.findings.iter().filter(is_drift).map(ToString::to_string);
-        let lines: Vec<String> = std::iter::once(self.conclusion())
-            .chain(numbers.into_iter().take(MAX_NUMBERS))
-            .chain(more.map(|more| format!("and {more} more numbers")))
-            .chain(findings)
-            .collect();
+        let mut lines = vec![self.conclusion()];
+        lines.extend(limited(self.comparisons.iter().filter(moved).map(sentence), "number"));
+        lines.extend(limited(self.findings.iter().filter(is_drift).map(ToString::to_string), "change"));
         let (file, message) = (escaped(baseline).replace(':', "%3A").replace(',', "%2C"), escaped(&lines.join("\n")));
         Some(format!("::error file={file},title={title}::{message}"))
     }
 }
 
+/// The first of these lines, each about a `what`, and how many more there are.
+fn limited(lines: impl Iterator<Item = String>, what: &str) -> Vec<String> {
+    let mut lines: Vec<String> = lines.collect();
+    let more = lines.len().saturating_sub(MAX_LISTED) as u64;
+    lines.truncate(MAX_LISTED);
+    lines.extend((more > 0).then(|| format!("and {}", counted(more, &format!("more {what}")))));
+    lines
+}
+
 fn row(comparison: &Comparison) -> String {
     let Comparison { preset, method, metric, .. } = comparison;
     let [baseline, now, difference, interval] = comparison.numbers();
-    let [preset, method] = [preset, method].map(|name| name.replace('|', "\\|"));
+    let [preset, method] = [preset, method].map(|name| escaped_markdown(name));
     let verdict = comparison.judgement();
     format!("| {preset} | {method} | {metric} | {baseline} | {now} | {difference} | {interval} | {verdict} |")
 }

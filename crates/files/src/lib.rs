@@ -1,5 +1,5 @@
-//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, and the parts that
-//! errors about files share.
+//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, escaped Markdown, and the
+//! parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -14,6 +14,7 @@ mod embedded;
 mod error;
 mod existing;
 mod lock;
+mod markdown;
 mod toml_error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, remove_abandoned, write, write_unsynced, write_with};
@@ -25,6 +26,7 @@ pub use embedded::{Embedded, is_toml_path};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
+pub use markdown::escaped_markdown;
 pub use toml_error::{malformed_toml, toml_problem};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.

@@ -39,3 +39,52 @@ fn an_annotation_names_the_file_and_what_moved_in_one_line() {
         "{nothing}"
     );
 }
+
+#[test]
+fn names_are_no_markup_in_a_summary() {
+    let renamed = |status: TargetStatus| {
+        let mut results = store(true, 2, 0.0, 1);
+        for key in results.trials.iter_mut().map(|row| &mut row.key) {
+            key.scene = key.scene.replace("scene 000", "<b>a*b|c\nd");
+        }
+        for row in &mut results.targets {
+            row.key.scene = row.key.scene.replace("scene 000", "<b>a*b|c\nd");
+        }
+        results.targets[0].status = status;
+        results
+    };
+    let baseline = Baseline::new(&renamed(TargetStatus::Scored), &[], acceptance("first"));
+    let text = compare(&renamed(TargetStatus::Failed), &baseline).markdown();
+    let item =
+        "- DRIFTED: sampled, m: targets have another status: 1, such as &lt;b&gt;a\\*b\\|c d 0 frame 0: was scored";
+    assert!(text.lines().any(|line| line.starts_with(item)), "{text}");
+}
+
+/// Eleven methods, each with other trials and a lower score.
+#[test]
+fn an_annotation_lists_ten_numbers_and_ten_changes() {
+    let mut then = Results::default();
+    for at in 0..11 {
+        let mut of_method = store(true, 1, 0.0, 1);
+        for key in of_method.trials.iter_mut().map(|row| &mut row.key) {
+            key.method = format!("m{at:02}");
+        }
+        for row in &mut of_method.targets {
+            row.key.method = format!("m{at:02}");
+        }
+        then.provenance = of_method.provenance;
+        then.trials.extend(of_method.trials);
+        then.targets.extend(of_method.targets);
+    }
+    let baseline = Baseline::new(&then, &[], acceptance("first"));
+    let mut now = then.clone();
+    for trial in &mut now.trials {
+        trial.trial_hash = "another".to_owned();
+    }
+    for score in now.targets.iter_mut().flat_map(|row| row.scores.values_mut()) {
+        *score -= 1.0;
+    }
+    let text = compare(&now, &baseline).annotation("b.json").unwrap();
+    assert!(text.contains("psnr of m09") && !text.contains("psnr of m10"), "{text}");
+    assert!(text.contains("%0Aand 1 more number%0A") && text.ends_with("%0Aand 1 more change"), "{text}");
+}

@@ -1,3 +1,5 @@
+use atsplat_files::escaped_markdown as escaped;
+
 use crate::table::{Cell, Column, Mark, Table};
 
 /// A heading, a table in GitHub's Markdown, and the notes as a list. Column headings include the group: `PSNR ↑, 2 views`.
@@ -36,23 +38,4 @@ fn number(cell: &Cell, column: &Column) -> String {
         Mark::Second => format!("<u>{text}</u>"),
         Mark::Plain => text,
     }
-}
-
-/// Escapes Markdown with GitHub's formulas, HTML and cell separators.
-pub(super) fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '\\' | '|' | '*' | '_' | '`' | '[' | ']' | '~' | '$' => {
-                safe.push('\\');
-                safe.push(letter);
-            }
-            letter if letter.is_control() => safe.push(' '),
-            letter => safe.push(letter),
-        }
-    }
-    safe
 }

@@ -1,6 +1,6 @@
-use crate::table::{Outcome, Table};
+use atsplat_files::escaped_markdown as escaped;
 
-use super::markdown::escaped;
+use crate::table::{Outcome, Table};
 
 /// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured,
 /// what was measured here with its paired interval, and whether the order is the same. `None` if there is no such pair.
