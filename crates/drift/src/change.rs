@@ -171,12 +171,16 @@ impl DriftReport {
 
     /// What changed first, what else did, or what was compared without a change.
     pub(super) fn conclusion(&self) -> String {
-        let is_nothing = |comparison: &Comparison| comparison.verdict == DriftVerdict::Nothing;
-        if self.verdict == DriftVerdict::Nothing && self.comparisons.iter().all(is_nothing) {
-            return "Nothing could be compared: no target has a score both in the results and in the baseline, which \
-                    may be that of another run."
-                .to_owned();
+        if self.compared_nothing() {
+            let text = "Nothing could be compared: no target has a score both in the results and in the baseline, which \
+                        may be that of another run.";
+            return if self.changes.is_empty() { text.to_owned() } else { format!("{text} {}", self.what_changed()) };
         }
+        self.what_changed()
+    }
+
+    /// The first change and the others, or what was compared without one.
+    fn what_changed(&self) -> String {
         let (outside, known): (Vec<&Change>, Vec<&Change>) =
             self.changes.iter().partition(|change| change.stage == Cause::Outside);
         let named = |change: &&Change| format!("{}: {}", change.stage.name(), change.detail);

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use atsplat_results::{PresetRecord, Provenance};
 
 use super::change::Change;
-use super::rows::{EntryId, Frames, Group, Rows};
+use super::rows::{EntryId, Frames, Group, Rewriting, Rows};
 use super::{Cause, Difference, DriftVerdict, Finding, FindingKind};
 
 /// Fields of a [`PresetRecord`] that are not of its protocol.
-const OF_RECORD: [&str; 4] = ["hash", "index-sha256", "dataset", "entries"];
+const OF_RECORD: [&str; 4] = ["hash", "index-sha256", "data", "entries"];
 /// Parts of a protocol that the hashes of its trials contain.
 const OF_TRIALS: [&str; 5] = ["preprocessing", "lens-distortion", "pose-normalisation", "near-far", "methods"];
 
@@ -42,20 +42,32 @@ impl<'a> SharedPreset<'a> {
     /// Its findings, and what they say about the cause.
     pub(super) fn compare(&self, then: &Rows, now: &Rows) -> (Vec<Finding>, Vec<Change>) {
         let name = &self.then.name;
-        let is_rewritten = self.then.index_sha256 != self.now.index_sha256;
+        let rewriting = self.rewriting();
         let mut entries: BTreeMap<EntryId, String> = BTreeMap::new();
-        let (mut changes, mut is_shared) = (self.changes_of_protocol(), false);
+        let (mut changes, mut is_shared, mut is_unclear) = (self.changes_of_protocol(), false, false);
         for (then, now) in then.shared(now, name) {
             is_shared = true;
-            entries.extend(then.changed_entries(now, is_rewritten));
-            changes.extend(self.changed_sources(then, now, is_rewritten));
+            is_unclear |= !rewriting.explains_trials && then.has_unknown_frames(now);
+            entries.extend(then.changed_entries(now, rewriting));
+            changes.extend(self.changed_sources(then, now, rewriting.is_rewritten));
         }
         // Without a common row, nothing is known about the entries.
-        let index = if is_shared { self.index(&entries, is_rewritten) } else { None };
+        let index = if is_shared { self.index(&entries, rewriting.is_rewritten) } else { None };
+        let index = index.filter(|finding| finding.kind == FindingKind::Index || !is_unclear);
         changes.extend(entries.iter().map(|(id, how)| Change::new(Cause::Index, format!("{}: {how}", self.at(id)))));
         let of_others = index.iter().filter(|finding| finding.kind == FindingKind::Index && entries.is_empty());
         changes.extend(of_others.map(|finding| Change::new(Cause::Index, format!("{name}, {}", finding.example))));
         (self.protocol().into_iter().chain(index).collect(), changes)
+    }
+
+    fn rewriting(&self) -> Rewriting {
+        let is_rewritten = self.then.index_sha256 != self.now.index_sha256;
+        let is_whole = [self.then, self.now].iter().all(|record| record.entries == record.entries_of_index);
+        Rewriting {
+            is_rewritten,
+            explains_trials: is_rewritten && !self.has_other_trials(),
+            is_whole: is_rewritten && is_whole,
+        }
     }
 
     fn differs_in(&self, part: &str) -> bool {

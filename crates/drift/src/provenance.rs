@@ -96,7 +96,8 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
         of_preset.extend(fields([
             ("hash", Some(preset.hash.clone())),
             ("index-sha256", Some(preset.index_sha256.clone())),
-            ("dataset", Some(preset.dataset.clone())),
+            // Not the protocol's field `dataset`.
+            ("data", Some(preset.dataset.clone())),
             ("entries", Some(preset.entries.to_string())),
         ]));
         settings.insert(format!("preset {}", preset.name), of_preset);

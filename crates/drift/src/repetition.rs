@@ -38,7 +38,7 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
 /// run of a method wrote.
 fn is_of_plan(difference: &Difference) -> bool {
     let what = difference.what.as_str();
-    let places = [("preset ", ", dataset"), ("method ", ", folder")];
+    let places = [("preset ", ", data"), ("method ", ", folder")];
     let is_place = places.iter().any(|(kind, field)| what.starts_with(kind) && what.ends_with(field));
     !is_place && ["preset ", "method ", "metric "].iter().any(|kind| what.starts_with(kind))
 }

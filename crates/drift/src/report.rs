@@ -191,9 +191,16 @@ impl DriftReport {
         self.verdict == DriftVerdict::Drifted
     }
 
-    /// Adds the attribution of a probe.
+    /// Whether no target has a score both in the results and in the baseline, and nothing that both have changed.
+    pub(super) fn compared_nothing(&self) -> bool {
+        let is_nothing = |comparison: &Comparison| comparison.verdict == DriftVerdict::Nothing;
+        self.verdict == DriftVerdict::Nothing && self.comparisons.iter().all(is_nothing)
+    }
+
+    /// Adds the attribution of a probe. Where nothing was compared, its verdict stays: the baseline may be that of another run.
     #[must_use]
     pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
+        let at_most = if self.compared_nothing() { DriftVerdict::Nothing } else { DriftVerdict::Drifted };
         match attribution {
             Ok(attribution) => {
                 let found = attribution.stages.iter().map(|stage| match stage.verdict {
@@ -201,11 +208,11 @@ impl DriftReport {
                     StageVerdict::Empty => DriftVerdict::Nothing,
                     StageVerdict::Changed => DriftVerdict::Drifted,
                 });
-                let verdict = found.fold(self.verdict, DriftVerdict::max);
+                let verdict = found.fold(self.verdict, DriftVerdict::max).min(at_most);
                 let changes = self.changes_with(&attribution);
                 Self { verdict, changes, attribution: Some(attribution), ..self }
             }
-            Err(error) => Self { verdict: DriftVerdict::Drifted, not_attributed: Some(error.to_string()), ..self },
+            Err(error) => Self { verdict: at_most, not_attributed: Some(error.to_string()), ..self },
         }
     }
 }

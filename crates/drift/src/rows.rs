@@ -32,6 +32,17 @@ pub(super) enum Frames {
     Changed(String),
 }
 
+/// What the file of an index may explain.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rewriting {
+    /// Whether it is another file than in the baseline.
+    pub(super) is_rewritten: bool,
+    /// Whether it is, and nothing else of the preset gives trials other hashes.
+    pub(super) explains_trials: bool,
+    /// Whether it is, and both runs took all entries, so that those of one run alone are new or missing in it.
+    pub(super) is_whole: bool,
+}
+
 impl Rows {
     pub(super) fn new(
         trials: impl Iterator<Item = BaselineTrial>,
@@ -149,9 +160,15 @@ impl Group {
         }
     }
 
-    /// Entries of the index that differ, with how. Without `rewritten`, the index is the same file, and entries without a trial differ
-    /// for another reason.
-    pub(super) fn changed_entries(&self, now: &Self, rewritten: bool) -> BTreeMap<EntryId, String> {
+    /// Whether nothing tells if the frames of a changed trial are the baseline's.
+    pub(super) fn has_unknown_frames(&self, now: &Self) -> bool {
+        let is_changed = |id: &EntryId, hash: &str| now.trials.get(id).is_some_and(|trial| trial.trial_hash != hash);
+        let mut changed = self.trials.iter().filter(|(id, then)| is_changed(id, &then.trial_hash));
+        changed.any(|(id, _)| matches!(self.frames(now, id), Frames::Unknown))
+    }
+
+    /// Entries of the index that differ, with how.
+    pub(super) fn changed_entries(&self, now: &Self, rewriting: Rewriting) -> BTreeMap<EntryId, String> {
         let mut changed = BTreeMap::new();
         let ids: BTreeSet<&EntryId> = self.trials.keys().chain(now.trials.keys()).collect();
         for id in ids {
@@ -159,16 +176,16 @@ impl Group {
                 (Some(then), Some(now)) if then.trial_hash == now.trial_hash => continue,
                 (Some(_), Some(_)) => match self.frames(now, id) {
                     Frames::Changed(how) => how,
-                    Frames::Unknown if rewritten => "other context frames, or other cameras".to_owned(),
+                    Frames::Unknown if rewriting.explains_trials => "other context frames, or other cameras".to_owned(),
                     Frames::Unknown | Frames::Same => continue,
                 },
-                _ if !rewritten => continue,
+                _ if !rewriting.is_whole => continue,
                 (None, _) => "new".to_owned(),
                 (_, None) => "missing".to_owned(),
             };
             changed.insert(id.clone(), how);
         }
-        for (id, then) in self.targets.iter().filter(|_| rewritten) {
+        for (id, then) in self.targets.iter().filter(|_| rewriting.is_rewritten) {
             let groupings = then.grouping.as_ref().zip(now.targets.get(id).and_then(|now| now.grouping.as_ref()));
             if let Some(how) = groupings.and_then(|(then, now)| then.change(now)) {
                 changed.entry((id.0.clone(), id.1)).or_insert(how);

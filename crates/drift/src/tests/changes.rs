@@ -65,7 +65,7 @@ type Case = (fn(&mut Results), Cause, &'static str);
 
 #[test]
 fn each_cause_is_named_and_nothing_else() {
-    let cases: [Case; 9] = [
+    let cases: [Case; 10] = [
         (move_camera, Cause::Cameras, "sampled, scene scene 002, entry 0"),
         (other_entry, Cause::Index, "sampled, scene scene 002, entry 0: context frame 9 is now 8"),
         (
@@ -82,6 +82,11 @@ fn each_cause_is_named_and_nothing_else() {
             |now| set_preset(now, |preset| preset.renderer.dilation = 0.1),
             Cause::Protocol,
             "preset sampled, renderer.dilation: was 0.3, is now 0.1",
+        ),
+        (
+            |now| set_preset(now, |preset| preset.dataset = "yards".to_owned()),
+            Cause::Protocol,
+            "preset sampled, dataset: was rooms, is now yards",
         ),
         (
             |now| {
@@ -144,6 +149,16 @@ fn images_of_another_crop_are_not_compared() {
     let first = (Cause::Data, "images or cameras of sampled, scene scene 004, entry 0");
     assert_eq!(found(&both)[0], first, "{both}");
     assert_eq!(found(&both)[1].0, Cause::Preprocessing, "{both}");
+    // A camera has moved under a protocol that calls its data otherwise.
+    let renamed = report_of(
+        |now| {
+            set_preset(now, |preset| preset.dataset = "yards".to_owned());
+            move_camera(now);
+        },
+        false,
+    );
+    let causes: Vec<Cause> = found(&renamed).into_iter().map(|(cause, _)| cause).collect();
+    assert_eq!(causes, [Cause::Cameras, Cause::Protocol], "{renamed}");
 }
 
 /// It has neither the context frames nor the data of a trial.
@@ -159,6 +174,57 @@ fn a_baseline_of_an_older_version_tells_what_it_can() {
     assert_eq!(causes(other_entry), [(Cause::Index, unclear)]);
     let cropped = causes(crop);
     assert_eq!(cropped.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), [Cause::Preprocessing], "{cropped:?}");
+}
+
+/// The index is rewritten, and the preset explains the other trials; which entries they have is unknown.
+#[test]
+fn an_older_baseline_blames_no_index_for_what_the_preset_changed() {
+    let changes: [(fn(&mut Results), Cause); 2] = [
+        (crop, Cause::Preprocessing),
+        (
+            |now| {
+                set_preset(now, |preset| preset.near_far.near = 0.02);
+                now.trials.iter_mut().for_each(|trial| trial.trial_hash.push_str(" nearer"));
+            },
+            Cause::Protocol,
+        ),
+    ];
+    for (change, cause) in changes {
+        let mut baseline = Baseline::new(&base(), &[], acceptance("first"));
+        baseline.trials.iter_mut().for_each(|trial| (trial.context, trial.data_hash) = (None, None));
+        let mut now = base();
+        change(&mut now);
+        now.provenance.presets[0].index_sha256 = "another".to_owned();
+        let report = compare(&now, &baseline);
+        assert_eq!(found(&report).iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), [cause], "{report}");
+        let of_index = [FindingKind::Index, FindingKind::RewrittenIndex];
+        assert!(report.findings.iter().all(|finding| !of_index.contains(&finding.kind)), "{report}");
+    }
+}
+
+/// A run with `--limit` of 3 of 6 scenes, under another file of the index.
+#[test]
+fn entries_that_were_not_run_are_not_missing_from_the_index() {
+    let with = |entries: u64| {
+        let mut results = base();
+        let record = &mut results.provenance.presets[0];
+        (record.entries, record.entries_of_index) = (entries, 6);
+        results
+    };
+    let baseline = Baseline::new(&with(6), &[], acceptance("first"));
+    let under_another_file = |entries: u64| {
+        let mut now = with(entries);
+        now.provenance.presets[0].index_sha256 = "another".to_owned();
+        now.trials.truncate(3);
+        now.targets.truncate(9);
+        compare(&now, &baseline)
+    };
+    let limited = under_another_file(3);
+    let expected =
+        [(FindingKind::RewrittenIndex, DriftVerdict::Same, 1), (FindingKind::Missing, DriftVerdict::Drifted, 9)];
+    assert_eq!((kinds(&limited), limited.first_change()), (expected.to_vec(), None), "{limited}");
+    let whole = under_another_file(6);
+    assert_eq!((kinds(&whole)[0].0, whole.first_change()), (FindingKind::Index, Some(Cause::Index)), "{whole}");
 }
 
 /// A change of an index, and what is said of it.
@@ -223,7 +289,16 @@ fn without_a_common_target_nothing_was_compared() {
         let report = compare(&now, &baseline);
         assert_eq!(report.verdict, DriftVerdict::Nothing, "{report}");
         assert!(report.to_string().contains("\nNothing could be compared: "), "{report}");
+        // Nor does a probe say anything about another run's numbers.
+        let probed = report.clone().with_attribution(Ok(super::data::probed(&[Stage::Renderer])));
+        assert_eq!((probed.verdict, probed.first_change()), (DriftVerdict::Nothing, Some(Cause::Renderer)), "{probed}");
+        let said = probed.to_string();
+        assert!(said.contains("may be that of another run. The first change is in the renderer: "), "{said}");
+        let error = DriftError::Unacceptable { expected: "a probe", found: "none".to_owned() };
+        assert_eq!(report.with_attribution(Err(error)).verdict, DriftVerdict::Nothing);
     }
+    let same = compare(&base(), &baseline).with_attribution(Ok(super::data::probed(&[Stage::Renderer])));
+    assert_eq!(same.verdict, DriftVerdict::Drifted, "{same}");
     // A method that fails everywhere has drifted.
     let mut failed = base();
     for row in &mut failed.targets {

@@ -109,7 +109,8 @@ fn an_older_format_without_images_has_those_of_its_targets() {
     assert_eq!((data.changed[0].scene.as_str(), data.changed[0].frame), ("scene 001", 1));
 }
 
-fn probed(changed: &[Stage]) -> Attribution {
+/// A probe of which these stages changed.
+pub(super) fn probed(changed: &[Stage]) -> Attribution {
     let stages = Stage::PROBED.into_iter().map(|stage| StageChange {
         stage,
         verdict: if changed.contains(&stage) { StageVerdict::Changed } else { StageVerdict::Same },
