@@ -13,7 +13,7 @@ pub struct Choice {
     /// The quantities of the columns, in their order; empty for all. A metric includes its slopes.
     pub columns: Vec<Quantity>,
     /// The methods of the measured rows, in their order; empty for all. Each is called by its name in its store, by its title, or by
-    /// `STORE: NAME`.
+    /// `STORE: NAME`. Rows that reproduce one of the paper's stay below it, unless these are left out.
     pub methods: Vec<String>,
     /// Whether the paper's rows are left out.
     pub without_published: bool,

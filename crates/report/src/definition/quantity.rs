@@ -129,7 +129,11 @@ fn fixed(value: f64, decimals: usize) -> String {
 
 impl Serialize for Quantity {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.id())
+        match self {
+            // The only quantity that a table may have of several metrics.
+            Self::Difference(metric) => serializer.collect_str(&format_args!("{}-difference", metric.id)),
+            _ => serializer.serialize_str(self.id()),
+        }
     }
 }
 

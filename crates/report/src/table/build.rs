@@ -58,6 +58,9 @@ pub(super) fn table(
     if definition.choice.without_published {
         rows.retain(|row| row.origin == Origin::Measured);
     }
+    if let Some(results) = results {
+        results.sort_by_choice(&mut rows);
+    }
     let mut table = Table {
         name: definition.name.clone(),
         title: definition.title.clone(),

@@ -2,6 +2,7 @@
 
 use atsplat_results::{MethodRecord, Results};
 
+use super::statement_tests::trained;
 use super::tests::notes;
 use super::*;
 use crate::definition::{Choice, Quantity, TableDefinition};
@@ -65,6 +66,32 @@ fn methods_are_shown_in_the_order_of_the_choice() {
     );
     let all = chosen(&store, &Choice::default());
     assert_eq!((methods(&all), notes(&all, NoteKind::Choice)), (vec!["network", "a", "b"], vec![]));
+}
+
+/// The network's row would follow that of the paper which it reproduces; its trainings come before their mean.
+#[test]
+fn without_the_papers_rows_all_methods_are_in_the_order_of_the_choice() {
+    let store = store();
+    let of = |names: &[&str], without_published| Choice {
+        methods: names.iter().map(|name| (*name).to_owned()).collect(),
+        without_published,
+        ..Choice::default()
+    };
+    let table = chosen(&store, &of(&["b", "network", "a"], true));
+    assert_eq!(methods(&table), ["b", "network", "a"]);
+    assert!(table.rows.iter().all(|row| !row.rule_above));
+    assert_eq!(methods(&chosen(&store, &of(&["b", "network", "a"], false))), ["network", "b", "a"]);
+    let trainings = ["one", "two"].map(|seed| trained(seed, seed, "simulated rooms"));
+    let floors = ["a", "b"].map(|name| MethodRecord { name: name.to_owned(), ..floor() });
+    let store = results(vec![preset("rooms-2v-128")], trainings.into_iter().chain(floors).collect());
+    let table = chosen(&store, &of(&["b", "two", "one", "a"], true));
+    let order: Vec<&str> = table
+        .rows
+        .iter()
+        .filter(|row| !row.without_leaked)
+        .map(|row| if row.is_over_trainings() { "mean" } else { row.method.as_deref().unwrap() })
+        .collect();
+    assert_eq!(order, ["b", "two", "one", "mean", "a"]);
 }
 
 #[test]

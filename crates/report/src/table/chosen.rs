@@ -3,8 +3,9 @@
 use atsplat_numeric::distinct;
 
 use super::comparable::{ComparableResults, StoreMethod};
-use super::{Note, NoteKind, has_trials};
+use super::{Note, NoteKind, Row, StoreProtocol, has_trials};
 use crate::definition::{TableDefinition, is_called};
+use crate::plot::Origin;
 
 impl ComparableResults<'_> {
     /// The place of a method in the chosen order; `None` if it is not chosen.
@@ -12,6 +13,30 @@ impl ComparableResults<'_> {
         let StoreMethod { store, record } = method;
         let chosen = &self.choice.methods;
         if chosen.is_empty() { Some(0) } else { chosen.iter().position(|name| is_called(store, record, name)) }
+    }
+
+    /// Sorts rows by the chosen order of their methods, unless the paper's rows are between them, which those that reproduce one
+    /// follow. A mean over trainings stays behind these.
+    pub(super) fn sort_by_choice(&self, rows: &mut [Row]) {
+        if self.choice.methods.is_empty() || rows.iter().any(|row| row.origin == Origin::Published) {
+            return;
+        }
+        rows.sort_by_key(|row| self.place_of_row(row));
+        // A line would divide rows that reproduce one of the paper's from the others.
+        for row in rows {
+            row.rule_above = false;
+        }
+    }
+
+    /// The place of a row's method, or the last of those of its trainings.
+    fn place_of_row(&self, row: &Row) -> Option<usize> {
+        let measured = row.protocols.iter().flatten().chain(row.trainings.iter().flatten());
+        let place = |protocol: &StoreProtocol| {
+            let part = self.parts.iter().find(|part| part.is(protocol))?;
+            let record = part.source.results.provenance.method(&protocol.method)?;
+            self.place_of(StoreMethod { store: part.source.label, record })
+        };
+        measured.filter_map(place).max()
     }
 
     /// A note on what the choice left out of a table; `None` if nothing.

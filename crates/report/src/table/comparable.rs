@@ -1,6 +1,6 @@
 //! Which results share a table: for each preset those of one protocol, one index, and one set of images and cameras.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use atsplat_metrics::Definition;
 use atsplat_protocol::{OverlapBins, Preset};
@@ -9,6 +9,7 @@ use atsplat_results::store::Unfinished;
 use atsplat_results::{MethodRecord, PresetRecord, Results};
 
 use super::known_dataset::known_dataset;
+use super::trial_data::other_data;
 use super::{Row, Source, StoreProtocol, Table};
 use crate::definition::{Choice, TableDefinition};
 use crate::{ReportError, counted};
@@ -139,23 +140,6 @@ fn by_suffix<'a>(parts: Vec<Part<'a>>) -> Vec<(&'a str, Vec<Part<'a>>)> {
 fn suffix_of(record: &PresetRecord) -> &str {
     let suffix = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
     if record.stands_for.is_some() && suffix.is_empty() { "simulated" } else { suffix }
-}
-
-/// Whether the trials that two stores have in common, each under a preset of this name, read the same images and cameras.
-pub(crate) fn is_same_data(stores: [(&Results, &str); 2]) -> bool {
-    other_data(stores).is_empty()
-}
-
-/// Scene and entry of the trials that two stores have in common, but with different images or cameras.
-fn other_data<'a>(stores: [(&'a Results, &str); 2]) -> Vec<(&'a str, u32)> {
-    let [first, second] = stores.map(|(results, preset)| {
-        let trials = results.trials.iter().filter(|trial| trial.key.preset == preset);
-        trials
-            .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
-            .collect::<BTreeMap<_, _>>()
-    });
-    let differs = |(trial, data): &(&(&str, u32), &&str)| first.get(*trial).is_some_and(|known| known != *data);
-    second.iter().filter(differs).map(|(trial, _)| *trial).collect()
 }
 
 impl ComparableResults<'_> {

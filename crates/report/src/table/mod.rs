@@ -19,6 +19,7 @@ mod difference_tests;
 mod footer;
 mod known_dataset;
 mod labels;
+mod leads;
 mod measure;
 mod measured_on;
 mod measured_row;
@@ -43,6 +44,7 @@ mod time_scope;
 #[cfg(test)]
 mod training_tests;
 mod trainings;
+mod trial_data;
 
 use atsplat_numeric::distinct;
 use atsplat_results::Results;
@@ -52,7 +54,6 @@ pub use agreement::{Agreement, Headline, agreement};
 pub use build::{Mixing, tables};
 pub use cell::{Cell, CellTiming, Mark, Trainings, Value};
 pub use column::{CellIndex, Column, Group};
-pub(crate) use comparable::is_same_data;
 pub use counts::Counts;
 pub(crate) use difference::is_changed;
 pub(crate) use known_dataset::other_data;
@@ -65,6 +66,7 @@ pub(crate) use remarks::{INFERENCE_ONLY, LEAKED_EXCLUDED};
 pub use row::{Row, StoreProtocol};
 pub(crate) use time_scope::BUSY;
 pub use time_scope::TimeScope;
+pub(crate) use trial_data::is_same_data;
 
 use crate::plot::Origin;
 use rank::Incomparable;

@@ -1,4 +1,4 @@
-//! Paired differences between measured rows: of every row to a chosen method, and of the best row to the next.
+//! Paired differences of measured rows to a chosen method.
 
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::{
@@ -7,9 +7,9 @@ use atsplat_results::statistics::{
 
 use super::comparable::{ComparableResults, MethodRun, Part};
 use super::labels::name;
+use super::leads::undecided_leads;
 use super::measure::weights_of;
-use super::rank::{in_direction, measured_rows};
-use super::{Cell, CellIndex, Column, Counts, Group, Mark, Note, NoteKind, Row, Table, Value, has_trials};
+use super::{Cell, CellIndex, Column, Counts, Group, Note, NoteKind, Row, Table, Value, has_trials};
 use crate::counted;
 use crate::definition::{Quantity, TableDefinition, is_called};
 
@@ -56,10 +56,10 @@ pub(super) fn paired(table: &mut Table, definition: &TableDefinition, results: &
     undecided.into_iter().chain(differences).collect()
 }
 
-/// A metric of a table, and the group of columns over all of whose targets it is.
+/// A column of a table whose metric is over all targets.
 #[derive(Clone, Copy)]
 struct Compared {
-    group: usize,
+    index: CellIndex,
     metric: &'static Definition,
 }
 
@@ -68,14 +68,17 @@ struct Compared {
 fn add_differences(table: &mut Table, definition: &TableDefinition, reference: Reference<'_>) -> Vec<Note> {
     let (mut compared, mut columns) = (Vec::new(), Vec::new());
     for (group, Group { title, columns: of_group, .. }) in table.groups.iter().enumerate() {
-        let metrics = of_group.iter().filter_map(|column| Some((column, metric_over_all(definition, group, column)?)));
+        let metrics = of_group.iter().enumerate().filter_map(|(at, column)| {
+            let metric = metric_over_all(definition, group, column)?;
+            Some((column, Compared { index: CellIndex { group, column: at }, metric }))
+        });
         let most = if definition.choice.columns.is_empty() { 1 } else { usize::MAX };
-        for (column, metric) in metrics.take(most) {
-            compared.push(Compared { group, metric });
+        for (column, of_column) in metrics.take(most) {
+            compared.push(of_column);
             columns.push(Column {
                 name: format!("{}_difference", column.name),
                 title: format!("Δ{}{}{title}", column.title, if title.is_empty() { "" } else { ", " }),
-                quantity: Quantity::Difference(metric),
+                quantity: Quantity::Difference(of_column.metric),
                 direction: None,
                 exact: false,
                 intervals: true,
@@ -107,13 +110,26 @@ fn add_differences(table: &mut Table, definition: &TableDefinition, reference: R
 }
 
 /// The metric of a column, if it is over all targets of a protocol; the average over bins is taken for it.
-fn metric_over_all(definition: &TableDefinition, group: usize, column: &Column) -> Option<&'static Definition> {
+pub(super) fn metric_over_all(
+    definition: &TableDefinition,
+    group: usize,
+    column: &Column,
+) -> Option<&'static Definition> {
     let group = definition.groups.get(group).filter(|group| group.distances.is_none())?;
     let is_bin = group.bin.as_deref().is_some_and(|bin| bin != "average");
     match column.quantity {
         Quantity::Metric(metric) if !is_bin => Some(metric),
         _ => None,
     }
+}
+
+/// Why a difference over all targets is none of the numbers in a column: they were not computed, or lack targets outside all bins.
+pub(super) fn why_without_difference(cell: &Cell) -> Option<String> {
+    if let (Value::Absent, Some(why)) = (&cell.value, &cell.not_computed) {
+        return Some(why.clone());
+    }
+    let is_outside = cell.counts.is_some_and(|counts| counts.outside_bins > 0);
+    is_outside.then(|| "some targets are outside all bins of overlap".to_owned())
 }
 
 fn cell(found: Result<Option<Difference>, String>) -> Cell {
@@ -142,8 +158,13 @@ impl<'a> Reference<'a> {
     /// # Errors
     /// Why the difference cannot be computed.
     fn difference(self, row: &Row, compared: Compared) -> Result<Option<Difference>, String> {
-        let Compared { group, metric } = compared;
-        let runs = self.results.runs(row, group);
+        let Compared { index, metric } = compared;
+        let cell = row.cell(index);
+        // Means over trainings have no numbers by bin of overlap.
+        if row.is_over_trainings() && cell.value == Value::Absent {
+            return Ok(None);
+        }
+        let runs = self.results.runs(row, index.group);
         let Some(first) = runs.first() else { return Ok(None) };
         let reference = self.run(*first)?;
         let is_reference = |run: &MethodRun<'_>| {
@@ -152,6 +173,9 @@ impl<'a> Reference<'a> {
         };
         if runs.iter().any(is_reference) {
             return Ok(None);
+        }
+        if let Some(why) = why_without_difference(cell) {
+            return Err(why);
         }
         let against = self.against;
         let weights = |run: MethodRun<'_>| weights_of(run.results(), metric.id);
@@ -180,7 +204,7 @@ impl<'a> Reference<'a> {
         let comparable = found.iter().find(|other| other.part.is_comparable_with(run.part));
         comparable.copied().ok_or_else(|| {
             if found.is_empty() {
-                format!("{against} has no results on these data under {preset}")
+                format!("{against} has no results on these data under {}", run.preset_name())
             } else {
                 format!("the results of {against} are of another protocol, index or data")
             }
@@ -199,7 +223,7 @@ fn run_called<'a>(part: &'a Part<'a>, name: &str) -> Option<MethodRun<'a>> {
 
 impl<'a> ComparableResults<'a> {
     /// What was measured for a group of columns of a row: one method, or every training.
-    fn runs(&'a self, row: &Row, group: usize) -> Vec<MethodRun<'a>> {
+    pub(super) fn runs(&'a self, row: &Row, group: usize) -> Vec<MethodRun<'a>> {
         let measured = row.measured(group).into_iter();
         let run = measured.filter_map(|protocol| {
             let part = self.parts.iter().find(|part| part.is(protocol))?;
@@ -207,41 +231,4 @@ impl<'a> ComparableResults<'a> {
         });
         run.collect()
     }
-}
-
-/// A note on the metrics in which the best measured row may be no better than the next.
-fn undecided_leads(table: &Table, definition: &TableDefinition, results: &ComparableResults<'_>) -> Option<Note> {
-    let undecided = table.columns().filter_map(|(index, column)| {
-        let interval = lead(table, definition, results, index, column)?.interval;
-        let is_decided = interval.is_some_and(|[low, high]| low > 0.0 || high < 0.0);
-        (!is_decided).then(|| table.heading(index))
-    });
-    let columns: Vec<String> = undecided.collect();
-    (!columns.is_empty()).then(|| Note {
-        kind: NoteKind::Paired,
-        text: format!(
-            "the lead of the best measured row over the next is undecided (the paired 95 % interval over scenes contains 0, or \
-             needs {MIN_SCENES} scenes): {}",
-            columns.join(", ")
-        ),
-    })
-}
-
-/// The difference between the only measured row that is marked as best and the next; `None` without such rows, and for what is not a
-/// metric over all targets.
-fn lead(
-    table: &Table,
-    definition: &TableDefinition,
-    results: &ComparableResults<'_>,
-    index: CellIndex,
-    column: &Column,
-) -> Option<Difference> {
-    let metric = metric_over_all(definition, index.group, column)?;
-    let rows = measured_rows(table, index).into_iter().filter_map(|at| table.rows.get(at));
-    let (best, others): (Vec<&Row>, Vec<&Row>) = rows.partition(|row| row.cell(index).mark == Mark::Best);
-    let [best] = best.as_slice() else { return None };
-    let others = others.into_iter().filter_map(|row| Some((row, row.cell(index).value.number()?)));
-    let (next, _) = others.min_by(|(_, a), (_, b)| in_direction(metric.direction, *a, *b))?;
-    let [best, next] = [best, next].map(|row| results.runs(row, index.group));
-    difference([best.as_slice(), next.as_slice()], metric, Leaked::Included)
 }

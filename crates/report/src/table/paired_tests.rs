@@ -20,7 +20,12 @@ fn method(name: &str) -> MethodRecord {
 
 /// A method's results, of which the PSNR is higher in each scene by these decibels than 27, 25, 23 dB and so on.
 fn store(name: &str, gains: &[f64]) -> Results {
-    let mut results = results_over(vec![preset(PRESET)], vec![method(name)], gains.len());
+    store_under(PRESET, name, gains)
+}
+
+/// As [`store`], under another protocol.
+fn store_under(protocol: &str, name: &str, gains: &[f64]) -> Results {
+    let mut results = results_over(vec![preset(protocol)], vec![method(name)], gains.len());
     for row in &mut results.targets {
         let at = SCENES.iter().position(|scene| *scene == row.key.scene);
         let at = at.unwrap_or_else(|| row.key.scene.trim_start_matches("scene ").parse().unwrap());
@@ -30,8 +35,13 @@ fn store(name: &str, gains: &[f64]) -> Results {
 }
 
 fn compared(stores: &[(&str, &Results)], choice: &Choice, mixing: Mixing) -> Table {
+    compared_in("re10k", stores, choice, mixing)
+}
+
+/// As [`compared`], in another table.
+fn compared_in(table: &str, stores: &[(&str, &Results)], choice: &Choice, mixing: Mixing) -> Table {
     let sources: Vec<Source<'_>> = stores.iter().map(|(label, results)| Source { label, results }).collect();
-    tables(&TableDefinition::named("re10k").unwrap().with_choice(choice), &sources, mixing).unwrap().swap_remove(0)
+    tables(&TableDefinition::named(table).unwrap().with_choice(choice), &sources, mixing).unwrap().swap_remove(0)
 }
 
 fn against(name: &str) -> Choice {
@@ -82,6 +92,8 @@ fn rows_are_compared_with_a_method_of_another_store() {
     let row = table.rows.iter().find(|row| row.method.as_deref() == Some("warp")).unwrap();
     let differences: Vec<f64> = row.cells.last().unwrap().iter().map(|cell| cell.value.number().unwrap()).collect();
     Tolerance::F64.assert(differences, [0.0, -30.0 / 7.0], "the warp minus mine");
+    let columns = serde_json::to_value(&table.groups.last().unwrap().columns).unwrap();
+    assert_eq!([0, 1].map(|at| columns[at]["quantity"].as_str().unwrap()), ["ssim-difference", "psnr-difference"]);
 }
 
 #[test]
@@ -97,7 +109,7 @@ fn a_difference_that_means_nothing_has_a_reason() {
     let [mine, mut other] = [store("mine", &[1.0; 7]), store("warp", &[0.0; 7])];
     other.trials[0].data_hash = Some("other images".to_owned());
     let stores = [("scores", &mine), ("baselines", &other)];
-    assert_eq!(why(&stores, Mixing::Apart), "warp has no results on these data under re10k-2v-256");
+    assert_eq!(why(&stores, Mixing::Apart), "warp has no results on these data under rooms-2v-128");
     let forced = why(&stores, Mixing::Forced);
     assert_eq!(forced, "the results of warp are of another protocol, index or data");
     let table = compared(&stores, &against("warp"), Mixing::Forced);
@@ -118,4 +130,82 @@ fn an_undecided_lead_is_named_below_the_table() {
     let said = undecided([3.0, -2.0, 3.0, -2.0, 3.0, -2.0, 1.0]);
     assert!(said.contains("is undecided") && said.ends_with(": PSNR"), "{said}");
     assert_eq!(undecided([0.5, 0.6, 0.5, 0.6, 0.5, 0.6, 0.7]), "");
+}
+
+/// The first store is older than the hashes of data.
+#[test]
+fn other_ground_truths_are_other_data() {
+    let mut both = [store("mine", &[1.0; 7]), store("warp", &[0.0; 7])];
+    for row in both.iter_mut().flat_map(|results| &mut results.targets) {
+        row.truth_hash = Some(format!("{} {}", row.key.scene, row.target));
+    }
+    for trial in &mut both[0].trials {
+        trial.data_hash = None;
+    }
+    let found = |both: &[Results; 2]| {
+        let stores = [("scores", &both[0]), ("baselines", &both[1])];
+        last(&compared(&stores, &against("warp"), Mixing::Apart), "mine").clone()
+    };
+    Tolerance::F64.assert(found(&both).value.number(), [1.0], "the same ground truths");
+    both[1].targets[4].truth_hash = Some("another photo".to_owned());
+    let other = found(&both);
+    assert_eq!(other.value, Value::Absent);
+    assert_eq!(other.not_computed.as_deref(), Some("warp has no results on these data under rooms-2v-128"));
+}
+
+/// Gains that cancel in most scenes: hardly a lead.
+const UNDECIDED: [f64; 7] = [0.5, -0.5, 0.5, -0.5, 0.5, -0.5, 0.01];
+
+/// A third row is worse than both, so that both are marked as best; a row of the paper is better than both.
+#[test]
+fn a_lead_is_undecided_whether_or_not_its_row_alone_is_marked() {
+    let said = |protocol: &str, stores: &[Results], best: &[&str]| {
+        let stores: Vec<(&str, &Results)> = ["one", "two", "three"].into_iter().zip(stores).collect();
+        let table = compared(&stores, &Choice::default(), Mixing::Apart);
+        let marked = table.rows.iter().filter(|row| row.cells[0][0].mark == Mark::Best);
+        let measured: Vec<&str> = marked.filter_map(|row| row.method.as_deref()).collect();
+        assert_eq!(measured, best, "{protocol}");
+        notes(&table, NoteKind::Paired).concat()
+    };
+    let named = |said: &str| said.contains("is undecided") && said.ends_with(": PSNR");
+    let three = [store("mine", &UNDECIDED), store("warp", &[0.0; 7]), store("poor", &[-5.0; 7])];
+    assert!(named(&said(PRESET, &three, &["mine", "warp"])));
+    let whole = |name: &str, gains: &[f64]| {
+        let mut results = store_under("re10k-2v-256", name, gains);
+        let record = &mut results.provenance.presets[0];
+        (record.entries, record.entries_of_index) = (7, 7);
+        results.provenance.skipped.clear();
+        results
+    };
+    assert!(named(&said("whole", &[whole("mine", &UNDECIDED), whole("warp", &[0.0; 7])], &[])));
+    assert_eq!(said("whole", &[whole("mine", &[1.0; 7]), whole("warp", &[0.0; 7])], &[]), "");
+    assert_eq!(said("whole", &[whole("mine", &[0.0; 7]), whole("warp", &[0.0; 7])], &[]), "", "no lead at all");
+}
+
+/// The average over bins lacks targets outside all of them, and all whose overlaps are of another estimator.
+#[test]
+fn an_average_over_bins_has_no_difference_over_other_targets() {
+    let found = |change: fn(&mut Results)| {
+        let mut both =
+            [store_under("re10k-overlap", "mine", &UNDECIDED), store_under("re10k-overlap", "warp", &[0.0; 7])];
+        for results in &mut both {
+            change(results);
+        }
+        let stores = [("scores", &both[0]), ("baselines", &both[1])];
+        let table = compared_in("re10k_overlap", &stores, &against("warp"), Mixing::Apart);
+        let is_named = notes(&table, NoteKind::Paired).concat().contains("scenes): Average PSNR");
+        let cell = last(&table, "mine").clone();
+        (cell.value.number().is_some(), is_named, cell.not_computed.unwrap_or_default())
+    };
+    assert_eq!(found(|_| ()), (true, true, String::new()));
+    let outside = found(|results| {
+        for row in results.targets.iter_mut().filter(|row| row.key.scene == SCENES[1]) {
+            row.overlap = Some(0.9);
+        }
+    });
+    assert_eq!(outside, (false, false, "some targets are outside all bins of overlap".to_owned()));
+    let (is_number, is_named, why) = found(|results| {
+        results.provenance.presets[0].overlap_estimators = vec!["epipolar-ray".to_owned()];
+    });
+    assert!(!is_number && !is_named && why.contains("overlaps are measured by epipolar-ray"), "{why}");
 }
