@@ -70,7 +70,8 @@ struct ChoiceArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     columns: Vec<Quantity>,
 
-    /// Methods of the tables and their order, as tables name them; by default all.
+    /// Methods of the tables and their order, as tables name them; by default all. Rows that reproduce one of the paper's stay
+    /// below it.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     methods: Vec<String>,
 

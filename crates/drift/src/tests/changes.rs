@@ -176,10 +176,13 @@ fn a_baseline_of_an_older_version_tells_what_it_can() {
     assert_eq!(cropped.iter().map(|(cause, _)| *cause).collect::<Vec<_>>(), [Cause::Preprocessing], "{cropped:?}");
 }
 
+/// A change, and what it is blamed on.
+type Blamed = (fn(&mut Results), Cause);
+
 /// The index is rewritten, and the preset explains the other trials; which entries they have is unknown.
 #[test]
 fn an_older_baseline_blames_no_index_for_what_the_preset_changed() {
-    let changes: [(fn(&mut Results), Cause); 2] = [
+    let changes: [Blamed; 2] = [
         (crop, Cause::Preprocessing),
         (
             |now| {
@@ -290,14 +293,14 @@ fn without_a_common_target_nothing_was_compared() {
         assert_eq!(report.verdict, DriftVerdict::Nothing, "{report}");
         assert!(report.to_string().contains("\nNothing could be compared: "), "{report}");
         // Nor does a probe say anything about another run's numbers.
-        let probed = report.clone().with_attribution(Ok(super::data::probed(&[Stage::Renderer])));
+        let probed = report.clone().with_attribution(Ok(data::probed(&[Stage::Renderer])));
         assert_eq!((probed.verdict, probed.first_change()), (DriftVerdict::Nothing, Some(Cause::Renderer)), "{probed}");
         let said = probed.to_string();
         assert!(said.contains("may be that of another run. The first change is in the renderer: "), "{said}");
         let error = DriftError::Unacceptable { expected: "a probe", found: "none".to_owned() };
         assert_eq!(report.with_attribution(Err(error)).verdict, DriftVerdict::Nothing);
     }
-    let same = compare(&base(), &baseline).with_attribution(Ok(super::data::probed(&[Stage::Renderer])));
+    let same = compare(&base(), &baseline).with_attribution(Ok(data::probed(&[Stage::Renderer])));
     assert_eq!(same.verdict, DriftVerdict::Drifted, "{same}");
     // A method that fails everywhere has drifted.
     let mut failed = base();
