@@ -24,7 +24,7 @@ pub struct Times {
     pub device: Option<String>,
     /// Trials that were timed.
     pub trials: u64,
-    /// Trials of the protocol, of its largest shard if it was divided: with fewer than three, no more could be timed.
+    /// Trials of the protocol: if all were timed, no more could be.
     pub trials_there: u64,
     /// Smallest number of repetitions of a trial.
     pub repetitions: u64,
@@ -87,7 +87,9 @@ pub(crate) fn times_on(
         let message = |(row, _): &TimedTrial<'_>| format!("timed on another machine: {}", row.machine);
         return Err(elsewhere.map_or_else(|| untimed(results, method, &all), message));
     }
-    Ok(Times::of(machine, &on_machine))
+    // A pass counts the trials of its shard, or of a limit that a later run has extended.
+    let there = results.trials_of(preset, method).count() as u64;
+    Ok(Times::of(machine, &on_machine, there))
 }
 
 /// Of several passes on one trial the last one counts. Shards of a run time different trials, each in another pass.
@@ -104,8 +106,8 @@ fn last_of_each_trial<'a>(all: impl Iterator<Item = TimedTrial<'a>>) -> Vec<Time
 }
 
 impl Times {
-    /// Joins the times of one method's trials, of which there is at least one.
-    fn of(machine: &Machine, timed: &[TimedTrial<'_>]) -> Self {
+    /// Joins the times of one method's trials, of which there is at least one; the method has `there` trials now.
+    fn of(machine: &Machine, timed: &[TimedTrial<'_>], there: u64) -> Self {
         let rows: Vec<&TimingRow> = timed.iter().map(|(row, _)| *row).collect();
         let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
         let stage = |name: &String| {
@@ -122,7 +124,7 @@ impl Times {
             // A method of a store has one device.
             device: rows.first().and_then(device),
             trials: rows.len() as u64,
-            trials_there: rows.iter().fold(rows.len() as u64, |most, row| most.max(row.trials_there)),
+            trials_there: rows.iter().fold(there, |most, row| most.max(row.trials_there)),
             repetitions: repetitions.fold(u64::MAX, u64::min),
             warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
             encode,
@@ -203,6 +205,17 @@ mod tests {
         let earlier = times(&store, PRESET, "a").unwrap();
         assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));
         Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
+    }
+
+    /// Two scenes by a limit, which was extended later without timing.
+    #[test]
+    fn trials_that_were_added_after_a_pass_are_there() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
+        store.timings = ["x", "y"].map(|scene| TimingRow { trials_there: 2, ..timing("a", scene, &[1.0], &[]) }).into();
+        let found = times(&store, PRESET, "a").unwrap();
+        assert_eq!((found.trials, found.trials_there), (2, 3));
+        store.trials.pop();
+        assert_eq!(times(&store, PRESET, "a").unwrap().trials_there, 2);
     }
 
     /// Each shard times other trials, in another pass.
