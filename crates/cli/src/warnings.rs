@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_numeric::counted;
+use atsplat_results::store::KnownResults;
 use atsplat_results::trial_notes::STEPS_TAKEN;
-use atsplat_results::{MetricRecord, Results, WarningCount};
+use atsplat_results::{MetricRecord, Provenance, Results, WarningCount};
 use atsplat_scene::Warnings;
 
 use crate::print::{note, print_status, warn};
@@ -42,6 +44,20 @@ fn absent_metrics(metrics: &[MetricRecord]) -> Vec<String> {
         )
     };
     by_reason.into_iter().map(line).collect()
+}
+
+/// Says before a run which of the results that it resumes it will evaluate again, because they lack a metric: a line for each method.
+pub(crate) fn print_evaluated_again(known: &KnownResults, run: &Provenance) {
+    for (method, count) in known.lacking(run) {
+        let deterministic = run.method(method).is_some_and(|record| record.deterministic);
+        note(&evaluated_again(method, count, deterministic));
+    }
+}
+
+fn evaluated_again(method: &str, count: u64, deterministic: bool) -> String {
+    let (lack, are) = if count == 1 { ("lacks", "is") } else { ("lack", "are") };
+    let others = if deterministic { "" } else { "; where renders are not the same again, all of their numbers change" };
+    format!("{} of {method} {lack} a metric and {are} evaluated again{others}", counted(count, "result"))
 }
 
 /// Warnings about data by protocol and kind, with the first of each. Stores of one protocol's data all have them: they count
@@ -124,6 +140,14 @@ mod tests {
             ["lpips-alex will not be computed: LPIPS (Alex)", "lpips, lpips-clipped will not be computed: LPIPS (VGG)"];
         assert!(lines.len() == 2 && lines.iter().zip(starts).all(|(line, start)| line.starts_with(start)), "{lines:?}");
         assert!(lines.iter().all(|line| line.contains("--metric-weights")), "{lines:?}");
+    }
+
+    #[test]
+    fn what_is_evaluated_again_is_counted() {
+        assert_eq!(evaluated_again("warp", 1, true), "1 result of warp lacks a metric and is evaluated again");
+        let expected = "120 results of mine lack a metric and are evaluated again; where renders are not the same again, all of \
+                        their numbers change";
+        assert_eq!(evaluated_again("mine", 120, false), expected);
     }
 
     /// Networks and their ablations are in two stores, on the same data; a few unreadable scenes were known when it was opened.

@@ -414,8 +414,9 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
     assert_eq!((results.targets.len(), scored), (4, 3));
     let other = score("small");
-    let said = "methods theirs of the two runs differ: parameters.folder: out/test and small";
+    let said = "imported files of the two runs differ: expected the contents of out/test, found others in small, the first of theirs";
     assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    assert_eq!(Results::read(&here.join("store")).unwrap(), results, "nothing was replaced");
 }
 
 #[test]

@@ -8,13 +8,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use atsplat_eval::method::{Method, Warp};
+use atsplat_eval::method::{Method, MethodError, Prediction, TrialInput, Warp};
 use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_metrics::learned::{Network, WeightsFolders};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_results::store::images::image_path;
-use atsplat_results::{Results, Store, TargetRow, WEIGHTS_ABSENT};
+use atsplat_results::warning_kinds::FAILED_AGAIN;
+use atsplat_results::{GapKind, MethodRecord, Results, Store, TargetRow, WEIGHTS_ABSENT};
 use common::{Run, Walls, baselines, dataset, entry, rows, suite, write_zero_weights};
 
 const TIMING: TimingPlan =
@@ -115,4 +116,73 @@ fn scenes_that_a_limit_left_out_are_added() {
     let expected = fresh(&limited(baselines(), None));
     assert_eq!((rows(&whole), &whole.provenance.presets), (rows(&expected), &expected.provenance.presets));
     assert!(limited(baselines(), Some(4)).run(folder.path()).is_err(), "a limit does not remove scenes");
+}
+
+/// Both runs take a part of the scenes of one index, in different orders.
+#[test]
+fn limits_over_another_order_are_rejected() {
+    let limited = |limit, is_reversed: bool| {
+        let mut run = run_of(warp(), &["psnr"]);
+        run.selection.limit = limit;
+        if is_reversed {
+            run.datasets[0].index.index.scenes.reverse();
+        }
+        run
+    };
+    let [some, all] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let (before, _) = limited(Some(2), false).run(some.path()).unwrap();
+    for limit in [Some(2), Some(4), None] {
+        let refused = limited(limit, true).run(some.path()).unwrap_err().to_string();
+        assert!(refused.starts_with("scenes under walls of the two runs differ: "), "{limit:?}: {refused}");
+    }
+    assert_eq!(Results::read(some.path()).unwrap(), before);
+    limited(None, false).run(all.path()).unwrap();
+    assert_eq!(limited(None, true).run(all.path()).unwrap().1.resumed, 5, "all scenes, in whichever order");
+}
+
+/// The plane warp, which fails in these scenes.
+#[derive(Debug)]
+struct FailingIn([&'static str; 2]);
+
+impl Method for FailingIn {
+    fn record(&self) -> MethodRecord {
+        Warp.record()
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        if self.0.contains(&input.trial.scene()) {
+            return Err(MethodError::Failed("out of memory".to_owned()));
+        }
+        Warp.predict(input)
+    }
+}
+
+/// Two of five results fail when a metric is added.
+#[test]
+fn a_result_that_fails_when_it_is_evaluated_again_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = Run { images: KeepImages::All, ..run_of(warp(), &["psnr"]) };
+    let (before, _) = first.run(folder.path()).unwrap();
+    let failing = run_of(vec![Arc::new(FailingIn(["wall-1", "wall-3"]))], &["psnr", "l1"]);
+    let (some, summary) = Run { images: KeepImages::All, ..failing }.run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, summary.incomplete), (3, 2, 2));
+    assert_eq!([scored(&some, "psnr")[0], scored(&some, "l1")[0]], [10, 6]);
+    let of_failed = |results: &Results| -> Vec<TargetRow> {
+        results.targets.iter().filter(|row| row.key.scene == "wall-3").cloned().collect()
+    };
+    assert_eq!(of_failed(&some), of_failed(&before));
+    let mut warnings = some.provenance.warnings.iter();
+    let warning = warnings.find(|warning| warning.kind == format!("{FAILED_AGAIN}: warp")).unwrap();
+    assert_eq!((warning.count, warning.example.as_str()), (2, "wall-1: out of memory"));
+    let gaps: Vec<_> = some.gaps().iter().map(|gap| (gap.kind, gap.count)).collect();
+    assert_eq!(gaps, [(GapKind::Unfinished, 2), (GapKind::Incomplete, 2)]);
+    for row in &some.targets {
+        let image = image_path(folder.path(), &row.key, row.frame);
+        let files = std::fs::read_dir(image.parent().unwrap()).unwrap().count();
+        assert_eq!((image.is_file(), files), (true, 2), "{}", row.key.scene);
+    }
+    let whole = run_of(warp(), &["psnr", "l1"]);
+    let (done, summary) = whole.run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, summary.incomplete), (2, 3, 0), "it is tried again");
+    assert_eq!((rows(&done), done.gaps()), (rows(&fresh(&whole)), Vec::new()));
 }

@@ -12,7 +12,6 @@ use atsplat_eval::runner::{KeepImages, current_provenance, run};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use atsplat_results::RunCounts;
 use atsplat_results::store::images::image_path;
-use atsplat_results::warning_kinds::{OTHER_DATA, OTHER_FOLDER, is_of_places};
 use atsplat_results::{MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
 use common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
 
@@ -319,43 +318,6 @@ fn imported_images_that_changed_are_scored_again() {
     assert_eq!(summary.evaluated, 1);
     assert_ne!(second.targets[1].scores, first.targets[1].scores);
     assert_eq!(second.targets[0].scores, first.targets[0].scores);
-}
-
-/// Renders of the same names below two folders, of which one changes.
-#[test]
-fn data_and_renders_that_moved_are_known_by_their_contents() {
-    let [store, first, second] = [(); 3].map(|()| tempfile::tempdir().unwrap());
-    let write = |renders: &Path, frame: usize, shade: u8| {
-        let image =
-            ImageU8::new(SIZE.width, SIZE.height, vec![shade; (SIZE.width * SIZE.height * 3) as usize]).unwrap();
-        std::fs::create_dir_all(renders.join("wall-0")).unwrap();
-        std::fs::write(renders.join(format!("wall-0/{frame:06}.png")), encode_png(&image).unwrap()).unwrap();
-    };
-    for (renders, frame) in [(&first, 1), (&first, 6), (&second, 1), (&second, 6)] {
-        write(renders.path(), frame, 100);
-    }
-    let score = |data: &str, renders: &Path| {
-        let method: Arc<dyn Method> = Arc::new(Renders::new(renders, Some("theirs")).unwrap());
-        let mut walls = dataset(Walls::new(1, 8), &[entry(&[0, 4], &[1, 6])]);
-        walls.description = data.to_owned();
-        Run::new(vec![walls], vec![method]).run(store.path()).unwrap()
-    };
-    let runs_elsewhere = |results: &Results| -> Vec<(String, u64)> {
-        let warnings = results.provenance.warnings.iter().filter(|warning| is_of_places(&warning.kind));
-        warnings.map(|warning| (warning.kind.clone(), warning.count)).collect()
-    };
-    let (before, _) = score("disk", first.path());
-    assert!(runs_elsewhere(&before).is_empty());
-    let (moved, summary) = score("scratch", second.path());
-    assert_eq!((summary.evaluated, summary.resumed, rows(&moved)), (0, 1, rows(&before)));
-    let of_files = format!("{OTHER_FOLDER}: theirs");
-    assert_eq!(runs_elsewhere(&moved), [(OTHER_DATA.to_owned(), 1), (of_files.clone(), 1)]);
-    write(second.path(), 6, 200);
-    let (changed, summary) = score("disk", second.path());
-    assert_eq!((summary.evaluated, summary.resumed), (1, 0));
-    assert_ne!(rows(&changed), rows(&before));
-    assert_eq!(runs_elsewhere(&changed), [(OTHER_DATA.to_owned(), 1), (of_files, 2)]);
-    assert_eq!(changed.provenance.presets, before.provenance.presets, "the first place stays");
 }
 
 #[test]

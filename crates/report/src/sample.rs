@@ -38,6 +38,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
         entries: 4,
         entries_of_index: 7194,
         scenes_of_index: None,
+        scenes_sha256: None,
     }
 }
 

@@ -5,7 +5,7 @@ use std::fmt;
 
 use atsplat_numeric::counted;
 
-use crate::warning_kinds::{DROPPED_BY_SPLIT, MISSING_SCENES, NOT_SAMPLED};
+use crate::warning_kinds::{DROPPED_BY_SPLIT, FAILED_AGAIN, MISSING_SCENES, NOT_SAMPLED};
 use crate::{Results, TargetStatus};
 
 /// Something that results are missing, with all its cases under one protocol and method.
@@ -34,11 +34,11 @@ pub enum GapKind {
     NotSampled(&'static str),
     /// Entries of a published index that the split derived from it drops.
     DroppedBySplit,
-    /// Index entries that an interrupted run has not reached.
+    /// Index entries that an interrupted run has not reached, or without a metric that others have.
     Unfinished,
     /// Index entries without a trial.
     Skipped,
-    /// Trials that failed or have failed targets.
+    /// Trials that failed or have failed targets, or failed when they were evaluated again.
     Incomplete,
     /// Targets with samples that are NaN or infinite.
     NonFinite,
@@ -64,12 +64,13 @@ impl Results {
             }
         }
         for warning in &self.provenance.warnings {
-            if let Some(kind) = of_warning(&warning.kind) {
-                add(&warning.preset, None, kind, warning.count, warning.example.clone());
+            if let Some((kind, method)) = of_warning(&warning.kind) {
+                add(&warning.preset, method, kind, warning.count, warning.example.clone());
             }
         }
         for run in self.cut_off() {
-            let first = format!("{} of {} index entries", run.entries, run.total);
+            let lacking = run.lacking.as_ref().map_or_else(String::new, |metric| format!(" with {metric}"));
+            let first = format!("{} of {} index entries{lacking}", run.entries, run.total);
             add(&run.preset, Some(&run.method), GapKind::Unfinished, run.total - run.entries, first);
         }
         // Methods with other poses may give other reasons for one entry.
@@ -102,15 +103,19 @@ impl Results {
     }
 }
 
-/// The gap that a warning of a run is about, if it is about one.
-fn of_warning(kind: &str) -> Option<GapKind> {
+/// The gap that a warning of a run is about, if it is about one, and the method if it is about a method.
+fn of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
     if kind == MISSING_SCENES {
-        return Some(GapKind::MissingScenes);
+        return Some((GapKind::MissingScenes, None));
     }
     if kind.starts_with(DROPPED_BY_SPLIT) {
-        return Some(GapKind::DroppedBySplit);
+        return Some((GapKind::DroppedBySplit, None));
     }
-    NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix)).map(GapKind::NotSampled)
+    if let Some(method) = kind.strip_prefix(FAILED_AGAIN) {
+        return Some((GapKind::Incomplete, method.strip_prefix(": ")));
+    }
+    let not_sampled = NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix));
+    not_sampled.map(|prefix| (GapKind::NotSampled(prefix), None))
 }
 
 fn reason(detail: Option<&str>) -> &str {
@@ -199,6 +204,17 @@ mod tests {
             "p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
         ];
         assert_eq!(lines(&results), expected);
+    }
+
+    /// Its rows are whole, but lack what it should have been evaluated again for.
+    #[test]
+    fn what_failed_when_it_was_evaluated_again_is_a_gap() {
+        let mut results = Results::default();
+        results.provenance.warnings = vec![warning(&format!("{FAILED_AGAIN}: mine"), 2, "a: out of memory")];
+        assert_eq!(lines(&results), ["p: 2 trials of mine are incomplete: a: out of memory"]);
+        let mut counts = crate::RunCounts::default();
+        counts.add_totals(&results);
+        assert_eq!(counts.incomplete, 2);
     }
 
     fn preset(name: &str) -> PresetRecord {

@@ -10,9 +10,14 @@ pub const SETTINGS_NOT_CHOSEN: &str =
 /// The kind of the warning about learned metrics with other weights than the published ones, whose numbers are of another metric.
 pub const UNPUBLISHED_WEIGHTS: &str = "learned metrics with other weights than the published ones";
 
-/// The kind of the warning about runs into one store, or stores merged into one, that name other data than the first.
+/// How the kinds of warnings begin about results that a run evaluated again, for a metric or an image that they lack, and that failed
+/// then; the method's name follows. The run after it tries again.
+pub const FAILED_AGAIN: &str = "results that failed when they were evaluated again, so that the earlier ones stay";
+
+/// The kind of the warning about stores merged into one that name other data than the first.
 pub const OTHER_DATA: &str = "runs on data in another place than the first";
-/// How the kinds of warnings begin about runs whose imported files are in another folder than the first's; the method's name follows.
+/// How the kinds of warnings begin about merged stores whose imported files are in another folder than the first's; the method's name
+/// follows.
 pub const OTHER_FOLDER: &str = "runs on files in another folder than the first";
 
 /// The kind of the warning about scenes of an index that the data lack.
@@ -30,11 +35,6 @@ pub const UNREADABLE_IMAGE: &str = "images that cannot be read, found in samplin
 pub const NOT_READ: &str = "scenes that are not read, and not sampled";
 /// How the kinds begin about scenes and frames of the data that a sampled index leaves out.
 pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
-
-/// Whether a kind of warning is about the places of data and files, which no run finds again: it stays in its store.
-pub fn is_of_places(kind: &str) -> bool {
-    kind == OTHER_DATA || kind.starts_with(OTHER_FOLDER)
-}
 
 /// Whether a kind of warning is about a whole run, which every shard of it counts.
 pub(crate) fn is_of_run(kind: &str) -> bool {

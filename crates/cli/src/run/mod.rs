@@ -21,7 +21,9 @@ use crate::parse::{once, usage_error};
 use crate::print::{print_report, print_status, warn};
 use crate::progress::Progress;
 use crate::provenance;
-use crate::warnings::{print_absent_metrics, print_findings, print_trial_warnings, print_warnings};
+use crate::warnings::{
+    print_absent_metrics, print_evaluated_again, print_findings, print_trial_warnings, print_warnings,
+};
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
@@ -109,6 +111,7 @@ fn evaluate(
     let open = |folder: &Path| Ok((settings.store(folder, record.clone())?, folder.to_owned()));
     let (out, (store, folder)) = protocols.cache().output(settings.out(), open)?;
     print_absent_metrics(&record.metrics);
+    print_evaluated_again(store.known(), &record);
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let step = || {
         progress.step();

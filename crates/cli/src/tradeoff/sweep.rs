@@ -19,7 +19,7 @@ use crate::reconstruct::network::NetworkArgs;
 use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};
 use crate::run::urls::name_urls;
-use crate::warnings::{print_absent_metrics, print_findings, print_warnings};
+use crate::warnings::{print_absent_metrics, print_evaluated_again, print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("out", |out| out.help("Folder of the results; an unfinished run in it is resumed")))]
@@ -57,7 +57,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let steps = plans.iter().map(Plan::steps).sum::<u64>();
     // Of all parts: a sweep that is killed lacks those that it has not reached, and what is rejected is rejected at once.
     let record = Plan::joint_provenance(&plans, &provenance())?;
-    drop(args.settings.store(args.settings.out(), record.clone())?);
+    print_evaluated_again(args.settings.store(args.settings.out(), record.clone())?.known(), &record);
     print_absent_metrics(&record.metrics);
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let (mut empty_parts, mut is_empty_shard) = (Vec::new(), true);

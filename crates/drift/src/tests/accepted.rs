@@ -100,3 +100,15 @@ fn a_run_that_was_killed_between_two_protocols_cannot_become_a_baseline() {
     let error = acceptable(&results).unwrap_err().to_string();
     assert!(error.contains("a store is not done: 0 of 5 entries of q under m"), "{error}");
 }
+
+/// Two of four scenes have the metric.
+#[test]
+fn a_run_that_was_killed_while_it_added_a_metric_cannot_become_a_baseline() {
+    let mut results = store(true, 4, 0.0, 1);
+    results.provenance.presets[0].entries = 4;
+    results.provenance.metrics.push(MetricRecord { id: "l1".to_owned(), ..MetricRecord::default() });
+    acceptable(&results).unwrap();
+    results.targets[..6].iter_mut().for_each(|row| _ = row.scores.insert("l1".to_owned(), 0.2));
+    let error = acceptable(&results).unwrap_err().to_string();
+    assert!(error.contains("a store is not done: 2 of 4 entries of sampled under m with l1"), "{error}");
+}

@@ -6,7 +6,9 @@ use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
 use atsplat_results::RunCounts;
-use atsplat_results::warning_kinds::{SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS, is_of_places};
+use atsplat_results::warning_kinds::{
+    FAILED_AGAIN, OTHER_FOLDER, SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS,
+};
 use atsplat_results::{Provenance, SkippedEntry, WarningCount};
 use atsplat_scene::Warnings;
 
@@ -16,7 +18,7 @@ use crate::method::Method;
 
 /// Whether a kind of warning is about a method that is not among `methods`.
 fn is_of_another_method(kind: &str, methods: &BTreeSet<String>) -> bool {
-    let of_methods = [UNLISTED_SETTINGS, SETTINGS_NOT_CHOSEN, SHARED_FILES];
+    let of_methods = [UNLISTED_SETTINGS, SETTINGS_NOT_CHOSEN, SHARED_FILES, OTHER_FOLDER, FAILED_AGAIN];
     let name = of_methods.into_iter().find_map(|start| kind.strip_prefix(start)?.strip_prefix(": "));
     name.is_some_and(|name| !methods.contains(name))
 }
@@ -156,8 +158,7 @@ impl Findings {
             let is_repeated =
                 || self.warnings.iter().any(|known| (&known.preset, &known.kind) == (&warning.preset, &warning.kind));
             let is_shared = || has_others && warning.kind.starts_with(SHARED_FILES) && !is_repeated();
-            let is_kept = is_of_places(&warning.kind) || is_of_another_method(&warning.kind, &methods);
-            if is_kept || !is_run(&warning.preset) || is_shared() {
+            if is_of_another_method(&warning.kind, &methods) || !is_run(&warning.preset) || is_shared() {
                 self.warnings.push(warning.clone());
             }
         }

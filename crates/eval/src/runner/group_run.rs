@@ -5,7 +5,8 @@ use atsplat_files::Sha256Digest;
 use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::store::images;
-use atsplat_results::{Store, TrialKey};
+use atsplat_results::warning_kinds::FAILED_AGAIN;
+use atsplat_results::{Store, TargetRow, TrialKey, TrialRow};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
@@ -56,7 +57,7 @@ pub(super) fn to_u32(count: usize) -> u32 {
 }
 
 /// SHA-256 over an imported method's files for a trial; `None` for methods without files.
-fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDigests) -> Option<String> {
+pub(super) fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDigests) -> Option<String> {
     let files = method.files(trial);
     let mut text = String::new();
     for file in &files {
@@ -74,6 +75,16 @@ fn scene_of(outcome: &Outcome) -> &str {
         Ok((trial, _)) => trial.scene(),
         Err(skipped) => &skipped.scene,
     }
+}
+
+/// What became of a trial under the methods of a group.
+#[derive(Default)]
+struct TrialOutcome {
+    evaluated: u64,
+    /// Results that were there before, and stay.
+    resumed: u64,
+    /// Those of them that should have been replaced, with the reason why not.
+    failed_again: Vec<(TrialKey, String)>,
 }
 
 /// Current state of a scene that the store already has results of.
@@ -164,9 +175,12 @@ impl GroupRun<'_> {
             if batch.is_empty() {
                 break;
             }
-            for (evaluated, resumed) in self.evaluate_batch(batch)? {
+            for TrialOutcome { evaluated, resumed, failed_again } in self.evaluate_batch(batch)? {
                 progress.summary.evaluated += evaluated;
                 progress.summary.resumed += resumed;
+                for (TrialKey { preset, method, scene, .. }, why) in failed_again {
+                    progress.findings.add(&preset, &format!("{FAILED_AGAIN}: {method}"), 1, format!("{scene}: {why}"));
+                }
             }
         }
         progress.warnings.join(reading);
@@ -174,8 +188,7 @@ impl GroupRun<'_> {
         Ok(())
     }
 
-    /// For each trial of a batch, how many results were evaluated and how many there were.
-    fn evaluate_batch(&self, batch: Vec<Outcome>) -> Result<Vec<(u64, u64)>, EvalError> {
+    fn evaluate_batch(&self, batch: Vec<Outcome>) -> Result<Vec<TrialOutcome>, EvalError> {
         let mut work = Vec::new();
         for outcome in batch {
             match outcome {
@@ -238,8 +251,8 @@ impl GroupRun<'_> {
         if runs_alone { 1 } else { 2 * rayon::current_num_threads() }
     }
 
-    /// Evaluates a trial under each method without a result; returns how many were evaluated and how many had one.
-    fn evaluate(&self, trial: Trial, targets: &TargetImages) -> Result<(u64, u64), EvalError> {
+    /// Evaluates a trial under each method without a complete result.
+    fn evaluate(&self, trial: Trial, targets: &TargetImages) -> Result<TrialOutcome, EvalError> {
         let decoded = DecodedTrial::new(trial, targets, self.store.digests());
         self.store.digests().save()?;
         // The data may have changed since the first check.
@@ -251,24 +264,44 @@ impl GroupRun<'_> {
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
         let resumed = (self.methods.len() - missing.len()) as u64;
         (0..resumed).for_each(|_| (self.step)());
-        let evaluated = missing.len() as u64;
+        let mut outcome = TrialOutcome { resumed, ..TrialOutcome::default() };
         for (method, input_hash) in missing {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let (hash, data) = (trial.hash().to_string(), &decoded.data_hash);
-            if !self.store.known().contains(&key, &hash, data, input_hash.as_deref()) {
+            let is_again = self.store.known().contains(&key, &hash, data, input_hash.as_deref());
+            if !is_again {
                 images::remove(self.images.store, &key)?;
             }
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
-            self.images_and_times.remove_outdated_times(&row)?;
-            images::remove_others(self.images.store, &row.key, &targets)?;
-            self.store.append(&row, &targets)?;
-            images::publish(self.images.store, &row.key)?;
+            if is_again && self.has_fewer_scores(&row.key, &targets) {
+                images::discard(self.images.store, &row.key)?;
+                let why = targets.into_iter().find_map(|target| target.detail).unwrap_or_default();
+                outcome.failed_again.push((row.key, why));
+                outcome.resumed += 1;
+            } else {
+                self.replace(&row, &targets)?;
+                outcome.evaluated += 1;
+            }
             (self.step)();
         }
-        Ok((evaluated, resumed))
+        Ok(outcome)
+    }
+
+    /// Whether rows have scores of fewer targets than the result of the same trial that they would replace.
+    fn has_fewer_scores(&self, key: &TrialKey, targets: &[TargetRow]) -> bool {
+        targets.iter().filter(|target| target.status.is_scored()).count() < self.store.known().scored(key)
+    }
+
+    /// Stores rows, with the images that were written for them.
+    fn replace(&self, row: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
+        self.images_and_times.remove_outdated_times(row)?;
+        images::remove_others(self.images.store, &row.key, targets)?;
+        self.store.append(row, targets)?;
+        images::publish(self.images.store, &row.key)?;
+        Ok(())
     }
 }

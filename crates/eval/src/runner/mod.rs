@@ -14,6 +14,7 @@ mod index_folder;
 mod index_notices;
 mod kept_images;
 mod metrics;
+mod moved;
 mod outcome;
 mod outdated;
 mod plan;

@@ -119,6 +119,7 @@ impl Plan<'_> {
 
     fn preset_record(&self, dataset: &Dataset) -> Result<PresetRecord, EvalError> {
         let Dataset { name, preset, description, index, .. } = dataset;
+        let selected = self.selected(dataset);
         Ok(PresetRecord {
             name: name.clone(),
             preset: preset.name.clone(),
@@ -132,9 +133,10 @@ impl Plan<'_> {
             index_name: index.name.clone(),
             reduced_from: index.reduced_from.clone(),
             overlap_estimators: index.index.overlap_estimators(),
-            entries: self.selected(dataset).index.entries().count() as u64,
+            entries: selected.index.entries().count() as u64,
             entries_of_index: index.entries_of_file(),
             scenes_of_index: (index.left_out == 0).then(|| index.index.scene_count() as u64),
+            scenes_sha256: Some(selected.scenes_sha256.to_string()),
         })
     }
 

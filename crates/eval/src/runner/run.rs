@@ -8,6 +8,7 @@ use super::group_run::{GroupRun, groups};
 use super::images_and_times::ImagesAndTimes;
 use super::kept_images::ImageSink;
 use super::kept_images::{WorstSoFar, prune};
+use super::moved::check_moved;
 use super::outdated::Outdated;
 use super::plan::{Dataset, Plan};
 use super::selection::Selected;
@@ -68,8 +69,9 @@ fn evaluate(
     let images_and_times = &ImagesAndTimes::of(store, plan.images)?;
     let _evaluating = timing::evaluating();
     let mut progress = Progress::default();
+    check_moved(plan, store, stop)?;
     for dataset in plan.datasets {
-        let Selected { index, missing } = plan.selected(dataset);
+        let Selected { index, missing, .. } = plan.selected(dataset);
         progress.add_missing_scenes(plan, dataset, &missing);
         check_missing_scenes(plan, dataset, store, &missing)?;
         progress.add_dataset(plan, dataset, &index);

@@ -1,5 +1,6 @@
 use std::collections::HashMap;
 
+use atsplat_files::Sha256Digest;
 use atsplat_numeric::spread;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_results::Shard;
@@ -22,6 +23,8 @@ pub(crate) struct Selected {
     pub(crate) index: EvaluationIndex,
     /// Scenes with entries that the dataset lacks.
     pub(super) missing: Vec<String>,
+    /// As [`atsplat_results::PresetRecord::scenes_sha256`].
+    pub(super) scenes_sha256: Sha256Digest,
 }
 
 impl Selection {
@@ -41,6 +44,11 @@ impl Selection {
         let known: HashMap<&str, usize> = keys.iter().enumerate().map(|(at, key)| (key.as_str(), at)).collect();
         let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
         let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains_key(key.as_str()));
+        let in_index = present.iter().map(|(key, _)| *key);
+        let mut in_data: Vec<&String> = in_index.clone().collect();
+        in_data.sort_by_key(|key| known.get(key.as_str()));
+        let lines = in_index.chain(in_data).flat_map(|key| [key.as_bytes(), b"\n"]);
+        let scenes_sha256 = Sha256Digest::of_parts(lines);
         let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(present.len());
         let positions = spread(present.len(), limit);
         let mut scenes: Vec<_> = positions.into_iter().filter_map(|at| present.get(at)).enumerate().collect();
@@ -50,7 +58,7 @@ impl Selection {
         scenes.sort_by_key(|(at, _)| *at);
         let scenes = scenes.into_iter().map(|(_, (key, entries))| ((*key).clone(), (*entries).clone()));
         let index = EvaluationIndex { scenes: scenes.collect() };
-        Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect() }
+        Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect(), scenes_sha256 }
     }
 
     /// The part of a list that belongs to the shard: each item to one shard, those of the first shard first.
@@ -112,6 +120,23 @@ mod tests {
             (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 3 }) }.share_of(4));
         assert_eq!(shares.collect::<Vec<_>>(), [1, 1, 2]);
         assert_eq!(Selection::default().share_of(4), 4);
+    }
+
+    /// The same for all limits and shards, and another for another order.
+    #[test]
+    fn the_scenes_that_parts_are_taken_of_have_a_hash() {
+        let index = index(3);
+        let mut reversed = index.clone();
+        reversed.scenes.reverse();
+        let keys = ["s2", "s0", "s1"].map(str::to_owned);
+        let of = |index: &EvaluationIndex, keys: &[String], limit, shard| {
+            Selection { limit, shard }.of(index, keys).scenes_sha256
+        };
+        let whole = of(&index, &keys, None, None);
+        assert_eq!(whole, Sha256Digest::of(b"s0\ns1\ns2\ns2\ns0\ns1\n"));
+        assert_eq!(of(&index, &keys, Some(2), Some(Shard { number: 2, count: 2 })), whole);
+        assert_eq!(of(&reversed, &keys, None, None), Sha256Digest::of(b"s2\ns1\ns0\ns2\ns0\ns1\n"));
+        assert_eq!(of(&index, &keys[1..], None, None), Sha256Digest::of(b"s0\ns1\ns0\ns1\n"), "s2 is not in the data");
     }
 
     /// The index is in another order than the data, whose chunks contain two scenes each.

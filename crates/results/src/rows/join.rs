@@ -12,12 +12,14 @@ use crate::warning_kinds::is_of_run;
 
 impl Provenance {
     /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
-    /// once. Its data, indices and folders may be in other places: the record keeps the first, and warnings count the others.
+    /// once. Its data, indices and folders may be in other places: the record keeps the first, and warnings count the others. All
+    /// shards must be parts of the same scenes in the same order.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
     pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), ResultsError> {
         const ADVICE: &str = "; only shards of one run can be merged";
+        const EQUAL_COPIES: &str = "; run all shards on equal copies of the data";
         let joined = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_program(&other, ADVICE)?;
         self.check_metrics(&other.metrics, ADVICE)?;
@@ -29,6 +31,7 @@ impl Provenance {
         same("methods", None, &by_name(&self.methods), &by_name(&methods), "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
+                same_scenes(known, &preset, EQUAL_COPIES)?;
                 let preset = preset.with_places_of(known);
                 let entries = joined(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
@@ -62,7 +65,7 @@ impl Provenance {
     }
 
     /// Resumes a run with the same settings; presets, methods, metrics and scenes may be new. Data, indices and folders may be in other
-    /// places: the record keeps the first, and warnings count the others.
+    /// places, which [`Self::take_places`] takes over once the run has found the same contents there.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
@@ -70,14 +73,20 @@ impl Provenance {
         const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
         self.same_program(&other, ADVICE)?;
         self.add_metrics(&other.metrics)?;
+        let is_part = self.limit.is_some() || self.shard.is_some();
         self.extend_limit(&other)?;
-        self.note_places(&other);
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         let part = |run: &Self| run.part().unwrap_or_else(|| "the whole run".to_owned());
         same("shards", None, &part(self), &part(&other), ADVICE)?;
         for preset in other.presets {
             match self.preset(&preset.name) {
-                Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
+                Some(known) => {
+                    // Otherwise all scenes were run, in whichever order.
+                    if is_part {
+                        same_scenes(known, &preset, ADVICE)?;
+                    }
+                    same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?;
+                }
                 None => self.presets.push(preset),
             }
         }
@@ -126,6 +135,21 @@ fn by_name(methods: &[MethodRecord]) -> Vec<MethodRecord> {
     let mut methods = methods.to_vec();
     methods.sort_by(|a, b| a.name.cmp(&b.name));
     methods
+}
+
+/// Checks that a limit and shards take their parts of the same scenes in the same order; older versions did not record them.
+fn same_scenes(first: &PresetRecord, second: &PresetRecord, advice: &'static str) -> Result<(), ResultsError> {
+    const OTHERS: &str = "the data of one have other scenes, or its data or index are in another order, so that shards or a limit take \
+                          other parts of them";
+    match (&first.scenes_sha256, &second.scenes_sha256) {
+        (Some(of_first), Some(of_second)) if of_first != of_second => Err(ResultsError::Differences {
+            what: "scenes under",
+            name: Some(first.name.clone()),
+            differences: OTHERS.to_owned(),
+            advice,
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// Checks that two records are the same; `name` says which of several they are.
@@ -305,13 +329,49 @@ mod tests {
         };
         let (mut resumed, mut merged) = (known.clone(), known.clone());
         resumed.resume_with(elsewhere()).unwrap();
+        assert_eq!(resumed, known, "nothing was compared yet");
+        resumed.take_places(&elsewhere());
+        assert_eq!(resumed, elsewhere(), "no other place is left");
         merged.merge_shard(elsewhere(), false).unwrap();
-        expect(resumed.clone(), 1);
         expect(merged.clone(), 1);
-        // A shard in the first places, of which another run was not.
-        merged.merge_shard(resumed, false).unwrap();
-        expect(merged.clone(), 2);
         merged.merge_shard(elsewhere(), false).unwrap();
-        expect(merged, 3);
+        expect(merged, 2);
+        assert_eq!(known.moved(&other()), crate::Moved::default());
+        let moved = known.moved(&elsewhere());
+        let [folder_of_known, folder_of_other] = &moved.files["m"];
+        assert!(folder_of_known.ends_with("/data") && folder_of_other.ends_with("/data/test"), "{moved:?}");
+        assert_eq!(moved.data["p"], [&known, &elsewhere()].map(|run| run.presets[0].dataset.clone()));
+    }
+
+    /// Another copy of the data has the scenes in another order.
+    #[test]
+    fn shards_and_limits_are_parts_of_the_same_scenes() {
+        let of = |scenes: Option<&str>, shard, limit| {
+            let (name, scenes_sha256) = ("p".to_owned(), scenes.map(str::to_owned));
+            let presets = vec![PresetRecord { name, scenes_sha256, ..PresetRecord::default() }];
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, presets, shard, limit, ..Provenance::default() }
+        };
+        let part = |number| Some(crate::Shard { number, count: 2 });
+        let refused = of(Some("a"), part(1), None).merge_shard(of(Some("b"), part(2), None), false).unwrap_err();
+        let said = refused.to_string();
+        assert!(said.starts_with("scenes under p of the two runs differ: the data of one have other scenes"), "{said}");
+        assert!(said.ends_with("; run all shards on equal copies of the data"), "{said}");
+        of(Some("a"), part(1), None).merge_shard(of(Some("a"), part(2), None), false).unwrap();
+        of(None, part(1), None).merge_shard(of(None, part(2), None), false).unwrap();
+        let is_resumed = |now: &str, shard, limits: [Option<u64>; 2]| {
+            let [mut known, now] =
+                [("a", limits[0]), (now, limits[1])].map(|(scenes, limit)| of(Some(scenes), shard, limit));
+            known.resume_with(now).is_ok()
+        };
+        for (shard, limits) in
+            [(part(1), [None; 2]), (None, [Some(3); 2]), (None, [Some(3), Some(6)]), (None, [Some(3), None])]
+        {
+            assert!(is_resumed("a", shard, limits) && !is_resumed("b", shard, limits), "{shard:?} {limits:?}");
+        }
+        assert!(is_resumed("b", None, [None; 2]), "all scenes, in whichever order");
+        let mut older = of(None, part(1), None);
+        older.resume_with(of(Some("a"), part(1), None)).unwrap();
+        assert_eq!(older.presets[0].scenes_sha256, None, "nobody knows");
     }
 }

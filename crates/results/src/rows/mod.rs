@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
-pub use place::SAMPLED_BY;
+pub use place::{Moved, SAMPLED_BY};
 pub use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,

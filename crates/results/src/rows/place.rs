@@ -1,6 +1,7 @@
 //! Where two runs find data, indices and imported files. Places do not identify a run: rows have the hashes of the data and files that
-//! they were computed from, records those of indices.
+//! they were computed from, records those of indices and of the lists of scenes.
 
+use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::{MethodRecord, PresetRecord, Provenance, WarningCount};
@@ -11,42 +12,77 @@ pub const SAMPLED_BY: &str = "sampled by ";
 /// The parameter of an imported method that names its folder.
 const FOLDER: &str = "folder";
 
+/// Data and imported files that a run finds in another place than the results that it resumes have them from: both places, theirs
+/// first.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Moved {
+    /// Of the data, by the name of the preset.
+    pub data: BTreeMap<String, [String; 2]>,
+    /// Of imported files, by the name of the method.
+    pub files: BTreeMap<String, [String; 2]>,
+}
+
 impl Provenance {
-    /// A warning for each preset of another run whose data are in another place than here, and under each of its presets for each
-    /// method whose files are in another folder: without a common row, nothing says whether their contents agree.
-    pub(crate) fn other_places(&self, other: &Self) -> Vec<WarningCount> {
-        let of_method = |method: &MethodRecord| {
-            let example = elsewhere(self.method(&method.name)?.folder()?, method.folder()?)?;
-            Some((format!("{OTHER_FOLDER}: {}", method.name), example))
-        };
-        let folders: Vec<(String, String)> = other.methods.iter().filter_map(of_method).collect();
+    /// What another run finds in another place than this one.
+    pub(crate) fn moved(&self, other: &Self) -> Moved {
         let of_preset = |preset: &PresetRecord| {
-            let data = self.preset(&preset.name).and_then(|known| elsewhere(&known.dataset, &preset.dataset));
-            let data = data.map(|example| (OTHER_DATA.to_owned(), example));
-            let all = data.into_iter().chain(folders.clone());
-            all.map(|(kind, example)| WarningCount { preset: preset.name.clone(), kind, count: 1, example })
-                .collect::<Vec<_>>()
+            let known = self.preset(&preset.name)?;
+            Some((preset.name.clone(), elsewhere(&known.dataset, &preset.dataset)?))
         };
-        other.presets.iter().flat_map(of_preset).collect()
+        let of_method = |method: &MethodRecord| {
+            let known = self.method(&method.name)?;
+            Some((method.name.clone(), elsewhere(known.folder()?, method.folder()?)?))
+        };
+        Moved {
+            data: other.presets.iter().filter_map(of_preset).collect(),
+            files: other.methods.iter().filter_map(of_method).collect(),
+        }
     }
 
-    /// Counts another run among those whose data or files are in other places.
+    /// Takes over the places of a run that has resumed these results, whose data and files have the same contents.
+    pub(crate) fn take_places(&mut self, run: &Self) {
+        for known in &mut self.presets {
+            if let Some(found) = run.preset(&known.name) {
+                *known = known.clone().with_places_of(found);
+            }
+        }
+        for known in &mut self.methods {
+            if let Some(found) = run.method(&known.name) {
+                *known = known.clone().with_places_of(found);
+            }
+        }
+    }
+
+    /// Counts another part of a run among those whose data are in another place than here, and under each of its presets for each
+    /// method whose files are in another folder: without a common row, nothing says whether their contents agree.
     pub(super) fn note_places(&mut self, other: &Self) {
-        for found in self.other_places(other) {
-            match self.warnings.iter_mut().find(|known| known.preset == found.preset && known.kind == found.kind) {
-                Some(known) => known.count += found.count,
-                None => self.warnings.push(found),
+        let moved = self.moved(other);
+        for PresetRecord { name, .. } in &other.presets {
+            let data = moved.data.get(name).map(|places| (OTHER_DATA.to_owned(), places));
+            let files = moved.files.iter().map(|(method, places)| (format!("{OTHER_FOLDER}: {method}"), places));
+            for (kind, [first, found]) in data.into_iter().chain(files) {
+                match self.warnings.iter_mut().find(|known| known.preset == *name && known.kind == kind) {
+                    Some(known) => known.count += 1,
+                    None => self.warnings.push(WarningCount {
+                        preset: name.clone(),
+                        kind,
+                        count: 1,
+                        example: format!("{found}; the first is {first}"),
+                    }),
+                }
             }
         }
     }
 }
 
 impl PresetRecord {
-    /// Names the data as `known` does, and the index if it has the same entries or is in the same place.
+    /// Names the data as `known` does, with the list of their scenes, and the index if it has the same entries or is in the same
+    /// place.
     pub(super) fn with_places_of(self, known: &Self) -> Self {
         let same_index = self.index_sha256 == known.index_sha256 || is_same(&self.index, &known.index);
         Self {
             dataset: known.dataset.clone(),
+            scenes_sha256: known.scenes_sha256.clone(),
             index: if same_index { known.index.clone() } else { self.index },
             ..self
         }
@@ -73,8 +109,8 @@ impl MethodRecord {
 }
 
 /// Both places, if they differ.
-fn elsewhere(first: &str, found: &str) -> Option<String> {
-    (!is_same(first, found)).then(|| format!("{found}; the first is {first}"))
+fn elsewhere(first: &str, found: &str) -> Option<[String; 2]> {
+    (!is_same(first, found)).then(|| [first, found].map(str::to_owned))
 }
 
 fn is_same(first: &str, second: &str) -> bool {

@@ -93,6 +93,10 @@ pub struct PresetRecord {
     /// Scenes with entries of the whole index; `None` if only a part of it was known, and in stores of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scenes_of_index: Option<u64>,
+    /// SHA-256 over the keys of the scenes of which a limit and shards take their parts, each followed by a line feed: those with
+    /// entries that are in the data, in the order of the index, and again in that of the data. `None` in stores of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scenes_sha256: Option<String>,
 }
 
 impl PresetRecord {

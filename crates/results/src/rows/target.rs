@@ -103,6 +103,11 @@ impl TargetRow {
 }
 
 impl TargetStatus {
+    /// Whether it has scores.
+    pub const fn is_scored(self) -> bool {
+        matches!(self, Self::Scored | Self::Identical)
+    }
+
     /// The status of this name.
     pub fn named(name: &str) -> Option<Self> {
         [Self::Scored, Self::Identical, Self::NonFinite, Self::Failed].into_iter().find(|status| status.name() == name)

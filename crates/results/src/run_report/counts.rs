@@ -1,5 +1,6 @@
 use serde::Serialize;
 
+use crate::warning_kinds::FAILED_AGAIN;
 use crate::{Results, TargetStatus, TrialRow, TrialStatus};
 
 /// Counts of a run's outcomes.
@@ -10,7 +11,7 @@ pub struct RunCounts {
     pub evaluated: u64,
     /// Trials whose results were already in the store.
     pub resumed: u64,
-    /// Trials, new and old, that failed or have failed targets.
+    /// Trials, new and old, that failed or have failed targets, or failed when they were evaluated again.
     pub incomplete: u64,
     /// Trials, new and old, that their method does not support; they do not count as failures.
     pub not_applicable: u64,
@@ -33,7 +34,9 @@ impl RunCounts {
     pub fn add_totals(&mut self, results: &Results) {
         let trials =
             |is_counted: fn(&TrialRow) -> bool| results.trials.iter().filter(|row| is_counted(row)).count() as u64;
-        self.incomplete = trials(|trial| trial.status.is_incomplete());
+        let again = results.provenance.warnings.iter().filter(|warning| warning.kind.starts_with(FAILED_AGAIN));
+        self.incomplete =
+            trials(|trial| trial.status.is_incomplete()) + again.map(|warning| warning.count).sum::<u64>();
         self.not_applicable = trials(|trial| trial.status == TrialStatus::NotApplicable);
         self.empty_renders = trials(TrialRow::renders_nothing);
         self.non_finite =

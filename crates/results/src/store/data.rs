@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::{MethodRecord, MetricRecord, Results, ResultsError, TargetRow, TrialKey, TrialRow};
+use crate::{MethodRecord, MetricRecord, Provenance, Results, ResultsError, TargetRow, TrialKey, TrialRow};
 
 /// The kind of methods that are Python callables.
 const PYTHON: &str = "python";
@@ -25,6 +25,8 @@ struct Inputs {
     retried: bool,
     /// Whether a target lacks a metric that can be computed now.
     lacks_metric: bool,
+    /// Number of targets with scores.
+    scored: usize,
 }
 
 impl KnownResults {
@@ -42,7 +44,8 @@ impl KnownResults {
             let retried = status.is_incomplete() && is_python(&key.method);
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
-            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric };
+            let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
+            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric, scored };
             by_method.insert(key.method, inputs);
         }
         known
@@ -64,6 +67,39 @@ impl KnownResults {
     /// Whether a result lacks a metric that the run computes: it was made without it, or without its weights.
     pub fn lacks_metric(&self, key: &TrialKey) -> bool {
         self.get(key).is_some_and(|known| known.lacks_metric)
+    }
+
+    /// How many results of a run's protocols and methods lack a metric that it computes, by method: they are evaluated again.
+    pub fn lacking(&self, run: &Provenance) -> BTreeMap<&str, u64> {
+        let of_run = self.0.iter().filter(|((preset, ..), _)| run.preset(preset).is_some());
+        let mut lacking = BTreeMap::new();
+        for (method, known) in of_run.flat_map(|(_, methods)| methods) {
+            if known.lacks_metric && run.method(method).is_some() {
+                *lacking.entry(method.as_str()).or_default() += 1;
+            }
+        }
+        lacking
+    }
+
+    /// How many targets of a result have scores.
+    pub fn scored(&self, key: &TrialKey) -> usize {
+        self.get(key).map_or(0, |known| known.scored)
+    }
+
+    /// Whether a result with scores was made from other imported files.
+    pub fn has_other_files(&self, key: &TrialKey, input: Option<&str>) -> bool {
+        self.get(key).is_some_and(|known| known.scored > 0 && known.input.as_deref() != input)
+    }
+
+    /// Scenes with results under a preset.
+    pub fn scenes(&self, preset: &str) -> BTreeSet<&str> {
+        let of_preset = self.0.keys().filter(|(name, ..)| name == preset);
+        of_preset.map(|(_, scene, _)| scene.as_str()).collect()
+    }
+
+    /// Whether there is a result of a method under a preset.
+    pub(super) fn has(&self, preset: &str, method: &str) -> bool {
+        self.0.iter().any(|((name, ..), methods)| name == preset && methods.contains_key(method))
     }
 
     /// Drops the results of these methods.
@@ -121,7 +157,7 @@ fn mixed(what: &'static str, first: &TrialKey, second: &TrialKey) -> ResultsErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{TargetStatus, TrialStatus, WEIGHTS_ABSENT, sample_rows};
+    use crate::{PresetRecord, TargetStatus, TrialStatus, WEIGHTS_ABSENT, sample_rows};
 
     /// A method of Python may have been mended; what another method failed fails again.
     #[test]
@@ -137,6 +173,33 @@ mod tests {
         assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
         assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
         assert!(of("exec", TrialStatus::Failed));
+    }
+
+    /// Of two methods, one is run again, under one of two protocols.
+    #[test]
+    fn results_that_lack_a_metric_are_counted_for_a_run() {
+        let rows = ["a", "b", "c"].map(|scene| {
+            let scores = if scene == "c" { &["psnr", "l1"][..] } else { &["psnr"] };
+            let scores = scores.iter().map(|id| ((*id).to_owned(), 0.5)).collect();
+            let target = TargetRow { scores, ..sample_rows::target("m", scene, 0, 0, "psnr", 0.5) };
+            (sample_rows::trial("m", scene, 0, 1), vec![target])
+        });
+        let metrics = ["psnr", "l1"].map(|id| MetricRecord { id: id.to_owned(), ..MetricRecord::default() });
+        let known = KnownResults::of(rows.into_iter(), &[], &metrics);
+        let lacking = |preset: &str, method: &str| {
+            let preset = PresetRecord { name: preset.to_owned(), ..PresetRecord::default() };
+            let method = MethodRecord { name: method.to_owned(), ..MethodRecord::default() };
+            let run = Provenance { presets: vec![preset], methods: vec![method], ..Provenance::default() };
+            known.lacking(&run).into_iter().map(|(name, count)| (name.to_owned(), count)).collect::<Vec<_>>()
+        };
+        assert_eq!(lacking(sample_rows::PRESET, "m"), [("m".to_owned(), 2)]);
+        assert_eq!([lacking("another", "m"), lacking(sample_rows::PRESET, "n")], [vec![], vec![]]);
+        assert_eq!(known.scenes(sample_rows::PRESET), BTreeSet::from(["a", "b", "c"]));
+        let key = sample_rows::key("m", "a", 0);
+        assert_eq!(
+            (known.scored(&key), known.has_other_files(&key, None), known.has_other_files(&key, Some("f"))),
+            (1, false, true)
+        );
     }
 
     #[test]

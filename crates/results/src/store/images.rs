@@ -104,6 +104,16 @@ pub fn publish(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
     Ok(())
 }
 
+/// Removes the renders of a trial that have no names yet, because its rows are not stored.
+///
+/// # Errors
+/// [`ResultsError::Io`].
+pub fn discard(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
+    let files = disk::files(&folder(store, key))?.into_iter();
+    let mut unnamed = files.filter(|path| path.extension().is_some_and(|extension| extension == PARTIAL));
+    unnamed.try_for_each(|path| disk::remove(&path))
+}
+
 /// Whether a store has an image of a trial.
 ///
 /// # Errors

@@ -6,8 +6,7 @@ use serde::Serialize;
 use super::SCHEMA_VERSION;
 use super::data::check_consistent;
 use crate::times::{TimingRow, merged};
-use crate::warning_kinds::MISSING_SCENES;
-use crate::{PresetRecord, Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
+use crate::{MetricRecord, Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
 
 /// Several stores merged into one.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,17 +35,21 @@ pub struct Unfinished {
     pub entries: u64,
     /// Index entries of the part.
     pub total: u64,
+    /// The metric that results lack which do not count therefore, although others have it: it was being added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lacking: Option<String>,
 }
 
 impl fmt::Display for Unfinished {
-    /// `shard 2 of 8 is not done: 14 of 20 entries of rooms-2v-128 under warp`.
+    /// `shard 2 of 8 is not done: 14 of 20 entries of rooms-2v-128 under warp`, and ` with l1` if the others lack that metric.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { shard, preset, method, entries, total } = self;
+        let Self { shard, preset, method, entries, total, lacking } = self;
         match shard {
             Some(Shard { number, count }) => write!(f, "shard {number} of {count}")?,
             None => f.write_str("a store")?,
         }
-        write!(f, " is not done: {entries} of {total} entries of {preset} under {method}")
+        write!(f, " is not done: {entries} of {total} entries of {preset} under {method}")?;
+        lacking.iter().try_for_each(|metric| write!(f, " with {metric}"))
     }
 }
 
@@ -64,23 +67,40 @@ impl Merged {
 }
 
 impl Results {
-    /// The protocols and methods whose run into this store is unfinished: entries have neither a row nor a reason.
+    /// The protocols and methods whose run into this store is unfinished: entries have neither a row nor a reason, or their row lacks
+    /// a metric that other rows have.
     pub fn unfinished(&self) -> Vec<Unfinished> {
         let Provenance { shard, presets, methods, skipped, .. } = &self.provenance;
         let mut unfinished = Vec::new();
         for (preset, method) in presets.iter().flat_map(|preset| methods.iter().map(move |method| (preset, method))) {
             let keys = self.trials_of(&preset.name, &method.name).map(|trial| &trial.key);
             let mut known: BTreeSet<(&str, u32)> = keys.map(|key| (key.scene.as_str(), key.entry)).collect();
+            let lacking = self.lacking(&preset.name, &method.name);
+            for (row, _) in &lacking {
+                known.remove(&(row.key.scene.as_str(), row.key.entry));
+            }
             let skipped =
                 skipped.iter().filter(|skipped| skipped.preset == preset.name && skipped.concerns(&method.name));
             known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
             let entries = known.len() as u64;
             if entries < preset.entries {
                 let (preset, method, total) = (preset.name.clone(), method.name.clone(), preset.entries);
-                unfinished.push(Unfinished { shard: *shard, preset, method, entries, total });
+                let lacking = lacking.first().map(|(_, metric)| metric.id.clone());
+                unfinished.push(Unfinished { shard: *shard, preset, method, entries, total, lacking });
             }
         }
         unfinished
+    }
+
+    /// The targets that lack a metric which others have under this protocol and method, with the metric. It is added to all or to
+    /// none, so that a run was cut off, or failed to evaluate them again.
+    fn lacking(&self, preset: &str, method: &str) -> Vec<(&TargetRow, &MetricRecord)> {
+        let scored: Vec<&TargetRow> =
+            self.targets_of(preset, method).filter(|target| target.status.is_scored()).collect();
+        let is_there = |metric: &&MetricRecord| scored.iter().any(|target| target.scores.contains_key(&metric.id));
+        let there: Vec<&MetricRecord> = self.provenance.metrics.iter().filter(is_there).collect();
+        let pairs = scored.iter().flat_map(|target| there.iter().map(move |metric| (*target, *metric)));
+        pairs.filter(|(target, metric)| target.lacks(metric)).collect()
     }
 
     /// Those of [`Self::unfinished`] with a row: without any, a method may never have been requested under that protocol, as runs
@@ -114,8 +134,9 @@ impl Results {
     /// files may have been in other places ([`crate::warning_kinds::OTHER_DATA`]).
     ///
     /// # Errors
-    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, or were divided by copies of the data
-    /// with other scenes, [`ResultsError::Disagreement`], [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty list.
+    /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, or other scenes were divided, as of
+    /// another copy of the data, [`ResultsError::Disagreement`], [`ResultsError::MixedData`], [`ResultsError::Invalid`] for an empty
+    /// list.
     pub fn merge(parts: Vec<Self>) -> Result<Merged, ResultsError> {
         let mut parts = parts.into_iter();
         let nothing =
@@ -145,10 +166,11 @@ impl Results {
         let cut_off = results.cut_off();
         let is_same = |a: &Unfinished, b: &Unfinished| (&a.preset, &a.method) == (&b.preset, &b.method);
         unfinished.retain(|run| cut_off.iter().any(|other| is_same(run, other)));
+        // Each store may be done, but only some have a metric.
+        let uneven = cut_off.into_iter().filter(|run| !unfinished.iter().any(|known| is_same(known, run)));
+        let uneven: Vec<Unfinished> = uneven.map(|run| Unfinished { shard: None, ..run }).collect();
+        unfinished.extend(uneven);
         if missing_shards.is_empty() && unfinished.is_empty() {
-            if count.is_some() {
-                check_division(&results)?;
-            }
             results.provenance.shard = None;
         }
         let is_several = results.provenance.shard.is_some() && shards.len() > 1;
@@ -183,32 +205,6 @@ fn is_repeated(merged: &BTreeSet<u32>, part: &Provenance) -> Result<bool, Result
             advice: "; name each shard once",
         }),
     }
-}
-
-/// Rejects shards that are all there and done, but lack scenes: each was divided by the scenes of its own copy of the data.
-fn check_division(results: &Results) -> Result<(), ResultsError> {
-    let Provenance { presets, skipped, warnings, limit, .. } = &results.provenance;
-    for PresetRecord { name, scenes_of_index, .. } in presets {
-        let keys = results.trials.iter().map(|trial| &trial.key).filter(|key| key.preset == *name);
-        let mut scenes: BTreeSet<&str> = keys.map(|key| key.scene.as_str()).collect();
-        // Under a protocol without a row, nothing may have been requested.
-        let Some(of_index) = scenes_of_index.filter(|_| !scenes.is_empty()) else { continue };
-        scenes.extend(skipped.iter().filter(|entry| entry.preset == *name).map(|entry| entry.scene.as_str()));
-        let missing = warnings.iter().filter(|found| found.preset == *name && found.kind == MISSING_SCENES);
-        let missing: u64 = missing.map(|found| found.count).sum();
-        let expected = of_index.saturating_sub(missing).min(limit.unwrap_or(u64::MAX));
-        let found = scenes.len() as u64;
-        if found < expected {
-            return Err(ResultsError::Different {
-                what: "scenes",
-                expected: format!("{expected} of {name}, each in one shard"),
-                found: format!("{found} of them"),
-                advice: "; a copy of the data with other scenes, or in another order, is divided in another way: run all shards on \
-                         equal copies",
-            });
-        }
-    }
-    Ok(())
 }
 
 #[derive(Default)]

@@ -43,8 +43,7 @@ pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
-use crate::warning_kinds::OTHER_DATA;
-use crate::{MetricRecord, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
+use crate::{MetricRecord, Moved, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
 use read::{Content, Rows};
 
 /// The file that makes a folder a store.
@@ -60,6 +59,8 @@ const MERGING: &str = "merge.partial";
 pub struct Store {
     folder: PathBuf,
     provenance: Provenance,
+    /// That of the run that resumed it, until [`Store::finish`] takes over its places.
+    run: Option<Provenance>,
     known: KnownResults,
     /// Methods with at least one scored target.
     scored_methods: BTreeSet<String>,
@@ -85,7 +86,7 @@ impl Store {
         fs::create_dir_all(&parts).map_err(ResultsError::io("creating a results store", &parts))?;
         let provenance = of_this_schema(provenance);
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
-        let store = Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock };
+        let store = Self { folder: folder.to_owned(), provenance, run: None, known, scored_methods, digests, lock };
         store.write_provenance()?;
         Ok(store)
     }
@@ -113,18 +114,19 @@ impl Store {
         let metrics = metrics.unwrap_or(&provenance.metrics);
         let known = KnownResults::of(rows.into_values(), &provenance.methods, metrics);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
-        Ok(Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock })
+        Ok(Self { folder: folder.to_owned(), provenance, run: None, known, scored_methods, digests, lock })
     }
 
     /// Resumes the store in a folder, or creates one if there is none. Presets, methods and metrics that it lacks are added, and
     /// scenes that a limit left out; [`KnownResults::lacks_metric`] says which results lack a metric. A method
     /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
     /// target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
-    /// differ: the run compares their contents with the rows' hashes, and [`crate::warning_kinds::OTHER_DATA`] says that they do.
+    /// differ: the run has to reject other contents in the places of [`Self::moved`], and [`Self::finish`] records its places.
     ///
     /// # Errors
     /// Those of [`Self::create`] and [`Self::open`]; [`ResultsError::Differences`] if the existing results were made in
-    /// another way or with an older schema.
+    /// another way or with an older schema; [`ResultsError::Different`] if a method's files are in another folder, and the run
+    /// lacks a protocol of its results, under which they could be compared.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, ResultsError> {
         let lock = lock(folder)?;
         if !folder.join(PROVENANCE).exists() {
@@ -142,11 +144,12 @@ impl Store {
                 known.clone_from(other);
             }
         }
-        // Without a score, nothing is worth the record of data that were given by mistake.
-        let has_other_data = store.provenance.other_places(&provenance).iter().any(|found| found.kind == OTHER_DATA);
+        let moved = joined.moved(&provenance);
         match joined.resume_with(provenance.clone()) {
-            Ok(()) if has_other_data && store.scored_methods.is_empty() => store.restart(provenance),
+            // Without a score, nothing is worth the record of data that were given by mistake.
+            Ok(()) if !moved.data.is_empty() && store.scored_methods.is_empty() => store.restart(provenance),
             Ok(()) => {
+                store.check_compared(&moved, &provenance)?;
                 // Under the new records, the run after one that is killed would keep the old rows.
                 if !replaced.is_empty() {
                     store.remove_rows(|method| replaced.contains(method))?;
@@ -155,11 +158,28 @@ impl Store {
                 }
                 store.provenance = joined;
                 store.write_provenance()?;
+                store.run = Some(provenance);
                 Ok(store)
             }
             Err(_other) if store.scored_methods.is_empty() => store.restart(provenance),
             Err(other) => Err(other),
         }
+    }
+
+    /// Rejects files in another folder if the method has results of a protocol that the run does not have: the record names one
+    /// folder for all.
+    fn check_compared(&self, moved: &Moved, run: &Provenance) -> Result<(), ResultsError> {
+        const ADVICE: &str = "; run it under all of them, so that the contents of its files are compared, or choose another name for it \
+                              or another folder for the results";
+        for (method, [first, found]) in &moved.files {
+            let lacks = |preset: &str| run.preset(preset).is_none() && self.known.has(preset, method);
+            if let Some(preset) = self.provenance.presets.iter().find(|preset| lacks(&preset.name)) {
+                let expected = format!("those of {method} in {first}, also under {}", preset.name);
+                let found = format!("those in {found}, without this protocol");
+                return Err(ResultsError::Different { what: "imported files", expected, found, advice: ADVICE });
+            }
+        }
+        Ok(())
     }
 
     /// Removes all rows, none of which has a score, and the provenance.
@@ -209,6 +229,11 @@ impl Store {
         &self.provenance
     }
 
+    /// The places in which the run that resumed the store finds its data and files, where these are not the recorded ones.
+    pub fn moved(&self) -> Moved {
+        self.run.as_ref().map_or_else(Moved::default, |run| self.provenance.moved(run))
+    }
+
     /// Replaces warnings and skipped entries.
     pub fn set_findings(&mut self, warnings: Vec<WarningCount>, skipped: Vec<SkippedEntry>) {
         self.provenance.warnings = warnings;
@@ -244,13 +269,16 @@ impl Store {
         parts::write(&self.folder, trial, targets)
     }
 
-    /// Moves all trials into the two tables, unless they were made from different data. If interrupted at any moment, it can be
-    /// repeated.
+    /// Moves all trials into the two tables, unless they were made from different data, and records where the run read its data and
+    /// files. If interrupted at any moment, it can be repeated.
     ///
     /// # Errors
     /// Those of [`Results::read`], and [`ResultsError::Io`].
-    pub fn finish(self) -> Result<Results, ResultsError> {
+    pub fn finish(mut self) -> Result<Results, ResultsError> {
         self.digests.save()?;
+        if let Some(run) = self.run.take() {
+            self.provenance.take_places(&run);
+        }
         self.write_provenance()?;
         let content = Content::read(&self.folder)?;
         let parts = content.parts.clone();

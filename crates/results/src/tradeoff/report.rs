@@ -53,15 +53,16 @@ impl fmt::Display for TradeoffReport {
 
 fn unfinished(f: &mut fmt::Formatter<'_>, unfinished: &[Unfinished]) -> fmt::Result {
     let mut unreached: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for Unfinished { preset, method, entries, total, .. } in unfinished {
+    for Unfinished { preset, method, entries, total, lacking, .. } in unfinished {
         if *entries == 0 {
             unreached.entry(preset).or_default().push(method);
             continue;
         }
-        writeln!(
-            f,
-            "{preset}: the run of {method} is unfinished: its means are over {entries} of {total} index entries"
-        )?;
+        write!(f, "{preset}: the run of {method} is unfinished: ")?;
+        match lacking {
+            None => writeln!(f, "its means are over {entries} of {total} index entries")?,
+            Some(metric) => writeln!(f, "{entries} of {total} index entries have {metric}")?,
+        }
     }
     unreached.iter().try_for_each(|(preset, methods)| {
         writeln!(f, "{preset}: the run is unfinished: it has not reached {}", methods.join(", "))

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::GapKind;
+use crate::warning_kinds::OTHER_DATA;
 
 fn shard(number: u32, scenes: &[&str]) -> Results {
     let folder = tempfile::tempdir().unwrap();
@@ -161,34 +162,80 @@ fn shards_of_several_runs_are_done_when_each_run_is() {
     assert!(merged.results.provenance.shard.is_some());
 }
 
-/// Of an index with four scenes, each of two shards computes two; copies of the data list the scenes in other orders, or lack one.
+/// Copies of the data in two places have the same scenes or not; overlapping parts have the number of scenes that a limit takes.
 #[test]
 fn shards_of_differently_ordered_copies_are_not_merged() {
-    let part = |number: u32, scenes: [&str; 2], copy: &str| {
+    let part = |number: u32, scenes: [&str; 2], copy: &str, divided: &str| {
         let mut part = shard(number, &scenes);
-        part.provenance.shard = Some(Shard { number, count: 2 });
-        let (name, dataset, entries) = ("p".to_owned(), copy.to_owned(), scenes.len() as u64);
-        let preset = PresetRecord { name, dataset, entries, scenes_of_index: Some(4), ..PresetRecord::default() };
-        part.provenance.presets = vec![preset];
+        (part.provenance.shard, part.provenance.limit) = (Some(Shard { number, count: 2 }), Some(3));
+        part.provenance.presets = vec![PresetRecord {
+            name: "p".to_owned(),
+            dataset: copy.to_owned(),
+            entries: scenes.len() as u64,
+            scenes_sha256: Some(divided.to_owned()),
+            ..PresetRecord::default()
+        }];
         part
     };
-    let first = || part(1, ["a", "b"], "one");
-    let merged = Results::merge(vec![first(), part(2, ["c", "d"], "another")]).unwrap();
+    let first = || part(1, ["a", "b"], "one", "abcd");
+    let merged = Results::merge(vec![first(), part(2, ["c", "d"], "another", "abcd")]).unwrap();
     let Provenance { warnings, shard, .. } = merged.results.provenance;
     assert_eq!((warnings[0].kind.as_str(), warnings[0].count, shard), (OTHER_DATA, 1, None));
-    let refused = Results::merge(vec![first(), part(2, ["b", "a"], "another")]).unwrap_err().to_string();
-    assert!(refused.contains("expected 4 of p, each in one shard, found 2 of them; a copy of the data"), "{refused}");
-    let mut last = part(2, ["b", "c"], "another");
-    assert!(Results::merge(vec![first(), last.clone()]).is_err(), "nobody says that the fourth is missing");
-    let (preset, kind) = ("p".to_owned(), crate::warning_kinds::MISSING_SCENES.to_owned());
-    last.provenance.warnings = vec![WarningCount { preset, kind, count: 1, example: "d".to_owned() }];
-    assert_eq!(Results::merge(vec![first(), last]).unwrap().results.trials.len(), 3);
-    let limited = |mut part: Results| {
-        part.provenance.limit = Some(3);
-        part
-    };
-    let last = limited(part(2, ["b", "c"], "another"));
-    assert_eq!(Results::merge(vec![limited(first()), last]).unwrap().results.trials.len(), 3);
+    for scenes in [["c", "d"], ["b", "c"]] {
+        let refused = Results::merge(vec![first(), part(2, scenes, "another", "abc")]).unwrap_err().to_string();
+        assert!(refused.contains("scenes under p") && refused.contains("run all shards on equal copies"), "{refused}");
+    }
+}
+
+/// A shard of two scenes under methods m and n, and the methods with L1 in its first scenes.
+fn with_l1(number: u32, scenes: [&str; 2], with: &[(&str, usize)]) -> Results {
+    let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+    let metric = |id: &str| MetricRecord { id: id.to_owned(), ..MetricRecord::default() };
+    let mut part = Results::default();
+    part.provenance.shard = Some(Shard { number, count: 2 });
+    part.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 2, ..PresetRecord::default() }];
+    part.provenance.methods = ["m", "n"].map(method).to_vec();
+    part.provenance.metrics = ["psnr", "l1"].map(metric).to_vec();
+    for (method, (at, scene)) in
+        ["m", "n"].into_iter().flat_map(|name| scenes.iter().enumerate().map(move |at| (name, at)))
+    {
+        let key = key(scene).of_method(method);
+        let is_added = with.iter().any(|(name, scenes)| *name == method && at < *scenes);
+        part.trials.push(TrialRow { key: key.clone(), ..trial(scene) });
+        part.targets.extend(targets(scene).into_iter().map(|mut target| {
+            target.key = key.clone();
+            if is_added && target.status == TargetStatus::Scored {
+                target.scores.insert("l1".to_owned(), 0.25);
+            }
+            target
+        }));
+    }
+    part
+}
+
+/// Killed while it added a metric, which some of its rows have.
+#[test]
+fn a_shard_that_lacks_a_metric_in_some_rows_is_not_done() {
+    let whole = || with_l1(1, ["a", "b"], &[("m", 2)]);
+    assert_eq!(whole().unfinished(), [], "n was not run again");
+    let killed = with_l1(2, ["c", "d"], &[("m", 1)]);
+    let gaps: Vec<String> = killed.gaps().iter().map(ToString::to_string).collect();
+    assert!(gaps.contains(&"p: the run of m is unfinished: 1 of 2 index entries with l1".to_owned()), "{gaps:?}");
+    let merged = Results::merge(vec![whole(), killed]).unwrap();
+    assert_eq!(merged.why_incomplete(), ["shard 2 of 2 is not done: 1 of 2 entries of p under m with l1"]);
+    assert!(merged.results.provenance.shard.is_some());
+    let merged = Results::merge(vec![whole(), with_l1(2, ["c", "d"], &[("m", 2)])]).unwrap();
+    assert_eq!((merged.why_incomplete(), merged.results.provenance.shard), (Vec::new(), None));
+}
+
+/// L1 was added for both methods in one shard, and for one in the other.
+#[test]
+fn shards_with_a_metric_of_different_methods_are_not_the_whole_run() {
+    let parts = vec![with_l1(1, ["a", "b"], &[("m", 2), ("n", 2)]), with_l1(2, ["c", "d"], &[("m", 2)])];
+    assert!(parts.iter().all(|part| part.unfinished().is_empty()));
+    let merged = Results::merge(parts).unwrap();
+    assert_eq!(merged.why_incomplete(), ["a store is not done: 2 of 4 entries of p under n with l1"]);
+    assert!(merged.results.provenance.shard.is_some());
 }
 
 #[test]

@@ -133,12 +133,43 @@ fn places_of_a_run_without_a_score_are_forgotten() {
         store.append(&trial, &targets).unwrap();
         drop(store);
         let store = Store::resume(folder.path(), of(data, renders)).unwrap();
-        let Provenance { presets, methods, warnings, .. } = store.provenance().clone();
-        let folder = methods[0].parameters["folder"].as_str().unwrap().to_owned();
-        (presets[0].dataset.clone(), folder, warnings.len(), is_known(&store, "m", "a"))
+        let is_known = is_known(&store, "m", "a");
+        let [begun, ended] = [store.provenance().clone(), store.finish().unwrap().provenance].map(|found| {
+            assert_eq!(found.warnings, []);
+            let folder = found.methods[0].parameters["folder"].as_str().unwrap().to_owned();
+            [found.presets[0].dataset.clone(), folder]
+        });
+        (begun, ended, is_known)
     };
-    let [wrong, right, empty, renders] = ["wrong", "right", "empty", "renders"].map(str::to_owned);
-    assert_eq!(resumed(false, "right", "renders"), (right, renders.clone(), 0, false));
-    assert_eq!(resumed(false, "wrong", "renders"), (wrong.clone(), renders, 0, false));
-    assert_eq!(resumed(true, "right", "renders"), (wrong, empty, 2, true), "scores are kept with the first places");
+    let (new, corrected) = (["right", "renders"].map(str::to_owned), ["wrong", "renders"].map(str::to_owned));
+    assert_eq!(resumed(false, "right", "renders"), (new.clone(), new.clone(), false));
+    assert_eq!(resumed(false, "wrong", "renders"), (corrected.clone(), corrected, false));
+    let first = ["wrong", "empty"].map(str::to_owned);
+    assert_eq!(resumed(true, "right", "renders"), (first, new, true), "until the run has ended, which compares them");
+}
+
+/// It has results under p, and the run is of q alone.
+#[test]
+fn files_in_another_folder_that_a_run_does_not_compare_are_rejected() {
+    let of = |preset: &str, renders: &str| {
+        let mut provenance = run_of(1);
+        provenance.methods[0].parameters.insert("folder".to_owned(), renders.into());
+        let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
+        provenance.presets = vec![PresetRecord { name: preset.to_owned(), toml, ..PresetRecord::default() }];
+        provenance
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path(), of("p", "step_10000")).unwrap();
+    let (trial, targets) = scored("m", "a");
+    store.append(&trial, &targets).unwrap();
+    drop(store);
+    let refused = Store::resume(folder.path(), of("q", "step_20000")).unwrap_err().to_string();
+    let said = "imported files of the two runs differ: expected those of m in step_10000, also under p, found those in step_20000";
+    assert!(refused.starts_with(said), "{refused}");
+    assert_eq!(Results::read(folder.path()).unwrap().provenance, of_this_schema(of("p", "step_10000")));
+    let resumed = Store::resume(folder.path(), of("p", "step_20000")).unwrap();
+    let places = ["step_10000", "step_20000"].map(str::to_owned);
+    assert_eq!(resumed.moved(), Moved { files: [("m".to_owned(), places)].into(), ..Moved::default() });
+    drop(resumed);
+    assert_eq!(Store::resume(folder.path(), of("q", "step_10000")).unwrap().moved(), Moved::default());
 }

@@ -1,0 +1,91 @@
+//! Data and imported files that a run finds in another place than the results that it resumes: their contents must be the same. A
+//! folder that was edited is read again; another one would replace results under a name that stands for the first.
+
+use std::sync::Arc;
+
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, Trials};
+use atsplat_results::{Moved, ResultsError, Store, TrialKey};
+
+use super::group_run::{groups, input_hash, key_of, recipe, to_u32};
+use super::plan::{Dataset, Plan};
+use crate::EvalError;
+use crate::method::Method;
+
+/// Compares all results with scores, before the first row is written.
+///
+/// # Errors
+/// [`ResultsError::Different`] with both places and the first result that was made from other contents; [`EvalError::Stopped`].
+pub(super) fn check_moved(plan: &Plan<'_>, store: &Store, stop: &(dyn Fn() -> bool + Sync)) -> Result<(), EvalError> {
+    let moved = store.moved();
+    if moved == Moved::default() {
+        return Ok(());
+    }
+    for dataset in plan.datasets {
+        let (mut index, known) = (plan.selected(dataset).index, store.known().scenes(&dataset.name));
+        index.scenes.retain(|scene, _| known.contains(scene.as_str()));
+        for methods in groups(&dataset.preset, plan.methods) {
+            let ahead = Prefetch { decode: DecodeAhead::Nothing, ..plan.prefetch };
+            let trials = Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, &methods), ahead);
+            for (trial, targets) in trials.flatten() {
+                if stop() {
+                    return Err(EvalError::Stopped);
+                }
+                let data = trial.data_hash(&targets, store.digests()).to_string();
+                check_data(&moved, dataset, store, &trial, &data)?;
+                check_files(&moved, dataset, store, &trial, &methods)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Of all methods: the record of the data is theirs too.
+fn check_data(
+    moved: &Moved,
+    dataset: &Dataset,
+    store: &Store,
+    trial: &Trial,
+    data_hash: &str,
+) -> Result<(), ResultsError> {
+    const ADVICE: &str = "; choose another folder for the results of other data";
+    let Some(places) = moved.data.get(&dataset.name) else { return Ok(()) };
+    let known = store.known();
+    let key = TrialKey {
+        preset: dataset.name.clone(),
+        method: String::new(),
+        scene: trial.scene().to_owned(),
+        entry: to_u32(trial.entry_number()),
+    };
+    let has_scores = |method: &&str| known.scored(&key.of_method(method)) > 0;
+    match known.outdated(&key, data_hash).find(has_scores) {
+        Some(method) => Err(other_contents("data", places, &key.of_method(method), ADVICE)),
+        None => Ok(()),
+    }
+}
+
+fn check_files(
+    moved: &Moved,
+    dataset: &Dataset,
+    store: &Store,
+    trial: &Trial,
+    methods: &[Arc<dyn Method>],
+) -> Result<(), ResultsError> {
+    const ADVICE: &str = "; choose another name for other files (--name of score, NAME=renders:DIR or NAME=ply:DIR of run), or another \
+                          folder for the results";
+    for method in methods {
+        let key = key_of(dataset, method.as_ref(), trial.scene(), trial.entry_number());
+        let Some(places) = moved.files.get(&key.method) else { continue };
+        let hash = input_hash(method.as_ref(), trial, store.digests());
+        if store.known().has_other_files(&key, hash.as_deref()) {
+            return Err(other_contents("imported files", places, &key, ADVICE));
+        }
+    }
+    Ok(())
+}
+
+fn other_contents(what: &'static str, places: &[String; 2], key: &TrialKey, advice: &'static str) -> ResultsError {
+    let [first, found] = places;
+    let expected = format!("the contents of {first}");
+    let found = format!("others in {found}, the first of {key}");
+    ResultsError::Different { what, expected, found, advice }
+}
