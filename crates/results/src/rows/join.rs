@@ -350,7 +350,7 @@ mod tests {
             let (name, scenes_sha256) = ("p".to_owned(), scenes.map(str::to_owned));
             let presets = vec![PresetRecord { name, scenes_sha256, ..PresetRecord::default() }];
             let schema_version = crate::store::SCHEMA_VERSION;
-            Provenance { schema_version, presets, shard, limit, ..Provenance::default() }
+            Provenance { schema_version, shard, limit, presets, ..Provenance::default() }
         };
         let part = |number| Some(crate::Shard { number, count: 2 });
         let refused = of(Some("a"), part(1), None).merge_shard(of(Some("b"), part(2), None), false).unwrap_err();
