@@ -56,7 +56,10 @@ const SPARSE: [&str; 3] = ["expansion-sparse", "expansion-sparse-seed-2", "expan
 
 const SPARSEST: [&str; 3] = ["expansion-sparsest", "expansion-sparsest-seed-2", "expansion-sparsest-seed-3"];
 
-const CLAIMS: [Claim; 15] = [
+/// The second training is on images of generation 2 of the simulator, on which its three rows were evaluated too.
+const DIRECT: [&str; 2] = ["anchors", "anchors-seed-2-generation-2"];
+
+const CLAIMS: [Claim; 17] = [
     Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },
     Claim {
         text: "uncertainty above farthest-point sampling",
@@ -117,6 +120,16 @@ const CLAIMS: [Claim; 15] = [
         text: "the same; offsets in the axes of the world",
         above: ("anchor-offset", &["anchors-in-world-axes", "anchors-seed-2"]),
         below: ("anchor-ray-depth", &["anchors-in-world-axes", "anchors-seed-2"]),
+    },
+    Claim {
+        text: "ray + depth above learnable anchors with direct positions",
+        above: ("anchor-ray-depth", &DIRECT),
+        below: ("anchor-learnable", &DIRECT),
+    },
+    Claim {
+        text: "learnable anchors above none, both with direct positions",
+        above: ("anchor-learnable", &DIRECT),
+        below: ("anchor-direct-xyz", &DIRECT),
     },
     Claim {
         text: "8 Gaussians per token above 4",

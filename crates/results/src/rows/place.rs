@@ -39,14 +39,15 @@ impl Provenance {
         }
     }
 
-    /// Takes over the places of a run that has resumed these results, whose data and files have the same contents.
+    /// Takes over the other places of a run that has resumed these results, whose data and files have the same contents.
     pub(crate) fn take_places(&mut self, run: &Self) {
-        for known in &mut self.presets {
+        let moved = self.moved(run);
+        for known in self.presets.iter_mut().filter(|known| moved.data.contains_key(&known.name)) {
             if let Some(found) = run.preset(&known.name) {
                 *known = known.clone().with_places_of(found);
             }
         }
-        for known in &mut self.methods {
+        for known in self.methods.iter_mut().filter(|known| moved.files.contains_key(&known.name)) {
             if let Some(found) = run.method(&known.name) {
                 *known = known.clone().with_places_of(found);
             }
