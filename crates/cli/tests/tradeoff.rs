@@ -127,3 +127,49 @@ fn shards_of_a_sweep_are_complete_each() {
         1
     );
 }
+
+/// Six scenes, so that the difference between both has an interval; the images of the second are its own results.
+#[test]
+fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 6);
+    let images = ["--metrics", "psnr", "--keep-images", "all"];
+    succeed(
+        here,
+        &[&["run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", "own"], &images[..]]
+            .concat(),
+    );
+    let score = |name: &str, costs: &[&str]| {
+        let renders = format!("own/images/tiny/{name}");
+        let args = ["score", "tiny.toml", "--data", "data", "--renders", &renders, "--name", name, "--out", "scores"];
+        atsplat(here, &[&args[..], &["--metrics", "psnr"], costs].concat())
+    };
+    let on_card = ["--stated-machine", "a card", "--stated-seconds"];
+    let costs = |count, secs| [&on_card[..], &[secs, "--stated-gaussians", count]].concat();
+    assert_eq!(score("warp", &costs("400", "0.25")).code, 0);
+    assert_eq!(score("nearest-view", &costs("300", "0.75")).code, 0);
+
+    let incomplete = score("warp", &["--stated-seconds", "0.25"]);
+    assert!(incomplete.code == 2 && incomplete.stderr.contains("--stated-machine"), "{}", incomplete.stderr);
+    let args = ["score", "tiny.toml", "--data", "data", "--ply", "data", "--out", "ply", "--stated-gaussians", "5"];
+    let ply = atsplat(here, &args);
+    assert!(ply.code == 2 && ply.stderr.contains("--stated-gaussians requires --renders"), "{}", ply.stderr);
+
+    let printed = succeed(here, &["tradeoff", "scores"]);
+    for (name, ms, count) in [("warp", "250.0 ±0.0", "400"), ("nearest-view", "750.0 ±0.0", "300")] {
+        let rows = printed.lines().filter(|line| line.contains(name) && line.contains(ms) && line.contains(count));
+        assert_eq!(rows.count(), 2, "against seconds and Gaussians: {printed}");
+    }
+    assert!(printed.contains("a card (stated, not measured here)"), "{printed}");
+    assert!(printed.contains("warp: its number of Gaussians was stated, not counted"), "{printed}");
+
+    // Without other renders, costs can be stated later, or corrected.
+    assert_eq!(score("warp", &costs("500", "0.25")).code, 0);
+    succeed(here, &["report", "scores", "--out", "page"]);
+    let table = std::fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
+    let row = table.lines().find(|line| line.starts_with("| warp")).unwrap();
+    assert!(row.contains("500") && row.contains("0.25"), "{table}");
+    assert!(table.contains("warp: its number of Gaussians was stated, not counted"), "{table}");
+    assert!(table.contains("Time: a card (stated, not measured here)\n"), "{table}");
+}

@@ -1,5 +1,5 @@
-//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, escaped Markdown, and the
-//! parts that errors about files share.
+//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, escaped Markdown, messages
+//! of panics, and the parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -15,6 +15,7 @@ mod error;
 mod existing;
 mod lock;
 mod markdown;
+mod panic;
 mod toml_error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, remove_abandoned, write, write_unsynced, write_with};
@@ -27,6 +28,7 @@ pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use markdown::escaped_markdown;
+pub use panic::panic_message;
 pub use toml_error::{malformed_toml, toml_problem};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.

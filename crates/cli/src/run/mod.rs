@@ -5,6 +5,7 @@ mod methods;
 pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
+mod stated;
 pub(crate) mod urls;
 
 use std::io::{IsTerminal as _, stdout};

@@ -10,6 +10,7 @@ use super::evaluate;
 use super::methods::GaussianArgs;
 use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
+use super::stated::StatedCostArgs;
 use crate::device::DeviceArgs;
 use crate::parse::usage_error;
 use crate::requirements::{Requirement, check_all};
@@ -44,6 +45,9 @@ pub(crate) struct Args {
     #[arg(long)]
     deterministic: bool,
 
+    #[command(flatten, next_help_heading = "Costs of images")]
+    stated: StatedCostArgs,
+
     #[command(flatten, next_help_heading = "Gaussians")]
     device: DeviceArgs,
 
@@ -70,11 +74,19 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             requires: "--ply (images are compared on the CPU)",
             satisfied: args.ply.is_some(),
         },
+        Requirement {
+            options: &args.stated.options(),
+            requires: "--renders (Gaussians in files are counted)",
+            satisfied: args.renders.is_some(),
+        },
     ]);
     requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
     let name = args.name.as_deref();
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
-        (Some(folder), _) => Arc::new(Renders::new(folder, name)?.deterministic(args.deterministic)),
+        (Some(folder), _) => {
+            let renders = Renders::new(folder, name)?.deterministic(args.deterministic);
+            Arc::new(renders.at_cost(args.stated.cost()))
+        }
         (None, Some(folder)) => {
             let ply = args.gaussians.ply(folder, name, &args.device.open()?)?;
             Arc::new(ply.deterministic(args.deterministic))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr};
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
-use atsplat_results::MethodRecord;
+use atsplat_results::{MethodRecord, StatedCost};
 
 use super::frame_files::FrameFiles;
 use super::range::{check_bytes, check_range};
@@ -47,6 +47,7 @@ pub struct Renders {
     name: String,
     names: SceneNames,
     deterministic: bool,
+    stated: Option<StatedCost>,
 }
 
 impl Renders {
@@ -57,13 +58,20 @@ impl Renders {
     pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
-        Ok(Self { folder: folder.to_owned(), name, names: SceneNames::default().below(folder), deterministic: false })
+        let names = SceneNames::default().below(folder);
+        Ok(Self { folder: folder.to_owned(), name, names, deterministic: false, stated: None })
     }
 
     /// Declares that whatever rendered the images gives the same bits every time. Nobody can tell that from files.
     #[must_use]
     pub fn deterministic(self, deterministic: bool) -> Self {
         Self { deterministic, ..self }
+    }
+
+    /// States what the images cost.
+    #[must_use]
+    pub fn at_cost(self, stated: Option<StatedCost>) -> Self {
+        Self { stated, ..self }
     }
 
     /// The files of a trial in all folders that its scene may have: one of them may be left from another run.
@@ -121,6 +129,7 @@ impl Method for Renders {
             title: self.name.clone(),
             parameters: parameters([("folder", self.folder.display().to_string().into())]),
             deterministic: self.deterministic,
+            stated: self.stated.clone(),
             ..MethodRecord::default()
         }
     }

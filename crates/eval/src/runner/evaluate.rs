@@ -1,11 +1,11 @@
 //! Evaluates one trial under one method.
 
-use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
+use atsplat_files::panic_message;
 use atsplat_metrics::Suite;
 use atsplat_numeric::mean;
 use atsplat_pixels::ImageU8;
@@ -82,7 +82,10 @@ impl Evaluation<'_> {
             Ok(Ok(())) => None,
             Ok(Err(Failure::Method(error))) => Some(error),
             Ok(Err(Failure::Store(error))) => return Err(error),
-            Err(panic) => Some(MethodError::Failed(format!("the method panicked: {}", panic_message(panic.as_ref())))),
+            Err(panic) => {
+                let message = panic_message(panic.as_ref()).unwrap_or("no message");
+                Some(MethodError::Failed(format!("the method panicked: {message}")))
+            }
         };
         if let Some(error) = &error {
             let unfinished = result.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
@@ -173,7 +176,7 @@ impl Evaluation<'_> {
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
         let compared = scored.filter(|_| is_checked).map(|truth| Compared::of(&image, truth, row.leaked));
         if let Some(store) = self.images.all() {
-            images::write_render(store, &row, &image).map_err(EvalError::from)?;
+            images::write_render(store, &row, &image)?;
         }
         Ok(ScoredTarget { row, drawn, effects, suspicion, compared })
     }
@@ -188,11 +191,6 @@ enum Failure {
     /// The store cannot be written, which ends the run.
     #[error(transparent)]
     Store(#[from] EvalError),
-}
-
-fn panic_message(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
 }
 
 /// One outcome for each target; an error if the method returns another number of them.

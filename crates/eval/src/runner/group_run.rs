@@ -42,12 +42,13 @@ pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRec
 }
 
 pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
-    TrialKey {
-        preset: dataset.name.clone(),
-        method: method.record().name,
-        scene: scene.to_owned(),
-        entry: to_u32(entry),
-    }
+    TrialKey { method: method.record().name, ..key_of_trial(&dataset.name, scene, entry) }
+}
+
+/// The key of a trial under an empty method name.
+pub(super) fn key_of_trial(preset: &str, scene: &str, entry: usize) -> TrialKey {
+    let (preset, scene) = (preset.to_owned(), scene.to_owned());
+    TrialKey { preset, method: String::new(), scene, entry: to_u32(entry) }
 }
 
 /// A number of entries or targets as stored in rows.
@@ -252,6 +253,7 @@ impl GroupRun<'_> {
     }
 
     /// Evaluates a trial under each method without a complete result.
+    #[expect(clippy::expect_used, reason = "every target without scores has a detail")]
     fn evaluate(&self, trial: Trial, targets: &TargetImages) -> Result<TrialOutcome, EvalError> {
         let decoded = DecodedTrial::new(trial, targets, self.store.digests());
         self.store.digests().save()?;
@@ -279,7 +281,8 @@ impl GroupRun<'_> {
             self.check_stop()?;
             if is_again && self.has_fewer_scores(&row.key, &targets) {
                 images::discard(self.images.store, &row.key)?;
-                let why = targets.into_iter().find_map(|target| target.detail).unwrap_or_default();
+                let why =
+                    targets.into_iter().find_map(|target| target.detail).expect("a target without scores says why");
                 outcome.failed_again.push((row.key, why));
                 outcome.resumed += 1;
             } else {

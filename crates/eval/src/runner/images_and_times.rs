@@ -11,7 +11,7 @@ use atsplat_results::store::images::{self, CONTEXT, TRUTH};
 use atsplat_results::{ResultsError, Store, TrialKey, TrialRow};
 
 use super::KeepImages;
-use super::group_run::to_u32;
+use super::group_run::key_of_trial;
 
 /// Images and times that a store contained when a run began.
 #[derive(Debug)]
@@ -49,8 +49,7 @@ impl<'a> ImagesAndTimes<'a> {
         trial: &Trial,
         data_hash: &str,
     ) -> Result<(), ResultsError> {
-        let (scene, entry) = (trial.scene().to_owned(), to_u32(trial.entry_number()));
-        self.remove_images_of(&TrialKey { preset: preset.to_owned(), method: String::new(), scene, entry }, data_hash)
+        self.remove_images_of(&key_of_trial(preset, trial.scene(), trial.entry_number()), data_hash)
     }
 
     fn remove_images_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), ResultsError> {

@@ -4,7 +4,7 @@ use atsplat_protocol::trial::{Skipped, Trial};
 use atsplat_results::{Store, TrialKey};
 
 use super::findings::depends_on_poses;
-use super::group_run::to_u32;
+use super::group_run::key_of_trial;
 use super::plan::{Dataset, Plan};
 use crate::EvalError;
 
@@ -69,8 +69,7 @@ impl<'a> Outdated<'a> {
     }
 
     fn key(&self, scene: &str, entry: usize) -> TrialKey {
-        let preset = self.dataset.name.clone();
-        TrialKey { preset, method: String::new(), scene: scene.to_owned(), entry: to_u32(entry) }
+        key_of_trial(&self.dataset.name, scene, entry)
     }
 
     fn note(&mut self, key: &TrialKey, method: &str, why: &str, advice: &'static str) {

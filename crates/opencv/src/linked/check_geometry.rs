@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_camera::ImageSize;
-use atsplat_numeric::median;
+use atsplat_numeric::{median, spread};
 use atsplat_pixels::ImageU8;
 use atsplat_scene::geometry::{
     Convention, ConventionFit, ConventionScore, MatchedPair, PointMatch, View, fitting_convention, score_conventions,
@@ -161,12 +161,6 @@ pub fn check_geometry(
 
 fn frames_with_images(scene: &Scene) -> Vec<usize> {
     (0..).zip(&scene.frames).filter(|(_, frame)| frame.image.is_available()).map(|(position, _)| position).collect()
-}
-
-/// `count` positions evenly spread over `length`, without repetition.
-fn spread(length: usize, count: usize) -> Vec<usize> {
-    let count = if count < length { count } else { length };
-    (0..count).map(|step| step * length / count).collect()
 }
 
 /// Decodes each frame and computes its features once, and collects the pairs.

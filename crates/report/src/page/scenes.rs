@@ -42,7 +42,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
                 trial,
                 targets,
                 &psnrs,
-                encoding(results, trial),
+                (results.gaussians_of(trial), encoding(results, trial)),
                 &|row| album.places(at, row),
                 album.context(at, &trial.key),
             );
@@ -70,7 +70,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
 fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
     let machine = machine_of(results, &trial.key.preset)?;
     let is_of_trial = |row: &&TimingRow| {
-        row.is_timed() && row.key == trial.key && row.trial_hash == trial.trial_hash && row.machine == *machine
+        row.is_timed() && row.key == trial.key && row.trial_hash == trial.trial_hash && row.machine == machine
     };
     let last = results.timings.iter().filter(is_of_trial).max_by_key(|row| row.started)?;
     median(last.encode.iter().copied()).filter(|_| !last.load.is_busy())
@@ -80,7 +80,7 @@ fn trial_to_json(
     trial: &TrialRow,
     targets: &[&TargetRow],
     psnrs: &[&str],
-    encode: Option<f64>,
+    (gaussians, encode): (Option<u64>, Option<f64>),
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
     seen: &[(u64, usize)],
 ) -> Value {
@@ -108,7 +108,7 @@ fn trial_to_json(
         "by_frame": by_frame,
         "data": trial.data_hash,
         "context": trial.context,
-        "gaussians": trial.gaussians,
+        "gaussians": gaussians,
         "encode": encode,
         "images": images.collect::<Vec<_>>(),
         "seen": seen,

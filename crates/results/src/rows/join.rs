@@ -64,7 +64,7 @@ impl Provenance {
         }
     }
 
-    /// Resumes a run with the same settings; presets, methods, metrics and scenes may be new. Data, indices and folders may be in other
+    /// Resumes a run with the same settings; presets, methods, metrics, scenes and stated costs may be new. Data, indices and folders may be in other
     /// places, which [`Self::take_places`] takes over once the run has found the same contents there.
     ///
     /// # Errors
@@ -92,8 +92,13 @@ impl Provenance {
         }
         for method in other.methods {
             let method = self.placed(method);
-            match self.method(&method.name) {
-                Some(known) => same("methods", Some(&known.name), known, &method, ADVICE)?,
+            match self.methods.iter_mut().find(|known| known.name == method.name) {
+                Some(known) => {
+                    // No row depends on what was stated.
+                    known.stated = method.stated.clone().or(known.stated.take());
+                    let method = MethodRecord { stated: known.stated.clone(), ..method };
+                    same("methods", Some(&method.name), known, &method, ADVICE)?;
+                }
                 None => self.methods.push(method),
             }
         }
@@ -171,7 +176,7 @@ fn same<T: Serialize + PartialEq>(
 mod tests {
     use super::*;
     use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
-    use crate::{AdapterRecord, MetricRecord};
+    use crate::{AdapterRecord, MetricRecord, StatedCost};
 
     #[test]
     fn rows_of_several_processors_name_them_all() {
@@ -280,6 +285,22 @@ mod tests {
         }
         known.resume_with(of(&[on("cpu", None), on("other", Some("driver 2"))])).unwrap();
         assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));
+    }
+
+    #[test]
+    fn costs_can_be_stated_later_and_corrected() {
+        let of = |gaussians: Option<u64>| {
+            let stated = gaussians.map(|count| StatedCost { gaussians: Some(count), seconds: None });
+            let methods = vec![MethodRecord { name: "m".to_owned(), stated, ..MethodRecord::default() }];
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, methods, ..Provenance::default() }
+        };
+        let mut known = of(None);
+        for (next, expected) in [(Some(5), of(Some(5))), (Some(7), of(Some(7))), (None, of(Some(7)))] {
+            known.resume_with(of(next)).unwrap();
+            assert_eq!(known.methods, expected.methods);
+        }
+        assert!(known.merge_shard(of(Some(5)), false).is_err(), "parts of one run state the same");
     }
 
     #[test]

@@ -6,6 +6,7 @@ pub(crate) mod difference;
 mod join;
 mod place;
 mod provenance;
+mod stated_cost;
 mod target;
 mod trial;
 
@@ -21,6 +22,7 @@ pub use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
 };
+pub use stated_cost::{StatedCost, StatedSeconds};
 pub(crate) use target::ADDED_LATER;
 pub use target::{IDENTICAL, TargetRow, TargetStatus, WEIGHTS_ABSENT};
 pub use trial::{TrialRow, TrialStatus};
@@ -63,6 +65,11 @@ impl Results {
     /// The targets of one method under one preset, by their names.
     pub fn targets_of(&self, preset: &str, method: &str) -> impl Iterator<Item = &TargetRow> {
         self.targets.iter().filter(move |target| target.key.is_of(preset, method))
+    }
+
+    /// The number of Gaussians of a trial, counted or stated; `None` if nobody knows it.
+    pub fn gaussians_of(&self, trial: &TrialRow) -> Option<u64> {
+        trial.gaussians.or_else(|| self.provenance.method(&trial.key.method)?.stated.as_ref()?.gaussians)
     }
 
     /// The trials that their method does not support. Their targets have no scores, which does not count as a failure.

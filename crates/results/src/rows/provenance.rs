@@ -6,7 +6,7 @@ use atsplat_metrics::{Measure, definition};
 use atsplat_protocol::Preset;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::AdapterRecord;
+use super::{AdapterRecord, StatedCost};
 use crate::{ResultsError, Shard};
 
 /// What was run, how and where: one record per store.
@@ -147,6 +147,9 @@ pub struct MethodRecord {
     pub renderer_adapter: Option<AdapterRecord>,
     /// Whether equal inputs give bit-identical results on one machine.
     pub deterministic: bool,
+    /// What imported images cost, as their user states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stated: Option<StatedCost>,
 }
 
 /// The parameters of a record. Where no limit on the number of Gaussians applied, earlier versions wrote the largest number there is.

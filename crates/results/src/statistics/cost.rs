@@ -41,21 +41,21 @@ pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
     let count = |status: TrialStatus| all.iter().filter(|trial| trial.status == status).count() as u64;
     let has_results = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
     let trials: Vec<&TrialRow> = all.iter().copied().filter(has_results).collect();
-    let mean_of = |value: fn(&TrialRow) -> Option<f64>| {
+    let mean_of = |value: &dyn Fn(&TrialRow) -> Option<f64>| {
         mean(trials.iter().filter_map(|trial| value(trial)).filter(|value| value.is_finite()))
     };
-    let gaussians = || trials.iter().filter_map(|trial| trial.gaussians);
+    let gaussians = || trials.iter().filter_map(|trial| results.gaussians_of(trial));
     let identities = all.iter().map(|trial| (trial.key.scene.as_str(), trial.key.entry));
     Cost {
         trials: trials.len() as u64,
         failed: count(TrialStatus::Failed),
         not_applicable: count(TrialStatus::NotApplicable),
-        gaussians: mean_of(|trial| trial.gaussians.map(|count| count as f64)),
+        gaussians: mean_of(&|trial| results.gaussians_of(trial).map(|count| count as f64)),
         gaussians_min: gaussians().min(),
         gaussians_max: gaussians().max(),
-        gaussians_drawn: mean_of(|trial| trial.gaussians_drawn),
-        initial_tokens: mean_of(|trial| trial.initial_tokens.map(|count| count as f64)),
-        final_tokens: mean_of(|trial| trial.final_tokens.map(|count| count as f64)),
+        gaussians_drawn: mean_of(&|trial| trial.gaussians_drawn),
+        initial_tokens: mean_of(&|trial| trial.initial_tokens.map(|count| count as f64)),
+        final_tokens: mean_of(&|trial| trial.final_tokens.map(|count| count as f64)),
         peak_bytes: trials.iter().filter_map(|trial| trial.peak_bytes).max(),
         trial_set_hash: set_hash(identities.collect::<BTreeSet<_>>()),
     }

@@ -9,7 +9,7 @@ use super::bootstrap::interval_of_resamples;
 use super::significance::{normal_tail, student_quantile};
 use super::*;
 use crate::sample_rows::{PRESET, key, results, target, trial};
-use crate::{Results, TargetStatus, TrialStatus};
+use crate::{MethodRecord, Results, StatedCost, TargetStatus, TrialStatus};
 
 /// Reference values of numpy and scipy (`oracle/make_statistics.py`).
 #[derive(Deserialize)]
@@ -281,6 +281,11 @@ fn cost_is_means_and_extremes() {
     let found = cost(&store, PRESET, "m");
     assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
     Tolerance::F64.assert(found.gaussians, [30.0], "mean Gaussians");
+    let stated = Some(StatedCost { gaussians: Some(5), seconds: None });
+    store.provenance.methods = vec![MethodRecord { name: "m".to_owned(), stated, ..MethodRecord::default() }];
+    store.trials[0].gaussians = None;
+    let found = cost(&store, PRESET, "m");
+    assert_eq!((found.gaussians_min, found.gaussians_max), (Some(5), Some(60)), "stated, and counted");
     assert_eq!(cost(&store, PRESET, "unknown"), Cost::default());
 }
 

@@ -1,10 +1,10 @@
-use std::any::Any;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::io::Cursor;
 use std::panic::catch_unwind;
 use std::path::Path;
 
+use atsplat_files::panic_message;
 use polars::prelude::{DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series};
 
 use super::disk;
@@ -70,12 +70,9 @@ impl<'a> Table<'a> {
 /// The table in a file's bytes, or why it cannot be read: some damaged files let polars panic.
 fn parsed(bytes: Vec<u8>) -> Result<DataFrame, String> {
     let read = catch_unwind(|| ParquetReader::new(Cursor::new(bytes)).finish());
-    read.map_err(|panic| panic_message(panic.as_ref()))?.map_err(|error| error.to_string())
-}
-
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-    text.map_or_else(|| "damaged data".to_owned(), |text| format!("damaged data: {text}"))
+    let damaged =
+        |text: Option<&str>| text.map_or_else(|| "damaged data".to_owned(), |text| format!("damaged data: {text}"));
+    read.map_err(|panic| damaged(panic_message(panic.as_ref())))?.map_err(|error| error.to_string())
 }
 
 /// A row of a table. Columns that were added in a later version are null, or empty lists.

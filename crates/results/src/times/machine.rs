@@ -21,9 +21,24 @@ pub fn platform() -> String {
     format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)
 }
 
+impl Machine {
+    /// A machine of which only a name is known, because its times were stated and not measured here.
+    pub fn stated(name: &str) -> Self {
+        Self { processor: name.to_owned(), ..Self::default() }
+    }
+
+    /// Whether its times were stated: a machine of this toolkit has processors.
+    pub const fn is_stated(&self) -> bool {
+        self.cpus == 0
+    }
+}
+
 impl fmt::Display for Machine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { processor, platform: _, cpus, threads } = self;
+        if self.is_stated() {
+            return write!(f, "{processor} (stated, not measured here)");
+        }
         let plural = if *threads == 1 { "thread" } else { "threads" };
         write!(f, "{processor}, {threads} {plural} on {cpus} logical processors")
     }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{Machine, Spread, TimingRow};
 use crate::rows::placement;
-use crate::{MethodRecord, Results, TrialKey, TrialRow};
+use crate::{MethodRecord, Results, StatedSeconds, TrialKey, TrialRow};
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from images";
@@ -64,7 +64,7 @@ type TimedTrial<'a> = (&'a TimingRow, &'a TrialRow);
 /// # Errors
 /// Why there are none, as a human-readable message.
 pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, String> {
-    times_on(machine_of(results, preset), results, preset, method)
+    times_on(machine_of(results, preset).as_ref(), results, preset, method)
 }
 
 /// [`times`] on another machine; `None` if nothing was timed.
@@ -77,6 +77,11 @@ pub(crate) fn times_on(
     preset: &str,
     method: &str,
 ) -> Result<Times, String> {
+    if let Some(stated) = stated(results, method) {
+        return Times::stated(stated, results, preset, method)
+            .filter(|times| machine == Some(&times.machine))
+            .ok_or_else(|| format!("stated as {} s on {}, not measured here", stated.encode, stated.machine));
+    }
     let of_method = results.timings.iter().filter(|row| row.key.is_of(preset, method));
     let all: Vec<TimedTrial<'_>> = of_method.filter_map(|row| Some((row, current_trial(results, row)?))).collect();
     let Some(machine) = machine else { return Err(untimed(results, method, &all)) };
@@ -140,14 +145,56 @@ impl Times {
             busy: rows.iter().any(|row| row.load.is_busy()),
         }
     }
+
+    /// The times of a method as its user states them; `None` if it has no trial.
+    fn stated(stated: &StatedSeconds, results: &Results, preset: &str, method: &str) -> Option<Self> {
+        let StatedSeconds { encode, render, .. } = stated;
+        let once = |secs: f64| Spread::of(std::iter::once(&[secs][..]));
+        let (encode, render) = (once(*encode)?, render.and_then(once));
+        let trials = results.trials_of(preset, method).count() as u64;
+        (trials > 0).then(|| Self {
+            machine: stated.machine(),
+            device: None,
+            trials,
+            trials_there: trials,
+            repetitions: 1,
+            warm_up: 0,
+            encode: Some(encode),
+            render,
+            first_image: Some(render.map_or(encode, |render| encode.plus(render))),
+            stages: BTreeMap::new(),
+            peak_bytes: None,
+            others: None,
+            busy: false,
+        })
+    }
 }
 
-/// The machine on which a protocol's methods are compared: the one with the most timed trials, the first in order if tied;
-/// `None` if nothing was timed.
-pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine> {
-    let mut counts: BTreeMap<&Machine, usize> = BTreeMap::new();
-    for row in results.timings.iter().filter(|row| row.is_timed() && row.key.preset == preset) {
-        *counts.entry(&row.machine).or_default() += 1;
+fn stated<'a>(results: &'a Results, method: &str) -> Option<&'a StatedSeconds> {
+    results.provenance.method(method)?.stated.as_ref()?.seconds.as_ref()
+}
+
+/// The machine on which a protocol's methods are compared: the one with the most timed trials, or without any the one for which
+/// most methods state their times; the first in order if tied. `None` if there are no times.
+pub fn machine_of(results: &Results, preset: &str) -> Option<Machine> {
+    measured_on(results, preset).or_else(|| stated_on(results, preset))
+}
+
+fn measured_on(results: &Results, preset: &str) -> Option<Machine> {
+    let timed = results.timings.iter().filter(|row| row.is_timed() && row.key.preset == preset);
+    most_frequent(timed.map(|row| row.machine.clone()))
+}
+
+fn stated_on(results: &Results, preset: &str) -> Option<Machine> {
+    let has_trials = |method: &&MethodRecord| results.trials_of(preset, &method.name).next().is_some();
+    let methods = results.provenance.methods.iter().filter(has_trials);
+    most_frequent(methods.filter_map(|method| Some(stated(results, &method.name)?.machine())))
+}
+
+fn most_frequent(machines: impl Iterator<Item = Machine>) -> Option<Machine> {
+    let mut counts: BTreeMap<Machine, usize> = BTreeMap::new();
+    for machine in machines {
+        *counts.entry(machine).or_default() += 1;
     }
     let most = counts.values().copied().max()?;
     counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
@@ -180,6 +227,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
+    use crate::StatedCost;
     use crate::sample_rows::{PRESET, results, timing};
 
     #[test]
@@ -297,5 +345,49 @@ mod tests {
         store.trials.push(TrialRow { key: store.timings[0].key.clone(), ..store.trials[0].clone() });
         let is_timed = [times(&store, PRESET, "a"), times(&store, PRESET, "b")].map(|found| found.is_ok());
         assert_eq!(is_timed.iter().filter(|timed| **timed).count(), 1, "rows of two machines are not compared");
+    }
+
+    /// Methods a and b, of which b has imported images that took 0.5 s and 0.01 s on a card.
+    fn with_stated() -> Results {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        let imported = results("b", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        store.trials.extend(imported.trials);
+        store.targets.extend(imported.targets);
+        let seconds = Some(StatedSeconds { encode: 0.5, render: Some(0.01), machine: "a card".to_owned() });
+        let stated = Some(StatedCost { gaussians: Some(7), seconds });
+        store.provenance.methods = [("a", None), ("b", stated)]
+            .map(|(name, stated)| MethodRecord { name: name.to_owned(), stated, ..MethodRecord::default() })
+            .into();
+        store
+    }
+
+    #[test]
+    fn stated_times_are_shown_unless_something_was_measured() {
+        let mut store = with_stated();
+        let found = times(&store, PRESET, "b").unwrap();
+        let secs = [found.encode, found.render, found.first_image].map(|spread| spread.unwrap().median);
+        Tolerance::F64.assert(secs, [0.5, 0.01, 0.51], "encoding, rendering and both");
+        assert_eq!((found.trials, found.trials_there, found.machine.is_stated()), (2, 2, true));
+        assert_eq!(found.machine.to_string(), "a card (stated, not measured here)");
+        let other = times(&store, PRESET, "a").unwrap_err();
+        assert!(other.contains("no timing pass"), "{other}");
+        store.timings = vec![timing("a", "x", &[1.0], &[0.25])];
+        assert!(!machine_of(&store, PRESET).unwrap().is_stated());
+        let why = times(&store, PRESET, "b").unwrap_err();
+        assert_eq!(why, "stated as 0.5 s on a card, not measured here");
+    }
+
+    #[test]
+    fn times_of_other_stated_machines_are_not_compared() {
+        let mut store = with_stated();
+        let mut other = store.provenance.methods[1].clone();
+        other.name = "a".to_owned();
+        let seconds = other.stated.as_mut().and_then(|stated| stated.seconds.as_mut());
+        seconds.unwrap().machine = "another card".to_owned();
+        store.provenance.methods[0] = other;
+        assert_eq!(machine_of(&store, PRESET).unwrap().processor, "a card", "the first in order");
+        let why = times(&store, PRESET, "a").unwrap_err();
+        assert_eq!(why, "stated as 0.5 s on another card, not measured here");
+        assert!(times(&store, PRESET, "b").is_ok());
     }
 }

@@ -91,8 +91,8 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
         let aggregation = preset.protocol()?.aggregation;
         let machine = machine_of(results, &preset.name);
-        let scored = scored(results, machine, &preset.name, metric, leaked, aggregation);
-        let machines = machine.into_iter().cloned().collect();
+        let scored = scored(results, machine.as_ref(), &preset.name, metric, leaked, aggregation);
+        let machines = machine.into_iter().collect();
         let tradeoff = of_scored((&preset.name, &preset.hash), metric, scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
@@ -113,7 +113,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     for preset in presets {
         let aggregation = preset.protocol()?.aggregation;
         aggregations.push(aggregation);
-        for mut setting in scored(results, machine, &preset.name, metric, leaked, aggregation) {
+        for mut setting in scored(results, machine.as_ref(), &preset.name, metric, leaked, aggregation) {
             setting.sample.label = format!("{}, {}", setting.sample.label, preset.name);
             all.push(setting);
         }
@@ -125,7 +125,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
         _ => (Aggregation::SceneMeans, Some(Note { label: None, text: DIFFERENT_AGGREGATIONS.to_owned() })),
     };
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
-    let machines = machine.into_iter().cloned().collect();
+    let machines = machine.into_iter().collect();
     let mut tradeoff = of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);
     tradeoff.notes.extend(note);
     Ok(with_targets(tradeoff, results, presets, leaked))
@@ -136,7 +136,7 @@ const DIFFERENT_AGGREGATIONS: &str =
 
 /// The machine on which methods of different protocols are compared: the one on which most protocols were timed, of those the
 /// one with the most timed trials, the first in order if tied.
-fn common_machine(results: &Results) -> Option<&Machine> {
+fn common_machine(results: &Results) -> Option<Machine> {
     let mut counts: BTreeMap<&Machine, (BTreeSet<&str>, usize)> = BTreeMap::new();
     for row in results.timings.iter().filter(|row| row.is_timed()) {
         let (presets, rows) = counts.entry(&row.machine).or_default();
@@ -144,7 +144,9 @@ fn common_machine(results: &Results) -> Option<&Machine> {
         *rows += 1;
     }
     let counts = counts.into_iter().map(|(machine, (presets, rows))| (machine, (presets.len(), rows)));
-    counts.reduce(|most, other| if other.1 > most.1 { other } else { most }).map(|(machine, _)| machine)
+    let measured = counts.reduce(|most, other| if other.1 > most.1 { other } else { most });
+    let stated = || results.provenance.presets.iter().find_map(|preset| machine_of(results, &preset.name));
+    measured.map(|(machine, _)| machine.clone()).or_else(stated)
 }
 
 /// Counts the targets of protocols.

@@ -9,7 +9,7 @@ use super::unscored::why_unscored;
 use super::{Counts, Note, Sample};
 use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_of};
 use crate::times::{GAUSSIANS_UNTIMED, Machine, times_on};
-use crate::{MethodRecord, Results, TrialKey, TrialStatus};
+use crate::{MethodRecord, Results, TrialKey, TrialRow, TrialStatus};
 
 /// Scene and entry: a trial under any protocol.
 type TrialId<'a> = (&'a str, u32);
@@ -25,6 +25,8 @@ pub(super) struct Scored<'a> {
     timed: BTreeSet<TrialId<'a>>,
     /// The machines on which it was optimised for a time.
     optimised_on: BTreeSet<&'a str>,
+    /// Whether its number of Gaussians was stated, not counted.
+    states_gaussians: bool,
 }
 
 /// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
@@ -62,11 +64,19 @@ pub(super) fn scored<'a>(
             ..Sample::default()
         };
         let sample = with_times(sample, results, machine, preset, record);
-        let timed = if sample.secs.is_some() { timed(results, machine, preset, method) } else { BTreeSet::new() };
+        let timed = match sample.secs {
+            None => BTreeSet::new(),
+            // A mean over all trials.
+            Some(_) if machine.is_some_and(Machine::is_stated) => {
+                with_results(results, preset, method).map(|trial| id(&trial.key)).collect()
+            }
+            Some(_) => timed(results, machine, preset, method),
+        };
         let gaussians = gaussians(results, preset, method);
         let optimised_on = results.optimised_on(preset, method);
         let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
-        has_trials.then_some(Scored { sample, selected, gaussians, timed, optimised_on })
+        let states_gaussians = record.stated.as_ref().is_some_and(|stated| stated.gaussians.is_some());
+        has_trials.then_some(Scored { sample, selected, gaussians, timed, optimised_on, states_gaussians })
     };
     results.provenance.methods.iter().filter_map(scored).collect()
 }
@@ -102,10 +112,14 @@ fn timed<'a>(results: &'a Results, machine: Option<&Machine>, preset: &str, meth
     rows.filter(|row| Some(&row.machine) == machine).map(|row| id(&row.key)).collect()
 }
 
-fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTreeMap<TrialId<'a>, u64> {
+fn with_results<'a>(results: &'a Results, preset: &str, method: &str) -> impl Iterator<Item = &'a TrialRow> {
     let trials = results.trials_of(preset, method);
-    let with_results = trials.filter(|trial| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial));
-    with_results.filter_map(|trial| Some((id(&trial.key), trial.gaussians?))).collect()
+    trials.filter(|trial| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial))
+}
+
+fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTreeMap<TrialId<'a>, u64> {
+    let trials = with_results(results, preset, method);
+    trials.filter_map(|trial| Some((id(&trial.key), results.gaussians_of(trial)?))).collect()
 }
 
 /// Takes the means of Gaussians over the trials in which every setting with a score made some, because costs of different trials
@@ -129,15 +143,18 @@ pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
     Some(Note { label: None, text })
 }
 
-/// What a reader must know of settings: which were timed on other trials, or optimised on several machines.
+/// What a reader must know of settings: which were timed on other trials, or optimised on several machines, and which costs were stated.
 pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
     let timed_on: BTreeSet<TrialId<'_>> = all.iter().flat_map(|setting| &setting.timed).copied().collect();
     let mut notes = Vec::new();
-    for Scored { sample, timed, optimised_on, .. } in all {
+    for Scored { sample, timed, optimised_on, states_gaussians, .. } in all {
         let mut note = |text| notes.push(Note { label: Some(sample.label.clone()), text });
         if !timed.is_empty() && *timed != timed_on {
             let [some, of] = [timed.len(), timed_on.len()];
             note(format!("timed on {some} of the {of} trials that have times: times of different trials are compared"));
+        }
+        if *states_gaussians {
+            note("its number of Gaussians was stated, not counted".to_owned());
         }
         if optimised_on.len() > 1 {
             let machines: Vec<&str> = optimised_on.iter().copied().collect();

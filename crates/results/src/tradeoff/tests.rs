@@ -217,7 +217,8 @@ fn samples_summarise_a_store() {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
     }
     store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
-    let found = scored(&store, machine_of(&store, PRESET), PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
+    let found =
+        scored(&store, machine_of(&store, PRESET).as_ref(), PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
     let [Scored { sample, .. }, Scored { sample: failed, .. }] = &found[..] else { panic!("{found:?}") };
     assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
     assert_eq!((failed.quality, failed.gaussians), (None, None));

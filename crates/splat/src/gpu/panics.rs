@@ -1,9 +1,10 @@
 //! Turns panics of wgpu, which occur if a device is lost while waiting for it, into errors without printing them.
 
-use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
+
+use atsplat_files::panic_message;
 
 use super::GpuError;
 
@@ -19,7 +20,7 @@ pub(super) fn catch_panics<T>(adapter: &str, work: impl FnOnce() -> Result<T, Gp
     let outcome = catch_unwind(AssertUnwindSafe(work));
     CATCHING.set(outer);
     outcome.unwrap_or_else(|panic| {
-        let reason = single_line(&panic_message(panic.as_ref()));
+        let reason = single_line(panic_message(panic.as_ref()).unwrap_or("the driver panicked without a message"));
         Err(GpuError::Device { adapter: adapter.to_owned(), reason })
     })
 }
@@ -35,11 +36,6 @@ fn silence_caught_panics() {
             }
         }));
     });
-}
-
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("the driver panicked without a message").to_owned()
 }
 
 /// Joins the lines of wgpu's multi-line messages.

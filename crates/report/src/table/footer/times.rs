@@ -8,9 +8,10 @@ impl Notes {
     /// Machines, what the marks of times mean, devices, then each time with its spread, and why some are unreliable.
     pub(super) fn times(&mut self, table: &Table) {
         for timing in table.rows.iter().flat_map(timings) {
-            let machine =
-                format!("Time: {}; separate timing pass, nothing else running in the process", timing.machine);
-            self.add(NoteKind::Convention, machine);
+            let machine = &timing.machine;
+            let measured = "; separate timing pass, nothing else running in the process";
+            let how = if machine.is_stated() { "" } else { measured };
+            self.add(NoteKind::Convention, format!("Time: {machine}{how}"));
         }
         for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
             self.add(NoteKind::TimeScope, scope.explained());
@@ -21,7 +22,7 @@ impl Notes {
             }
         }
         for row in &table.rows {
-            for timing in timings(row) {
+            for timing in timings(row).filter(|timing| !timing.machine.is_stated()) {
                 self.add(NoteKind::Interval, spread(&name(row), timing));
             }
         }
