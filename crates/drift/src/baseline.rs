@@ -171,6 +171,23 @@ impl Baseline {
         next
     }
 
+    /// Replaces the limits of a metric for all methods that are not deterministic; numbers of the others are compared bit by bit.
+    ///
+    /// # Errors
+    /// [`DriftError::Invalid`] if no such method has a score of the metric.
+    pub fn with_limit(mut self, metric: &str, limit: f64) -> Result<Self, DriftError> {
+        if Limit::state(&mut self.limits, metric, limit) {
+            return Ok(self);
+        }
+        let known: BTreeSet<&str> = self.limits.iter().map(|limit| limit.metric.as_str()).collect();
+        let known: Vec<&str> = known.into_iter().collect();
+        let expected = match known.as_slice() {
+            [] => "a method that is not deterministic".to_owned(),
+            known => format!("one of {}", known.join(", ")),
+        };
+        Err(DriftError::Invalid { what: "metric with a limit", expected, found: metric.to_owned() })
+    }
+
     /// Runs a probe on this machine and adds it, as [`Self::with_probe`] does.
     ///
     /// # Errors

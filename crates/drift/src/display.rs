@@ -134,8 +134,8 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
 impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { preset, method, metric, limit, runs, scene } = self;
-        let runs = counted(*runs, "run");
-        write!(f, "{preset}, {method}: {metric} may vary by {}, from {runs}", size(metric, *limit))?;
+        let origin = if self.is_stated() { "as stated".to_owned() } else { format!("from {}", counted(*runs, "run")) };
+        write!(f, "{preset}, {method}: {metric} may vary by {}, {origin}", size(metric, *limit))?;
         if scene.is_some() {
             // As it applies: the least limit of a scene may be larger.
             write!(f, "; the mean of a scene by {}", size(metric, scene_limit(metric, Some(self), 1)))?;

@@ -18,7 +18,7 @@ pub struct Limit {
     pub metric: String,
     /// In the metric's unit.
     pub limit: f64,
-    /// Number of runs it was estimated from; with 1 run it is the least limit.
+    /// Number of runs it was estimated from; with 1 run it is the least limit. 0 if it was stated instead.
     pub runs: u64,
     /// How far the mean of one scene may change, from the same runs; `None` with 1 run, and in baselines of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -33,12 +33,12 @@ pub fn least_limit(metric: &str) -> f64 {
 /// How far the mean of one of several scenes may change: as far as repeated runs showed, and at least by 0.5 dB, or 0.02 for
 /// everything else.
 ///
-/// Of a limit without [`Limit::scene`], what repeated runs showed is estimated: where noise is independent in each scene, it is larger
+/// Of a limit without [`Limit::scene`], such as one that was stated, it is estimated: where noise is independent in each scene, it is larger
 /// there than in their mean by the root of their number; twice as much, because the largest of them is compared. The least limit of
 /// a mean is not noise, and estimates nothing.
 pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
     let estimated = |known: &Limit| {
-        let is_noise = known.runs > 1 && known.limit > least_limit(metric);
+        let is_noise = known.runs != 1 && known.limit > least_limit(metric);
         is_noise.then(|| 2.0 * known.limit * (scenes as f64).sqrt())
     };
     let noise = known.and_then(|known| known.scene.or_else(|| estimated(known)));
@@ -64,6 +64,20 @@ const WIDE: f64 = 10.0;
 const MOST_DIFFERENCES: f64 = 4.0;
 
 impl Limit {
+    /// Whether it was stated, not estimated.
+    pub const fn is_stated(&self) -> bool {
+        self.runs == 0
+    }
+
+    /// Replaces the limits of a metric; `false` if no method has one.
+    pub(super) fn state(limits: &mut [Self], metric: &str, limit: f64) -> bool {
+        let mut any = false;
+        for known in limits.iter_mut().filter(|known| known.metric == metric) {
+            (known.limit, known.runs, known.scene, any) = (limit, 0, None, true);
+        }
+        any
+    }
+
     /// How many times the least limit it is, if that is so much that changes of that size would go unnoticed.
     pub fn wide(&self) -> Option<f64> {
         let times = self.limit / least_limit(&self.metric);

@@ -9,7 +9,7 @@ use clap::builder::NonEmptyStringValueParser;
 use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
-use crate::parse::usage_error;
+use crate::parse::{self, usage_error};
 use crate::print::{print_report, warn};
 use crate::provenance;
 
@@ -30,6 +30,11 @@ pub(super) struct Args {
     /// are not deterministic may later change as much as these differ.
     #[arg(long, value_name = "STORE")]
     repeat: Vec<PathBuf>,
+
+    /// How far the mean of a metric may change in methods that are not deterministic, in its unit, such as psnr=0.05, instead of what
+    /// --repeat shows; may be given for several metrics.
+    #[arg(long, value_name = "METRIC=CHANGE", value_parser = limit)]
+    limit: Vec<(String, f64)>,
 
     /// Recipe of the probe, in TOML; by default that of the old baseline, or the smallest one.
     #[arg(long, value_name = "FILE", conflicts_with = "no_probe")]
@@ -78,6 +83,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         Some(before) => before.accept(&results, &repeats, acceptance.clone()),
         None => Baseline::new(&results, &repeats, acceptance.clone()),
     };
+    for (metric, limit) in &args.limit {
+        baseline = baseline.with_limit(metric, *limit).context("--limit")?;
+    }
     let recipe = requested.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
     if args.no_probe {
         baseline.write(&args.baseline)?;
@@ -89,6 +97,12 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let accepted = AcceptanceReport::new(&args.baseline, baseline, acceptance, &results, report.as_ref());
     print_report(&accepted, args.json)?;
     Ok(Exit::Done)
+}
+
+fn limit(text: &str) -> Result<(String, f64), String> {
+    let (metric, change) =
+        text.split_once('=').ok_or_else(|| "expected METRIC=CHANGE, such as psnr=0.05".to_owned())?;
+    Ok((parse::metric(metric)?, parse::positive(change)?))
 }
 
 /// Results and their folder, which is the same for every path to it.

@@ -88,3 +88,32 @@ fn the_limit_of_a_scene_is_four_times_the_largest_difference_of_one() {
     }
     assert_eq!(Baseline::new(&change(0, 0.0, 0.0), &[], acceptance("first")).limits[0].scene, None, "one run");
 }
+
+/// Four scenes: stated limits apply to the mean, and to the mean of a scene at twice the root of their number.
+#[test]
+fn a_limit_can_be_stated() {
+    let run = store(false, 4, 0.0, 1);
+    let stated = |limit| Baseline::new(&run, &[], acceptance("first")).with_limit("psnr", limit).unwrap();
+    let changed = |by: f64| {
+        let mut now = run.clone();
+        now.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+        now
+    };
+    for (limit, by, expected) in [
+        (0.05, -0.04, DriftVerdict::Within),
+        (0.05, 0.04, DriftVerdict::Within),
+        (0.03, -0.04, DriftVerdict::Drifted),
+        (0.03, 0.04, DriftVerdict::Drifted),
+    ] {
+        let report = compare(&changed(by), &stated(limit));
+        assert_eq!(report.verdict, expected, "{by} of {limit}: {report}");
+    }
+    let limit = &stated(0.05).limits[0];
+    assert!(limit.to_string().ends_with("psnr may vary by 0.05 dB, as stated"), "{limit}");
+    let bounds = [0.05, 0.5].map(|limit| scene_limit("psnr", stated(limit).limits.first(), 4));
+    Tolerance::absolute(1e-9).assert(bounds, [0.5, 2.0], "the least, and 2 · 0.5 · √4");
+    let unknown = Baseline::new(&run, &[], acceptance("first")).with_limit("ssim", 0.1).unwrap_err().to_string();
+    assert!(unknown.contains("one of psnr") && unknown.contains("ssim"), "{unknown}");
+    let exact = Baseline::new(&store(true, 4, 0.0, 1), &[], acceptance("first")).with_limit("psnr", 0.1).unwrap_err();
+    assert!(exact.to_string().contains("not deterministic"), "{exact}");
+}
