@@ -102,7 +102,9 @@ fn selections_agree_with_pytorch() {
                 (Selection::FarthestPoint {}, BlockExpansion::Ratio(ratio)) => {
                     farthest_points(anchors.as_deref().unwrap(), count(ratio)).unwrap()
                 }
-                (_, BlockExpansion::Ratio(ratio)) => selection::highest(&scores.unwrap(), count(ratio)).unwrap(),
+                (Selection::Uncertainty {} | Selection::StraightThrough {}, BlockExpansion::Ratio(ratio)) => {
+                    selection::highest(&scores.unwrap(), count(ratio)).unwrap()
+                }
                 (_, BlockExpansion::Threshold(threshold)) => selection::above(&scores.unwrap(), threshold).unwrap(),
             };
             assert_eq!(ours, theirs, "{name}, block {position}");

@@ -34,10 +34,51 @@ pub enum Selection {
     StraightThrough {},
 }
 
+/// The predicted scores of a selection, and what trains them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scoring {
+    /// There are none.
+    None,
+    /// Predicted from detached tokens: only the uncertainty loss trains them.
+    Detached,
+    /// Predicted from the tokens themselves, and multiplied into children by a straight-through estimator.
+    StraightThrough,
+}
+
 impl Selection {
+    /// The name in configurations.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Uncertainty {} => "uncertainty",
+            Self::Random { .. } => "random",
+            Self::FarthestPoint {} => "farthest-point",
+            Self::StraightThrough {} => "straight-through",
+        }
+    }
+
+    /// Its predicted scores.
+    pub const fn scoring(self) -> Scoring {
+        match self {
+            Self::Uncertainty {} => Scoring::Detached,
+            Self::Random { .. } | Self::FarthestPoint {} => Scoring::None,
+            Self::StraightThrough {} => Scoring::StraightThrough,
+        }
+    }
+
     /// Whether tokens are selected by a predicted score.
     pub const fn is_scored(self) -> bool {
-        matches!(self, Self::Uncertainty {} | Self::StraightThrough {})
+        match self.scoring() {
+            Scoring::None => false,
+            Scoring::Detached | Scoring::StraightThrough => true,
+        }
+    }
+
+    /// Whether it compares the positions of tokens, which designs without anchors do not have.
+    pub const fn needs_anchors(self) -> bool {
+        match self {
+            Self::FarthestPoint {} => true,
+            Self::Uncertainty {} | Self::Random { .. } | Self::StraightThrough {} => false,
+        }
     }
 }
 
@@ -111,5 +152,25 @@ impl<'de> Deserialize<'de> for SelectionRatio {
         Self::new(ratio).ok_or_else(|| {
             de::Error::custom(format!("{ratio}, expected a ratio from 0 to 1 with at most six decimals"))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn selections_say_their_name_their_scores_and_whether_they_need_anchors() {
+        for (selection, name, scoring, needs_anchors) in [
+            (Selection::Uncertainty {}, "uncertainty", Scoring::Detached, false),
+            (Selection::Random { seed: 3 }, "random", Scoring::None, false),
+            (Selection::FarthestPoint {}, "farthest-point", Scoring::None, true),
+            (Selection::StraightThrough {}, "straight-through", Scoring::StraightThrough, false),
+        ] {
+            let kind = serde_json::to_value(selection).unwrap()["kind"].clone();
+            assert_eq!((selection.name(), &kind), (name, &serde_json::json!(name)));
+            assert_eq!((selection.scoring(), selection.needs_anchors()), (scoring, needs_anchors), "{name}");
+            assert_eq!(selection.is_scored(), scoring != Scoring::None, "{name}");
+        }
     }
 }

@@ -26,7 +26,7 @@ pub use anchors::{AnchorConfig, AnchorContext, AnchorDesign};
 pub use backbone::{BackboneConfig, DinoArchitecture, DinoSize, PositionInterpolation};
 pub use decoder::{BlockConfig, DecoderConfig};
 pub use encoder::{CoarseConfig, FineConfig, Upsampling};
-pub use expansion::{BlockExpansion, ExpansionConfig, RatioRounding, Selection, SelectionRatio};
+pub use expansion::{BlockExpansion, ExpansionConfig, RatioRounding, Scoring, Selection, SelectionRatio};
 pub use head::{HeadConfig, HeadFrame};
 pub use image_size::{Grid, ImageSize};
 pub use transformer::{QueryKeyNorm, TransformerConfig};

@@ -2,7 +2,7 @@ use std::fmt::Display;
 
 use super::{
     AnchorContext, AnchorDesign, BackboneConfig, BlockExpansion, DepthActivation, HeadFrame, ModelConfig,
-    OffsetActivation, QueryKeyNorm, ScaleActivation, Selection,
+    OffsetActivation, QueryKeyNorm, ScaleActivation,
 };
 use crate::ModelError;
 
@@ -118,8 +118,8 @@ fn decoder(config: &ModelConfig) -> Result<(), ModelError> {
         ensure(scored, &format!("{field}.expansion"), "a ratio, because this selection has no scores", &"a threshold")?;
     }
     let expands = blocks.iter().any(|block| block.expansion.is_some());
-    let placed = config.anchors.design.has_anchors() || !expands || selection != (Selection::FarthestPoint {});
-    ensure(placed, "expansion.selection", "one that needs no anchors, because this design has none", &"farthest-point")
+    let placed = config.anchors.design.has_anchors() || !expands || !selection.needs_anchors();
+    ensure(placed, "expansion.selection", "one that needs no anchors, because this design has none", &selection.name())
 }
 
 fn head(config: &ModelConfig) -> Result<(), ModelError> {

@@ -8,7 +8,7 @@ use burn::tensor::{Device, Int, TensorData, activation};
 use super::anchors::Tokens;
 use super::layers::{Head, LayerBuilder};
 use crate::ModelError;
-use crate::config::{BlockExpansion, ExpansionConfig, ModelConfig, Selection};
+use crate::config::{BlockExpansion, ExpansionConfig, ModelConfig, Scoring, Selection, SelectionRatio};
 use crate::farthest_point::farthest_points;
 use crate::selection;
 
@@ -39,9 +39,13 @@ impl Expansion {
 
     /// Predicted uncertainty, `[scenes, tokens]`: softplus of a head on the detached tokens, or on the tokens themselves for
     /// the straight-through estimator.
-    pub(super) fn scores(&self, features: &Tensor<3>, detached: bool) -> Option<Tensor<2>> {
+    pub(super) fn scores(&self, features: &Tensor<3>, scoring: Scoring) -> Option<Tensor<2>> {
         let head = self.score.as_ref()?;
-        let features = if detached { features.clone().detach() } else { features.clone() };
+        let features = match scoring {
+            Scoring::None => return None,
+            Scoring::Detached => features.clone().detach(),
+            Scoring::StraightThrough => features.clone(),
+        };
         Some(activation::softplus(head.forward(features), 1.0).squeeze_dim(2))
     }
 
@@ -56,8 +60,8 @@ impl Expansion {
         device: &Device,
     ) -> Result<(Tokens, Expanded), ModelError> {
         let [scenes, count, _] = tokens.features.dims();
-        let straight_through = config.selection == Selection::StraightThrough {};
-        let scores = self.scores(&tokens.features, !straight_through);
+        let scoring = config.selection.scoring();
+        let scores = self.scores(&tokens.features, scoring);
         let mut selected = Vec::with_capacity(scenes);
         let (score_values, anchor_values) = (scores.clone().map(f32_values), tokens.anchors.clone().map(f32_values));
         for scene in 0..scenes {
@@ -66,17 +70,19 @@ impl Expansion {
                 all.as_ref().map(|all| all[scene * length..(scene + 1) * length].to_vec()).unwrap_or_default()
             };
             let (scores, anchors) = (of_scene(&score_values, count), of_scene(&anchor_values, 3 * count));
+            let of_tokens = |ratio: SelectionRatio| ratio.of(count, config.ratio_rounding);
             selected.push(match (config.selection, how_many) {
                 (Selection::Random { seed }, BlockExpansion::Ratio(ratio)) => {
                     let keys = [seed, call_seed.wrapping_add(scene as u64), block as u64];
-                    selection::random(count, ratio.of(count, config.ratio_rounding), &keys)
+                    selection::random(count, of_tokens(ratio), &keys)
                 }
                 (Selection::FarthestPoint {}, BlockExpansion::Ratio(ratio)) => {
-                    farthest_points(anchors.as_chunks().0, ratio.of(count, config.ratio_rounding))?
+                    farthest_points(anchors.as_chunks().0, of_tokens(ratio))?
                 }
-                (_, BlockExpansion::Ratio(ratio)) => {
-                    selection::highest(&scores, ratio.of(count, config.ratio_rounding))?
+                (Selection::Uncertainty {} | Selection::StraightThrough {}, BlockExpansion::Ratio(ratio)) => {
+                    selection::highest(&scores, of_tokens(ratio))?
                 }
+                // Configurations with thresholds have a selection by score.
                 (_, BlockExpansion::Threshold(threshold)) => selection::above(&scores, threshold)?,
             });
         }
@@ -87,14 +93,11 @@ impl Expansion {
             let expected = "one scene at a time, because thresholds select different numbers of tokens";
             return Err(ModelError::malformed("network", "scenes", expected, scenes));
         }
-        let expanded = self.expand(
-            config.children,
-            tokens,
-            &selected,
-            &parents,
-            straight_through.then_some(scores.clone()).flatten(),
-            device,
-        );
+        let multiplied = match scoring {
+            Scoring::None | Scoring::Detached => None,
+            Scoring::StraightThrough => scores.clone(),
+        };
+        let expanded = self.expand(config.children, tokens, &selected, &parents, multiplied, device);
         Ok((expanded, Expanded { scores, selected, parents }))
     }
 
