@@ -71,6 +71,17 @@ impl Distortion {
         }
     }
 
+    /// The model of this name with these coefficients, as [`Self::in_opencv_order`] has them, or `pinhole` without any; `None` for
+    /// another name or number of coefficients.
+    pub fn from_opencv_order(model: &str, coefficients: &[f64]) -> Option<Self> {
+        match (model, coefficients) {
+            ("pinhole", []) => Some(Self::None),
+            ("opencv", &[k1, k2, p1, p2, k3]) => Some(Self::OpenCv { k1, k2, k3, p1, p2 }),
+            ("fisheye", &[k1, k2, k3, k4]) => Some(Self::Fisheye { k: [k1, k2, k3, k4] }),
+            _ => None,
+        }
+    }
+
     /// The lens with its invertible range, for mapping points.
     ///
     /// # Errors
@@ -150,7 +161,7 @@ impl Lens {
     pub fn distorted_from_direction(&self, direction: DVec3) -> Result<DVec2, CameraError> {
         match &self.0 {
             Model::Fisheye(lens) => lens.distort(finite_direction(direction)?),
-            _ => self.distorted_from_undistorted(on_plane(direction)?),
+            Model::None | Model::OpenCv(_) => self.distorted_from_undistorted(on_plane(direction)?),
         }
     }
 
@@ -161,7 +172,7 @@ impl Lens {
     pub fn direction_from_distorted(&self, point: DVec2) -> Result<DVec3, CameraError> {
         match &self.0 {
             Model::Fisheye(lens) => lens.undistort(finite_point(point)?),
-            _ => Ok(self.undistorted_from_distorted(point)?.extend(1.0).normalize()),
+            Model::None | Model::OpenCv(_) => Ok(self.undistorted_from_distorted(point)?.extend(1.0).normalize()),
         }
     }
 
@@ -309,6 +320,20 @@ mod tests {
         let lens = Distortion::None.lens().unwrap();
         assert!(lens.distorted_from_undistorted(DVec2::NAN).is_err());
         assert!(matches!(lens.distorted_from_direction(-DVec3::Z), Err(CameraError::BehindCamera { .. })));
+    }
+
+    /// The wildcard of reading names hides a model that only writing knows.
+    #[test]
+    fn models_are_read_as_they_are_written_in_opencvs_order() {
+        let opencv = Distortion::OpenCv { k1: 0.1, k2: 0.2, k3: 0.3, p1: 0.4, p2: 0.5 };
+        let (name, coefficients) = opencv.in_opencv_order().unwrap();
+        assert_eq!((name, coefficients.as_slice()), ("opencv", &[0.1, 0.2, 0.4, 0.5, 0.3][..]));
+        for lens in [Distortion::None, opencv, Distortion::Fisheye { k: [0.1, 0.2, 0.3, 0.4] }] {
+            let (name, coefficients) = lens.in_opencv_order().unwrap_or(("pinhole", Vec::new()));
+            assert_eq!(Distortion::from_opencv_order(name, &coefficients), Some(lens));
+            assert_eq!(Distortion::from_opencv_order(name, &[&coefficients[..], &[0.0]].concat()), None);
+        }
+        assert_eq!(Distortion::from_opencv_order("equirectangular", &[]), None);
     }
 
     #[test]

@@ -46,6 +46,18 @@ fn help_and_version_that_cannot_be_written_are_failures() {
     assert_eq!(atsplat(here.path(), &["--nothing"]).code, 2);
 }
 
+/// Files of Gaussians in every format are inputs of these commands.
+#[test]
+fn help_names_the_extensions_of_all_files_of_gaussians() {
+    let here = tempfile::tempdir().unwrap();
+    for command in ["score", "fit"] {
+        let help = succeed(here.path(), &[command, "--help"]);
+        for extension in atsplat_splat::files::EXTENSIONS {
+            assert!(help.contains(&format!(".{extension}")), "{command}: {extension}");
+        }
+    }
+}
+
 /// They are Latin-1, as on old disks.
 #[cfg(target_os = "linux")]
 #[test]

@@ -18,18 +18,13 @@ pub(crate) fn numbers(camera: &Camera, size: ImageSize) -> Numbers {
 
 /// The camera of these numbers.
 pub(crate) fn view((pose, [fx, fy, cx, cy], lens, coefficients, width, height): &Numbers) -> Result<View, Failure> {
-    let distortion = match (lens.as_str(), coefficients.as_slice()) {
-        ("pinhole", []) => Distortion::None,
-        ("opencv", [k1, k2, p1, p2, k3]) => Distortion::OpenCv { k1: *k1, k2: *k2, k3: *k3, p1: *p1, p2: *p2 },
-        ("fisheye", [k1, k2, k3, k4]) => Distortion::Fisheye { k: [*k1, *k2, *k3, *k4] },
-        (lens, coefficients) => {
-            return Err(Failure::invalid(
-                "distortion",
-                format!(
-                    "expected pinhole, opencv (k1, k2, p1, p2, k3) or fisheye (k1, k2, k3, k4), found {lens} {coefficients:?}"
-                ),
-            ));
-        }
+    let Some(distortion) = Distortion::from_opencv_order(lens, coefficients) else {
+        return Err(Failure::invalid(
+            "distortion",
+            format!(
+                "expected pinhole, opencv (k1, k2, p1, p2, k3) or fisheye (k1, k2, k3, k4), found {lens} {coefficients:?}"
+            ),
+        ));
     };
     let camera_from_world = CameraFromWorld::from_rows(pose)?;
     let intrinsics = NormalizedIntrinsics::new(*fx, *fy, *cx, *cy)?;

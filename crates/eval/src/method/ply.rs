@@ -107,11 +107,14 @@ impl Ply {
     }
 }
 
+/// The files that [`candidates`] looks for, in words.
+const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
+
 /// Candidate files of a scene under one of its names in order of preference, each with what follows the name.
 fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> impl Iterator<Item = (PathBuf, String)> {
     let stems = ["", "/gaussians", "/point_cloud"].into_iter();
     let stems = stems.filter(move |stem| names.may_be_of(scene, &format!("{name}{stem}")));
-    let endings = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
+    let endings = stems.flat_map(|stem| files::EXTENSIONS.map(|extension| format!("{stem}.{extension}")));
     endings.filter_map(move |ending| Some((below(folder, &format!("{name}{ending}"))?, ending)))
 }
 
@@ -215,7 +218,6 @@ impl Method for Ply {
     }
 
     fn find_files(&self, requested: &[RequestedScene<'_>]) -> Option<FoundFiles> {
-        const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
         // One file is for all frames.
         let requested: Vec<_> = requested.iter().map(|of| RequestedScene { frames: &[], ..*of }).collect();
         Some(FoundFiles::of(("folder of Gaussians", EXPECTED), &self.folder, &self.names, &requested, layout))
@@ -238,6 +240,18 @@ mod tests {
     use atsplat_splat::files::Output;
 
     use super::*;
+
+    #[test]
+    fn files_of_every_extension_are_looked_for_and_named_in_messages() {
+        let names = SceneNames::default();
+        let found: Vec<String> =
+            candidates(Path::new("f"), "a", "a", &names).map(|(path, _)| path.display().to_string()).collect();
+        for extension in files::EXTENSIONS {
+            assert!(found.contains(&format!("f/a.{extension}")), "{extension}: {found:?}");
+            assert!(found.contains(&format!("f/a/gaussians.{extension}")), "{extension}: {found:?}");
+            assert!(EXPECTED.contains(&format!(".{extension}")), "{extension}");
+        }
+    }
 
     /// Tables look for the notes by their beginnings.
     #[test]

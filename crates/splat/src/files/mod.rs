@@ -64,6 +64,9 @@ pub enum Format {
     Splat,
 }
 
+/// The extensions of files of Gaussians, in the order in which they are looked for.
+pub const EXTENSIONS: [&str; 3] = ["ply", "spz", "splat"];
+
 /// A format to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -225,7 +228,7 @@ pub(crate) fn parse_cleaned(
 }
 
 fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
-    let is_splat = path.extension().is_some_and(|found| found.eq_ignore_ascii_case("splat"));
+    let is_splat = path.extension().is_some_and(|found| found.eq_ignore_ascii_case(Format::Splat.extension()));
     // Rows may begin with the first bytes of gzip's header, but not with all of it: no coordinate is so small.
     let is_gzip = if is_splat { spz::is_gzip(bytes) } else { bytes.starts_with(&spz::GZIP_MAGIC) };
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {

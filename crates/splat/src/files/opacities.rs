@@ -53,6 +53,17 @@ fn converted(
     Ok((gaussians.with_linear_opacities(), (outside > 0).then_some(warning)))
 }
 
+impl Format {
+    /// The extension of its files, one of [`EXTENSIONS`](super::EXTENSIONS).
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Ply(_) | Self::CompressedPly => "ply",
+            Self::Spz(_) => "spz",
+            Self::Splat => "splat",
+        }
+    }
+}
+
 /// A readable name.
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -70,7 +81,7 @@ impl fmt::Display for Format {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::{Output, read, write};
+    use crate::files::{EXTENSIONS, Output, read, write};
     use crate::{Field, Problem};
 
     #[test]
@@ -86,6 +97,8 @@ mod tests {
         ] {
             let path = fixtures.join(name);
             let (gaussians, import) = read(&path).unwrap();
+            assert_eq!(path.extension().unwrap(), import.format.extension());
+            assert!(EXTENSIONS.contains(&import.format.extension()), "{name}");
             let error = interpret(gaussians, &import, true, &path).unwrap_err().to_string();
             let expected = format!("found {format}, which stores opacities anyway; leave this option out");
             assert!(error.contains(name) && error.ends_with(&expected), "{error}");

@@ -35,7 +35,8 @@ fn mirrored_camera(camera: &Camera) -> Result<Camera, CameraError> {
         distortion: match camera.distortion {
             // Of the tangential terms, the one that is even in x changes sign.
             Distortion::OpenCv { k1, k2, k3, p1, p2 } => Distortion::OpenCv { k1, k2, k3, p1, p2: -p2 },
-            other => other,
+            // They depend on the distance from the axis alone.
+            radial @ (Distortion::None | Distortion::Fisheye { .. }) => radial,
         },
     })
 }

@@ -178,7 +178,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     var distorted_x = slope_x;
     var distorted_y = slope_y;
     g.pixel_from_slope = mat2x2(view.focal.x, 0.0, 0.0, view.focal.y);
-    if has(LENS_OPENCV | LENS_FISHEYE) {
+    if has(LENS_ANY) {
         if !lens_sees(g.true_slope) || !lens_sees(g.slope) {
             g.outcome = OUTSIDE_IMAGE;
             return g;

@@ -109,7 +109,7 @@ fn main(
     // Mean in camera coordinates, through the projected centre, the depth and the Jacobian.
     let z = g.z.x;
     var pixel_from_true_slope = g.pixel_from_slope;
-    if has(LENS_OPENCV | LENS_FISHEYE) {
+    if has(LENS_ANY) {
         let j = lens_jacobian(g.true_slope);
         pixel_from_true_slope = mat2x2(view.focal.x * j.x, view.focal.y * j.y, view.focal.x * j.y, view.focal.y * j.z);
     }
@@ -123,7 +123,7 @@ fn main(
     let d_row1 = (to_camera * scaled_u) * from_rows;
     let d_row2 = (to_camera * scaled_v) * from_rows;
     var d_slope = -(vec2(d_row1.z, d_row2.z) * g.pixel_from_slope);
-    if has(LENS_OPENCV | LENS_FISHEYE) {
+    if has(LENS_ANY) {
         let on1 = d_row1.xy - g.slope * d_row1.z;
         let on2 = d_row2.xy - g.slope * d_row2.z;
         for (var axis = 0u; axis < 2u; axis++) {

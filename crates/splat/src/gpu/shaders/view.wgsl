@@ -46,6 +46,8 @@ const HAS_FILTER: u32 = 16u;
 const HAS_SCALAR: u32 = 32u;
 const LENS_OPENCV: u32 = 64u;
 const LENS_FISHEYE: u32 = 128u;
+// Every model that bends rays.
+const LENS_ANY: u32 = LENS_OPENCV | LENS_FISHEYE;
 const CLAMP_PASSES: u32 = 256u;
 const SCALAR_STOPS: u32 = 512u;
 const DIRECTIONS_STOP: u32 = 1024u;
