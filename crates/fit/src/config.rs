@@ -197,3 +197,16 @@ impl FitConfig {
         Ok(self.constants.check()?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tests run those of the list.
+    #[test]
+    fn all_strategies_are_in_the_list_of_all() {
+        let unknown = serde_json::from_value::<Strategy>("".into()).unwrap_err().to_string();
+        let all = Strategy::ALL.map(|strategy| format!("`{}`", strategy.name())).join(", ");
+        assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
+    }
+}

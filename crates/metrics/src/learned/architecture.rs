@@ -192,3 +192,16 @@ fn layer(
 ) -> Step {
     Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The list is what is loaded and tested.
+    #[test]
+    fn all_networks_are_in_the_list_of_all() {
+        let unknown = serde_json::from_value::<Network>("".into()).unwrap_err().to_string();
+        let all = Network::ALL.map(|network| serde_json::to_string(&network).unwrap().replace('"', "`")).join(", ");
+        assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
+    }
+}

@@ -258,3 +258,11 @@ fn csv_has_full_precision_and_json_every_row() {
     let json: Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
     assert_eq!(json["table"]["rows"].as_array().unwrap().len(), table.rows.len());
 }
+
+/// The list is what tests and the Python package write.
+#[test]
+fn all_table_formats_are_in_the_list_of_all() {
+    let unknown = serde_json::from_value::<TableFormat>("".into()).unwrap_err().to_string();
+    let all = TableFormat::ALL.map(|format| serde_json::to_string(&format).unwrap().replace('"', "`")).join(", ");
+    assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
+}

@@ -301,6 +301,14 @@ mod tests {
         assert_eq!(chosen(&world, &open, behind)[0].reason, reason);
     }
 
+    /// One that is not would never run.
+    #[test]
+    fn all_effects_are_in_the_list_of_all() {
+        let unknown = serde_json::from_value::<EffectKind>("".into()).unwrap_err().to_string();
+        let all = EffectKind::ALL.map(|kind| format!("`{}`", kind.name())).join(", ");
+        assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
+    }
+
     /// Each condition needs one effect, just above its bound and not below: effects of the sensor at any strength.
     #[test]
     fn a_scene_runs_the_effects_that_it_needs_and_no_others() {

@@ -133,6 +133,14 @@ mod tests {
     use crate::geometry::synthetic::view;
     use atsplat_numeric::Tolerance;
 
+    /// One that is not would never be scored.
+    #[test]
+    fn all_conventions_are_in_the_list_of_all() {
+        let unknown = serde_json::from_value::<Convention>("".into()).unwrap_err().to_string();
+        let all = Convention::ALL.map(|convention| format!("`{}`", convention.name())).join(", ");
+        assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
+    }
+
     #[test]
     fn pose_interpretations_are_involutions() {
         let view = view([0.3, -0.2, 0.1], [1.0, 2.0, 3.0]);
