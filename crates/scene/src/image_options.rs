@@ -36,14 +36,16 @@ impl ImageOptions {
     /// # Errors
     /// The first such option.
     pub fn check(&self, format: Option<Format>) -> Result<(), UnreadOption> {
-        let is_one = |readers: &[Format]| format.is_some_and(|format| readers.contains(&format));
-        let captures = is_one(&[Format::Nerfstudio, Format::Colmap]);
-        let separate = is_one(&[Format::Re10k, Format::Colmap]);
-        let variants = is_one(&[Format::Nerfstudio]);
+        let [images, frames, undistorted] = match format {
+            None | Some(Format::TorchChunks) => [false; 3],
+            Some(Format::Re10k) => [false, true, false],
+            Some(Format::Nerfstudio) => [true, false, true],
+            Some(Format::Colmap) => [true, true, false],
+        };
         let options = [
-            ("images", self.images.is_some(), captures, "captures of nerfstudio or COLMAP"),
-            ("frames", self.frames.is_some(), separate, "RE10K trajectories or a COLMAP model"),
-            ("prefer-undistorted", self.prefer_undistorted, variants, "captures of nerfstudio or DL3DV"),
+            ("images", self.images.is_some(), images, "captures of nerfstudio or COLMAP"),
+            ("frames", self.frames.is_some(), frames, "RE10K trajectories or a COLMAP model"),
+            ("prefer-undistorted", self.prefer_undistorted, undistorted, "captures of nerfstudio or DL3DV"),
         ];
         match options.into_iter().find(|(_, is_given, is_read, _)| *is_given && !is_read) {
             None => Ok(()),

@@ -300,6 +300,20 @@ pub(super) mod tests {
         std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
     }
 
+    /// A protocol on a dataset that no format may have would never be found.
+    #[test]
+    fn datasets_of_published_presets_may_have_a_format() {
+        let formats = [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap];
+        for name in Preset::names() {
+            let preset = Preset::named(name).unwrap();
+            let found = formats.map(|format| is_compatible(format, &preset));
+            // Simulated scenes and captures are found in another way.
+            let is_published = preset.stands_for.is_none() && preset.dataset != "photos";
+            assert_eq!(found.contains(&true), is_published, "{name}");
+            assert!(!(found[0] && found[2]), "{name}: the scenes of one dataset have one layout");
+        }
+    }
+
     /// Of twelve frames in a row, the second has lost its image: it is not sampled, and the others keep their numbers.
     #[test]
     fn frames_without_an_image_are_counted_and_keep_their_places() {

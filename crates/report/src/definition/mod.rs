@@ -20,7 +20,7 @@ pub use method_rule::MethodRule;
 pub(crate) use method_rule::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Quantity, SlopeOver};
-pub(crate) use training::{name as dataset_name, zero_shot_note};
+pub(crate) use training::{is_named as is_named_dataset, name as dataset_name, zero_shot_note};
 
 use crate::ReportError;
 

@@ -4,13 +4,22 @@ use std::collections::BTreeSet;
 
 use atsplat_results::MethodRecord;
 
-/// Datasets by their id in `datasets/`, with the words that name them in a description of training data.
-const DATASETS: [(&str, &[&str]); 5] = [
-    ("re10k", &["re10k", "realestate10k"]),
-    ("acid", &["acid"]),
-    ("dl3dv", &["dl3dv"]),
-    ("rooms", &["rooms"]),
-    ("yards", &["yards"]),
+/// A dataset that tables name.
+struct NamedDataset {
+    /// Its id in `datasets/`.
+    id: &'static str,
+    /// Its name in tables.
+    name: &'static str,
+    /// The words that name it in a description of training data.
+    words: &'static [&'static str],
+}
+
+static DATASETS: [NamedDataset; 5] = [
+    NamedDataset { id: "re10k", name: "RE10K", words: &["re10k", "realestate10k"] },
+    NamedDataset { id: "acid", name: "ACID", words: &["acid"] },
+    NamedDataset { id: "dl3dv", name: "DL3DV", words: &["dl3dv"] },
+    NamedDataset { id: "rooms", name: "rooms", words: &["rooms"] },
+    NamedDataset { id: "yards", name: "yards", words: &["yards"] },
 ];
 /// Datasets without photographs.
 const SIMULATED: [&str; 2] = ["rooms", "yards"];
@@ -28,15 +37,15 @@ fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
 fn datasets_in(description: &str) -> BTreeSet<&'static str> {
     let data = description.to_lowercase();
     let words: BTreeSet<&str> = data.split(|letter: char| !letter.is_ascii_alphanumeric()).collect();
-    DATASETS.iter().filter(|(_, names)| names.iter().any(|name| words.contains(name))).map(|(id, _)| *id).collect()
+    let is_in_words = |dataset: &&NamedDataset| dataset.words.iter().any(|word| words.contains(word));
+    DATASETS.iter().filter(is_in_words).map(|dataset| dataset.id).collect()
 }
 
 /// `zero-shot: not trained on yards`, for a network that was trained on other data than `dataset`, which is empty for data of no
 /// known dataset; `None` for a network that was trained on it, or whose training data are not known.
 pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<String> {
     let datasets = training_datasets(record);
-    let known = DATASETS.iter().any(|(id, _)| *id == dataset);
-    let unseen = match (datasets.is_empty(), known) {
+    let unseen = match (datasets.is_empty(), is_named(dataset)) {
         (true, _) => None,
         (false, true) => (!datasets.contains(dataset)).then(|| name(dataset)),
         (false, false) => datasets.iter().all(|id| SIMULATED.contains(id)).then_some("photographs"),
@@ -53,18 +62,25 @@ pub(crate) fn is_unified(record: &MethodRecord) -> bool {
     stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| datasets.contains(id)))
 }
 
+fn named(dataset: &str) -> Option<&'static NamedDataset> {
+    DATASETS.iter().find(|named| named.id == dataset)
+}
+
+/// Whether tables name this dataset.
+pub(crate) fn is_named(dataset: &str) -> bool {
+    named(dataset).is_some()
+}
+
 /// A dataset's name in tables.
 pub(crate) fn name(dataset: &str) -> &str {
-    match dataset {
-        "re10k" => "RE10K",
-        "acid" => "ACID",
-        "dl3dv" => "DL3DV",
-        other => other,
-    }
+    named(dataset).map_or(dataset, |named| named.name)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use atsplat_protocol::{KNOWN_INDICES, Preset};
     use atsplat_results::TrainingRecord;
 
     use super::*;
@@ -89,6 +105,21 @@ mod tests {
             "nothing is claimed about unknown data"
         );
         assert_eq!(zero_shot_note(&MethodRecord::default(), "re10k"), None);
+    }
+
+    /// Tables would call the results of a preset on another dataset those of an unknown capture.
+    #[test]
+    fn datasets_of_presets_and_published_indices_are_named_and_have_a_manifest() {
+        let datasets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../datasets");
+        let of_presets = Preset::names().map(|name| Preset::named(name).unwrap().dataset);
+        let of_indices = KNOWN_INDICES.iter().map(|index| index.dataset.to_owned());
+        let of_tables = DATASETS.iter().map(|dataset| dataset.id.to_owned());
+        for id in of_presets.chain(of_indices).chain(of_tables) {
+            assert_eq!(is_named(&id), id != "photos", "{id}: photos are captures of any kind");
+            let manifest = std::fs::read_to_string(datasets.join(format!("{id}.toml"))).unwrap();
+            assert!(manifest.lines().any(|line| line == format!("id = \"{id}\"")), "{id}");
+        }
+        assert_eq!([name("acid"), name("yards"), name("fox")], ["ACID", "yards", "fox"]);
     }
 
     #[test]

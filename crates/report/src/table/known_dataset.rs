@@ -7,16 +7,13 @@ use atsplat_files::Sha256Digest;
 use atsplat_protocol::{KnownIndex, Preset};
 use atsplat_results::{PresetRecord, Results};
 
-use crate::definition::dataset_name;
-
-/// The datasets that titles of protocols name.
-const NAMED: [&str; 5] = ["re10k", "acid", "dl3dv", "rooms", "yards"];
+use crate::definition::{dataset_name, is_named_dataset};
 
 /// The data in words, if the protocol is that of a named dataset and they are not known to be of it.
 pub(crate) fn other_data(results: &Results, record: &PresetRecord) -> Option<String> {
     let stated = record.protocol().ok()?.dataset;
     let known = known_dataset(results, record);
-    let is_other = NAMED.contains(&stated.as_str()) && known.as_deref() != Some(stated.as_str());
+    let is_other = is_named_dataset(&stated) && known.as_deref() != Some(stated.as_str());
     is_other.then(|| in_words(known.as_deref(), &stated, &record.dataset))
 }
 
@@ -26,7 +23,7 @@ pub(super) fn in_words(known: Option<&str>, stated: &str, described: &str) -> St
     match known {
         Some(kind @ ("rooms" | "yards")) => format!("simulated {kind}"),
         Some(known) => dataset_name(known).to_owned(),
-        None if NAMED.contains(&stated) => format!("unidentified data ({})", folder(described)),
+        None if is_named_dataset(stated) => format!("unidentified data ({})", folder(described)),
         None => format!("capture {}", folder(described)),
     }
 }
