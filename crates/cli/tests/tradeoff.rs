@@ -20,7 +20,7 @@ fn sweep(here: &Path, settings: &str, out: &str, more: &[&str]) -> Outcome {
 }
 
 /// Images that the network cannot divide into patches.
-const ODD: &str = "[[settings]]\nlabel = 'odd'\nknobs = { resolution = [20, 24] }\n";
+const ODD: &str = "[[settings]]\nlabel = 'odd'\noverrides = { resolution = [20, 24] }\n";
 const WHOLE: &str = "[[settings]]\nlabel = 'whole'\n";
 
 #[test]
@@ -57,7 +57,7 @@ fn a_setting_without_a_trial_does_not_end_the_sweep() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);
-    let large = "[[settings]]\nlabel = 'large'\nknobs = { resolution = [64, 64] }\n";
+    let large = "[[settings]]\nlabel = 'large'\noverrides = { resolution = [64, 64] }\n";
     let why = "large: nothing was evaluated: tiny-64x64: every entry was skipped: 1 preprocessing (frame 0: ";
     let both = sweep(here, &[large, WHOLE].concat(), "both", &[]);
     assert!(both.code == 0 && both.stderr.contains(&format!("warning: {why}")), "{}: {}", both.code, both.stderr);
@@ -102,7 +102,7 @@ fn what_a_sweep_rejects_is_rejected_before_its_first_part_runs() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);
-    let truth = "[[settings]]\nlabel = 'truth'\nknobs = { resolution = [16, 16] }\n";
+    let truth = "[[settings]]\nlabel = 'truth'\noverrides = { resolution = [16, 16] }\n";
     let outcome = sweep(here, &[WHOLE, truth].concat(), "out", &[]);
     let error = "other names than truth and context";
     assert!(outcome.code == 1 && outcome.stderr.contains(error), "{}: {}", outcome.code, outcome.stderr);

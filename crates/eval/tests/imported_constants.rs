@@ -11,7 +11,7 @@ use atsplat_camera::{Camera, Similarity};
 use atsplat_eval::GaussianFrame;
 use atsplat_eval::method::{ChangedConstants, ConstantsChoice, Method, Ply, Splatting, TrialInput};
 use atsplat_eval::runner::Dataset;
-use atsplat_eval::sweep::RendererKnobs;
+use atsplat_eval::sweep::RendererOverrides;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_pixels::Image;
 use atsplat_protocol::EvaluationIndex;
@@ -124,11 +124,11 @@ fn planes_of_constants_are_in_the_unit_of_the_dataset() {
     let between = |plane: f64| plane / scale.sqrt();
     let gaussians = row(1, &[between(0.2), 2.0, 4.0, 6.0, between(8.0)]);
     let far = RendererConstants { far: 8.0, ..named("inria") };
-    let knobs = RendererKnobs { constants: Some("inria".to_owned()), ..RendererKnobs::default() };
+    let overrides = RendererOverrides { constants: Some("inria".to_owned()), ..RendererOverrides::default() };
     let cases = [
         ("near", named("inria"), ConstantsChoice::Fixed(named("inria"))),
         ("near and far", far.clone(), ConstantsChoice::Fixed(far)),
-        ("named", named("inria"), ConstantsChoice::Changed(ChangedConstants::new(knobs).unwrap())),
+        ("named", named("inria"), ConstantsChoice::Changed(ChangedConstants::new(overrides).unwrap())),
     ];
     for (what, constants, choice) in cases {
         let expected = rendered(&gaussians, constants.clone());

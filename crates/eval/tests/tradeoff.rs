@@ -40,20 +40,20 @@ fn swept() -> SweepBase {
 }
 
 fn sweep(settings: &str) -> Sweep {
-    Sweep::from_toml(&format!("title = 'all knobs'\n{settings}")).unwrap()
+    Sweep::from_toml(&format!("title = 'all overrides'\n{settings}")).unwrap()
 }
 
 #[test]
-fn every_knob_changes_what_it_should() {
+fn every_override_changes_what_it_should() {
     let sweep = sweep(
         "[[settings]]\nlabel = 'as it is'\n\
-         [[settings]]\nlabel = 'K 4'\nknobs = { gaussians-per-token = 4 }\n\
-         [[settings]]\nlabel = 'no expansion'\nknobs = { ratios = [0.0, 0.0, 0.0] }\n\
-         [[settings]]\nlabel = 'thresholds'\nknobs = { thresholds = [1e9, 1e9, 1e9] }\n\
-         [[settings]]\nlabel = 'alpha from a tenth'\nknobs = { renderer = { min-alpha = 0.1 } }\n\
-         [[settings]]\nlabel = 'refined'\nknobs = { steps = 2 }\n\
-         [[settings]]\nlabel = 'from scratch'\nknobs = { strategy = 'mip-splatting', steps = 2 }\n\
-         [[settings]]\nlabel = 'two views'\nknobs = { views = 2 }\n",
+         [[settings]]\nlabel = 'K 4'\noverrides = { gaussians-per-token = 4 }\n\
+         [[settings]]\nlabel = 'no expansion'\noverrides = { ratios = [0.0, 0.0, 0.0] }\n\
+         [[settings]]\nlabel = 'thresholds'\noverrides = { thresholds = [1e9, 1e9, 1e9] }\n\
+         [[settings]]\nlabel = 'alpha from a tenth'\noverrides = { renderer = { min-alpha = 0.1 } }\n\
+         [[settings]]\nlabel = 'refined'\noverrides = { steps = 2 }\n\
+         [[settings]]\nlabel = 'from scratch'\noverrides = { strategy = 'mip-splatting', steps = 2 }\n\
+         [[settings]]\nlabel = 'two views'\noverrides = { views = 2 }\n",
     );
     let datasets = [dataset(Walls::new(2, 7), &[entry(&[0, 3, 6], &[2])])];
     let folder = tempfile::tempdir().unwrap();
@@ -108,9 +108,9 @@ fn every_knob_changes_what_it_should() {
 fn an_index_with_fewer_views_knows_the_published_one() {
     let mut dataset = dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])]);
     dataset.index.name = Some("depthsplat-dl3dv-12v".to_owned());
-    let knobs = ["views = 2", "views = 3", "steps = 2"]
-        .map(|knobs| format!("[[settings]]\nlabel = '{knobs}'\nknobs = {{ {knobs} }}\n"));
-    let parts = parts(&sweep(&knobs.concat()), &swept(), &[dataset]).unwrap();
+    let overrides = ["views = 2", "views = 3", "steps = 2"]
+        .map(|overrides| format!("[[settings]]\nlabel = '{overrides}'\noverrides = {{ {overrides} }}\n"));
+    let parts = parts(&sweep(&overrides.concat()), &swept(), &[dataset]).unwrap();
     let names: Vec<[Option<&str>; 2]> = parts
         .iter()
         .map(|part| &part.datasets[0].index)
@@ -121,9 +121,9 @@ fn an_index_with_fewer_views_knows_the_published_one() {
 }
 
 #[test]
-fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
+fn an_invalid_override_is_rejected_before_the_sweep_runs() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
-    for (knobs, message) in [
+    for (overrides, message) in [
         ("views = 3", "\"a\", views: from 1 to 2"),
         ("resolution = [32, 0]", "resolution"),
         ("tolerance = -0.5", "tolerance"),
@@ -139,10 +139,10 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
         ("renderer = { constants = 'none' }", "constants"),
         ("weights = '/nowhere.safetensors'", "nowhere"),
     ] {
-        let text = format!("title = 'one'\n[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}");
+        let text = format!("title = 'one'\n[[settings]]\nlabel = 'a'\noverrides = {{ {overrides} }}");
         let error =
             Sweep::from_toml(&text).and_then(|sweep| parts(&sweep, &swept(), &datasets)).unwrap_err().to_string();
-        assert!(error.contains(message), "{knobs}: {error}");
+        assert!(error.contains(message), "{overrides}: {error}");
     }
 }
 
@@ -169,9 +169,9 @@ fn settings_keep_the_training_of_their_weights() {
     other.write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!(
         "[[settings]]\nlabel = 'of the sweep'\n\
-         [[settings]]\nlabel = 'other'\nknobs = {{ weights = '{path}' }}\n\
-         [[settings]]\nlabel = 'of the sweep, refined'\nknobs = {{ steps = 1 }}\n\
-         [[settings]]\nlabel = 'other, refined'\nknobs = {{ weights = '{path}', steps = 1 }}\n",
+         [[settings]]\nlabel = 'other'\noverrides = {{ weights = '{path}' }}\n\
+         [[settings]]\nlabel = 'of the sweep, refined'\noverrides = {{ steps = 1 }}\n\
+         [[settings]]\nlabel = 'other, refined'\noverrides = {{ weights = '{path}', steps = 1 }}\n",
         path = path.display()
     ));
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
@@ -192,9 +192,9 @@ fn an_index_with_fewer_views_is_not_the_published_one() {
     published.index.name = Some("published".to_owned());
     let sweep = sweep(
         "[[settings]]\nlabel = 'as it is'\n\
-         [[settings]]\nlabel = 'two'\nknobs = { views = 2 }\n\
-         [[settings]]\nlabel = 'all'\nknobs = { views = 3 }\n\
-         [[settings]]\nlabel = 'small'\nknobs = { resolution = [32, 32] }\n",
+         [[settings]]\nlabel = 'two'\noverrides = { views = 2 }\n\
+         [[settings]]\nlabel = 'all'\noverrides = { views = 3 }\n\
+         [[settings]]\nlabel = 'small'\noverrides = { resolution = [32, 32] }\n",
     );
     let parts = parts(&sweep, &swept(), &[published]).unwrap();
     let names: Vec<_> = parts.iter().map(|part| part.datasets[0].index.name.as_deref()).collect();
@@ -206,20 +206,22 @@ fn an_index_with_fewer_views_is_not_the_published_one() {
 fn trained_weights_can_give_fewer_gaussians_per_token() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
     let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
-    let of =
-        |knobs: &str| parts(&sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}")), &trained, &datasets);
+    let of = |overrides: &str| {
+        parts(&sweep(&format!("[[settings]]\nlabel = 'a'\noverrides = {{ {overrides} }}")), &trained, &datasets)
+    };
     let renders = |part: &Part, target| {
         predicted(part.methods[0].as_ref(), &datasets[0], |prediction| {
             (prediction.cost().gaussians, prediction.render(&[target]).remove(0).unwrap().image)
         })
     };
     let [few, all] =
-        ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|knobs| renders(&of(knobs).unwrap()[0], 0));
+        ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|overrides| renders(&of(overrides).unwrap()[0], 0));
     assert_eq!((few.0.unwrap() * 8, few.1 == all.1), (all.0.unwrap(), false));
     assert_eq!(all, renders(&of("").unwrap()[0], 0), "all of them are the weights as they are");
     let record = of("tolerance = 0.5").unwrap()[0].methods[0].record();
     assert_eq!((&record.parameters["tolerance"], &record.parameters["effects"]), (&0.5.into(), &"auto".into()));
-    let [exact, rounded] = ["matmul-precision = 'f32'", "matmul-precision = 'bf16'"].map(|knobs| of(knobs).unwrap());
+    let [exact, rounded] =
+        ["matmul-precision = 'f32'", "matmul-precision = 'bf16'"].map(|overrides| of(overrides).unwrap());
     assert!(!exact[0].methods[0].record().parameters.contains_key("matmul-precision"), "the default");
     assert_eq!(rounded[0].methods[0].record().parameters["matmul-precision"], "bf16");
     assert_eq!(renders(&exact[0], 0), all);
@@ -237,7 +239,7 @@ fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
     let datasets = [dataset(Walls::new(1, 13), &[entry(&[0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12], &[2])])];
     let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
-    let mut used_knobs = Vec::new();
+    let mut used_overrides = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {
             let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
@@ -249,23 +251,23 @@ fn shipped_sweeps_expand() {
             }
             let expanded = expanded.unwrap_or_else(|error| panic!("{}: {error}", file.display()));
             assert_eq!(expanded.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
-            for Setting { knobs, .. } in &sweep.settings {
-                used_knobs.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
-                used_knobs.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
-                used_knobs.extend(knobs.views.map(|_| "views"));
-                used_knobs.extend(knobs.resolution.map(|_| "size"));
-                used_knobs.extend(knobs.steps.map(|_| "steps"));
-                used_knobs.extend(knobs.matmul_precision.map(|_| "matmul precision"));
-                used_knobs.extend(knobs.seconds.map(|_| "seconds"));
-                used_knobs.extend(knobs.tolerance.map(|_| "tolerance"));
-                used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
+            for Setting { overrides, .. } in &sweep.settings {
+                used_overrides.extend(overrides.gaussians_per_token.map(|_| "Gaussians per token"));
+                used_overrides.extend(overrides.thresholds.as_ref().map(|_| "thresholds"));
+                used_overrides.extend(overrides.views.map(|_| "views"));
+                used_overrides.extend(overrides.resolution.map(|_| "size"));
+                used_overrides.extend(overrides.steps.map(|_| "steps"));
+                used_overrides.extend(overrides.matmul_precision.map(|_| "matmul precision"));
+                used_overrides.extend(overrides.seconds.map(|_| "seconds"));
+                used_overrides.extend(overrides.tolerance.map(|_| "tolerance"));
+                used_overrides.extend(overrides.renderer.min_alpha.map(|_| "renderer"));
             }
         }
     }
-    used_knobs.sort_unstable();
-    used_knobs.dedup();
+    used_overrides.sort_unstable();
+    used_overrides.dedup();
     assert_eq!(
-        used_knobs,
+        used_overrides,
         [
             "Gaussians per token",
             "matmul precision",
@@ -283,7 +285,7 @@ fn shipped_sweeps_expand() {
 /// A sweep that was killed after its first part, and went on later.
 #[test]
 fn what_a_sweep_has_not_reached_is_missing_from_its_store() {
-    let sweep = sweep("[[settings]]\nlabel = 'all'\n[[settings]]\nlabel = 'two'\nknobs = { views = 2 }\n");
+    let sweep = sweep("[[settings]]\nlabel = 'all'\n[[settings]]\nlabel = 'two'\noverrides = { views = 2 }\n");
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])])];
     let parts = parts(&sweep, &swept(), &datasets).unwrap();
     let runs: Vec<Run> = parts.into_iter().map(|Part { datasets, methods }| Run::new(datasets, methods)).collect();

@@ -32,14 +32,14 @@ fn view() -> View {
 /// drawn.
 #[test]
 fn every_setting_draws_opaque_surfaces() {
-    let knobs = SWEEP.lines().filter_map(|line| line.strip_prefix("knobs = { renderer = { "));
-    let knobs: Vec<&str> = knobs.map(|knobs| knobs.strip_suffix(" } }").unwrap()).collect();
-    assert_eq!(knobs.len() + 1, SWEEP.matches("[[settings]]").count(), "all but the first change the renderer");
+    let overrides = SWEEP.lines().filter_map(|line| line.strip_prefix("overrides = { renderer = { "));
+    let overrides: Vec<&str> = overrides.map(|overrides| overrides.strip_suffix(" } }").unwrap()).collect();
+    assert_eq!(overrides.len() + 1, SWEEP.matches("[[settings]]").count(), "all but the first change the renderer");
     let mut renderers: [Box<dyn Renderer>; 2] = [Box::new(ReferenceRenderer), Box::new(CpuRenderer::default())];
     for preset in RendererConstants::PRESETS {
-        for setting in &knobs {
+        for setting in &overrides {
             let mut constants = RendererConstants::named(preset).unwrap();
-            for (name, value) in setting.split(", ").map(|knob| knob.split_once(" = ").unwrap()) {
+            for (name, value) in setting.split(", ").map(|field| field.split_once(" = ").unwrap()) {
                 let constant = match name {
                     "min-alpha" => &mut constants.min_alpha,
                     "max-alpha" => &mut constants.max_alpha,

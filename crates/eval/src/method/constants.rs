@@ -2,7 +2,7 @@ use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalP
 use atsplat_splat::{ClampedGradient, Extent, MAX_SH_DEGREE, PrincipalPoint, RendererConstants, ShAxes};
 
 use crate::EvalError;
-use crate::sweep::RendererKnobs;
+use crate::sweep::RendererOverrides;
 
 /// Which renderer constants a method uses.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,7 +22,7 @@ pub enum ConstantsChoice {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChangedConstants {
     name: String,
-    knobs: RendererKnobs,
+    overrides: RendererOverrides,
 }
 
 impl ChangedConstants {
@@ -30,16 +30,16 @@ impl ChangedConstants {
     ///
     /// # Errors
     /// [`EvalError::Settings`] for values that no renderer accepts.
-    pub fn new(knobs: RendererKnobs) -> Result<Self, EvalError> {
-        let name = knobs
+    pub fn new(overrides: RendererOverrides) -> Result<Self, EvalError> {
+        let name = overrides
             .applied(&RendererConstants { name: "of the preset".to_owned(), ..RendererConstants::default() })?
             .name;
-        Ok(Self { name, knobs })
+        Ok(Self { name, overrides })
     }
 
     /// The overrides.
-    pub const fn knobs(&self) -> &RendererKnobs {
-        &self.knobs
+    pub const fn overrides(&self) -> &RendererOverrides {
+        &self.overrides
     }
 }
 
@@ -55,7 +55,7 @@ impl ConstantsChoice {
         let constants = match self {
             Self::FromPreset => constants_of(convention, planes),
             Self::Fixed(constants) => constants.clone(),
-            Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
+            Self::Changed(changed) => changed.overrides.applied_unchecked(&constants_of(convention, planes)),
         };
         if self.changes_planes() {
             RendererConstants { near: constants.near * unit, far: constants.far * unit, ..constants }
@@ -69,7 +69,7 @@ impl ConstantsChoice {
         match self {
             Self::FromPreset => false,
             Self::Fixed(_) => true,
-            Self::Changed(changed) => changed.knobs.names_constants(),
+            Self::Changed(changed) => changed.overrides.names_constants(),
         }
     }
 
@@ -168,9 +168,12 @@ mod tests {
         let convention = Preset::named("re10k-2v-256").unwrap().renderer;
         let planes = NearFar { near: 0.5, far: 100.0 };
         let named = |constants: Option<&str>| {
-            let knobs =
-                RendererKnobs { constants: constants.map(str::to_owned), blur: Some(0.1), ..RendererKnobs::default() };
-            ConstantsChoice::Changed(ChangedConstants::new(knobs).unwrap())
+            let overrides = RendererOverrides {
+                constants: constants.map(str::to_owned),
+                blur: Some(0.1),
+                ..RendererOverrides::default()
+            };
+            ConstantsChoice::Changed(ChangedConstants::new(overrides).unwrap())
         };
         let gsplat = ConstantsChoice::Fixed(RendererConstants::named("gsplat-1.6").unwrap());
         let inria = ConstantsChoice::Fixed(RendererConstants::named("inria").unwrap());

@@ -210,7 +210,7 @@ impl Splatting {
                 }
                 fields
             }
-            ConstantsChoice::Changed(changed) => as_json(changed.knobs()),
+            ConstantsChoice::Changed(changed) => as_json(changed.overrides()),
         }
     }
 }

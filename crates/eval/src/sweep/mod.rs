@@ -1,16 +1,16 @@
 //! Parameter sweeps: one method at many settings.
 //!
-//! A [`Sweep`] is a TOML list of settings ([`Knobs`]) at which one method is run. What accuracy costs is read off the results
+//! A [`Sweep`] is a TOML list of settings ([`Overrides`]) at which one method is run. What accuracy costs is read off the results
 //! ([`atsplat_results::tradeoff`]).
 
-mod knobs;
+mod overrides;
 #[cfg(test)]
-mod knobs_tests;
+mod overrides_tests;
 mod parts;
 #[cfg(test)]
 mod parts_tests;
 mod settings;
 
-pub use knobs::{Knobs, RendererKnobs};
+pub use overrides::{Overrides, RendererOverrides};
 pub use parts::{Part, SweepBase, parts};
 pub use settings::{Setting, Sweep};

@@ -10,14 +10,14 @@ use atsplat_results::TRAINED_POSES;
 use atsplat_results::TrainingRecord;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
-use super::{Knobs, Setting, Sweep};
+use super::{Overrides, Setting, Sweep};
 use crate::method::{
     AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
 };
 use crate::runner::{Dataset, PlannedIndex};
 use crate::{ComputeDevice, EvalError};
 
-/// The base setting of a sweep, before any knob is applied.
+/// The base setting of a sweep, before any override is applied.
 #[derive(Clone, Debug)]
 pub struct SweepBase {
     /// The network's configuration.
@@ -55,20 +55,21 @@ pub struct Part {
 /// Expands a sweep into plans of the runner that fill one store, in the order of the sweep.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for an invalid knob; [`EvalError::Model`] for weights that do not match the network.
+/// [`EvalError::Settings`] for an invalid override; [`EvalError::Model`] for weights that do not match the network.
 pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
-    let mut parts: Vec<(&Knobs, Part)> = Vec::new();
+    let mut parts: Vec<(&Overrides, Part)> = Vec::new();
     for setting in &sweep.settings {
         let method = base.method(setting).map_err(|error| error.in_setting(&setting.label))?;
-        let same_trials =
-            |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
-        if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| same_trials(knobs)) {
+        let same_trials = |overrides: &Overrides| {
+            (overrides.views, overrides.resolution) == (setting.overrides.views, setting.overrides.resolution)
+        };
+        if let Some((_, part)) = parts.iter_mut().find(|(overrides, _)| same_trials(overrides)) {
             part.methods.push(method);
         } else {
             let modified =
-                |dataset| modified(dataset, &setting.knobs).map_err(|error| error.in_setting(&setting.label));
+                |dataset| modified(dataset, &setting.overrides).map_err(|error| error.in_setting(&setting.label));
             let datasets = datasets.iter().map(modified).collect::<Result<_, _>>()?;
-            parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
+            parts.push((&setting.overrides, Part { datasets, methods: vec![method] }));
         }
     }
     Ok(parts.into_iter().map(|(_, part)| part).collect())
@@ -77,16 +78,16 @@ pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Ve
 impl SweepBase {
     /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
-        let knobs = &setting.knobs;
-        let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
-        if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
+        let overrides = &setting.overrides;
+        let (splatting, budget) = (self.splatting(overrides)?, overrides.budget()?);
+        if let (Some(strategy), Some(budget)) = (overrides.strategy, budget) {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
-        let (config, tensors, weights, trained_at, (training, poses)) = match &knobs.weights {
+        let (config, tensors, weights, trained_at, (training, poses)) = match &overrides.weights {
             None => {
                 let training = (self.training.clone(), self.trained_poses.clone());
-                (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
+                (overrides.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
             }
             Some(path) => {
                 let file = TensorFile::open(path)?;
@@ -95,17 +96,17 @@ impl SweepBase {
                 let trained_at = self.trained_at.map(|_| read.config.resolution);
                 let training = (TrainingRecord::of(&read.provenance), read.provenance.get(TRAINED_POSES).cloned());
                 let weights = WeightsSource::File { sha256: file.sha256 };
-                (knobs.model(&read.config)?, read.tensors, weights, trained_at, training)
+                (overrides.model(&read.config)?, read.tensors, weights, trained_at, training)
             }
         };
         let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
         // Images in a resolution of the sweep are not resized for the network.
-        let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
+        let network = match trained_at.filter(|_| overrides.resolution.is_none()) {
             Some(size) => network.trained_at(size),
             None => network,
         };
-        let precision = knobs.matmul_precision(&network)?;
+        let precision = overrides.matmul_precision(&network)?;
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
             Some(budget) => Arc::new(
@@ -120,13 +121,13 @@ impl SweepBase {
         })
     }
 
-    fn splatting(&self, knobs: &Knobs) -> Result<Splatting, EvalError> {
-        let constants = if knobs.renderer.is_empty() {
+    fn splatting(&self, overrides: &Overrides) -> Result<Splatting, EvalError> {
+        let constants = if overrides.renderer.is_empty() {
             self.constants.clone()
         } else {
-            ConstantsChoice::Changed(ChangedConstants::new(knobs.renderer.clone())?)
+            ConstantsChoice::Changed(ChangedConstants::new(overrides.renderer.clone())?)
         };
-        let tolerance = knobs.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
+        let tolerance = overrides.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
         let (background, effects) = (self.background, EffectSelection::Auto);
         Ok(Splatting { constants, background, effects, tolerance, ..self.device.splatting() })
     }
@@ -172,11 +173,11 @@ fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<S
     Ok(tensors)
 }
 
-/// The dataset with the knobs' resolution and views.
-fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
+/// The dataset with the overrides' resolution and views.
+fn modified(dataset: &Dataset, overrides: &Overrides) -> Result<Dataset, EvalError> {
     let Dataset { name, preset, source, description, index } = dataset;
-    let reduced = knobs.index(&index.index, name)?;
-    let index = match knobs.views {
+    let reduced = overrides.index(&index.index, name)?;
+    let index = match overrides.views {
         None => index.clone(),
         Some(_) => PlannedIndex {
             sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
@@ -189,12 +190,12 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
             notices: index.notices.clone(),
         },
     };
-    let views = knobs.views.map(|views| format!("-{views}-views"));
-    let resolution = knobs.resolution.map(|[height, width]| format!("-{height}x{width}"));
+    let views = overrides.views.map(|views| format!("-{views}-views"));
+    let resolution = overrides.resolution.map(|[height, width]| format!("-{height}x{width}"));
     let name = [Some(name.clone()), views, resolution].into_iter().flatten().collect();
     Ok(Dataset {
         name,
-        preset: knobs.preset(preset)?,
+        preset: overrides.preset(preset)?,
         source: Arc::clone(source),
         description: description.clone(),
         index,

@@ -10,7 +10,7 @@ use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::{GaussianParts, Gaussians};
 use glam::{DMat3, DVec3};
 
-use super::Knobs;
+use super::Overrides;
 use super::parts::adapted;
 use crate::method::WeightsSource;
 
@@ -55,7 +55,7 @@ fn fewer_gaussians_per_token_are_the_first_of_the_whole_network() {
     for (stored, what) in [(world, "world"), (patch, "patch"), (rays, "rays")] {
         let tensors = generated(&parameters(&stored), 1);
         let of = |count: Option<usize>| {
-            let config = Knobs { gaussians_per_token: count, ..Knobs::default() }.model(&stored).unwrap();
+            let config = Overrides { gaussians_per_token: count, ..Overrides::default() }.model(&stored).unwrap();
             let tensors = adapted(&config, tensors.clone(), &weights).unwrap();
             let network = Network::new(&config, &Device::flex()).unwrap().with_weights(&tensors).unwrap();
             network.reconstruct(&views(), 0).unwrap().gaussians

@@ -3,7 +3,7 @@ use std::collections::BTreeSet;
 use atsplat_files::{Malformed, malformed_toml};
 use serde::{Deserialize, Serialize};
 
-use super::Knobs;
+use super::Overrides;
 use crate::EvalError;
 
 /// A list of settings of one method.
@@ -14,10 +14,10 @@ use crate::EvalError;
 /// label = "as trained"
 /// [[settings]]
 /// label = "thresholds 0.1 / 0.1 / 0.4"
-/// knobs = { thresholds = [0.1, 0.1, 0.4] }
+/// overrides = { thresholds = [0.1, 0.1, 0.4] }
 /// [[settings]]
 /// label = "alpha from 1/64"
-/// knobs = { renderer = { min-alpha = 0.015625 } }
+/// overrides = { renderer = { min-alpha = 0.015625 } }
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -28,15 +28,15 @@ pub struct Sweep {
     pub settings: Vec<Setting>,
 }
 
-/// Knobs under a name.
+/// Overrides under a name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Setting {
     /// Name in tables, and of the method in the rows.
     pub label: String,
-    /// The overrides.
-    #[serde(default)]
-    pub knobs: Knobs,
+    /// What differs from the base; `knobs` in older files.
+    #[serde(default, alias = "knobs")]
+    pub overrides: Overrides,
 }
 
 impl Sweep {
@@ -44,7 +44,7 @@ impl Sweep {
     ///
     /// # Errors
     /// [`EvalError::Malformed`] for text that is not a sweep, with line and column, and for a label without text;
-    /// [`EvalError::Settings`] for an empty list, for duplicate labels, and for knobs out of range.
+    /// [`EvalError::Settings`] for an empty list, for duplicate labels, and for overrides out of range.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let invalid = |expected: &str, found: String| EvalError::Settings {
             what: "settings",
@@ -66,8 +66,8 @@ impl Sweep {
         if let Some(setting) = sweep.settings.iter().find(|setting| !labels.insert(&setting.label)) {
             return Err(invalid("unique labels", format!("{:?} twice", setting.label)));
         }
-        for Setting { label, knobs } in &sweep.settings {
-            knobs.check().map_err(|error| error.in_setting(label))?;
+        for Setting { label, overrides } in &sweep.settings {
+            overrides.check().map_err(|error| error.in_setting(label))?;
         }
         Ok(sweep)
     }

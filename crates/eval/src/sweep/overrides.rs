@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
 
-/// Overrides of a method and its protocol; absent knobs leave the setting unchanged.
+/// Overrides of a method and its protocol; absent fields leave the setting unchanged.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Knobs {
+pub struct Overrides {
     /// K, the number of Gaussians per token: the first K of each token, as the whole network makes them; a larger K needs other
     /// weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -53,14 +53,14 @@ pub struct Knobs {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
     /// Overrides of the renderer's constants.
-    #[serde(default, skip_serializing_if = "RendererKnobs::is_empty")]
-    pub renderer: RendererKnobs,
+    #[serde(default, skip_serializing_if = "RendererOverrides::is_empty")]
+    pub renderer: RendererOverrides,
 }
 
 /// Overrides of [`RendererConstants`] that trade quality for time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct RendererKnobs {
+pub struct RendererOverrides {
     /// Name of the preset of [`RendererConstants`] to start from; its near and far planes are in the unit of the Gaussians as they
     /// are given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -79,8 +79,8 @@ pub struct RendererKnobs {
     pub blur: Option<f64>,
 }
 
-fn invalid<T>(knob: &'static str, expected: &str, found: impl std::fmt::Display) -> Result<T, EvalError> {
-    Err(EvalError::Settings { what: knob, expected: expected.to_owned(), found: found.to_string() })
+fn invalid<T>(field: &'static str, expected: &str, found: impl std::fmt::Display) -> Result<T, EvalError> {
+    Err(EvalError::Settings { what: field, expected: expected.to_owned(), found: found.to_string() })
 }
 
 /// `0.5, 1.5`.
@@ -88,7 +88,7 @@ fn list(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
 
-impl RendererKnobs {
+impl RendererOverrides {
     /// Whether there are no overrides.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
@@ -125,10 +125,10 @@ impl RendererKnobs {
             ("min-transmittance", self.min_transmittance, &mut changed.min_transmittance),
             ("blur", self.blur, &mut changed.blur),
         ];
-        for (knob, value, field) in fields {
+        for (key, value, field) in fields {
             if let Some(value) = value {
                 *field = value;
-                name = format!("{name}, {knob} {value}");
+                name = format!("{name}, {key} {value}");
             }
         }
         changed.name = name;
@@ -136,7 +136,7 @@ impl RendererKnobs {
     }
 }
 
-impl Knobs {
+impl Overrides {
     /// The network's configuration with the overrides.
     ///
     /// # Errors
@@ -174,10 +174,10 @@ impl Knobs {
         Ok(config)
     }
 
-    /// Whether every knob has a value that some network and protocol can have.
+    /// Whether every override has a value that some network and protocol can have.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] with the knob.
+    /// [`EvalError::Settings`] with the override.
     pub fn check(&self) -> Result<(), EvalError> {
         if self.gaussians_per_token == Some(0) {
             return invalid("gaussians-per-token", "at least 1", 0);
@@ -252,8 +252,9 @@ impl Knobs {
             ("weights", self.weights.is_some()),
             ("matmul-precision", self.matmul_precision.is_some()),
         ];
-        if let (Some(strategy), Some((knob, _))) = (self.strategy, of_network.into_iter().find(|(_, is_set)| *is_set)) {
-            let found = format!("both {knob} and {}", strategy.name());
+        if let (Some(strategy), Some((field, _))) = (self.strategy, of_network.into_iter().find(|(_, is_set)| *is_set))
+        {
+            let found = format!("both {field} and {}", strategy.name());
             return invalid(
                 "strategy",
                 "no network setting: with `strategy`, random points are optimised and no network runs",
@@ -271,7 +272,7 @@ impl Knobs {
         }
     }
 
-    /// The protocol at the knob's resolution.
+    /// The protocol at this resolution.
     ///
     /// # Errors
     /// [`EvalError::Settings`] if a side is 0.
