@@ -97,7 +97,7 @@ fn an_interrupted_simulation_of_the_claims_is_repeated_and_a_whole_one_kept() {
     let simulated: Vec<&str> =
         calls.iter().filter_map(|call| call.strip_prefix("atsplat data simulate ")?.split(' ').next()).collect();
     assert_eq!(simulated, ["data/rooms-64", "data/rooms-64-test"]);
-    assert!(!stage.path("data/rooms-64/train").exists(), "the simulation begins anew");
+    assert!(!stage.path("data/rooms-64/train").exists(), "the simulation begins from the start");
 }
 
 #[test]

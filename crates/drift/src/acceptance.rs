@@ -107,7 +107,7 @@ impl AcceptanceReport {
             baseline: path.to_owned(),
             moved: report.map(verdict_of_numbers),
             no_longer_guarded: report.map_or_else(Vec::new, no_longer_guarded),
-            changed: report.map_or_else(Vec::new, otherwise_changed),
+            changed: report.map_or_else(Vec::new, other_changes),
             accepted,
             acceptances: baseline.history.len(),
             trials: baseline.trials.len(),
@@ -132,7 +132,7 @@ fn verdict_of_numbers(report: &DriftReport) -> DriftVerdict {
 }
 
 /// The findings that are drift, but for those of [`no_longer_guarded`].
-fn otherwise_changed(report: &DriftReport) -> Vec<String> {
+fn other_changes(report: &DriftReport) -> Vec<String> {
     let is_other = |finding: &&Finding| {
         finding.verdict == DriftVerdict::Drifted && !matches!(finding.kind, FindingKind::Missing | FindingKind::Score)
     };

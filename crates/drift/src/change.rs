@@ -114,7 +114,7 @@ pub(super) fn of_drifted(comparisons: &[Comparison], differences: &[Difference])
     let metrics: BTreeSet<&str> = drifted().map(|comparison| comparison.metric.as_str()).collect();
     let methods: BTreeSet<&str> = drifted().map(|comparison| comparison.method.as_str()).collect();
     let of_metric = |metric: &&str| {
-        let what = measured_otherwise(metric, differences)?;
+        let what = measured_differently(metric, differences)?;
         Some(Change::new(Cause::Metric, format!("the {what} of {metric} is not the baseline's")))
     };
     let of_method = |method: &str| -> Vec<Change> {
@@ -127,7 +127,7 @@ pub(super) fn of_drifted(comparisons: &[Comparison], differences: &[Difference])
 }
 
 /// What differs about how a metric is measured, if something does.
-fn measured_otherwise(metric: &str, differences: &[Difference]) -> Option<&'static str> {
+fn measured_differently(metric: &str, differences: &[Difference]) -> Option<&'static str> {
     const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
     let differs =
         |field: &str| differences.iter().any(|difference| difference.field_of("metric", metric) == Some(field));
@@ -144,8 +144,8 @@ impl DriftReport {
     /// these stages can produce other images from the same files.
     pub(super) fn changes_with(&self, attribution: &Attribution) -> Vec<Change> {
         let first = attribution.first();
-        let are_decoded_otherwise = matches!(first, Some(Stage::Decode | Stage::Resize));
-        let is_known = |change: &&Change| change.stage != Cause::Data || !are_decoded_otherwise;
+        let are_decoded_differently = matches!(first, Some(Stage::Decode | Stage::Resize));
+        let is_known = |change: &&Change| change.stage != Cause::Data || !are_decoded_differently;
         let mut changes: Vec<Change> = self.changes.iter().filter(is_known).cloned().collect();
         for stage in attribution.stages.iter().filter(|stage| stage.verdict == StageVerdict::Changed) {
             let change = Change::of_stage(stage);
@@ -166,7 +166,7 @@ impl DriftReport {
     /// Whether a metric drifted that is measured as in the baseline.
     fn moved_as_measured_before(&self) -> bool {
         let mut drifted = self.comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
-        drifted.any(|comparison| measured_otherwise(&comparison.metric, &self.differences).is_none())
+        drifted.any(|comparison| measured_differently(&comparison.metric, &self.differences).is_none())
     }
 
     /// What changed first, what else did, or what was compared without a change.

@@ -32,8 +32,9 @@ pub struct DataComparison {
     pub changed: Vec<ChangedImage>,
     /// Images of common scenes with a digest in only one of them.
     pub unknown: u64,
-    /// Images of common scenes that the preset now crops or resizes otherwise, so that their digests say nothing about the data.
-    pub preprocessed_otherwise: u64,
+    /// Images of common scenes that the preset now crops or resizes differently, so that their digests say nothing about the data.
+    #[serde(rename = "preprocessed-otherwise")]
+    pub preprocessed_differently: u64,
 }
 
 /// An image that differs from the baseline's.
@@ -81,7 +82,7 @@ impl DataComparison {
     }
 }
 
-/// Compares the images of common scenes, but for those of presets in `others`, which preprocess images otherwise now.
+/// Compares the images of common scenes, but for those of presets in `others`, which preprocess images differently now.
 #[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
 pub(super) fn compare_images(results: &Results, baseline: &Baseline, others: &BTreeSet<&str>) -> DataComparison {
     let then = by_id(&baseline.images);
@@ -101,7 +102,7 @@ pub(super) fn compare_images(results: &Results, baseline: &Baseline, others: &BT
     let mut found = DataComparison::default();
     for id in ids.into_iter().filter(shared) {
         match (then.get(id), now.get(id)) {
-            _ if others.contains(id.0.as_str()) => found.preprocessed_otherwise += 1,
+            _ if others.contains(id.0.as_str()) => found.preprocessed_differently += 1,
             (Some(then), Some(now)) => {
                 found.compared += 1;
                 if then != now {

@@ -147,7 +147,7 @@ impl fmt::Display for Limit {
 impl fmt::Display for DataComparison {
     /// One line, and one for each of the first changed images.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { compared, changed, unknown, preprocessed_otherwise } = self;
+        let Self { compared, changed, unknown, preprocessed_differently } = self;
         let differ = format!("{}/{compared}", changed.len());
         writeln!(f, "{:<10} {:<10} {differ:>15} images differ", "data", self.verdict())?;
         for image in changed.iter().take(MAX_LISTED) {
@@ -156,9 +156,9 @@ impl fmt::Display for DataComparison {
         if let Some(more) = changed.len().checked_sub(MAX_LISTED).filter(|more| *more > 0) {
             writeln!(f, "    and {more} more")?;
         }
-        if *preprocessed_otherwise > 0 {
-            let images = counted(*preprocessed_otherwise, "image");
-            writeln!(f, "    {images} not compared: the preset crops or resizes them otherwise")?;
+        if *preprocessed_differently > 0 {
+            let images = counted(*preprocessed_differently, "image");
+            writeln!(f, "    {images} not compared: the preset crops or resizes them differently")?;
         }
         match unknown {
             0 => Ok(()),

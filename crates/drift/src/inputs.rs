@@ -34,7 +34,7 @@ impl<'a> SharedPreset<'a> {
         then.presets.iter().filter_map(shared).collect()
     }
 
-    /// Its name if it crops or resizes images otherwise than in the baseline, so that they cannot be compared.
+    /// Its name if it crops or resizes images differently than in the baseline, so that they cannot be compared.
     pub(super) fn of_other_images(&self) -> Option<&'a str> {
         self.differs_in("preprocessing").then_some(self.then.name.as_str())
     }

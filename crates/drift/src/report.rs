@@ -148,7 +148,7 @@ pub enum FindingKind {
     New,
     /// Trials with another hash: frames, cameras or preprocessing.
     Trial,
-    /// Targets that tables group otherwise: by whether they are context frames, their distance from these, or their overlap.
+    /// Targets that tables group differently: by whether they are context frames, their distance from these, or their overlap.
     Grouping,
     /// Targets with another status, such as failed instead of scored.
     Status,

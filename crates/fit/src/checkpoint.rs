@@ -145,7 +145,7 @@ impl Fit {
         let scene = tensors.scene(metadata.sh_degree, metadata.filtered)?;
         let corrections = tensors.corrections()?;
         if !metadata.joint_corrections && !corrections.values.is_empty() {
-            let expected = "cameras and exposures of one optimiser for all views; start the run anew";
+            let expected = "cameras and exposures of one optimiser for all views; start the run again";
             return Err(wrong("corrections", expected, "those of an earlier version, one for each view".to_owned()));
         }
         let density = metadata.memory.iter().map(|name| tensors.singles(&format!("memory/{name}")));

@@ -440,7 +440,7 @@ fn imported(rows: &[String; 2]) -> ImportReport {
 #[test]
 fn detects_opacities_that_may_not_be_logits() {
     let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
-    let suspected = |first: &str, second: &str| imported(&[row(first), row(second)]).opacities_may_be_no_logits;
+    let suspected = |first: &str, second: &str| imported(&[row(first), row(second)]).opacities_look_linear;
     assert!(suspected("0.25", "1"));
     assert!(!suspected("0.25", "1.5"));
     assert!(!suspected("-0.25", "0.5"));

@@ -154,7 +154,7 @@ run("changed", "changed-here")
 same_rows("changed-here", "there/store")
 assert (SCRATCH / "here/store/trials.parquet").read_bytes() != (SCRATCH / "there/store/trials.parquet").read_bytes()
 server.client.upload_file(str(SCRATCH / "chunks" / chunk), "lab", f"rooms/{chunk}")
-said("a chunk that changes is read anew, and replaces the results of the old one")
+said("a chunk that changes is read again, and replaces the results of the old one")
 
 # Parts of a run written to the server, merged there and read from there.
 for number in [1, 2]:

@@ -134,10 +134,11 @@ fn each_cause_is_named_and_nothing_else() {
 #[test]
 fn images_of_another_crop_are_not_compared() {
     let report = report_of(crop, false);
-    let expected = DataComparison { preprocessed_otherwise: 6 * 4, ..DataComparison::default() };
+    let expected = DataComparison { preprocessed_differently: 6 * 4, ..DataComparison::default() };
     assert_eq!(report.data, expected, "{report}");
     assert!(report.findings.iter().all(|finding| finding.kind != FindingKind::Data), "{report}");
-    assert!(report.to_string().contains("24 images not compared: the preset crops or resizes them otherwise"));
+    assert!(report.to_string().contains("24 images not compared: the preset crops or resizes them differently"));
+    assert_eq!(serde_json::to_value(&report.data).unwrap()["preprocessed-otherwise"], 24, "a name in files");
     // With another crop, the data of a trial still tell.
     let both = report_of(
         |now| {
@@ -149,7 +150,7 @@ fn images_of_another_crop_are_not_compared() {
     let first = (Cause::Data, "images or cameras of sampled, scene scene 004, entry 0");
     assert_eq!(found(&both)[0], first, "{both}");
     assert_eq!(found(&both)[1].0, Cause::Preprocessing, "{both}");
-    // A camera has moved under a protocol that calls its data otherwise.
+    // A camera has moved under a protocol that names its data differently.
     let renamed = report_of(
         |now| {
             set_preset(now, |preset| preset.dataset = "yards".to_owned());

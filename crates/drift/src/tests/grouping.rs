@@ -7,7 +7,7 @@ use super::*;
 type Change = fn(&mut TargetRow);
 
 #[test]
-fn targets_that_tables_group_otherwise_are_drift() {
+fn targets_that_tables_group_differently_are_drift() {
     let base = store(true, 4, 0.0, 1);
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     let cases: [(Change, &str); 3] = [

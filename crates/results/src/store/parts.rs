@@ -13,7 +13,7 @@ use crate::{ResultsError, TargetRow, TrialKey, TrialRow};
 const FOLDER: &str = "parts";
 
 /// What a part is expected to be. A file that was cut short by something else than atsplat, which writes it whole, is no loss.
-const EXPECTED: &str = "the rows of a trial (remove this file, and run again: only this trial is computed anew)";
+const EXPECTED: &str = "the rows of a trial (remove this file, and run again: only this trial is computed again)";
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -102,13 +102,13 @@ pub struct ImportReport {
     pub antialiased: Option<bool>,
     /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
     /// where all others write logits, without marking the file. [`interpret`] converts them.
-    pub opacities_may_be_no_logits: bool,
+    pub opacities_look_linear: bool,
     /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
     /// are negative, so that these may be scales without their logarithm.
-    pub scales_may_be_no_logarithms: bool,
+    pub scales_look_linear: bool,
     /// Whether all coefficients of a PLY file without view dependence are in [0, 1], and are not all equal: as coefficients,
     /// they are samples from 0.5 to 0.78 alone, so that these may be colours themselves.
-    pub colours_may_be_no_coefficients: bool,
+    pub harmonics_look_like_colours: bool,
     /// Properties of a PLY file that are integers, where 3DGS has floats, by type, as in "opacity is stored as uchar". They
     /// are read as they are, though they may stand for fractions of a range.
     pub integers: Vec<String>,
@@ -123,10 +123,10 @@ impl ImportReport {
             "{SUSPICIOUS_COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
         );
         let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
-        self.scales_may_be_no_logarithms
+        self.scales_look_linear
             .then_some(scales)
             .into_iter()
-            .chain(self.colours_may_be_no_coefficients.then_some(colours))
+            .chain(self.harmonics_look_like_colours.then_some(colours))
             .chain(self.integers.iter().map(integer))
             .collect()
     }
@@ -207,21 +207,21 @@ pub(crate) fn parse_cleaned(
     let GaussianParts { opacity_logits, log_scales, sh_degree, sh, .. } = gaussians.parts();
     let may_be_suspicious = is_ply && !gaussians.is_empty();
     let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
-    let opacities_may_be_no_logits = may_be_suspicious && opacity_logits.iter().all(is_opacity);
+    let opacities_look_linear = may_be_suspicious && opacity_logits.iter().all(is_opacity);
     let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
-    let scales_may_be_no_logarithms = may_be_suspicious && log_scales.as_flattened().iter().all(is_scale);
+    let scales_look_linear = may_be_suspicious && log_scales.as_flattened().iter().all(is_scale);
     let is_colour = |coefficient: &f32| (0.0..=1.0).contains(coefficient);
     let differ = |colours: &[f32]| colours.windows(2).any(|pair| matches!(pair, [a, b] if a.to_bits() != b.to_bits()));
-    let colours_may_be_no_coefficients =
+    let harmonics_look_like_colours =
         may_be_suspicious && *sh_degree == 0 && sh.as_flattened().iter().all(is_colour) && differ(sh.as_flattened());
     let import = ImportReport {
         format,
         validation,
         unused,
         antialiased,
-        opacities_may_be_no_logits,
-        scales_may_be_no_logarithms,
-        colours_may_be_no_coefficients,
+        opacities_look_linear,
+        scales_look_linear,
+        harmonics_look_like_colours,
         integers,
     };
     Ok((gaussians, import))

@@ -23,7 +23,7 @@ pub fn interpret(
         warnings.extend(warning);
         converted
     } else {
-        if import.opacities_may_be_no_logits {
+        if import.opacities_look_linear {
             let advice = "see --opacities-as-stored, in Python opacities_as_stored=True";
             warnings.push(format!("{SUSPICIOUS_OPACITIES}: they may not be logits; {advice}"));
         }

@@ -91,7 +91,7 @@ impl KeyMap {
             _ if report.ignored.iter().any(|ignored| ignored == source) => format!("{source}, which `ignore` matches"),
             _ if rootless != source => format!("{source}, which `roots` shorten to {rootless}"),
             Some(mismatched) => format!("{source}: {}", mismatched.found),
-            None => format!("{source}, which it uses otherwise"),
+            None => format!("{source}, which it uses differently"),
         }
     }
 }
