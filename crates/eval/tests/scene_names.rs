@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_eval::GaussianFrame;
@@ -132,16 +133,7 @@ fn kept_images_of_such_scenes_can_be_scored() {
 #[test]
 fn gaussians_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
     let root = tempfile::tempdir().unwrap();
-    let parts = GaussianParts {
-        means: vec![[0.4, 0.0, 4.0]],
-        quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
-        log_scales: vec![[-1.0; 3]],
-        opacity_logits: vec![2.0],
-        sh: vec![[1.0; 3]],
-        ..GaussianParts::default()
-    };
-    let path = root.path().join("room-0.ply");
-    files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::Ascii)).unwrap();
+    write_gaussian(&root.path().join("room-0.ply"));
     let run = |keys: &[&str], store: &str| {
         let ply = Ply::new(root.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
         let (results, _) = run_of(keys, Arc::new(ply)).run(&root.path().join(store)).unwrap();
@@ -153,6 +145,47 @@ fn gaussians_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
     assert!(first.starts_with("no Gaussians of scene room: expected room.ply or "), "{first}");
     assert!(first.ends_with("; room-0 is the scene of that name"), "{first}");
     assert_eq!(second, None);
+}
+
+fn write_gaussian(path: &Path) {
+    let parts = GaussianParts {
+        means: vec![[0.4, 0.0, 4.0]],
+        quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+        log_scales: vec![[-1.0; 3]],
+        opacity_logits: vec![2.0],
+        sh: vec![[1.0; 3]],
+        ..GaussianParts::default()
+    };
+    files::write(path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::Ascii)).unwrap();
+}
+
+/// What a scene's second folder contains may be what the method wrote last. A link that leads back to itself can be read by nobody.
+#[cfg(unix)]
+#[test]
+fn a_scene_with_a_folder_that_cannot_be_read_fails_for_that_reason() {
+    let root = tempfile::tempdir().unwrap();
+    let [renders, gaussians] = ["renders", "gaussians"].map(|name| root.path().join(name));
+    std::fs::create_dir_all(renders.join("room")).unwrap();
+    std::fs::write(renders.join("room/000005.png"), encode_png(&image(0, 5)).unwrap()).unwrap();
+    std::os::unix::fs::symlink("color", renders.join("room/color")).unwrap();
+    let run = run_of(&ROOMS[..1], Arc::new(Renders::new(&renders, None).unwrap()));
+    let system = std::fs::read_dir(renders.join("room/color")).unwrap_err();
+    let why = format!("{system} ({})", renders.join("room/color").display());
+    let refused = run.plan().find_imported_files().unwrap_err().to_string();
+    assert!(refused.ends_with(&format!("none of 1 scenes there that can be read: {why}")), "{refused}");
+    let (results, _) = run.run(&root.path().join("rendered")).unwrap();
+    assert_eq!(results.targets[0].detail.as_deref(), Some(why.as_str()));
+
+    std::fs::create_dir(&gaussians).unwrap();
+    write_gaussian(&gaussians.join("room.ply"));
+    std::os::unix::fs::symlink("room", gaussians.join("room")).unwrap();
+    let ply = Ply::new(&gaussians, None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    let (results, _) = run_of(&ROOMS[..1], Arc::new(ply.clone())).run(&root.path().join("drawn")).unwrap();
+    let why = format!("{system} ({})", gaussians.join("room/gaussians.ply").display());
+    assert_eq!(results.trials[0].detail.as_deref(), Some(why.as_str()));
+    std::fs::remove_file(gaussians.join("room.ply")).unwrap();
+    let refused = run_of(&ROOMS[..1], Arc::new(ply)).plan().find_imported_files().unwrap_err().to_string();
+    assert!(refused.ends_with(&format!("none of 1 scenes there that can be read: {why}")), "{refused}");
 }
 
 /// None of the scenes that are looked for first has files.

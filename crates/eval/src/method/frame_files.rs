@@ -1,8 +1,10 @@
 //! The files of a scene's frames in folders that another program wrote.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use super::{is_absent, is_file};
 
 /// The image files of one scene, in all folders that may contain them. Each folder is listed once.
 #[derive(Debug)]
@@ -22,6 +24,8 @@ const IMAGES: [&str; 12] = ["exr", "png", "jpg", "jpeg", "webp", "bmp", "gif", "
 struct Listed {
     folder: PathBuf,
     names: BTreeMap<usize, Vec<String>>,
+    /// Why it could not be listed: any file may be in it.
+    unreadable: Option<String>,
 }
 
 impl FrameFiles {
@@ -39,10 +43,13 @@ impl FrameFiles {
     /// The file of a frame; `None` if there is none.
     ///
     /// # Errors
-    /// Two files, either of which may be the right one: with different numbers of digits, in two folders, in a spelling or a format that
+    /// A folder that cannot be listed. Two files, either of which may be the right one: with different numbers of digits, in two folders, in a spelling or a format that
     /// is not read, or an `.exr` and a `.png` where another frame has no `.exr`. Files that are numbered from 1: the file of a frame
     /// would show the one before it.
     pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
+        if let Some(error) = self.unreadable() {
+            return Err(error.to_owned());
+        }
         if let Some(numbers) = &self.one_higher {
             let numbers = super::layout::listed(numbers.iter().map(ToString::to_string).collect());
             return Err(format!(
@@ -72,10 +79,21 @@ impl FrameFiles {
         (!found.is_empty() && found == expected).then(|| found.into_iter().collect())
     }
 
-    /// The name of one of the frames' files, and the position of its folder.
-    pub(super) fn any_of(&self, frames: &[usize]) -> Option<(usize, String)> {
+    /// The name of one of the frames' files, and the position of its folder; `None` if there is none.
+    ///
+    /// # Errors
+    /// A folder that cannot be listed.
+    pub(super) fn any_of(&self, frames: &[usize]) -> Result<Option<(usize, String)>, String> {
+        if let Some(error) = self.unreadable() {
+            return Err(error.to_owned());
+        }
         let in_folder = |listed: &Listed| listed.of_frames(frames).next();
-        self.folders.iter().enumerate().find_map(|(at, listed)| Some((at, in_folder(listed)?)))
+        Ok(self.folders.iter().enumerate().find_map(|(at, listed)| Some((at, in_folder(listed)?))))
+    }
+
+    /// Why the first folder that cannot be listed cannot be.
+    fn unreadable(&self) -> Option<&str> {
+        self.folders.iter().find_map(|listed| listed.unreadable.as_deref())
     }
 
     /// Images whose name is the frame's number in a spelling or a format that is not read.
@@ -83,7 +101,7 @@ impl FrameFiles {
         let unread = |listed: &Listed| {
             let accepted: Vec<String> = names(frame).collect();
             let names = listed.images_of(frame).filter(|name| !accepted.contains(name));
-            let paths = names.map(|name| listed.folder.join(name)).filter(|path| path.is_file());
+            let paths = names.map(|name| listed.folder.join(name)).filter(|path| may_be_file(path));
             paths.collect::<Vec<_>>()
         };
         self.folders.iter().flat_map(unread).collect()
@@ -98,17 +116,13 @@ impl FrameFiles {
 
 impl Listed {
     fn of(folder: PathBuf) -> Self {
-        let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
-        let mut names: BTreeMap<usize, Vec<String>> = BTreeMap::new();
-        for name in entries.filter_map(|entry| entry.file_name().into_string().ok()) {
-            if let Some(frame) = frame_of(&name) {
-                names.entry(frame).or_default().push(name);
+        match images_in(&folder) {
+            Ok(names) => Self { folder, names, unreadable: None },
+            Err(error) => {
+                let unreadable = Some(format!("{error} ({})", folder.display()));
+                Self { folder, names: BTreeMap::new(), unreadable }
             }
         }
-        for of_frame in names.values_mut() {
-            of_frame.sort();
-        }
-        Self { folder, names }
     }
 
     fn images_of(&self, frame: usize) -> impl Iterator<Item = &String> {
@@ -118,8 +132,32 @@ impl Listed {
     fn of_frames<'a>(&'a self, frames: &'a [usize]) -> impl Iterator<Item = String> + 'a {
         let is_listed = |frame: usize, name: &String| self.images_of(frame).any(|listed| listed == name);
         let names = frames.iter().flat_map(move |frame| names(*frame).filter(move |name| is_listed(*frame, name)));
-        names.filter(|name| self.folder.join(name).is_file())
+        names.filter(|name| may_be_file(&self.folder.join(name)))
     }
+}
+
+/// The names of a folder's images by frame, each frame's sorted; none if there is no such folder.
+fn images_in(folder: &Path) -> io::Result<BTreeMap<usize, Vec<String>>> {
+    let mut names: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    let entries = match fs::read_dir(folder) {
+        Err(error) if is_absent(&error) => return Ok(names),
+        entries => entries?,
+    };
+    for entry in entries {
+        let Ok(name) = entry?.file_name().into_string() else { continue };
+        if let Some(frame) = frame_of(&name) {
+            names.entry(frame).or_default().push(name);
+        }
+    }
+    for of_frame in names.values_mut() {
+        of_frame.sort();
+    }
+    Ok(names)
+}
+
+/// Whether a listed entry is a file, or nobody can tell.
+fn may_be_file(path: &Path) -> bool {
+    is_file(path).unwrap_or(true)
 }
 
 /// The frame whose number an image's name is, with any padding and in any format or case.
@@ -219,6 +257,40 @@ mod tests {
         assert_eq!(of(&[4, 5, 6, 7, 9], &[5, 6, 8]), Ok(true), "among others");
         assert_eq!(of(&[6, 7], &[5, 6, 8]), Ok(false), "some of them");
         assert_eq!(of(&[], &[5]), Ok(false));
+    }
+
+    /// The other file of a frame may be in it, and so may the only one.
+    #[cfg(unix)]
+    #[test]
+    fn a_folder_that_cannot_be_listed_is_not_empty() {
+        let root = tempfile::tempdir().unwrap();
+        let [colour, absent] = ["color", "absent"].map(|name| root.path().join(name));
+        fs::write(root.path().join("000028.png"), "").unwrap();
+        std::os::unix::fs::symlink("color", &colour).unwrap();
+        let of = |folder: &Path| FrameFiles::of([folder.to_owned(), root.path().to_owned()], [7, 28]);
+        let system = fs::read_dir(&colour).unwrap_err();
+        let why = format!("{system} ({})", colour.display());
+        assert_eq!(of(&colour).file_of(28), Err(why.clone()));
+        assert_eq!(of(&colour).file_of(7), Err(why.clone()));
+        assert_eq!(of(&colour).any_of(&[28]), Err(why));
+        let file = root.path().join("000028.png");
+        for nowhere in [absent, file.clone(), root.path().join("a".repeat(300))] {
+            assert_eq!(of(&nowhere).file_of(28), Ok(Some(file.clone())), "{}", nowhere.display());
+            assert_eq!(of(&nowhere).file_of(7), Ok(None));
+            assert_eq!(of(&nowhere).any_of(&[28]), Ok(Some((1, "000028.png".to_owned()))));
+        }
+    }
+
+    /// A link that leads back to itself is neither absent nor a folder.
+    #[cfg(unix)]
+    #[test]
+    fn what_is_listed_and_cannot_be_looked_at_is_a_candidate() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("000028.png"), "").unwrap();
+        std::os::unix::fs::symlink("28.png", folder.path().join("28.png")).unwrap();
+        std::os::unix::fs::symlink("gone", folder.path().join("028.png")).unwrap();
+        let why = FrameFiles::of([folder.path().to_owned()], [28]).file_of(28).unwrap_err();
+        assert!(why.starts_with("two files for frame 28: ") && why.ends_with("/28.png"), "{why}");
     }
 
     #[test]

@@ -1,7 +1,6 @@
 use std::collections::BTreeMap;
-use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fmt, fs, io};
 
 use super::below;
 use super::scene_names::SceneNames;
@@ -44,28 +43,35 @@ pub struct FoundFiles {
     elsewhere: Option<(PathBuf, LayoutCounts)>,
     /// The first folder of a scene if none has the files that are looked for, and the scene's frames.
     without_files: Option<(PathBuf, Vec<usize>)>,
+    /// Why the files of a scene cannot be looked for.
+    unreadable: Option<String>,
 }
 
 impl FoundFiles {
     /// Looks for scenes below a folder and, if there are none, in its parents and subfolders. `layout` returns how a
-    /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it.
+    /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it, or what the
+    /// system says if nobody can tell.
     pub(super) fn of(
         (what, expected): (&'static str, &'static str),
         folder: &Path,
         names: &SceneNames,
         requested: &[RequestedScene<'_>],
-        layout: impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Option<Layout>,
+        layout: impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Result<Option<Layout>, String>,
     ) -> Self {
         let found = |folder: &Path, every: usize| {
-            let (mut found, names) = (LayoutCounts::default(), names.below(folder));
-            for layout in requested.iter().step_by(every).filter_map(|requested| layout(folder, requested, &names)) {
-                *found.0.entry(layout).or_default() += 1;
+            let (mut found, mut unreadable, names) = (LayoutCounts::default(), None, names.below(folder));
+            for requested in requested.iter().step_by(every) {
+                match layout(folder, requested, &names) {
+                    Ok(Some(layout)) => *found.0.entry(layout).or_default() += 1,
+                    Ok(None) => {}
+                    Err(error) => unreadable = unreadable.or(Some(error)),
+                }
             }
-            found
+            (found, unreadable)
         };
-        let here = found(folder, 1);
+        let (here, unreadable) = found(folder, 1);
         let every = requested.len().div_ceil(MAX_SCENES).max(1);
-        let others = || neighbours(folder).into_iter().map(|other| (found(&other, every), other));
+        let others = || neighbours(folder).into_iter().map(|other| (found(&other, every).0, other));
         let with_scenes = || others().filter(|(found, _)| found.scenes() > 0);
         let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
         let elsewhere = elsewhere.map(|(found, other)| (other, found));
@@ -77,7 +83,7 @@ impl FoundFiles {
         };
         let without_files = if here.scenes() > 0 { None } else { requested.iter().find_map(of_scene) };
         let (folder, requested) = (folder.to_owned(), requested.len());
-        Self { what, folder, expected, requested, first, here, elsewhere, without_files }
+        Self { what, folder, expected, requested, first, here, elsewhere, without_files, unreadable }
     }
 
     /// How many scenes were found.
@@ -86,27 +92,28 @@ impl FoundFiles {
     }
 
     /// # Errors
-    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains, and
-    /// where the scenes are instead.
+    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains or why nobody
+    /// can tell, and where the scenes are instead.
     pub fn check(&self) -> Result<(), EvalError> {
         if self.scenes() > 0 || self.requested == 0 {
             return Ok(());
         }
         let (folder, requested) = (self.folder.display(), self.requested);
-        let found = match (&self.elsewhere, &self.without_files) {
-            (Some((other, found)), _) => format!(
+        let found = match (&self.unreadable, &self.elsewhere, &self.without_files) {
+            (Some(error), ..) => format!("none of {requested} scenes there that can be read: {error}"),
+            (None, Some((other, found)), _) => format!(
                 "none of {requested} scenes there, but {}{} of them below {}, in the layout {found}: use that folder",
                 if requested > MAX_SCENES { "at least " } else { "" },
                 found.scenes(),
                 other.display()
             ),
-            (None, Some((scene, frames))) => {
+            (None, None, Some((scene, frames))) => {
                 let colour = scene.join("color");
                 let (listed, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
                 let (folder, content) = (listed.display(), content(listed));
-                format!("no such file in the folder of a scene: {folder} contains {content}{frames}")
+                format!("no such file in the folder of a scene: {folder} {content}{frames}")
             }
-            (None, None) => format!("none of {requested} scenes there; the folder contains {}", content(&self.folder)),
+            (None, None, None) => format!("none of {requested} scenes there; the folder {}", content(&self.folder)),
         };
         let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.first);
         Err(EvalError::Settings { what: self.what, expected, found })
@@ -120,7 +127,10 @@ impl fmt::Display for FoundFiles {
         match (self.scenes(), self.requested) {
             (0, _) => write!(f, "{what} {folder}: none of the requested scenes"),
             (found, all) if found == all => write!(f, "{what} {folder}: {}", self.here),
-            (found, all) => write!(f, "{what} {folder}: {}; {} of {all} scenes are missing", self.here, all - found),
+            (found, all) => {
+                write!(f, "{what} {folder}: {}; {} of {all} scenes are missing", self.here, all - found)?;
+                self.unreadable.iter().try_for_each(|error| write!(f, " or cannot be read: {error}"))
+            }
         }
     }
 }
@@ -147,6 +157,7 @@ fn neighbours(folder: &Path) -> Vec<PathBuf> {
     below
 }
 
+/// Those that can be listed: they are only suggestions.
 fn folders(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -154,12 +165,18 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
     folders
 }
 
-/// The first entries of a folder, as text.
+/// What a message says that a folder contains: its first entries.
 fn content(folder: &Path) -> String {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    if names.is_empty() { "nothing".to_owned() } else { listed(names) }
+    let name = |entry: io::Result<fs::DirEntry>| Ok(entry?.file_name().to_string_lossy().into_owned());
+    let names = fs::read_dir(folder).and_then(|entries| entries.map(name).collect::<io::Result<Vec<String>>>());
+    match names {
+        Ok(names) if names.is_empty() => "contains nothing".to_owned(),
+        Ok(mut names) => {
+            names.sort();
+            format!("contains {}", listed(names))
+        }
+        Err(error) => format!("cannot be listed: {error}"),
+    }
 }
 
 /// Which frames are looked for; empty for a file with a whole scene.
@@ -190,7 +207,7 @@ mod tests {
         let why = |scenes: &[&str], frames: &[usize]| {
             let requested: Vec<_> = scenes.iter().map(|&scene| RequestedScene { scene, frames }).collect();
             let (what, names) = (("folder of renders", "SCENE/29.png"), SceneNames::default());
-            let found = FoundFiles::of(what, folder.path(), &names, &requested, |_, _, _| None);
+            let found = FoundFiles::of(what, folder.path(), &names, &requested, |_, _, _| Ok(None));
             let why = found.check().unwrap_err().to_string();
             let (_, found) = why.split_once(", found ").unwrap();
             found.replace(&format!("{}/", folder.path().display()), "")
@@ -202,5 +219,30 @@ mod tests {
         assert_eq!(why(&["c"], &many), jpegs);
         assert_eq!(why(&["b"], &[]), format!("{said}b-0 contains 0.png, 2.png"));
         assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder contains b-0, c");
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_not_absent() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        fs::write(&file, "").unwrap();
+        let system = fs::read_dir(&file).unwrap_err();
+        assert_eq!(content(&file), format!("cannot be listed: {system}"));
+        let requested = ["a", "b", "c"].map(|scene| RequestedScene { scene, frames: &[] });
+        let (what, names) = (("folder of Gaussians", "SCENE.ply"), SceneNames::default());
+        let of = |readable: &str| {
+            let layout = |_: &Path, of: &RequestedScene<'_>, _: &SceneNames| match of.scene {
+                scene if scene == readable => Ok(Some(Layout("SCENE.ply".to_owned()))),
+                "a" => Ok(None),
+                other => Err(format!("refused ({other})")),
+            };
+            FoundFiles::of(what, folder.path(), &names, &requested, layout)
+        };
+        let none = of("").check().unwrap_err().to_string();
+        assert!(none.ends_with(", found none of 3 scenes there that can be read: refused (b)"), "{none}");
+        let one = of("b");
+        assert!(one.check().is_ok());
+        let end = ": SCENE.ply (1); 2 of 3 scenes are missing or cannot be read: refused (c)";
+        assert!(one.to_string().ends_with(end), "{one}");
     }
 }

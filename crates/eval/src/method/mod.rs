@@ -18,6 +18,7 @@ mod warp;
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -205,6 +206,24 @@ pub(crate) fn trial_seed(seed: u64, trial: &Trial) -> u64 {
 pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
     let inside = |component| matches!(component, Component::Normal(_));
     Path::new(name).components().all(inside).then(|| folder.join(name))
+}
+
+/// Whether there is a file, or a link to one.
+///
+/// # Errors
+/// What the system says if nobody can tell: the file may be the right one.
+fn is_file(path: &Path) -> Result<bool, String> {
+    match path.metadata() {
+        Ok(found) => Ok(found.is_file()),
+        Err(error) if is_absent(&error) => Ok(false),
+        Err(error) => Err(format!("{error} ({})", path.display())),
+    }
+}
+
+/// Whether an error says that a path leads nowhere. A scene's key may be too long for a file's name, or have that of a file as its
+/// first part.
+fn is_absent(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::InvalidFilename)
 }
 
 /// The last component of a path, the default name of an imported method.

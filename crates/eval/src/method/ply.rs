@@ -12,6 +12,7 @@ use super::scene_names::SceneNames;
 use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
+    is_file,
 };
 use crate::{EvalError, GaussianFrame};
 
@@ -19,7 +20,8 @@ use crate::{EvalError, GaussianFrame};
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
 /// several entries of a scene, the file of the first is named `<scene>-0`, that of the second `<scene>-1`, and so on; that of an
 /// only entry `<scene>` or `<scene>-0`. The name of a scene of the index refers to that scene alone. A scene with two of these
-/// files that differ in more than their extension is a failed trial.
+/// files that differ in more than their extension is a failed trial, and so is one where the system does not tell which of them
+/// there are.
 #[derive(Clone, Debug)]
 pub struct Ply {
     folder: PathBuf,
@@ -70,20 +72,25 @@ impl Ply {
         let (scene, entry) = (trial.scene(), trial.entry_number());
         let names = self.names.of(scene, entry);
         let all = names.iter().flat_map(|name| candidates(&self.folder, name, scene, &self.names));
-        let mut found = all.map(|(path, _)| path).filter(|path| path.is_file());
-        let Some(first) = found.next() else {
+        let mut found = Vec::new();
+        for (path, _) in all {
+            if is_file(&path)? {
+                found.push(path);
+            }
+        }
+        let Some((first, others)) = found.split_first() else {
             let (folder, note) = (self.folder.display(), self.names.note(scene, entry));
             let (request, name) = (self.names.request(scene, entry), self.names.expected(scene, entry));
             return Err(format!(
                 "no Gaussians of scene {scene}: {request} {name}.ply or {name}/gaussians.ply below {folder}{note}"
             ));
         };
-        match found.find(|other| other.with_extension("") != first.with_extension("")) {
+        match others.iter().find(|other| other.with_extension("") != first.with_extension("")) {
             Some(other) => {
                 let (first, other) = (first.display(), other.display());
                 Err(format!("two files of Gaussians of scene {scene}: {first} and {other}"))
             }
-            None => Ok(first),
+            None => Ok(first.clone()),
         }
     }
 
@@ -119,13 +126,17 @@ fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> imp
 }
 
 /// How a scene's Gaussians are stored below a folder.
-fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Option<Layout> {
+fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Result<Option<Layout>, String> {
     let scene = requested.scene;
-    names.of(scene, 0).into_iter().find_map(|name| {
-        let suffix = if name == scene { "" } else { "-0" };
-        let (_, ending) = candidates(folder, &name, scene, names).find(|(path, _)| path.is_file())?;
-        Some(Layout(format!("SCENE{suffix}{ending}")))
-    })
+    for name in names.of(scene, 0) {
+        for (path, ending) in candidates(folder, &name, scene, names) {
+            if is_file(&path)? {
+                let suffix = if name == scene { "" } else { "-0" };
+                return Ok(Some(Layout(format!("SCENE{suffix}{ending}"))));
+            }
+        }
+    }
+    Ok(None)
 }
 
 /// The Gaussians of a file, which remarks call `name`, and remarks on it. With `as_stored`, a PLY file contains opacities

@@ -40,7 +40,7 @@ use crate::EvalError;
 /// rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's folders:
 /// either may be the right one. An image whose name is the frame's number in another spelling (`000029.PNG`, seven digits)
 /// or format (`.jpg`) is such a second file, and alone it is not read. All frames of a scene fail whose files are numbered
-/// from 1, each one more than a target.
+/// from 1, each one more than a target, and those of a scene with a folder that cannot be listed.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -105,14 +105,15 @@ fn folders(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Vec<Pa
 }
 
 /// How a scene's images are laid out below a folder.
-fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Option<Layout> {
-    names.of(requested.scene, 0).into_iter().find_map(|name| {
+fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Result<Option<Layout>, String> {
+    for name in names.of(requested.scene, 0) {
         let folders = folders(folder, &name, requested.scene, names);
+        let Some((at, file)) = FrameFiles::of(folders.clone(), []).any_of(requested.frames)? else { continue };
         let suffix = if name == requested.scene { "" } else { "-0" };
-        let (at, file) = FrameFiles::of(folders.clone(), []).any_of(requested.frames)?;
         let part = if folders.get(at) == below(folder, &name).as_ref() { "" } else { "color/" };
-        Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
-    })
+        return Ok(Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file)))));
+    }
+    Ok(None)
 }
 
 /// Rewrites `000007.png` as `000029.png`: layouts differ only in their number of digits.
