@@ -89,9 +89,8 @@ impl Group {
             if then.trial_hash != now.trial_hash {
                 add(FindingKind::Trial, &|| format!("{} {}", id.0, id.1));
             }
-            if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
-                let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
-                add(FindingKind::Count, &|| format!("{} {}: was {}, is now {}", id.0, id.1, counts(then), counts(now)));
+            if let Some(change) = change_of_counts(then, now) {
+                add(FindingKind::Count, &|| format!("{} {}: {change}", id.0, id.1));
             }
         }
         for (id, then) in &self.targets {
@@ -193,6 +192,16 @@ impl Group {
         }
         changed
     }
+}
+
+/// Which counts of a trial differ, each with both values: `final tokens were 1440, are now 1441`.
+fn change_of_counts(then: &BaselineTrial, now: &BaselineTrial) -> Option<String> {
+    let counts = |trial: &BaselineTrial| [("Gaussians", trial.gaussians), ("final tokens", trial.final_tokens)];
+    let text = |count: Option<u64>| count.map_or_else(|| "none".to_owned(), |count| count.to_string());
+    let pairs = counts(then).into_iter().zip(counts(now)).filter(|(was, is)| was != is);
+    let changes = pairs.map(|((what, was), (_, is))| format!("{what} were {}, are now {}", text(was), text(is)));
+    let changes: Vec<String> = changes.collect();
+    (!changes.is_empty()).then(|| changes.join("; "))
 }
 
 /// The first frame that differs, or their numbers.

@@ -326,3 +326,22 @@ fn a_method_of_one_run_alone_is_one_difference() {
     assert_eq!(differences(&one, &two), ["method n: was absent, is now present"]);
     assert_eq!(differences(&two, &one), ["method n: was present, is now absent"]);
 }
+
+#[test]
+fn the_counts_that_differ_are_named_with_both_values() {
+    let mut base = store(true, 4, 0.0, 1);
+    (base.trials[1].gaussians, base.trials[1].final_tokens) = (Some(23_040), Some(1440));
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let example = |gaussians: Option<u64>, final_tokens: Option<u64>| {
+        let mut now = base.clone();
+        (now.trials[1].gaussians, now.trials[1].final_tokens) = (gaussians, final_tokens);
+        let report = compare(&now, &baseline);
+        assert_eq!(kinds(&report), [(FindingKind::Count, DriftVerdict::Drifted, 1)], "{report}");
+        report.findings[0].example.clone()
+    };
+    let tokens = "final tokens were 1440, are now 1441";
+    assert_eq!(example(Some(23_040), Some(1441)), format!("scene 001 0: {tokens}"));
+    assert_eq!(example(None, Some(1440)), "scene 001 0: Gaussians were 23040, are now none");
+    let gaussians = "Gaussians were 23040, are now 23041";
+    assert_eq!(example(Some(23_041), Some(1441)), format!("scene 001 0: {gaussians}; {tokens}"));
+}
