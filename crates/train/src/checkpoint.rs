@@ -33,9 +33,11 @@ impl Checkpoints {
     }
 
     /// Whether a run's folder contains a checkpoint, readable or not.
-    pub(crate) fn exist_in(folder: &Path) -> bool {
-        let entries = std::fs::read_dir(folder.join(FOLDER)).into_iter().flatten().flatten();
-        entries.map(|entry| entry.path()).any(|path| step_of(&path).is_some())
+    ///
+    /// # Errors
+    /// [`TrainError::Io`] if the checkpoints cannot be listed.
+    pub(crate) fn exist_in(folder: &Path) -> Result<bool, TrainError> {
+        Ok(!all_in(&folder.join(FOLDER))?.is_empty())
     }
 
     /// Writes a checkpoint atomically, and removes the oldest ones beyond the number to keep, and those of later steps: they could
@@ -106,9 +108,14 @@ impl Checkpoints {
 
     /// All checkpoints by their steps.
     fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
-        let paths = entries_if_exists(&self.folder).map_err(TrainError::io("listing checkpoints", &self.folder))?;
-        Ok(paths.into_iter().filter_map(|path| Some((step_of(&path)?, path))).collect())
+        all_in(&self.folder)
     }
+}
+
+/// All checkpoints in a folder by their steps; none if it does not exist.
+fn all_in(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
+    let paths = entries_if_exists(folder).map_err(TrainError::io("listing checkpoints", folder))?;
+    Ok(paths.into_iter().filter_map(|path| Some((step_of(&path)?, path))).collect())
 }
 
 /// Number of steps before a checkpoint; `None` for other files.

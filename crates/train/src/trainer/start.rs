@@ -43,7 +43,7 @@ impl Start {
 
 /// Resuming needs a folder in which a run was started: its log follows the checkpoint of given weights.
 pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), TrainError> {
-    if !start.is_resumed() || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder) {
+    if !start.is_resumed() || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder)? {
         return Ok(());
     }
     let expected = "a run to resume; start one without `--resume`";
@@ -76,7 +76,7 @@ pub(super) fn lock_existing(folder: &Path) -> Result<Option<FolderLock>, TrainEr
 /// Creates and locks the folder of a new run, unless another process has started one there in the meantime.
 pub(super) fn lock_new(folder: &Path) -> Result<FolderLock, TrainError> {
     let lock = FolderLock::of(folder)?;
-    if Checkpoints::exist_in(folder) || outputs_in(folder).is_some() {
+    if Checkpoints::exist_in(folder)? || outputs_in(folder).is_some() {
         return Err(no_run(folder, "one that another process has started"));
     }
     Ok(lock)

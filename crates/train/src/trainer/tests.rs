@@ -208,6 +208,22 @@ fn resuming_needs_a_log_or_checkpoints() {
     assert!(error.contains("neither: expected a run to resume"), "{error}");
 }
 
+/// That there are no checkpoints is not known.
+#[test]
+fn checkpoints_that_cannot_be_listed_are_an_error() {
+    let run = tempfile::tempdir().unwrap();
+    std::fs::write(run.path().join("checkpoints"), "no folder").unwrap();
+    let errors = [
+        require_run_to_resume(run.path(), &Start::Resume).unwrap_err(),
+        start::lock_new(run.path()).map(drop).unwrap_err(),
+    ];
+    for error in errors {
+        assert!(error.to_string().contains("listing checkpoints"), "{error}");
+        assert!(matches!(error, TrainError::Io(_)), "{error}");
+    }
+    assert!(require_run_to_resume(run.path(), &Start::Fresh).is_ok());
+}
+
 /// Of two processes that found no folder, one creates it and may have ended when the other locks it.
 #[test]
 fn a_new_run_does_not_follow_one_that_was_started_meanwhile() {
