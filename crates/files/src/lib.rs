@@ -36,8 +36,9 @@ pub fn name_of(path: &std::path::Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Whether text is the name of one file or folder on every system, so that a file written under it cannot end up in another folder:
-/// keys of chunks and indices, names of frames and of objects are untrusted text.
+/// Whether text is at most one component of a path on every system, so that a file written under it cannot end up in another folder:
+/// keys of chunks and indices, names of frames and of objects are untrusted text. A system may refuse it nevertheless, as Windows does
+/// `a?`, or give it a meaning of its own, as it does `CON`.
 pub fn is_plain_name(name: &str) -> bool {
     !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
 }

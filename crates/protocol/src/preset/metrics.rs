@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregation {
-    /// The mean over a scene's targets, then the mean over scenes (MVSplat, DepthSplat, iLRM
-    /// `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
+    /// The mean over the targets of an entry of the index, then the mean over entries, so that a scene with two entries has two
+    /// votes (MVSplat, DepthSplat, iLRM `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
     SceneMeans,
-    /// The mean over all images of all scenes (`MVSplat360` on DL3DV). Equals the former only if all scenes have the
-    /// same number of targets.
+    /// The mean over all images of all scenes (`MVSplat360` on DL3DV). Equals the former if all entries have the same
+    /// number of targets.
     AllImages,
 }
 

@@ -17,14 +17,14 @@ use crate::Results;
 pub struct Binned {
     /// Each bin's name and number, in the bins' order.
     pub bins: Vec<(String, Summary)>,
-    /// The "Average" column: over all scenes that are in a bin, each with one vote; not the mean of the bins
+    /// The "Average" column: over all entries that are in a bin, each with one vote; not the mean of the bins
     /// (NoPoSplat `src/evaluation/metric_computer.py:116-158`).
     pub average: Summary,
     /// Targets without an overlap or outside all bins; they count nowhere.
     pub ignored: u64,
 }
 
-/// Per-scene means by bin of overlap, as the protocol of `bins` defines them.
+/// Means over entries by bin of overlap, as the protocol of `bins` defines them.
 pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) -> Binned {
     let selected = select(results, query);
     let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
@@ -41,7 +41,7 @@ pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) ->
 }
 
 /// The metric by signed distance from the window of context frames (negative before it, 0 inside, positive after), in
-/// increasing order: the mean over scenes of the mean over the scene's targets. `step` distances go together: 1 to `step`,
+/// increasing order: the mean over entries of the mean over an entry's targets. `step` distances go together: 1 to `step`,
 /// `step` + 1 to 2 `step`, and so on on either side, each with the middle of its distances; 0 stays alone.
 pub fn by_distance_steps(results: &Results, query: &MetricQuery, step: u32) -> Vec<(f64, Summary)> {
     let step = i64::from(step.max(1));

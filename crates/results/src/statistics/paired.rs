@@ -15,13 +15,13 @@ use crate::Results;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Paired {
-    /// The mean over scenes of `a − b`.
+    /// The mean over entries of the mean of `a − b` over an entry's targets: a scene with two entries has two votes.
     pub difference: f64,
     /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes in which `a` is better, by the direction of its metric.
     pub wins: u64,
-    /// Scenes in which both are bit-identical.
+    /// Scenes in which neither is: the differences of their entries add up to exactly 0.
     pub ties: u64,
     /// Scenes in which `b` is better.
     pub losses: u64,
