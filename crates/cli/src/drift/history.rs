@@ -4,6 +4,7 @@ use anyhow::Context as _;
 use atsplat_drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::plot_data::drift_plot;
 use atsplat_results::Results;
+use atsplat_results::statistics::is_psnr;
 
 use crate::parse;
 use crate::plot::{PendingPlot, PlotFile};
@@ -61,7 +62,7 @@ impl HistoryArgs {
                 && matches(&self.metric, &number.metric)
         });
         // `max_by_key` returns the last of equals.
-        candidates.rev().max_by_key(|number| (number.verdict, number.metric.starts_with("psnr")))
+        candidates.rev().max_by_key(|number| (number.verdict, is_psnr(&number.metric)))
     }
 
     fn not_found(&self, histories: &[NumberHistory]) -> String {
@@ -76,5 +77,30 @@ impl HistoryArgs {
             selected(&self.method),
             selected(&self.preset)
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_drift::DriftVerdict;
+
+    use super::*;
+
+    #[test]
+    fn of_equal_verdicts_the_first_psnr_of_images_is_plotted() {
+        let number = |metric: &str, verdict| NumberHistory {
+            preset: "p".to_owned(),
+            method: "m".to_owned(),
+            metric: metric.to_owned(),
+            runs: Vec::new(),
+            unknown: 0,
+            verdict,
+        };
+        let args = HistoryArgs { history: None, preset: None, method: None, metric: None };
+        let selected = |numbers: &[NumberHistory]| args.selected(numbers).map(|number| number.metric.clone());
+        let same = |metrics: [&str; 4]| selected(&metrics.map(|metric| number(metric, DriftVerdict::Same)));
+        assert_eq!(same(["lpips", "psnr-of-depth", "psnr", "psnr-unclipped"]).as_deref(), Some("psnr"));
+        let worse = [number("psnr", DriftVerdict::Same), number("ssim", DriftVerdict::Drifted)];
+        assert_eq!(selected(&worse).as_deref(), Some("ssim"));
     }
 }

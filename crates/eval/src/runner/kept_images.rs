@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use atsplat_files::entries_if_exists;
 use atsplat_numeric::{SplitMix64, mean, median};
+use atsplat_results::statistics::is_psnr;
 use atsplat_results::store::images::{self, CONTEXT, TRUTH};
 use atsplat_results::{Results, TargetRow, TrialKey};
 
@@ -138,7 +139,7 @@ fn chosen(results: &Results, preset: &str, method: &str, psnr: &str) -> BTreeSet
 /// Mean of the protocol's PSNR variant over the targets that have one; where it was not asked for, of the first variant.
 fn mean_psnr(rows: &[TargetRow], psnr: &str) -> Option<f64> {
     let score = |row: &TargetRow| {
-        let any = || row.scores.iter().find(|(id, _)| id.starts_with("psnr"));
+        let any = || row.scores.iter().find(|(id, _)| is_psnr(id));
         row.scores.iter().find(|(id, _)| *id == psnr).or_else(any).map(|(_, score)| *score)
     };
     mean(rows.iter().filter_map(score))
@@ -146,7 +147,35 @@ fn mean_psnr(rows: &[TargetRow], psnr: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_results::TargetStatus;
+
     use super::*;
+
+    #[test]
+    fn without_the_protocols_variant_the_first_other_psnr_decides() {
+        let row = |scores: &[(&str, f64)]| TargetRow {
+            key: TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: "a".to_owned(), entry: 0 },
+            target: 0,
+            frame: 5,
+            signed_distance: 0,
+            leaked: false,
+            overlap: None,
+            width: 8,
+            height: 6,
+            truth_hash: None,
+            render_hash: None,
+            status: TargetStatus::Scored,
+            detail: None,
+            non_finite: 0,
+            scores: scores.iter().map(|(id, score)| ((*id).to_owned(), *score)).collect(),
+            not_computed: BTreeMap::new(),
+        };
+        let mean = |scores: &[(&str, f64)]| mean_psnr(&[row(scores)], "psnr");
+        let others = [("psnr-of-depth", 3.0), ("psnr-unclipped", 20.0), ("ssim", 0.5)];
+        assert_eq!(mean(&others), Some(20.0), "another program's number is no PSNR of images");
+        assert_eq!(mean(&[others[1], ("psnr", 21.0)]), Some(21.0));
+        assert_eq!(mean(&[others[0], others[2]]), None);
+    }
 
     #[test]
     fn images_that_are_not_kept_are_removed_or_it_is_an_error() {

@@ -1,7 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, Measure, definition, definitions};
+use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, definition, definitions};
 use atsplat_numeric::median;
+use atsplat_results::statistics::is_psnr;
 use atsplat_results::times::{TimingRow, machine_of};
 use atsplat_results::{IDENTICAL, Results, TargetRow, TargetStatus, TrialKey, TrialRow};
 use serde_json::{Value, json};
@@ -118,7 +119,7 @@ fn trial_to_json(
 /// The variants of PSNR among the metrics of a store.
 fn psnrs(results: &Results) -> Vec<&'static str> {
     let metrics = results.provenance.metrics.iter().filter_map(|record| definition(&record.id));
-    metrics.filter(|metric| matches!(metric.measure, Measure::Psnr { .. })).map(|metric| metric.id).collect()
+    metrics.map(|metric| metric.id).filter(|id| is_psnr(id)).collect()
 }
 
 /// Scores of one image: a PSNR that is infinite, because the compared images are identical, is the declared cap.

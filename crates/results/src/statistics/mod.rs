@@ -27,7 +27,7 @@ pub use cost::{Cost, cost};
 pub use paired::{Paired, of_selected as paired_of, paired, paired_between, paired_scene_means, scene_differences};
 pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
 pub use seeds::{Seeds, difference_of_seeds, of_seeds};
-pub use selection::{SelectedTarget, score_of};
+pub use selection::{SelectedTarget, is_psnr, score_of};
 pub use significance::{sign_test, student_quantile};
 pub use summary::{Summary, of_selected as summary_of, summary};
 pub use trend::{

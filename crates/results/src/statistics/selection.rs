@@ -129,6 +129,7 @@ pub fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Optio
     }
 }
 
-fn is_psnr(metric: &str) -> bool {
+/// Whether a metric is a variant of PSNR, by its [`atsplat_metrics::Definition`].
+pub fn is_psnr(metric: &str) -> bool {
     definition(metric).is_some_and(|definition| matches!(definition.measure, Measure::Psnr { .. }))
 }
