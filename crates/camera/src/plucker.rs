@@ -1,3 +1,5 @@
+use atsplat_numeric::narrowed;
+
 use crate::{Camera, CameraError, DirectionScale, ImageSize, Ray};
 
 impl Ray {
@@ -19,15 +21,10 @@ impl Camera {
         let rays = self.projector()?.pixel_rays(size, DirectionScale::UnitLength)?;
         let mut map = Vec::with_capacity(rays.size_hint().0.saturating_mul(6));
         for ray in rays {
-            map.extend(ray?.plucker().map(f32_from_f64));
+            map.extend(ray?.plucker().map(narrowed));
         }
         Ok(map)
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "rounding to the networks' precision")]
-fn f32_from_f64(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
+use atsplat_numeric::narrowed;
 use atsplat_splat::{Gradients, sh_coefficients};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::optimised_gaussians::{OptimisedGaussians, narrowed};
+use crate::optimised_gaussians::OptimisedGaussians;
 
 /// Adam (Kingma and Ba 2015) with the parameters of 3DGS: β = 0.9 and 0.999, ε = 1e-15.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,10 +1,10 @@
 //! What is optimised for each view next to the Gaussians: a small motion of its camera, and its exposure.
 
 use atsplat_camera::CameraFromWorld;
+use atsplat_numeric::narrowed;
 use atsplat_splat::{Exposure, View};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::optimised_gaussians::narrowed;
 use crate::{FitConfig, FitError};
 
 /// Rotation and translation of a motion, then the 3×3 matrix and the offset of an exposure.

@@ -2,12 +2,11 @@
 //! Gaussian is smaller than a fifth of the variance of a pixel of the camera that sees it best.
 
 use atsplat_camera::Projector;
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, narrowed};
 use atsplat_splat::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::optimised_gaussians::narrowed;
 use crate::{FitError, StopReason};
 
 /// A camera sees Gaussians this share of its image's width and height beyond the border.

@@ -2,10 +2,9 @@
 
 use atsplat_camera::ImageSize;
 use atsplat_metrics::DSsim;
+use atsplat_numeric::narrowed;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
-
-use crate::optimised_gaussians::narrowed;
 
 /// Values per task: of whole vectors, so that the order of sums is fixed.
 const CHUNK: usize = 1 << 12;

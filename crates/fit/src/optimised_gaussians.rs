@@ -108,19 +108,9 @@ pub(crate) fn set<T>(values: &mut [T], position: usize, value: T) {
     }
 }
 
-/// The logistic function.
+/// The logistic function, the inverse of [`atsplat_numeric::logit`].
 pub(crate) fn sigmoid(logit: f32) -> f64 {
     1.0 / (1.0 + (-f64::from(logit)).exp())
-}
-
-/// The inverse of [`sigmoid`].
-pub(crate) fn logit(opacity: f64) -> f32 {
-    narrowed((opacity / (1.0 - opacity)).ln())
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
-pub(crate) const fn narrowed(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]

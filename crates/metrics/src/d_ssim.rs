@@ -11,6 +11,7 @@
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
+use atsplat_numeric::narrowed;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -315,11 +316,6 @@ fn sum(values: &[f32]) -> f64 {
         }
     }
     sums.into_iter().sum::<f64>() + rest.iter().map(|value| f64::from(*value)).sum::<f64>()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
-const fn narrowed(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]

@@ -1,10 +1,11 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
 //! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`] and [`quantile`], [`distinct`] values, the
-//! random number generator [`SplitMix64`], evenly [`spread()`] positions, and numbers with their unit or noun in messages.
+//! random number generator [`SplitMix64`], evenly [`spread()`] positions, [`narrowed()`] numbers and [`logit`]s, and numbers with their unit or noun in messages.
 
 mod bytes;
 mod count;
 mod extremes;
+mod narrowed;
 mod order;
 mod random;
 mod rank;
@@ -14,6 +15,7 @@ mod tolerance;
 pub use bytes::format_bytes;
 pub use count::{counted, noun};
 pub use extremes::Extremes;
+pub use narrowed::{logit, narrowed};
 pub use order::{distinct, mean, median, quantile};
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;

@@ -1,4 +1,5 @@
 use atsplat_camera::{DirectionScale, ImageSize, Projector, Ray};
+use atsplat_numeric::narrowed;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::TargetView;
 use atsplat_results::MethodRecord;
@@ -202,9 +203,4 @@ fn largest_distance(positions: impl IntoIterator<Item = DVec3>) -> f64 {
     let positions: Vec<DVec3> = positions.into_iter().collect();
     let pairs = positions.iter().flat_map(|a| positions.iter().map(|b| a.distance(*b)));
     pairs.fold(0.0, |largest, distance| if distance > largest { distance } else { largest })
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "pixels are f32")]
-const fn narrowed(value: f64) -> f32 {
-    value as f32
 }

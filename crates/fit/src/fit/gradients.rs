@@ -1,3 +1,4 @@
+use atsplat_numeric::narrowed;
 use atsplat_splat::Exposure;
 use pulp::Arch;
 use rayon::prelude::*;
@@ -7,7 +8,6 @@ use crate::corrections::CorrectionGradients;
 use crate::density::ViewGradients;
 use crate::device::{Job, StepGradients};
 use crate::loss::Terms;
-use crate::optimised_gaussians::narrowed;
 use crate::view::TrainingView;
 use crate::{FitError, StopReason};
 

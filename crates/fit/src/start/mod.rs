@@ -3,10 +3,10 @@
 mod frustum;
 mod neighbours;
 
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, logit, narrowed};
 use atsplat_splat::{GaussianParts, Gaussians};
 
-use crate::optimised_gaussians::{gaussians_of, logit, narrowed};
+use crate::optimised_gaussians::gaussians_of;
 use crate::{FitError, Strategy};
 
 pub use frustum::in_frustums;

@@ -2,6 +2,7 @@ use atsplat_camera::Ray;
 use atsplat_nn::layers::{Linear, Norm};
 use atsplat_nn::ops::{gather_max, gelu, linear};
 use atsplat_nn::{MatmulPrecision, f32_values};
+use atsplat_numeric::narrowed;
 use burn::Tensor;
 use burn::module::{Initializer, Module, Param};
 use burn::tensor::{Device, Int, TensorData, activation};
@@ -185,12 +186,7 @@ fn tensors(rays: &[Ray], scenes: usize, width: usize, device: &Device) -> [Tenso
         let tokens = values.len() / (scenes * width).max(1);
         Tensor::from_data(TensorData::new(values, [scenes, tokens, width]), device)
     };
-    [tensor(|ray| ray.origin.to_array().map(f32_from_f64)), tensor(|ray| ray.direction.to_array().map(f32_from_f64))]
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the network's precision")]
-pub(super) fn f32_from_f64(value: f64) -> f32 {
-    value as f32
+    [tensor(|ray| ray.origin.to_array().map(narrowed)), tensor(|ray| ray.direction.to_array().map(narrowed))]
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! The frame of a token's patch, for the offsets and scales of its Gaussians (`head.frame = "patch"`).
 
+use atsplat_numeric::narrowed;
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 
 use super::Views;
-use super::anchors::f32_from_f64;
 use crate::config::{Grid, HeadConfig};
 
 /// Offset of a Gaussian for an output of 1, in footprints.
@@ -30,8 +30,8 @@ impl PatchFrames {
         let (mut axes, mut widths) = (Vec::new(), Vec::new());
         for views in scenes {
             for camera in &views.cameras {
-                let axes_of_camera = camera.camera_from_world.inverse().rotation().to_cols_array().map(f32_from_f64);
-                let width = f32_from_f64(patch as f64 / (camera.intrinsics.fx * views.size().width as f64));
+                let axes_of_camera = camera.camera_from_world.inverse().rotation().to_cols_array().map(narrowed);
+                let width = narrowed(patch as f64 / (camera.intrinsics.fx * views.size().width as f64));
                 axes.extend(axes_of_camera.repeat(grid.len()));
                 widths.extend(vec![width; grid.len()]);
             }
@@ -74,7 +74,7 @@ impl PatchFrames {
 /// `[1, 1, K, 3]`.
 fn layout(head: &HeadConfig, device: &Device) -> Tensor<4> {
     let (cells, count) = (head.cells(), head.gaussians_per_token);
-    let centre = |at: usize, count: usize| f32_from_f64((at as f64 + 0.5) / count as f64 - 0.5);
+    let centre = |at: usize, count: usize| narrowed((at as f64 + 0.5) / count as f64 - 0.5);
     let place =
         |cell: usize| [centre(cell % cells.columns, cells.columns), centre(cell / cells.columns, cells.rows), 0.0];
     let values: Vec<f32> = (0..count).flat_map(place).collect();

@@ -299,12 +299,6 @@ impl Malformed {
     }
 }
 
-/// The logit of an opacity in [0, 1]; infinite at 0 and 1, which import clamps.
-#[expect(clippy::cast_possible_truncation, reason = "logits are stored as f32")]
-fn logit(opacity: f64) -> f32 {
-    (opacity / (1.0 - opacity)).ln() as f32
-}
-
 /// The SH coefficient of degree 0 that gives a colour.
 #[expect(clippy::cast_possible_truncation, reason = "coefficients are stored as f32")]
 fn dc(colour: f64) -> f32 {

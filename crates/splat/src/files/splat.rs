@@ -3,7 +3,9 @@
 //! A row is centre (3 × f32), standard deviations (3 × f32), colour and opacity (4 × u8 over 255), quaternion (w, x, y,
 //! z as u8, 128 for zero and a further 128 for one), little-endian (antimatter15/splat `main.js`).
 
-use super::{Format, Malformed, Stored, dc, logit};
+use atsplat_numeric::logit;
+
+use super::{Format, Malformed, Stored, dc};
 use crate::GaussianParts;
 
 const ROW: usize = 32;

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use atsplat_numeric::narrowed;
 use atsplat_pixels::{Image, ImageU8};
 
 use crate::method::range::{check_bytes, check_range};
@@ -52,7 +53,7 @@ fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
     }
     let descr = field("descr")?;
     let (bytes_each, sample): (usize, fn(&[u8]) -> f32) = match descr.trim_matches(['\'', '"']) {
-        "|u1" => (1, |bytes| bytes.iter().fold(0.0, |_, byte| f32::from(*byte) / 255.0)),
+        "|u1" => (1, |bytes| if let [byte] = bytes { f32::from(*byte) / 255.0 } else { f32::NAN }),
         "<f4" => (4, |bytes| bytes.try_into().map_or(f32::NAN, f32::from_le_bytes)),
         "<f8" => (8, |bytes| bytes.try_into().map_or(f32::NAN, |bytes| narrowed(f64::from_le_bytes(bytes)))),
         _ => return Err(format!("expected the type <f4, <f8 or |u1, found {descr}")),
@@ -106,11 +107,6 @@ fn parsed_shape(tuple: &str) -> Option<Vec<usize>> {
 fn text(shape: &[usize]) -> String {
     let sides: Vec<String> = shape.iter().map(ToString::to_string).collect();
     format!("({})", sides.join(", "))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "images are f32")]
-const fn narrowed(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]

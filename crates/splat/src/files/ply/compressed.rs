@@ -6,11 +6,13 @@
 //! the chunk's minimum and maximum (older files: [0, 1]) and 8 bits of opacity. Element `sh` holds `f_rest` as bytes
 //! over ±4.
 
+use atsplat_numeric::logit;
+
 use super::gaussians::sh_degree;
 use super::header::{Element, Header, Kind, Scalar};
 use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::GaussianParts;
-use crate::files::{dc, logit, with_largest_component};
+use crate::files::{dc, with_largest_component};
 
 const CHUNK: u64 = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];

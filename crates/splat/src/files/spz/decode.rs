@@ -1,4 +1,5 @@
-use super::super::logit;
+use atsplat_numeric::logit;
+
 use super::COLOUR_SCALE;
 use super::header::Header;
 use super::quaternions::{from_four_bytes, from_three_bytes};
