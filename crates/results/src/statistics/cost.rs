@@ -35,15 +35,13 @@ pub struct Cost {
     pub trial_set_hash: Option<u64>,
 }
 
-/// The cost of a method under a preset.
+/// The cost of a method under a preset. A number that is not finite, which no store contains, makes its mean NaN or infinite.
 pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
     let all: Vec<&TrialRow> = results.trials_of(preset, method).collect();
     let count = |status: TrialStatus| all.iter().filter(|trial| trial.status == status).count() as u64;
     let has_results = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
     let trials: Vec<&TrialRow> = all.iter().copied().filter(has_results).collect();
-    let mean_of = |value: &dyn Fn(&TrialRow) -> Option<f64>| {
-        mean(trials.iter().filter_map(|trial| value(trial)).filter(|value| value.is_finite()))
-    };
+    let mean_of = |value: &dyn Fn(&TrialRow) -> Option<f64>| mean(trials.iter().filter_map(|trial| value(trial)));
     let gaussians = || trials.iter().filter_map(|trial| results.gaussians_of(trial));
     let identities = all.iter().map(|trial| (trial.key.scene.as_str(), trial.key.entry));
     Cost {

@@ -287,6 +287,8 @@ fn cost_is_means_and_extremes() {
     let found = cost(&store, PRESET, "m");
     assert_eq!((found.gaussians_min, found.gaussians_max), (Some(5), Some(60)), "stated, and counted");
     assert_eq!(cost(&store, PRESET, "unknown"), Cost::default());
+    store.trials[1].gaussians_drawn = Some(f64::NAN);
+    assert!(cost(&store, PRESET, "m").gaussians_drawn.is_some_and(f64::is_nan), "it is not left out");
 }
 
 #[test]
