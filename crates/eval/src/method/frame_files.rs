@@ -43,9 +43,9 @@ impl FrameFiles {
     /// The file of a frame; `None` if there is none.
     ///
     /// # Errors
-    /// A folder that cannot be listed. Two files, either of which may be the right one: with different numbers of digits, in two folders, in a spelling or a format that
-    /// is not read, or an `.exr` and a `.png` where another frame has no `.exr`. Files that are numbered from 1: the file of a frame
-    /// would show the one before it.
+    /// A folder that cannot be listed. Two files, either of which may be the right one: with different numbers of digits, in two
+    /// folders, in a spelling or a format that is not read, or an `.exr` and a `.png` where another frame has no `.exr`. Files that are
+    /// numbered from 1: the file of a frame would show the one before it.
     pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
         if let Some(error) = self.unreadable() {
             return Err(error.to_owned());
