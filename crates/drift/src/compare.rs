@@ -111,7 +111,7 @@ impl Group {
             self.pairs(now, metric).into_iter().partition(|pair| pair.identical.contains(&true));
         let then: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.then)).collect();
         let today: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.now)).collect();
-        let paired = paired_of(&today, &then, direction(metric));
+        let paired = paired_of(&today, &then, direction(metric), Aggregation::SceneMeans);
         let outside = |bound: Tolerance| pairs.iter().filter(|pair| !bound.accepts(pair.now, pair.then)).count() as u64;
         let (changed, beyond) = (outside(Tolerance::EXACT), outside(metric_bound(metric)));
         let largest = pairs.iter().fold((0.0, None), |(largest, at), pair| {
@@ -174,7 +174,7 @@ impl TargetPair<'_> {
 
 /// The scene whose mean changed most, the first of equals; `None` if none changed.
 fn largest_scene(now: &[SelectedTarget<'_>], then: &[SelectedTarget<'_>]) -> Option<SceneChange> {
-    let changes = scene_differences(now, then).into_iter().rev();
+    let changes = scene_differences(now, then, Aggregation::SceneMeans).into_iter().rev();
     let (scene, change) = changes.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs()))?;
     (change.abs() > 0.0).then(|| SceneChange { scene: scene.to_owned(), change })
 }

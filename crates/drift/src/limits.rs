@@ -154,7 +154,7 @@ fn largest_of_scene(runs: &[Vec<SelectedTarget<'_>>]) -> Option<f64> {
     let mut largest = None;
     for (at, run) in runs.iter().enumerate() {
         for other in runs.iter().skip(at + 1) {
-            for (_, change) in scene_differences(other, run) {
+            for (_, change) in scene_differences(other, run, Aggregation::SceneMeans) {
                 largest = Some(largest.map_or(change.abs(), |known: f64| known.maximum_of(change.abs())));
             }
         }

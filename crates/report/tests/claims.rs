@@ -29,7 +29,7 @@ fn difference_under(
     decimals: usize,
 ) -> String {
     let [first, second] = rows.map(|(results, method)| (results, query(preset, method, metric)));
-    let found = paired_between((first.0, &first.1), (second.0, &second.1)).unwrap();
+    let found = paired_between((first.0, &first.1), (second.0, &second.1), Aggregation::SceneMeans).unwrap();
     assert_eq!((found.scenes, found.targets, found.unpaired), (scenes, targets, 0), "{} and {}", rows[0].1, rows[1].1);
     let [low, high] = found.interval.unwrap();
     format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
@@ -270,7 +270,7 @@ fn leads_of_the_embedded_network_are_those_of_the_stores() {
         let difference = |metric: &'static str, decimals: usize| {
             let rows =
                 ["atsplat", "warp"].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, metric) });
-            let found = paired_between((&results, &rows[0]), (&results, &rows[1])).unwrap();
+            let found = paired_between((&results, &rows[0]), (&results, &rows[1]), Aggregation::SceneMeans).unwrap();
             let [low, high] = found.interval.unwrap();
             let text = format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference);
             (text.replace('-', "−"), found.scenes)

@@ -33,7 +33,8 @@ fn cell(results: &Results, method: &str, bin: Option<&str>) -> String {
         None => (summary(results, &query, protocol.aggregation), None),
         Some(name) => {
             let bins = protocol.overlap_bins.unwrap();
-            let by_name: BTreeMap<_, _> = by_overlap(results, &query, &bins).bins.into_iter().collect();
+            let by_name: BTreeMap<_, _> =
+                by_overlap(results, &query, &bins, protocol.aggregation).bins.into_iter().collect();
             (by_name[name].clone(), Some(bins))
         }
     };

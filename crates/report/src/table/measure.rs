@@ -57,11 +57,11 @@ fn summary_of_group(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnG
     let over = |summary| GroupSummary { summary, outside_bins: 0 };
     match (&group.bin, &protocol.overlap_bins) {
         (None, _) => match group.distances {
-            Some([low, high]) => over(within_distances(results, query, low..=high)),
+            Some([low, high]) => over(within_distances(results, query, low..=high, protocol.aggregation)),
             None => over(summary(results, query, protocol.aggregation)),
         },
         (Some(bin), Some(bins)) => {
-            let Binned { bins, average, ignored } = by_overlap(results, query, bins);
+            let Binned { bins, average, ignored } = by_overlap(results, query, bins, protocol.aggregation);
             let in_bin = bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
             let summary = in_bin.or_else(|| (*bin == "average").then_some(average)).unwrap_or_default();
             GroupSummary { summary, outside_bins: ignored }
@@ -95,14 +95,14 @@ const fn counts_of(found: &Summary) -> Counts {
 }
 
 fn slope(run: MethodRun<'_>, query: &MetricQuery<'_>, along: SlopeOver) -> Cell {
-    let results = run.results();
+    let (results, aggregation) = (run.results(), run.part.protocol.aggregation);
     match along {
         SlopeOver::Overlap => {
-            let targets = summary(results, query, run.part.protocol.aggregation);
+            let targets = summary(results, query, aggregation);
             slope_cell(along_overlap(results, query), &targets, 0.1)
         }
         SlopeOver::Distance => {
-            let outside = within_distances(results, query, 1..=u64::MAX);
+            let outside = within_distances(results, query, 1..=u64::MAX, aggregation);
             slope_cell(along_distance(results, query), &outside, 1.0)
         }
     }

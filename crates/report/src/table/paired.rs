@@ -1,6 +1,7 @@
 //! Paired differences of measured rows to a chosen method.
 
 use atsplat_metrics::Definition;
+use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{
     Leaked, MIN_SCENES, Paired, Seeds, common_scene_means, difference_of_seeds, paired_between,
 };
@@ -13,7 +14,7 @@ use super::{Cell, CellIndex, Column, Counts, Group, Note, NoteKind, Row, Table, 
 use crate::counted;
 use crate::definition::{Quantity, TableDefinition, is_called};
 
-/// The mean difference of a metric over the targets that two methods have in common, first minus second.
+/// The mean difference of a metric over the targets that two methods have in common, first minus second, as their protocol averages.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Difference {
     pub(super) value: f64,
@@ -32,18 +33,27 @@ pub(super) fn difference(
     leaked: Leaked,
 ) -> Option<Difference> {
     let [one, other] = trainings;
+    let aggregation = common_aggregation(trainings);
     if let ([first], [second]) = (one, other) {
         let [a, b] = [first, second].map(|run| (run.results(), run.query(metric, leaked)));
-        let Paired { difference, interval, scenes, targets, unpaired, .. } = paired_between((a.0, &a.1), (b.0, &b.1))?;
+        let Paired { difference, interval, scenes, targets, unpaired, .. } =
+            paired_between((a.0, &a.1), (b.0, &b.1), aggregation)?;
         return Some(Difference { value: difference, interval, scenes, targets, unpaired });
     }
     let all = one.iter().chain(other);
     let queries: Vec<_> = all.map(|run| (run.results(), run.query(metric, leaked))).collect();
-    let mut means = common_scene_means(&queries);
+    let mut means = common_scene_means(&queries, aggregation);
     let targets = means.first().map_or(0, |scenes| scenes.iter().map(|scene| scene.targets).sum());
     let means_of_other = means.split_off(one.len());
     let Seeds { mean, interval, scenes, .. } = difference_of_seeds(&means, &means_of_other)?;
     Some(Difference { value: mean, interval, scenes, targets, unpaired: 0 })
+}
+
+/// How the protocols of all these results average targets; scene means if they disagree, as in a table that was forced.
+fn common_aggregation(trainings: [&[MethodRun<'_>]; 2]) -> Aggregation {
+    let mut aggregations = trainings.into_iter().flatten().map(|run| run.part.protocol.aggregation);
+    let first = aggregations.next().unwrap_or(Aggregation::SceneMeans);
+    if aggregations.all(|other| other == first) { first } else { Aggregation::SceneMeans }
 }
 
 /// Adds the differences to the chosen method, if there is one; returns notes on these, and on undecided leads.
@@ -91,7 +101,8 @@ fn add_differences(table: &mut Table, definition: &TableDefinition, reference: R
         return vec![Note { kind: NoteKind::Paired, text }];
     }
     let text = format!(
-        "Δ: the row minus {against}, a mean over scenes of the targets that both have, with its paired 95 % interval"
+        "Δ: the row minus {against}, over the targets that both have, averaged as the protocol does, with its paired 95 % interval \
+         over scenes"
     );
     let mut notes = vec![Note { kind: NoteKind::Paired, text }];
     for row in &mut table.rows {

@@ -1,6 +1,7 @@
 //! Paired differences to a chosen method, and undecided leads.
 
 use atsplat_numeric::Tolerance;
+use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_results::{MethodRecord, Results, TargetStatus};
 
@@ -72,7 +73,7 @@ fn rows_are_compared_with_a_method_of_another_store() {
         let (leaked, identical) = (Leaked::Included, Identical::Excluded);
         MetricQuery { preset: PRESET, method, metric: "psnr", leaked, identical }
     };
-    let pair = paired_between((&mine, &query("mine")), (&baseline, &query("warp"))).unwrap();
+    let pair = paired_between((&mine, &query("mine")), (&baseline, &query("warp")), Aggregation::SceneMeans).unwrap();
     Tolerance::EXACT.assert(cell.interval.unwrap(), pair.interval.unwrap(), "interval");
     assert!(cell.print(&columns[0]).starts_with("+4.29 [+"), "{}", cell.print(&columns[0]));
     assert_eq!(last(&table, "warp"), &Cell::default(), "its own row");
@@ -208,4 +209,34 @@ fn an_average_over_bins_has_no_difference_over_other_targets() {
         results.provenance.presets[0].overlap_estimators = vec!["epipolar-ray".to_owned()];
     });
     assert!(!is_number && !is_named && why.contains("overlaps are measured by epipolar-ray"), "{why}");
+}
+
+/// Under `all-images`; the first scene, in which mine is 9 dB better, has one target, the other six have three each.
+#[test]
+fn bins_and_differences_average_as_the_protocol_does() {
+    let gains = [9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let mut both = [store_under("re10k-overlap", "mine", &gains), store_under("re10k-overlap", "warp", &[0.0; 7])];
+    for results in &mut both {
+        let record = &mut results.provenance.presets[0];
+        let mut protocol = record.protocol().unwrap();
+        protocol.aggregation = Aggregation::AllImages;
+        (record.hash, record.toml) = (protocol.hash().unwrap().to_string(), protocol.to_toml().unwrap());
+        results.targets.retain(|row| row.key.scene != SCENES[0] || row.target == 0);
+    }
+    let stores = [("scores", &both[0]), ("baselines", &both[1])];
+    let table = compared_in("re10k_overlap", &stores, &against("warp"), Mixing::Apart);
+    let row = |method: &str| {
+        let of_method = |row: &&Row| row.method.as_deref() == Some(method) && !row.without_leaked;
+        let row = table.rows.iter().find(of_method).unwrap();
+        let psnr = |group: usize| &row.cells[group][0];
+        let targets = |group: usize| psnr(group).counts.unwrap().targets;
+        let sum = |group: usize| psnr(group).value.number().unwrap() * targets(group) as f64;
+        let average = psnr(4).value.number().unwrap();
+        assert_eq!([1, 2, 3].map(targets).iter().sum::<u64>(), 19, "small, medium and large");
+        Tolerance::F64.assert([[1, 2, 3].map(sum).iter().sum::<f64>() / 19.0], [average], method);
+        average
+    };
+    let difference = last(&table, "mine").value.number().unwrap();
+    Tolerance::F64.assert([difference], [9.0 / 19.0], "not a seventh of 9");
+    Tolerance::absolute(1e-9).assert([row("mine") - row("warp")], [difference], "of both rows");
 }

@@ -17,21 +17,21 @@ use crate::Results;
 pub struct Binned {
     /// Each bin's name and number, in the bins' order.
     pub bins: Vec<(String, Summary)>,
-    /// The "Average" column: over all entries that are in a bin, each with one vote; not the mean of the bins
+    /// The "Average" column: the protocol's mean over all targets in a bin; not the mean of the bins
     /// (NoPoSplat `src/evaluation/metric_computer.py:116-158`).
     pub average: Summary,
     /// Targets without an overlap or outside all bins; they count nowhere.
     pub ignored: u64,
 }
 
-/// Means over entries by bin of overlap, as the protocol of `bins` defines them.
-pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) -> Binned {
+/// The protocol's means by bin of overlap, as the protocol of `bins` defines them.
+pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins, aggregation: Aggregation) -> Binned {
     let selected = select(results, query);
     let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
     let summary = |is_included: &dyn Fn(Option<&str>) -> bool| {
         let chosen: Vec<SelectedTarget> =
             selected.iter().filter(|target| is_included(bin_of(target))).copied().collect();
-        to_publish(&chosen, Aggregation::SceneMeans)
+        to_publish(&chosen, aggregation)
     };
     Binned {
         bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
@@ -41,9 +41,14 @@ pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) ->
 }
 
 /// The metric by signed distance from the window of context frames (negative before it, 0 inside, positive after), in
-/// increasing order: the mean over entries of the mean over an entry's targets. `step` distances go together: 1 to `step`,
+/// increasing order: the protocol's mean over the targets there. `step` distances go together: 1 to `step`,
 /// `step` + 1 to 2 `step`, and so on on either side, each with the middle of its distances; 0 stays alone.
-pub fn by_distance_steps(results: &Results, query: &MetricQuery, step: u32) -> Vec<(f64, Summary)> {
+pub fn by_distance_steps(
+    results: &Results,
+    query: &MetricQuery,
+    step: u32,
+    aggregation: Aggregation,
+) -> Vec<(f64, Summary)> {
     let step = i64::from(step.max(1));
     let group = |distance: i64| distance.signum() * ((distance.abs() + step - 1) / step);
     let middle = |group: i64| (group * step) as f64 - group.signum() as f64 * (step - 1) as f64 / 2.0;
@@ -53,13 +58,18 @@ pub fn by_distance_steps(results: &Results, query: &MetricQuery, step: u32) -> V
             groups.entry(group(distance)).or_default().push(target);
         }
     }
-    let summary = |selected: Vec<SelectedTarget>| to_publish(&selected, Aggregation::SceneMeans);
+    let summary = |selected: Vec<SelectedTarget>| to_publish(&selected, aggregation);
     groups.into_iter().map(|(group, selected)| (middle(group), summary(selected))).collect()
 }
 
-/// The metric over the targets whose distance from the window of context frames, on either side, is in a range.
-pub fn within_distances(results: &Results, query: &MetricQuery, distances: RangeInclusive<u64>) -> Summary {
+/// The protocol's mean over the targets whose distance from the window of context frames, on either side, is in a range.
+pub fn within_distances(
+    results: &Results,
+    query: &MetricQuery,
+    distances: RangeInclusive<u64>,
+    aggregation: Aggregation,
+) -> Summary {
     let inside = |target: &SelectedTarget| target.distance.is_some_and(|d| distances.contains(&d.unsigned_abs()));
     let selected: Vec<SelectedTarget> = select(results, query).into_iter().filter(inside).collect();
-    to_publish(&selected, Aggregation::SceneMeans)
+    to_publish(&selected, aggregation)
 }

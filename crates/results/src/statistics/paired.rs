@@ -15,7 +15,7 @@ use crate::Results;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Paired {
-    /// The mean over entries of the mean of `a − b` over an entry's targets: a scene with two entries has two votes.
+    /// The protocol's mean of `a − b`.
     pub difference: f64,
     /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
@@ -36,33 +36,47 @@ pub struct Paired {
 }
 
 /// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
-/// by scene, entry and frame. `None` if there are none.
-pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
-    paired_between((results, a), (results, b))
+/// by scene, entry and frame, and averaged as the protocol averages them. `None` if there are none.
+pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery, aggregation: Aggregation) -> Option<Paired> {
+    paired_between((results, a), (results, b), aggregation)
 }
 
 /// Like [`paired`], across two stores.
-pub fn paired_between(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Paired> {
-    let found = of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))?;
+pub fn paired_between(
+    a: (&Results, &MetricQuery),
+    b: (&Results, &MetricQuery),
+    aggregation: Aggregation,
+) -> Option<Paired> {
+    let found = of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric), aggregation)?;
     Some(Paired { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found })
 }
 
 /// Each scene's means of `a` and of `b`, over the targets that both have a score for.
-pub fn paired_scene_means(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Vec<(String, [f64; 2])> {
+pub fn paired_scene_means(
+    results: &Results,
+    a: &MetricQuery,
+    b: &MetricQuery,
+    aggregation: Aggregation,
+) -> Vec<(String, [f64; 2])> {
     let (a, b) = (select(results, a), select(results, b));
     let (middle, _) = weighted_sums(&[(&a, 0.5), (&b, 0.5)]);
-    let differences = scene_differences(&a, &b);
+    let differences = scene_differences(&a, &b, aggregation);
     let both = |(middle, (scene, difference)): (Cluster, (&str, f64))| {
         let mean = middle.sum / middle.weight;
         (scene.to_owned(), [mean + difference / 2.0, mean - difference / 2.0])
     };
-    clusters(&middle, Aggregation::SceneMeans).into_iter().zip(differences).map(both).collect()
+    clusters(&middle, aggregation).into_iter().zip(differences).map(both).collect()
 }
 
 /// Like [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.
-pub fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
+pub fn of_selected(
+    a: &[SelectedTarget],
+    b: &[SelectedTarget],
+    direction: Direction,
+    aggregation: Aggregation,
+) -> Option<Paired> {
     let (differences, unpaired) = differences(a, b);
-    let clusters = clusters(&differences, Aggregation::SceneMeans);
+    let clusters = clusters(&differences, aggregation);
     let (difference, parts) = mean_of_clusters(&clusters);
     let difference = difference?;
     let count = |order: Ordering| parts.iter().filter(|[sum, _]| sum.partial_cmp(&0.0) == Some(order)).count() as u64;
@@ -85,8 +99,12 @@ pub fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direct
 }
 
 /// The mean of `a − b` in each scene in which both have a score, in the order of the targets.
-pub fn scene_differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> Vec<(&'a str, f64)> {
-    let clusters = clusters(&differences(a, b).0, Aggregation::SceneMeans);
+pub fn scene_differences<'a>(
+    a: &[SelectedTarget<'a>],
+    b: &[SelectedTarget<'a>],
+    aggregation: Aggregation,
+) -> Vec<(&'a str, f64)> {
+    let clusters = clusters(&differences(a, b).0, aggregation);
     clusters.into_iter().map(|cluster| (cluster.scene, cluster.sum / cluster.weight)).collect()
 }
 

@@ -36,9 +36,9 @@ pub fn weighted_scene_means(results: &Results, query: &MetricQuery, aggregation:
     means_of(&select(results, query), aggregation)
 }
 
-/// Like [`scene_means`], of several results, each over the targets that all of them have a score for, so that their differences
-/// are paired. Targets are matched by scene, entry and frame, whatever their preset.
-pub fn common_scene_means(queries: &[(&Results, MetricQuery<'_>)]) -> Vec<Vec<SceneMean>> {
+/// Like [`weighted_scene_means`], of several results, each over the targets that all of them have a score for, so that their
+/// differences are paired. Targets are matched by scene, entry and frame, whatever their preset.
+pub fn common_scene_means(queries: &[(&Results, MetricQuery<'_>)], aggregation: Aggregation) -> Vec<Vec<SceneMean>> {
     let selected: Vec<Vec<SelectedTarget>> = queries.iter().map(|(results, query)| select(results, query)).collect();
     let mut common: Option<BTreeSet<ImageKey<'_>>> = None;
     for targets in &selected {
@@ -49,7 +49,7 @@ pub fn common_scene_means(queries: &[(&Results, MetricQuery<'_>)]) -> Vec<Vec<Sc
     let of_common = |targets: &Vec<SelectedTarget>| {
         let scored = SelectedTarget::scored(targets).filter(|(image, ..)| common.contains(image));
         let targets: Vec<SelectedTarget> = scored.map(|(_, target, _)| *target).collect();
-        means_of(&targets, Aggregation::SceneMeans)
+        means_of(&targets, aggregation)
     };
     selected.iter().map(of_common).collect()
 }

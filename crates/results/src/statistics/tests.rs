@@ -1,3 +1,4 @@
+mod aggregation;
 mod trend;
 
 use atsplat_metrics::DECIBEL_CAP;
@@ -83,7 +84,7 @@ fn published_averages_follow_from_published_bins() {
                 }));
             }
         }
-        let binned = by_overlap(&store, &query(method), &bins);
+        let binned = by_overlap(&store, &query(method), &bins, Aggregation::SceneMeans);
         let found = binned.average.mean.unwrap();
         Tolerance::absolute(0.005).assert([found], [average], method);
         let of_bins = binned.bins.iter().map(|(_, summary)| summary.mean.unwrap());
@@ -186,17 +187,17 @@ fn pairs_match_targets_and_respect_the_metrics_direction() {
     store.trials.extend(b.trials.clone());
     store.targets.extend(b.targets.clone());
     let of = |method| MetricQuery { metric: "lpips", ..query(method) };
-    let found = paired(&store, &of("a"), &of("b")).unwrap();
+    let found = paired(&store, &of("a"), &of("b"), Aggregation::SceneMeans).unwrap();
     Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
     assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
     assert_eq!((found.targets, found.unpaired), (4, 2));
     Tolerance::EXACT.assert([found.sign_test], [1.0], "sign test");
-    let swapped = paired(&store, &of("b"), &of("a")).unwrap();
+    let swapped = paired(&store, &of("b"), &of("a"), Aggregation::SceneMeans).unwrap();
     Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
-    assert_eq!(paired_between((&store, &of("a")), (&b, &of("b"))), Some(found));
-    assert_eq!(paired(&store, &of("a"), &of("unknown")), None);
+    assert_eq!(paired_between((&store, &of("a")), (&b, &of("b")), Aggregation::SceneMeans), Some(found));
+    assert_eq!(paired(&store, &of("a"), &of("unknown"), Aggregation::SceneMeans), None);
     // Without the target of z that b alone has.
-    let means = paired_scene_means(&store, &of("a"), &of("b"));
+    let means = paired_scene_means(&store, &of("a"), &of("b"), Aggregation::SceneMeans);
     assert_eq!(means.iter().map(|(scene, _)| scene.as_str()).collect::<Vec<_>>(), ["x", "y", "z"]);
     let means = means.iter().flat_map(|(_, means)| *means);
     Tolerance::F64.assert(means, [0.15, 0.2, 0.4, 0.3, 0.3, 0.3], "means of a and of b");
@@ -220,10 +221,10 @@ fn wins_follow_the_metrics_direction() {
             row.scores.values_mut().for_each(|score| *score += by);
         }
         let of = |method| MetricQuery { metric, ..query(method) };
-        let found = paired_between((&a, &of("a")), (&b, &of("b"))).unwrap();
+        let found = paired_between((&a, &of("a")), (&b, &of("b")), Aggregation::SceneMeans).unwrap();
         assert_eq!([found.wins, found.ties, found.losses], expected, "{metric}");
         Tolerance::F64.assert([found.difference], [0.025], "the difference has no direction");
-        let swapped = paired_between((&b, &of("b")), (&a, &of("a"))).unwrap();
+        let swapped = paired_between((&b, &of("b")), (&a, &of("a")), Aggregation::SceneMeans).unwrap();
         assert_eq!([swapped.losses, swapped.ties, swapped.wins], expected, "{metric}, swapped");
         // Of four fair coins, one or fewer (or three or more) of a side: 2 · (1 + 4) / 16.
         Tolerance::F64.assert([found.sign_test, swapped.sign_test], [0.625; 2], "sign test");
@@ -236,7 +237,7 @@ fn distances_are_means_over_scenes() {
     for (row, distance) in store.targets.iter_mut().zip([-1, -1, 2, -1]) {
         row.signed_distance = distance;
     }
-    let found = by_distance_steps(&store, &query("m"), 1);
+    let found = by_distance_steps(&store, &query("m"), 1, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.iter().map(|(distance, _)| *distance), [-1.0, 2.0], "distances");
     assert_eq!(found.iter().map(|(_, s)| (s.scenes, s.targets)).collect::<Vec<_>>(), [(2, 3), (1, 1)]);
     Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [25.5, 10.0], "means");
@@ -248,11 +249,14 @@ fn steps_of_distance_begin_at_the_window_on_either_side() {
     for (row, distance) in store.targets.iter_mut().zip([-6, -5, 0, 1, 5, 6]) {
         row.signed_distance = distance;
     }
-    let found = by_distance_steps(&store, &query("m"), 5);
+    let found = by_distance_steps(&store, &query("m"), 5, Aggregation::SceneMeans);
     // −6 to −10, −1 to −5, the window, 1 to 5, 6 to 10.
     Tolerance::F64.assert(found.iter().map(|(middle, _)| *middle), [-8.0, -3.0, 0.0, 3.0, 8.0], "middles");
     Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [1.0, 2.0, 3.0, 4.5, 6.0], "means");
-    let each: Vec<f64> = by_distance_steps(&store, &query("m"), 1).into_iter().map(|(middle, _)| middle).collect();
+    let each: Vec<f64> = by_distance_steps(&store, &query("m"), 1, Aggregation::SceneMeans)
+        .into_iter()
+        .map(|(middle, _)| middle)
+        .collect();
     Tolerance::F64.assert(each, [-6.0, -5.0, 0.0, 1.0, 5.0, 6.0], "steps of one frame");
 }
 
@@ -367,7 +371,7 @@ fn identical_targets_are_counted_and_left_out_of_every_mean() {
     for row in &mut other.targets {
         row.scores.insert("psnr".to_owned(), 25.0);
     }
-    let pair = paired_between((&store, &query("m")), (&other, &query("m"))).unwrap();
+    let pair = paired_between((&store, &query("m")), (&other, &query("m")), Aggregation::SceneMeans).unwrap();
     Tolerance::F64.assert([pair.difference], [f64::midpoint(-5.0, 2.0)], "over scenes a and c");
     assert_eq!((pair.scenes, pair.targets, pair.unpaired), (2, 3, 2));
 }
@@ -384,7 +388,7 @@ fn fewer_than_six_scenes_have_no_published_interval() {
             expected,
             "{count} scenes"
         );
-        let pair = paired_between((&store, &query("m")), (&store, &query("m"))).unwrap();
+        let pair = paired_between((&store, &query("m")), (&store, &query("m")), Aggregation::SceneMeans).unwrap();
         assert_eq!(pair.interval.is_some(), expected, "pairs of {count} scenes");
     }
 }
@@ -395,7 +399,7 @@ fn distances_are_selected_on_both_sides() {
     for (row, distance) in store.targets.iter_mut().zip([0, -3, 5, 6]) {
         row.signed_distance = distance;
     }
-    let mean = |range| within_distances(&store, &query("m"), range).mean;
+    let mean = |range| within_distances(&store, &query("m"), range, Aggregation::SceneMeans).mean;
     Tolerance::F64.assert([mean(0..=0), mean(1..=5), mean(6..=9)].map(Option::unwrap), [30.0, 21.0, 10.0], "means");
     assert_eq!(mean(7..=9), None);
 }
@@ -448,7 +452,7 @@ fn several_trainings_are_compared_over_the_targets_that_all_have() {
     };
     let difference = |first: [&Results; 2], second: [&Results; 2]| {
         let queries = [first[0], first[1], second[0], second[1]].map(|results| (results, query("m")));
-        let mut means = common_scene_means(&queries);
+        let mut means = common_scene_means(&queries, Aggregation::SceneMeans);
         let of_second = means.split_off(2);
         difference_of_seeds(&means, &of_second).map(|found| (found.mean, found.scenes, found.seeds))
     };
@@ -467,5 +471,5 @@ fn several_trainings_are_compared_over_the_targets_that_all_have() {
     let mut only_hard = whole.clone();
     lose(&mut only_hard, |_, target| target == 0);
     assert_eq!(difference([&lacking; 2], [&whole, &only_hard]), None, "no target in common");
-    assert!(common_scene_means(&[]).is_empty());
+    assert!(common_scene_means(&[], Aggregation::SceneMeans).is_empty());
 }

@@ -130,7 +130,7 @@ impl<'a> Study<'a> {
         };
         match self.bins {
             Some(bins) => {
-                let binned = by_overlap(self.results, &query, bins).bins.into_iter().enumerate();
+                let binned = by_overlap(self.results, &query, bins, self.aggregation).bins.into_iter().enumerate();
                 binned.map(|(at, (name, summary))| (Panel::Overlap(at, name), summary)).collect()
             }
             None => vec![(Panel::Views(views), summary(self.results, &query, self.aggregation))],

@@ -4,6 +4,7 @@ mod time;
 use std::collections::BTreeSet;
 
 use atsplat_metrics::Definition;
+use atsplat_protocol::{Aggregation, Preset};
 use atsplat_results::statistics::{
     Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
 };
@@ -26,7 +27,7 @@ use crate::{ReportError, counted};
 pub fn store_plots(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for preset in &source.results.provenance.presets {
-        let protocol = ProtocolResults { results: source.results, preset };
+        let protocol = ProtocolResults { results: source.results, preset, protocol: preset.protocol()? };
         let name = |kind: &str| format!("{}-{}-{kind}", plain(source.label), plain(&preset.name));
         if let Some(metric) = protocol.metric() {
             plots.extend(protocol.overlap(metric)?.map(|plot| (name("overlap"), plot)));
@@ -42,6 +43,8 @@ pub fn store_plots(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, Report
 struct ProtocolResults<'a> {
     results: &'a Results,
     preset: &'a PresetRecord,
+    /// The protocol that the record contains as text.
+    protocol: Preset,
 }
 
 impl<'a> ProtocolResults<'a> {
@@ -82,15 +85,19 @@ impl<'a> ProtocolResults<'a> {
         let step = step_of(&distances)?;
         let series = |method: &'a MethodRecord| ExtrapolationSeries {
             label: self.title(method),
-            points: by_distance_steps(self.results, &self.query(&method.name, metric), step)
+            points: by_distance_steps(self.results, &self.query(&method.name, metric), step, self.protocol.aggregation)
                 .iter()
                 .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
                 .collect(),
         };
         let together = if step > 1 { format!("{step} distances together, ") } else { String::new() };
+        let over = match self.protocol.aggregation {
+            Aggregation::SceneMeans => "scenes",
+            Aggregation::AllImages => "targets",
+        };
         let plot = ExtrapolationDecay {
             title: format!("{} outside the window", metric.name),
-            subtitle: format!("{}; {together}means over scenes", self.subject_of_means()),
+            subtitle: format!("{}; {together}means over {over}", self.subject_of_means()),
             quality: metric.into(),
             step: f64::from(step),
             series: self.methods().map(series).filter(|series| !series.points.is_empty()).collect(),
@@ -103,9 +110,10 @@ impl<'a> ProtocolResults<'a> {
         const NAMED: usize = 3;
         let methods: Vec<&MethodRecord> = self.methods().collect();
         let first = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
+        let aggregation = self.protocol.aggregation;
         let against = |other: &&'a MethodRecord| {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
-            let pair = paired(self.results, &queries[0], &queries[1])?;
+            let pair = paired(self.results, &queries[0], &queries[1], aggregation)?;
             let decimals = if metric.unit == "dB" { 2 } else { 3 };
             let signed = |value: f64| format!("{value:+.decimals$}").replace('-', "−");
             let interval = pair.interval.map(|ends| ends.map(signed));
@@ -118,7 +126,7 @@ impl<'a> ProtocolResults<'a> {
                 counted(pair.scenes, "scene"),
                 p_value(pair.sign_test)
             );
-            let means = paired_scene_means(self.results, &queries[0], &queries[1]);
+            let means = paired_scene_means(self.results, &queries[0], &queries[1], aggregation);
             let points: Vec<ScatterPoint> =
                 means.into_iter().map(|(scene, [y, x])| ScatterPoint { scene, x, y }).collect();
             (!points.is_empty()).then_some((ScatterPanel { x, difference, points }, pair.interval.is_some()))

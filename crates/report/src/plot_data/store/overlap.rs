@@ -15,7 +15,8 @@ const STEPS: usize = 10;
 impl<'a> ProtocolResults<'a> {
     /// The first metric against overlap, with the protocol's bins; for another estimator, with a third of the overlaps in each.
     pub(super) fn overlap(&self, metric: &'static Definition) -> Result<Option<Drawing>, ReportError> {
-        let Some(bins) = self.preset.protocol()?.overlap_bins else { return Ok(None) };
+        let Some(bins) = self.protocol.overlap_bins.clone() else { return Ok(None) };
+        let aggregation = self.protocol.aggregation;
         let trials = || self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
         let overlaps: Vec<f64> = trials().filter_map(|trial| trial.overlap).collect();
         let estimators = &self.preset.overlap_estimators;
@@ -29,7 +30,7 @@ impl<'a> ProtocolResults<'a> {
         let names = (0..STEPS).map(|step| step.to_string()).collect();
         let fine = OverlapBins::new(BinRule::Strict, names, edges.clone())?;
         let series = |method: &'a MethodRecord| {
-            let binned = by_overlap(self.results, &self.query(&method.name, metric), &fine);
+            let binned = by_overlap(self.results, &self.query(&method.name, metric), &fine, aggregation);
             let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
             let points =
                 middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
@@ -37,8 +38,9 @@ impl<'a> ProtocolResults<'a> {
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         // Scenes with a score, of the method that has most of them; a scene may have several trials.
-        let binned: Vec<Binned> =
-            self.methods().map(|method| by_overlap(self.results, &self.query(&method.name, metric), &bins)).collect();
+        let of_method =
+            |method: &'a MethodRecord| by_overlap(self.results, &self.query(&method.name, metric), &bins, aggregation);
+        let binned: Vec<Binned> = self.methods().map(of_method).collect();
         let scenes =
             |at: usize| binned.iter().filter_map(|binned| Some(binned.bins.get(at)?.1.scenes)).max().unwrap_or(0);
         let shown = bins.names().iter().zip(bins.edges().windows(2)).enumerate().map(|(at, (name, edges))| {

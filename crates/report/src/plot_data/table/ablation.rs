@@ -1,4 +1,6 @@
 use atsplat_metrics::Definition;
+use atsplat_protocol::Aggregation;
+use atsplat_results::Results;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 
 use super::{explained, leaked_in, measured_from, metric_of, other_setting, shown, subtitle};
@@ -67,13 +69,20 @@ fn label(row: &Row, measured: Option<&Row>) -> String {
     format!("{}{untrained}{inference_only}", row.labels.join(", "))
 }
 
-/// Variant minus reference over the same targets.
+/// Variant minus reference over the same targets, averaged as both protocols do, or over scene means if they disagree.
 fn gap(sources: &[Source<'_>], metric: &Definition, variant: &Row, reference: &Row) -> Option<Estimate> {
     let ((a, first), (b, second)) = (measured_from(sources, variant)?, measured_from(sources, reference)?);
     let (leaked, identical) = (Leaked::Included, Identical::Excluded);
     let query = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked, identical };
+    let [one, other] = [aggregation_of(a, first)?, aggregation_of(b, second)?];
+    let aggregation = if one == other { one } else { Aggregation::SceneMeans };
     let first = query(first, variant.method.as_deref()?);
     let second = query(second, reference.method.as_deref()?);
-    let pair = paired_between((a, &first), (b, &second))?;
+    let pair = paired_between((a, &first), (b, &second), aggregation)?;
     Some(Estimate { value: pair.difference, interval: pair.interval })
+}
+
+/// How a protocol in a store averages targets.
+fn aggregation_of(results: &Results, preset: &str) -> Option<Aggregation> {
+    Some(results.provenance.preset(preset)?.protocol().ok()?.aggregation)
 }
