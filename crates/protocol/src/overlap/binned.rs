@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::annotate::EXAMPLES_PER_REASON;
 use super::{OverlapEstimator, OverlapReport, UnmeasuredExample};
-use crate::{BinCounts, EvaluationIndex, OverlapBins};
+use crate::{BinCounts, EvaluationIndex, IndexEntry, OverlapBins};
 
 /// The overlaps of an index by bins, and how they were measured.
 #[derive(Debug, Serialize)]
@@ -31,7 +31,13 @@ pub struct BinnedOverlaps {
     failed_scenes: BTreeMap<&'static str, usize>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     examples: Vec<UnmeasuredExample>,
+    /// Measured overlaps of more than two context views: each the smallest of neighbours ([`super::chain_overlap`]).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    smallest_of_neighbours: Option<usize>,
     bins: BinCounts,
+    /// Overlaps below the lowest edge that the rule puts in the second bin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    below_in_second_bin: Option<usize>,
     edges: Vec<f64>,
     /// Caveat about these bins.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,17 +58,26 @@ impl BinnedOverlaps {
             (None, recorded) => format!("as the index records them, by {}", recorded.join(" and ")),
         };
         let measured = measured.map(|(report, _)| report);
+        let is_below = |overlap: f64| bins.edges().first().is_some_and(|lowest| overlap < *lowest);
+        let placed = bins.placed(index).into_iter();
+        let below_in_second = placed.filter(|(overlap, bin)| *bin == Some(1) && is_below(*overlap)).count();
+        // Overlaps without an estimator were measured elsewhere, by another rule perhaps.
+        let is_measured =
+            |entry: &IndexEntry| entry.overlap.as_ref().is_some_and(|overlap| overlap.estimator.is_some());
+        let of_several = index.entries().filter(|(.., entry)| entry.context.len() > 2 && is_measured(entry)).count();
         Self {
             definition,
             measured: measured.map(|found| found.measured),
             replaced: measured.map(|found| found.replaced),
             removed: measured.map(|found| found.removed),
-            bins: bins.count(index),
-            edges: bins.edges().to_vec(),
-            footer,
             unmeasured: measured.map_or_else(BTreeMap::new, |found| found.unmeasured.clone()),
             failed_scenes: measured.map_or_else(BTreeMap::new, |found| found.failed_scenes.clone()),
             examples: measured.map_or_else(Vec::new, |found| found.examples.clone()),
+            smallest_of_neighbours: Some(of_several).filter(|count| *count > 0),
+            bins: bins.count(index),
+            below_in_second_bin: Some(below_in_second).filter(|count| *count > 0),
+            edges: bins.edges().to_vec(),
+            footer,
         }
     }
 }
@@ -89,13 +104,67 @@ impl fmt::Display for BinnedOverlaps {
                 writeln!(f, "         and {}", counted(others, "more scene"))?;
             }
         }
-        for (bin, edges) in self.bins.bins.iter().zip(self.edges.windows(2)) {
+        if let Some(count) = self.smallest_of_neighbours {
+            writeln!(f, "{count:>7}  of more than two views: the smallest overlap of two neighbours in frame order")?;
+        }
+        for (at, (bin, edges)) in self.bins.bins.iter().zip(self.edges.windows(2)).enumerate() {
             let [low, high] = edges else { continue };
-            writeln!(f, "{:>7}  {}, {low:.4} to {high:.4}", bin.count, bin.name)?;
+            write!(f, "{:>7}  {}, {low:.4} to {high:.4}", bin.count, bin.name)?;
+            if let (1, Some(below), Some(lowest)) = (at, self.below_in_second_bin, self.edges.first()) {
+                write!(f, ", and {below} below {lowest:.4}, as NoPoSplat's code does")?;
+            }
+            writeln!(f)?;
         }
         writeln!(f, "{:>7}  below the bins", self.bins.below)?;
         writeln!(f, "{:>7}  above the bins", self.bins.above)?;
         writeln!(f, "{:>7}  without an overlap", self.bins.without_overlap)?;
         self.footer.iter().try_for_each(|footer| writeln!(f, "{footer}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{BinRule, IndexFile};
+
+    fn printed(json: &str, rule: BinRule) -> (String, serde_json::Value) {
+        let index = IndexFile::parse(json.as_bytes()).unwrap().index;
+        let found = BinnedOverlaps::new(&index, &OverlapBins::noposplat(rule), None, None);
+        (found.to_string(), serde_json::to_value(&found).unwrap())
+    }
+
+    /// Overlaps at 0 and just below 0.05 are in the second bin by the published rule, that of 0.05 in the first.
+    #[test]
+    fn overlaps_below_the_lowest_edge_are_named_where_they_are_counted() {
+        let index = r#"{"a": {"context": [0, 9], "target": [3], "overlap": 0.0},
+            "b": {"context": [0, 9], "target": [3], "overlap": 0.0499999},
+            "c": {"context": [0, 9], "target": [3], "overlap": 0.05},
+            "d": {"context": [0, 9], "target": [3], "overlap": 0.4}}"#;
+        let (published, json) = printed(index, BinRule::Published);
+        let medium = "      3  medium, 0.3000 to 0.5500, and 2 below 0.0500, as NoPoSplat's code does\n";
+        assert!(published.contains(medium) && published.contains("1  small, 0.0500 to 0.3000\n"), "{published}");
+        assert_eq!(json["below-in-second-bin"], 2);
+        assert_eq!(json["bins"]["below"], 0);
+        let (strict, json) = printed(index, BinRule::Strict);
+        let expected = "      1  medium, 0.3000 to 0.5500\n";
+        assert!(strict.contains(expected) && strict.contains("2  below the bins"), "{strict}");
+        assert!(json.get("below-in-second-bin").is_none(), "{json}");
+    }
+
+    /// Two of four entries: one has two views, the overlap of one was measured elsewhere.
+    #[test]
+    fn measured_overlaps_of_several_views_are_said_to_be_of_neighbours() {
+        let measured = r#""target": [3], "overlap": 0.2, "overlap_estimator": "epipolar-ray""#;
+        let index = format!(
+            r#"{{"a": [{{"context": [0, 5, 9], {measured}}}, {{"context": [0, 4, 6, 9], {measured}}}],
+            "b": {{"context": [0, 9], {measured}}},
+            "c": {{"context": [0, 5, 9], "target": [3], "overlap": 0.2}}}}"#
+        );
+        let (text, json) = printed(&index, BinRule::Published);
+        let expected = "      2  of more than two views: the smallest overlap of two neighbours in frame order\n";
+        assert!(text.contains(expected), "{text}");
+        assert_eq!(json["smallest-of-neighbours"], 2);
+        let (text, json) = printed(r#"{"c": {"context": [0, 5], "target": [3], "overlap": 0.2}}"#, BinRule::Published);
+        assert!(!text.contains("neighbours") && json.get("smallest-of-neighbours").is_none(), "{text}");
     }
 }
