@@ -52,14 +52,14 @@ pub enum CameraError {
     TooFewPoses { what: &'static str, expected: usize, found: usize },
     /// The distance that a pose normalisation divides by is outside the accepted range. The papers' loaders skip such
     /// scenes.
-    #[error("{rule}: expected a distance between {minimum} and {maximum}, found {found}")]
+    #[error("{rule}: expected a distance {}, found {found}", in_words(*minimum, *maximum))]
     BaselineOutOfRange {
         rule: &'static str,
         /// The distance, in scene units.
         found: f64,
         minimum: f64,
-        /// Largest distance accepted.
-        maximum: f64,
+        /// Largest distance accepted; `None` without a limit.
+        maximum: Option<f64>,
     },
     /// A trajectory has a different number of times and poses.
     #[error("trajectory: expected one time for each of {poses} poses, found {times}")]
@@ -91,4 +91,12 @@ pub(crate) fn finite(field: &'static str, value: f64) -> Result<f64, CameraError
 /// `value` if it is finite and above zero.
 pub(crate) fn positive(field: &'static str, value: f64) -> Result<f64, CameraError> {
     if finite(field, value)? > 0.0 { Ok(value) } else { Err(CameraError::NotPositive { field, found: value }) }
+}
+
+/// The accepted range of a distance.
+fn in_words(minimum: f64, maximum: Option<f64>) -> String {
+    match maximum {
+        Some(maximum) => format!("between {minimum} and {maximum}"),
+        None => format!("of at least {minimum}"),
+    }
 }

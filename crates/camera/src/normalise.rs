@@ -282,9 +282,9 @@ impl PoseNormalisation {
 
 /// `distance` if it is in the accepted range.
 fn accepted(rule: &'static str, distance: f64, minimum: f64, maximum: Option<f64>) -> Result<f64, CameraError> {
-    let maximum = maximum.unwrap_or(f64::MAX);
+    let is_far_enough = distance >= minimum && distance <= maximum.unwrap_or(f64::MAX);
     // Never divide by zero, whatever the minimum.
-    if distance >= minimum && distance <= maximum && distance.recip().is_normal() {
+    if is_far_enough && distance.recip().is_normal() {
         Ok(distance)
     } else {
         Err(CameraError::BaselineOutOfRange { rule, found: distance, minimum, maximum })

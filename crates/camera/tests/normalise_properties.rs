@@ -302,8 +302,10 @@ fn baselines_outside_the_range_are_errors() {
     let at = |x: f64| pose(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
     let error = normalise(&[at(0.0), at(5e-4)], &[], &PoseNormalisation::pixelsplat()).unwrap_err();
     assert!(matches!(error, CameraError::BaselineOutOfRange { rule: "baseline-one", .. }), "{error}");
+    assert_eq!(error.to_string(), "baseline-one: expected a distance of at least 0.001, found 0.0005");
     let wide = PoseNormalisation::BaselineOne { minimum: 1e-3, maximum: Some(100.0) };
-    assert!(normalise(&[at(0.0), at(101.0)], &[], &wide).is_err());
+    let error = normalise(&[at(0.0), at(101.0)], &[], &wide).unwrap_err();
+    assert_eq!(error.to_string(), "baseline-one: expected a distance between 0.001 and 100, found 101");
     let zero = PoseNormalisation::MaxPairwise { minimum: 0.0, maximum: None };
     assert!(normalise(&[at(1.0), at(1.0)], &[], &zero).is_err(), "nothing to divide by");
     assert!(normalise(&[at(1.0)], &[], &PoseNormalisation::pixelsplat()).is_err(), "one view has no baseline");
