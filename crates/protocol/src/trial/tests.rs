@@ -284,7 +284,12 @@ fn warns_about_an_alpha_channel_and_low_bytes_that_are_dropped() {
     let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
     let deep: Vec<u8> = [0x0980u16, 0x0880, 0x0780].iter().flat_map(|sample| sample.to_ne_bytes()).collect();
     for (pixel, colour, kind, expected) in [
-        (vec![9, 8, 7, 0], ExtendedColorType::Rgba8, WarningKind::DroppedAlpha, "s: frame 6: its alpha"),
+        (
+            vec![9, 8, 7, 255],
+            ExtendedColorType::Rgba8,
+            WarningKind::DroppedAlpha,
+            "s: frame 6: it has an alpha channel, which is dropped",
+        ),
         (deep, ExtendedColorType::Rgb16, WarningKind::DroppedLowBytes, "s: frame 6: its samples have 16 bits"),
     ] {
         let mut png = Vec::new();

@@ -93,8 +93,7 @@ impl Frame {
             warnings.push(WarningKind::TurnedImage, scene, detail);
         }
         if header.has_alpha {
-            let detail =
-                format!("frame {position}: its alpha channel is dropped, transparent pixels keep their colour");
+            let detail = format!("frame {position}: it has an alpha channel, which is dropped");
             warnings.push(WarningKind::DroppedAlpha, scene, detail);
         }
         if header.has_16_bits {
