@@ -1,6 +1,6 @@
 //! Changes of what methods and stages start from: presets, index entries and cameras.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_results::{PresetRecord, Provenance};
 
@@ -44,15 +44,17 @@ impl<'a> SharedPreset<'a> {
         let name = &self.then.name;
         let rewriting = self.rewriting();
         let mut entries: BTreeMap<EntryId, String> = BTreeMap::new();
+        let mut run: [BTreeSet<&EntryId>; 2] = [BTreeSet::new(), BTreeSet::new()];
         let (mut changes, mut is_shared, mut is_unclear) = (self.changes_of_protocol(), false, false);
         for (then, now) in then.shared(now, name) {
             is_shared = true;
             is_unclear |= !rewriting.explains_trials && then.has_unknown_frames(now);
             entries.extend(then.changed_entries(now, rewriting));
+            run.iter_mut().zip([then, now]).for_each(|(run, group)| run.extend(group.trials.keys()));
             changes.extend(self.changed_sources(then, now, rewriting.is_rewritten));
         }
         // Without a common row, nothing is known about the entries.
-        let index = if is_shared { self.index(&entries, rewriting.is_rewritten) } else { None };
+        let index = if is_shared { self.index(&entries, &run, rewriting.is_rewritten) } else { None };
         let index = index.filter(|finding| finding.kind == FindingKind::Index || !is_unclear);
         changes.extend(entries.iter().map(|(id, how)| Change::new(Cause::Index, format!("{}: {how}", self.at(id)))));
         let of_others = index.iter().filter(|finding| finding.kind == FindingKind::Index && entries.is_empty());
@@ -134,14 +136,26 @@ impl<'a> SharedPreset<'a> {
         format!("was {}, is now {}", self.then.hash, self.now.hash)
     }
 
-    /// Which entries differ, or that the index is another file with the same entries.
-    fn index(&self, entries: &BTreeMap<EntryId, String>, is_rewritten: bool) -> Option<Finding> {
+    /// Which entries differ, or that the index is another file with the same entries. `run` has the entries of both runs, then and now.
+    fn index(
+        &self,
+        entries: &BTreeMap<EntryId, String>,
+        run: &[BTreeSet<&EntryId>; 2],
+        is_rewritten: bool,
+    ) -> Option<Finding> {
         let [was, is] = [self.then, self.now].map(|record| record.entries_of_index);
         let drifted = |count, example| Some(self.finding(FindingKind::Index, DriftVerdict::Drifted, count, example));
         match entries.first_key_value() {
             Some(((scene, entry), how)) => drifted(entries.len() as u64, format!("{scene} {entry}: {how}")),
             None if !is_rewritten => None,
-            None if was != is => drifted(was.abs_diff(is), format!("{is} entries of the index instead of {was}")),
+            None if was != is => {
+                let [then, now] = run;
+                let (mut left, how) =
+                    if is < was { (then.difference(now), "missing") } else { (now.difference(then), "new") };
+                let first = |(scene, entry): &&EntryId| format!("; of those that were run, {scene} {entry} is {how}");
+                let first = left.next().map_or_else(String::new, first);
+                drifted(was.abs_diff(is), format!("{is} entries of the index instead of {was}{first}"))
+            }
             None => Some(self.finding(FindingKind::RewrittenIndex, DriftVerdict::Same, 1, String::new())),
         }
     }

@@ -231,6 +231,28 @@ fn entries_that_were_not_run_are_not_missing_from_the_index() {
     assert_eq!((kinds(&whole)[0].0, whole.first_change()), (FindingKind::Index, Some(Cause::Index)), "{whole}");
 }
 
+/// Runs of the first six of 24 scenes, in one of which two scenes have left the index.
+#[test]
+fn an_index_of_another_length_names_the_first_entry_of_one_run_alone() {
+    let mut long = base();
+    (long.provenance.presets[0].entries, long.provenance.presets[0].entries_of_index) = (6, 24);
+    let mut short = long.clone();
+    let record = &mut short.provenance.presets[0];
+    (record.entries, record.entries_of_index, record.index_sha256) = (4, 22, "another".to_owned());
+    short.trials.retain(|row| !["scene 002", "scene 004"].contains(&row.key.scene.as_str()));
+    short.targets.retain(|row| !["scene 002", "scene 004"].contains(&row.key.scene.as_str()));
+    let cases = [
+        (&long, &short, "22 entries of the index instead of 24; of those that were run, scene 002 0 is missing"),
+        (&short, &long, "24 entries of the index instead of 22; of those that were run, scene 002 0 is new"),
+    ];
+    for (then, now, example) in cases {
+        let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
+        let finding = report.findings.iter().find(|finding| finding.kind == FindingKind::Index).unwrap();
+        assert_eq!((finding.count, finding.example.as_str()), (2, example), "{report}");
+        assert_eq!(found(&report), [(Cause::Index, format!("sampled, {example}").as_str())], "{report}");
+    }
+}
+
 /// A change of an index, and what is said of it.
 type IndexChange = (fn(&mut Results), &'static str);
 
