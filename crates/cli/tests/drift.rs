@@ -278,6 +278,36 @@ fn plots_the_history_over_acceptances() {
     assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
 }
 
+/// One of twelve renders of a method is lost; the other method is unchanged.
+#[test]
+fn a_lost_render_has_a_cause_and_is_drift_in_the_plot() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    succeed(at, &["drift", "accept", "then", "--baseline", "quick.json", "--why", "the first numbers"]);
+    store_of(&at.join("lost"), 0.0, |results| {
+        let row = &mut results.targets[6];
+        (row.status, row.render_hash) = (TargetStatus::Failed, None);
+        row.detail = Some("no file for frame 0 of scene scene 3".to_owned());
+        row.scores.clear();
+    });
+    let args = ["drift", "lost", "--baseline", "quick.json", "--json", "--history"];
+    let outcome = atsplat(at, &[&args[..], &["coarse.svg"]].concat());
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    let [change] = &report["changes"].as_array().unwrap()[..] else { panic!("{report}") };
+    assert_eq!(change["stage"], "outside");
+    let detail = "scene 3 0 frame 0: was scored, is now failed: no file for frame 0 of scene scene 3";
+    assert!(change["detail"].as_str().unwrap().ends_with(detail), "{change}");
+    let coarse = std::fs::read_to_string(at.join("coarse.svg")).unwrap();
+    assert!(coarse.contains("coarse on p; 2 runs; now: drifted"), "{coarse}");
+    assert!(coarse.contains("drift, and what moved the number"), "{coarse}");
+    assert_eq!(atsplat(at, &[&args[..], &["fine.svg", "--method", "fine"]].concat()).code, 3);
+    let fine = std::fs::read_to_string(at.join("fine.svg")).unwrap();
+    assert!(fine.contains("fine on p; 2 runs; now: drifted, but not in this number"), "{fine}");
+    assert!(!fine.contains("drift, and what moved the number"), "{fine}");
+}
+
 /// Six scenes under a method that is not deterministic, and a deterministic one.
 fn noisy(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
     store_of(path, shift, |results| {

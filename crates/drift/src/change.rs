@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
+use super::DriftReport;
 use super::probe::{Attribution, Stage, StageChange, StageVerdict};
-use super::{Comparison, Difference, DriftReport, DriftVerdict};
 
 /// Where something changed, in the order in which a number is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -30,11 +30,11 @@ pub enum Cause {
     /// [`Stage::Renderer`]; `splatter` in files, as there.
     #[serde(rename = "splatter")]
     Renderer,
-    /// [`Stage::Metric`], or the convention or the weights of a metric.
+    /// [`Stage::Metric`], or the convention or the weights of a metric, or that it is not computed any more.
     Metric,
-    /// The recorded settings or weights of a method.
+    /// The recorded settings or weights of a method, or that it was not run.
     Method,
-    /// Nothing that is recorded: a method's files or its code.
+    /// Nothing that is recorded: a method's files or its code, or which part of the targets was run.
     Outside,
 }
 
@@ -81,19 +81,17 @@ pub struct Change {
     pub detail: String,
 }
 
-/// The detail of [`Cause::Outside`].
-const OUTSIDE: &str = "outside atsplat's pipeline: the method's files, such as renders or weights, or its code";
-
 impl Change {
     pub(super) const fn new(stage: Cause, detail: String) -> Self {
         Self { stage, detail }
     }
 
-    /// One for each cause, in order, with the first case.
-    pub(super) fn merged(mut all: Vec<Self>) -> Vec<Self> {
-        all.sort();
+    /// One for each cause, in order, with the first case as they are given.
+    pub(super) fn merged(all: Vec<Self>) -> Vec<Self> {
         // Every method has rows of a changed trial.
-        all.dedup();
+        let mut known = BTreeSet::new();
+        let mut all: Vec<Self> = all.into_iter().filter(|change| known.insert(change.clone())).collect();
+        all.sort_by_key(|change| change.stage);
         let of_cause = |same: &[Self]| {
             let (first, more) = same.split_first()?;
             let more = if more.is_empty() { String::new() } else { format!(", and {} more", more.len()) };
@@ -106,32 +104,6 @@ impl Change {
         let StageChange { stage, differing, values, .. } = change;
         Self::new((*stage).into(), format!("{differing} of {values} values of the probe differ"))
     }
-}
-
-/// Metrics that drifted and are not measured as in the baseline, and methods that drifted with other settings or weights.
-pub(super) fn of_drifted(comparisons: &[Comparison], differences: &[Difference]) -> Vec<Change> {
-    let drifted = || comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
-    let metrics: BTreeSet<&str> = drifted().map(|comparison| comparison.metric.as_str()).collect();
-    let methods: BTreeSet<&str> = drifted().map(|comparison| comparison.method.as_str()).collect();
-    let of_metric = |metric: &&str| {
-        let what = measured_differently(metric, differences)?;
-        Some(Change::new(Cause::Metric, format!("the {what} of {metric} is not the baseline's")))
-    };
-    let of_method = |method: &str| -> Vec<Change> {
-        // The same renders may be in another folder.
-        let is_setting = |found: &&Difference| found.field_of("method", method).is_some_and(|field| field != "folder");
-        let settings = differences.iter().filter(is_setting);
-        settings.map(|difference| Change::new(Cause::Method, difference.to_string())).collect()
-    };
-    metrics.iter().filter_map(of_metric).chain(methods.into_iter().flat_map(of_method)).collect()
-}
-
-/// What differs about how a metric is measured, if something does.
-fn measured_differently(metric: &str, differences: &[Difference]) -> Option<&'static str> {
-    const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-    let differs =
-        |field: &str| differences.iter().any(|difference| difference.field_of("metric", metric) == Some(field));
-    FIELDS.into_iter().find(|&(field, _)| differs(field)).map(|(_, what)| what)
 }
 
 impl DriftReport {
@@ -154,19 +126,17 @@ impl DriftReport {
             }
         }
         let is_whole = attribution.stages.iter().all(|stage| stage.verdict != StageVerdict::Empty);
-        // Another convention or other weights move the numbers of their metric alone.
-        let is_explained = first.is_some() || changes.iter().any(|change| change.stage != Cause::Metric);
-        if is_whole && !is_explained && self.moved_as_measured_before() {
-            changes.push(Change::new(Cause::Outside, OUTSIDE.to_owned()));
+        // Another convention or other weights move the numbers of their metric or method alone.
+        let is_of_one = |change: &Change| matches!(change.stage, Cause::Metric | Cause::Method);
+        let is_explained = first.is_some() || !changes.iter().all(is_of_one);
+        if is_whole
+            && !is_explained
+            && let Some(detail) = self.moved_outside()
+        {
+            changes.push(Change::new(Cause::Outside, detail));
         }
         changes.sort();
         changes
-    }
-
-    /// Whether a metric drifted that is measured as in the baseline.
-    fn moved_as_measured_before(&self) -> bool {
-        let mut drifted = self.comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
-        drifted.any(|comparison| measured_differently(&comparison.metric, &self.differences).is_none())
     }
 
     /// What changed first, what else did, or what was compared without a change.
@@ -184,18 +154,19 @@ impl DriftReport {
         let (outside, known): (Vec<&Change>, Vec<&Change>) =
             self.changes.iter().partition(|change| change.stage == Cause::Outside);
         let named = |change: &&Change| format!("{}: {}", change.stage.name(), change.detail);
-        let is_outside = !outside.is_empty();
-        match known.split_first() {
-            None if is_outside => format!("{} The cause is {OUTSIDE}.", self.without_change()),
-            None => self.without_change(),
-            Some((first, rest)) => {
-                let mut text = format!("The first change is in the {}.", named(first));
-                if !rest.is_empty() {
-                    let rest: Vec<String> = rest.iter().map(named).collect();
-                    text = format!("{text} Also changed: {}.", rest.join("; "));
-                }
-                if is_outside { format!("{text} What moved the other metrics is {OUTSIDE}.") } else { text }
-            }
+        let outside = outside.first().map(|change| &change.detail);
+        let Some((first, rest)) = known.split_first() else {
+            let cause = outside.map_or_else(String::new, |detail| format!(" The cause is {detail}."));
+            return format!("{}{cause}", self.without_change());
+        };
+        let mut text = format!("The first change is in the {}.", named(first));
+        if !rest.is_empty() {
+            let rest: Vec<String> = rest.iter().map(named).collect();
+            text = format!("{text} Also changed: {}.", rest.join("; "));
+        }
+        match outside {
+            Some(detail) => format!("{text} What else moved is {detail}."),
+            None => text,
         }
     }
 

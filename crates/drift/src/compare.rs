@@ -7,9 +7,10 @@ use atsplat_results::statistics::{
 };
 use atsplat_results::{Results, TargetStatus};
 
-use super::change::{Change, of_drifted};
+use super::change::Change;
 use super::data::compare_images;
 use super::inputs::SharedPreset;
+use super::moved::of_drifted;
 use super::provenance::{differences, same_machine};
 use super::rows::{Group, Rows};
 use super::{
@@ -22,6 +23,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
     let now = Rows::new(results.trials.iter().map(Into::into), results.targets.iter().map(Into::into));
+    let now = now.with_reasons(&results.targets);
     let differences = differences(&baseline.provenance, &results.provenance);
     let presets = SharedPreset::all(&baseline.provenance, &results.provenance, &differences);
     let of_other_images: BTreeSet<&str> = presets.iter().filter_map(SharedPreset::of_other_images).collect();
@@ -57,7 +59,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
-    changes.extend(of_drifted(&comparisons, &differences));
+    changes.extend(of_drifted(&comparisons, &findings, &differences));
     let verdict = verdict(&comparisons, &findings, then.share_a_target(&now));
     let (changes, attribution, not_attributed) = (Change::merged(changes), None, None);
     DriftReport { verdict, comparisons, findings, data, differences, changes, attribution, not_attributed }

@@ -5,7 +5,7 @@ use atsplat_results::statistics::{SelectedTarget, score_of, summary_of};
 use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
-use super::{Baseline, BaselineTarget, Cause, Comparison, DriftReport, DriftVerdict};
+use super::{Baseline, BaselineTarget, Cause, Comparison, DriftReport, DriftVerdict, Finding, FindingKind};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,8 +42,10 @@ pub struct NumberHistory {
     pub runs: Vec<HistoricRun>,
     /// Number of acceptances without the number, or from before numbers were recorded.
     pub unknown: usize,
-    /// The verdict on the current run.
+    /// The verdict on the current run: on this number, and on what else has changed of its preset and method.
     pub verdict: DriftVerdict,
+    /// The verdict on all of the current run.
+    pub of_run: DriftVerdict,
 }
 
 /// A number in one run.
@@ -61,7 +63,7 @@ pub struct HistoricRun {
     pub verdict: Option<DriftVerdict>,
     /// Difference from that baseline's mean.
     pub moved: Option<f64>,
-    /// Why it was accepted; for the current run, where something changed first.
+    /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed.
     pub why: Option<String>,
 }
 
@@ -128,7 +130,9 @@ fn history(
     now: &BTreeMap<Name, (f64, Option<[f64; 2]>)>,
     report: &DriftReport,
 ) -> NumberHistory {
-    let Comparison { preset, method, metric, verdict, .. } = comparison;
+    let Comparison { preset, method, metric, .. } = comparison;
+    let finding = drifted_finding(comparison, report);
+    let verdict = if finding.is_some() { DriftVerdict::Drifted } else { comparison.verdict };
     let is_same =
         |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
     let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(is_same).collect();
@@ -155,11 +159,30 @@ fn history(
             mean: *mean,
             interval: *interval,
             limits: before.map(|before| range(before.mean, comparison.limit)),
-            verdict: Some(*verdict),
+            verdict: Some(verdict),
             moved: before.map(|before| mean - before.mean),
-            why: report.first_change().map(Cause::name).map(str::to_owned),
+            why: finding
+                .map(|finding| finding.kind.description())
+                .or_else(|| report.first_change().map(Cause::name))
+                .map(str::to_owned),
         });
     }
     let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());
-    NumberHistory { preset, method, metric, runs, unknown, verdict: *verdict }
+    NumberHistory { preset, method, metric, runs, unknown, verdict, of_run: report.verdict }
+}
+
+/// The first change other than of scores that is drift of a number's preset and method, if the number itself did not drift.
+fn drifted_finding<'a>(comparison: &Comparison, report: &'a DriftReport) -> Option<&'a Finding> {
+    if !report.drifted() || comparison.verdict == DriftVerdict::Drifted {
+        return None;
+    }
+    let is_of_it = |finding: &&Finding| {
+        // The lost score may be that of another metric.
+        let is_of_metric = finding.kind != FindingKind::Score || comparison.verdict == DriftVerdict::Nothing;
+        finding.verdict == DriftVerdict::Drifted
+            && finding.preset == comparison.preset
+            && (finding.method.is_empty() || finding.method == comparison.method)
+            && is_of_metric
+    };
+    report.findings.iter().find(is_of_it)
 }

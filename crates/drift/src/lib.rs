@@ -20,6 +20,7 @@ mod github;
 mod history;
 mod inputs;
 mod limits;
+mod moved;
 pub mod probe;
 mod provenance;
 mod repetition;

@@ -44,6 +44,11 @@ const PROSE: [&str; 6] = ["name", "title", "notes", "inferred", "sources", "stan
 /// The same below the top.
 const PROSE_BELOW: [&str; 2] = ["index.sampler", "overlap-bins.estimator"];
 
+/// Parameters of a method that are configurations of networks.
+const NETWORKS: [&str; 2] = ["configuration.", "high-resolution."];
+/// Fields of a network's configuration that change no number; `model` has its name.
+const PROSE_OF_NETWORK: [&str; 4] = ["name", "title", "notes", "inferred"];
+
 /// Settings that affect numbers and differ: those of the run, then of each method, metric and preset field by field. One that only
 /// one of them has is a single difference.
 pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Difference> {
@@ -115,6 +120,7 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
         for (name, value) in &method.parameters {
             each_field(name, value, &mut of_method);
         }
+        of_method.retain(|field, _| field_of_network(field).is_none_or(|field| !PROSE_OF_NETWORK.contains(&field)));
         settings.insert(format!("method {}", method.name), of_method);
     }
     for metric in metrics {
@@ -126,6 +132,16 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
         settings.insert(format!("metric {}", metric.id), of_metric);
     }
     settings
+}
+
+/// Whether a method's field is one of its network's configuration.
+pub(super) fn is_of_network(field: &str) -> bool {
+    field_of_network(field).is_some()
+}
+
+/// The field of a network's configuration, if a method's field is one.
+fn field_of_network(field: &str) -> Option<&str> {
+    NETWORKS.iter().find_map(|network| field.strip_prefix(network))
 }
 
 /// The fields that have a value.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_numeric::counted;
-use atsplat_results::{TargetStatus, TrialKey, TrialStatus};
+use atsplat_results::{TargetRow, TargetStatus, TrialKey, TrialStatus};
 
 use super::{BaselineTarget, BaselineTrial, Basis, DriftVerdict, Finding, FindingKind};
 
@@ -17,6 +17,8 @@ pub(super) struct Group {
     pub(super) trials: BTreeMap<EntryId, BaselineTrial>,
     /// By scene, entry and number of the target.
     pub(super) targets: BTreeMap<(String, u32, u32), BaselineTarget>,
+    /// Why targets failed, by the same; a baseline does not record it.
+    reasons: BTreeMap<(String, u32, u32), String>,
 }
 
 /// Scene and number of an entry.
@@ -61,6 +63,18 @@ impl Rows {
         Self(rows)
     }
 
+    /// With the first line of why each target failed.
+    #[must_use]
+    pub(super) fn with_reasons(mut self, targets: &[TargetRow]) -> Self {
+        for row in targets {
+            let Some(reason) = row.detail.as_deref().and_then(|detail| detail.lines().next()) else { continue };
+            let TrialKey { preset, method, scene, entry } = row.key.clone();
+            let group = self.0.entry((preset, method)).or_default();
+            group.reasons.insert((scene, entry, row.target), reason.to_owned());
+        }
+        self
+    }
+
     /// The rows of a preset under each method that both have, with those of `now`.
     pub(super) fn shared<'a>(&'a self, now: &'a Self, preset: &'a str) -> impl Iterator<Item = (&'a Group, &'a Group)> {
         let groups = self.0.iter().filter(move |((of, _), _)| of == preset);
@@ -101,7 +115,8 @@ impl Group {
             };
             let (was, is) = (self.status_of(then), now.status_of(row));
             if was != is {
-                add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}", location()));
+                let reason = now.reasons.get(id).map_or_else(String::new, |reason| format!(": {reason}"));
+                add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}{reason}", location()));
             }
             let groupings = then.grouping.as_ref().zip(row.grouping.as_ref());
             if let Some(change) = groupings.and_then(|(then, now)| then.change(now)) {

@@ -13,6 +13,7 @@ mod data;
 mod directions;
 mod github;
 mod grouping;
+mod lost;
 mod machines;
 mod planted;
 mod repetition;

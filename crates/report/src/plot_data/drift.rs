@@ -6,13 +6,14 @@ use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, QualityMetric};
 
 /// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
 pub fn drift_plot(history: &NumberHistory) -> Option<Drawing> {
-    let NumberHistory { preset, method, metric, runs, unknown, verdict } = history;
+    let NumberHistory { preset, method, metric, runs, unknown, verdict, of_run } = history;
     let quality: QualityMetric = definition(metric)?.into();
     let verdict = match verdict {
-        DriftVerdict::Same => "no number moved",
+        DriftVerdict::Drifted => "drifted",
+        _ if *of_run == DriftVerdict::Drifted => "drifted, but not in this number",
+        DriftVerdict::Same => "not moved",
         DriftVerdict::Within => "within limits",
         DriftVerdict::Nothing => "nothing compared",
-        DriftVerdict::Drifted => "drifted",
     };
     let gap = match *unknown {
         0 => String::new(),
@@ -35,7 +36,8 @@ fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
         format!("{sign}{digits} {}", quality.unit).trim_end().to_owned()
     };
     let drifted = run.verdict == Some(DriftVerdict::Drifted);
-    let reasons: Vec<String> = [run.moved.map(moved), run.why.clone()].into_iter().flatten().collect();
+    let moved = run.moved.filter(|by| by.abs() > 0.0).map(moved);
+    let reasons: Vec<String> = [moved, run.why.clone()].into_iter().flatten().collect();
     DriftRun {
         label: run.label.clone(),
         quality: Estimate { value: run.mean, interval: run.interval },
