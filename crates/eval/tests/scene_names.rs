@@ -1,5 +1,7 @@
 //! Files of imported methods by the names of scenes.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod common;
 
 use std::path::Path;

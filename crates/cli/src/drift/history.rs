@@ -95,6 +95,7 @@ mod tests {
             runs: Vec::new(),
             unknown: 0,
             verdict,
+            of_run: verdict,
         };
         let args = HistoryArgs { history: None, preset: None, method: None, metric: None };
         let selected = |numbers: &[NumberHistory]| args.selected(numbers).map(|number| number.metric.clone());
