@@ -3,6 +3,8 @@ use std::str::FromStr;
 use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
+use crate::numbers::{fixed, signed};
+
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
@@ -92,8 +94,8 @@ impl Quantity {
             Self::Metric(metric) if metric.unit == "dB" => fixed(value, 2),
             Self::Metric(_) | Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
-            Self::Difference(metric) if metric.unit == "dB" => format!("{value:+.2}"),
-            Self::Slope(..) | Self::Difference(_) => format!("{value:+.3}"),
+            Self::Difference(metric) if metric.unit == "dB" => signed(value, 2),
+            Self::Slope(..) | Self::Difference(_) => signed(value, 3),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
             _ => format!("{:.0}K", (value / 1000.0).trunc()),
         }
@@ -115,15 +117,6 @@ impl FromStr for Quantity {
             let ids: Vec<&str> = known.map(Self::id).collect();
             format!("expected one of the quantities {}, found {id:?}", ids.join(", "))
         })
-    }
-}
-
-/// The number with these decimals; what is printed as 0 has no sign.
-fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
-    match text.strip_prefix('-') {
-        Some(size) if size.chars().all(|letter| matches!(letter, '0' | '.')) => size.to_owned(),
-        _ => text,
     }
 }
 
@@ -165,6 +158,13 @@ mod tests {
         assert_eq!(Quantity::from_str("lpips").unwrap().print(0.1184, false), "0.118");
         let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::from_str("ssim").unwrap().print(value, false));
         assert_eq!(ssims, ["0.000", "-0.001", "0.000"], "no sign without a digit");
+        let difference = |id: &str| match Quantity::from_str(id).unwrap() {
+            Quantity::Metric(metric) => Quantity::Difference(metric),
+            other => other,
+        };
+        let differences = [-0.004, 0.0004, 0.006].map(|value| difference("psnr").print(value, false));
+        assert_eq!(differences, ["0.00", "0.00", "+0.01"]);
+        assert_eq!([-0.0004, 0.0006].map(|value| difference("ssim").print(value, false)), ["0.000", "+0.001"]);
     }
 
     #[test]

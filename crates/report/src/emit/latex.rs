@@ -13,8 +13,8 @@ const LABEL_WIDTH: &str = "p{42mm}";
 const ORIGIN_WIDTH: &str = "p{38mm}";
 
 /// A `table` environment, which needs `\usepackage{booktabs,graphicx}`; a table wider than its page is scaled down.
-/// Conventions, counts and characters that pdfLaTeX lacks are comments above it; what readers must know to read the
-/// numbers is printed: in the rows, the caption, and below the table.
+/// Its source, conventions, counts and characters that pdfLaTeX lacks are comments above it; what readers must know to read
+/// the numbers is printed: in the rows, the caption, and below the table.
 pub(super) fn write(table: &Table) -> String {
     let mut text = String::new();
     for note in table.footer.iter().filter(|note| !is_printed(note.kind)) {
@@ -74,8 +74,10 @@ pub(super) fn write(table: &Table) -> String {
 /// Whether a note is printed below the table, because a number is misread without it.
 const fn is_printed(kind: NoteKind) -> bool {
     match kind {
-        NoteKind::Published | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval | NoteKind::Choice => false,
-        NoteKind::Setting
+        NoteKind::Source | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval | NoteKind::Choice => false,
+        NoteKind::Published
+        | NoteKind::Machine
+        | NoteKind::Setting
         | NoteKind::Untrained
         | NoteKind::NotComputed
         | NoteKind::Busy

@@ -5,11 +5,15 @@ use std::collections::BTreeSet;
 /// Characters between U+00A0 and U+017F that pdfLaTeX cannot print in its default encoding, OT1.
 const NOT_IN_OT1: &str = "«»ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ";
 
-/// Escapes all of LaTeX's special characters, and writes others that pdfLaTeX would stop at by their commands.
+/// Escapes all of LaTeX's special characters, and writes others that pdfLaTeX would stop at by their commands. The hyphen before
+/// a negative number becomes a minus.
 pub(super) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
-    for letter in text.chars() {
+    let mut before = None;
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
         match letter {
+            '-' if is_sign(before, letters.peek().copied()) => safe.push_str("$-$"),
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
                 safe.push('\\');
                 safe.push(letter);
@@ -32,8 +36,14 @@ pub(super) fn escaped(text: &str) -> String {
                 (None, None) => safe.push(letter),
             },
         }
+        before = Some(letter);
     }
     safe
+}
+
+/// Whether a hyphen between these letters is the sign of a number.
+fn is_sign(before: Option<char>, after: Option<char>) -> bool {
+    before.is_none_or(|letter| matches!(letter, ' ' | '[' | '(')) && after.is_some_and(|letter| letter.is_ascii_digit())
 }
 
 /// Characters that pdfLaTeX stops at, each once with its code; `None` if there are none.

@@ -1,5 +1,6 @@
 use atsplat_files::escaped_markdown as escaped;
 
+use crate::numbers::signed;
 use crate::table::{Outcome, Table};
 
 /// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured,
@@ -24,7 +25,7 @@ fn section(table: &Table) -> String {
     for order in &table.orders {
         let [first, second] = order.rows.each_ref().map(|row| escaped(row));
         let interval = match order.interval {
-            Some([low, high]) => format!("\\[{low:+.3}, {high:+.3}\\]"),
+            Some([low, high]) => format!("\\[{}, {}\\]", signed(low, 3), signed(high, 3)),
             None => "none: too few scenes".to_owned(),
         };
         let [one, other] = order.trainings;
@@ -34,10 +35,10 @@ fn section(table: &Table) -> String {
             Outcome::Undecided => "undecided",
         };
         text.push_str(&format!(
-            "| {first} | {second} | {} | {:+.3} | {:+.3} | {interval} | {} | {one} and {other} | {outcome}{} |\n",
+            "| {first} | {second} | {} | {} | {} | {interval} | {} | {one} and {other} | {outcome}{} |\n",
             escaped(order.quantity),
-            order.published,
-            order.measured,
+            signed(order.published, 3),
+            signed(order.measured, 3),
             order.scenes,
             if order.inference_only { ", changed at inference only" } else { "" },
         ));

@@ -134,6 +134,45 @@ fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
     assert!(others.contains(comment) && others.contains("$\\sigma$ 视图 é ✓ đ"), "{others}");
 }
 
+/// A hyphen is shorter than the plus in the same column.
+#[test]
+fn negative_numbers_have_a_minus_in_latex() {
+    let mut method = floor();
+    method.title = "a -2.44 [-4.52, +1.94] lr1e-4, 10-20, x-2, (-3), - 5, -x".to_owned();
+    let results = results(vec![preset("re10k-2v-256")], vec![method]);
+    let table = table_of("re10k", &results);
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    let expected = "a $-$2.44 [$-$4.52, +1.94] lr1e-4, 10-20, x-2, ($-$3), - 5, -x";
+    assert!(latex.contains(expected), "{latex}");
+    let markdown = TableFormat::Markdown.write(&table).unwrap();
+    assert!(markdown.contains("a -2.44 "), "{markdown}");
+}
+
+/// Asterisks of published rows, and times of other machines, would otherwise be explained in comments alone.
+#[test]
+fn marks_and_machines_are_explained_where_latex_prints_them() {
+    let printed = |table: &Table| {
+        let latex = TableFormat::Latex.write(table).unwrap();
+        latex.lines().filter(|line| !line.starts_with('%')).collect::<Vec<_>>().join("\n")
+    };
+    for (name, row, note) in [
+        ("dl3dv", "iLRM* &", "{\\footnotesize * published at 6 views only"),
+        ("dl3dv_hr", "DepthSplat* &", "{\\footnotesize * the paper's time of DepthSplat is of one A6000"),
+        ("k_scaling", "16* &", "{\\footnotesize * the setting of all other tables of the paper."),
+    ] {
+        let printed = printed(&published(name));
+        assert!(printed.contains(row) && printed.contains(note), "{printed}");
+        assert!(!printed.contains("paper: ATSplat"), "the source is a comment: {printed}");
+    }
+    let with_times = printed(&measured("re10k"));
+    for note in ["published times are of one RTX 3090", "Time: a processor, 2 threads on 2 logical processors"] {
+        assert!(with_times.contains(note), "{note}\n{with_times}");
+    }
+    let mut untimed = store();
+    untimed.timings.clear();
+    assert!(!printed(&table_of("re10k", &untimed)).contains("Time: a processor"));
+}
+
 /// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.
 #[test]
 fn labels_are_no_arguments_of_the_latex_above_them() {

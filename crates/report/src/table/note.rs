@@ -14,7 +14,9 @@ pub struct Note {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoteKind {
-    /// Source of the published numbers, and their authors' remarks.
+    /// Where the published numbers were printed.
+    Source,
+    /// What readers must know about the published numbers and the table, such as what its asterisks stand for.
     Published,
     /// Definitions of metrics; preset, index and renderer.
     Convention,
@@ -28,6 +30,8 @@ pub enum NoteKind {
     Untrained,
     /// What was not computed, and how to get it.
     NotComputed,
+    /// The machines and devices of the times.
+    Machine,
     /// Times measured on a busy machine.
     Busy,
     /// What the marks of times of processes stand for.
@@ -38,7 +42,7 @@ pub enum NoteKind {
     LeftOut,
     /// The spread of several trainings.
     Trainings,
-    /// Columns whose measured numbers do not compare with each other.
+    /// Columns whose measured numbers do not compare with each other, and rows that lack targets or trials.
     Unranked,
     /// Rows of different protocols.
     Forced,

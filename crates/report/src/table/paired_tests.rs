@@ -93,6 +93,8 @@ fn rows_are_compared_with_a_method_of_another_store() {
     let row = table.rows.iter().find(|row| row.method.as_deref() == Some("warp")).unwrap();
     let differences: Vec<f64> = row.cells.last().unwrap().iter().map(|cell| cell.value.number().unwrap()).collect();
     Tolerance::F64.assert(differences, [0.0, -30.0 / 7.0], "the warp minus mine");
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    assert!(latex.contains("& 0.000 [0.000, 0.000] & $-$4.29 [$-$"), "{latex}");
     let columns = serde_json::to_value(&table.groups.last().unwrap().columns).unwrap();
     assert_eq!([0, 1].map(|at| columns[at]["quantity"].as_str().unwrap()), ["ssim-difference", "psnr-difference"]);
 }

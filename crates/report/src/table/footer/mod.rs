@@ -19,7 +19,7 @@ pub(super) fn footer(
 ) -> Vec<Note> {
     let mut notes = Notes::default();
     if table.is_published() {
-        notes.add(NoteKind::Published, format!("paper: {}", definition.source));
+        notes.add(NoteKind::Source, format!("paper: {}", definition.source));
         for note in &definition.notes {
             notes.add(NoteKind::Published, note.clone());
         }

@@ -11,14 +11,14 @@ impl Notes {
             let machine = &timing.machine;
             let measured = "; separate timing pass, nothing else running in the process";
             let how = if machine.is_stated() { "" } else { measured };
-            self.add(NoteKind::Convention, format!("Time: {machine}{how}"));
+            self.add(NoteKind::Machine, format!("Time: {machine}{how}"));
         }
         for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
             self.add(NoteKind::TimeScope, scope.explained());
         }
         for row in &table.rows {
             for device in timings(row).filter_map(|timing| timing.device.as_ref()) {
-                self.add(NoteKind::Convention, format!("Time of {}: {device}", name(row)));
+                self.add(NoteKind::Machine, format!("Time of {}: {device}", name(row)));
             }
         }
         for row in &table.rows {

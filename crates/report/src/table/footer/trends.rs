@@ -9,6 +9,7 @@ use super::super::{NoteKind, Row, Table};
 use super::Notes;
 use crate::counted;
 use crate::definition::{ColumnGroup, PlotKind, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
+use crate::numbers::signed;
 use crate::plot::Origin;
 
 impl Notes {
@@ -64,8 +65,9 @@ fn trend_over_gaussians(
     let settings: Vec<_> = settings.collect();
     let Trend { slope, interval, scenes } = along_setting(&settings).ok()?;
     Some(format!(
-        "trend: {} changes by {slope:+.3} {} per doubling of Gaussians, over {} settings and {}",
+        "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}",
         metric.name,
+        signed(slope, 3),
         interval_in_words(interval),
         settings.len(),
         counted(scenes, "scene")
@@ -105,8 +107,8 @@ fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, a
     };
     let Trend { slope, interval, scenes } = found.ok()?;
     let interval = interval_in_words(interval.map(|ends| ends.map(|end| end * unit)));
-    let (slope, scenes) = (slope * unit, counted(scenes, "scene"));
-    Some(format!("changes by {slope:+.3} {interval} per {per}, over {scenes}, leaked targets excluded"))
+    let (slope, scenes) = (signed(slope * unit, 3), counted(scenes, "scene"));
+    Some(format!("changes by {slope} {interval} per {per}, over {scenes}, leaked targets excluded"))
 }
 
 /// Measured rows over all of their targets.
@@ -117,7 +119,7 @@ fn measured(table: &Table) -> impl Iterator<Item = &Row> {
 /// The interval of a slope in a sentence.
 fn interval_in_words(interval: Option<[f64; 2]>) -> String {
     match interval {
-        Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
+        Some([low, high]) => format!("[{}, {}]", signed(low, 3), signed(high, 3)),
         None => "without an interval".to_owned(),
     }
 }
