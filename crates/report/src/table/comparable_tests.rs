@@ -7,7 +7,7 @@ use crate::definition::TableDefinition;
 use crate::sample::{SCENES, atsplat, floor, preset, random, results};
 
 fn built(name: &str, stores: &[&Results]) -> Table {
-    let labels = ["one", "two"];
+    let labels = ["one", "two", "three"];
     let sources: Vec<Source<'_>> =
         labels.iter().zip(stores).map(|(label, results)| Source { label, results }).collect();
     tables(&TableDefinition::named(name).unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0)
@@ -35,6 +35,12 @@ fn two_stores(name: &str) -> [Results; 2] {
     second.trials.iter_mut().for_each(|trial| trial.gaussians = Some(11_520));
     second.timings.iter_mut().flat_map(|row| &mut row.encode).for_each(|secs| *secs *= 0.5);
     [first, second]
+}
+
+/// A target without scores.
+fn set_status(row: &mut TargetRow, status: TargetStatus) {
+    row.status = status;
+    row.scores.clear();
 }
 
 /// As another `--limit`, or poses with which the second scene is skipped.
@@ -156,6 +162,55 @@ fn an_order_that_identical_renders_would_change_is_not_marked() {
     let table = built("re10k", &[&first, &second]);
     assert_eq!(marks(&table, PSNR), SECOND_IS_BEST);
     assert!(!row_of(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
+}
+
+/// The third method renders the truth of every target: it has no number, and would be first.
+#[test]
+fn a_method_all_of_whose_renders_are_identical_leaves_no_best_one() {
+    let [first, second] = two_stores("re10k-2v-256");
+    let mut third = results(vec![preset("re10k-2v-256")], vec![atsplat("c", |_| ())]);
+    for row in &mut third.targets {
+        (row.status, row.leaked) = (TargetStatus::Identical, false);
+        row.scores = [("ssim".to_owned(), 1.0)].into();
+    }
+    let table = built("re10k", &[&first, &second, &third]);
+    assert_eq!(row_of(&table, "c").cell(PSNR).value, Value::Absent);
+    let expected = [NONE, NONE, [Mark::Second, Mark::Best]];
+    assert_eq!([PSNR, SSIM, GAUSSIANS].map(|index| marks(&table, index)), expected);
+    let said = notes(&table, NoteKind::Unranked);
+    let why = "renders that are identical to the truth, which means leave out, would change the order";
+    assert_eq!(said, [format!("no measured number is marked as best, because {why}: PSNR, SSIM")]);
+    // Without renders for some targets, it would not be ranked either.
+    set_status(&mut third.targets[4], TargetStatus::Failed);
+    let table = built("re10k", &[&first, &second, &third]);
+    assert_eq!(marks(&table, PSNR), SECOND_IS_BEST);
+}
+
+/// The better method fails on its worst target, or on a whole trial.
+#[test]
+fn a_row_that_lacks_targets_says_why_it_is_not_ranked() {
+    let said = |change: fn(&mut Results)| {
+        let [first, mut second] = two_stores("re10k-2v-256");
+        change(&mut second);
+        let table = built("re10k", &[&first, &second]);
+        assert_eq!(marks(&table, PSNR)[1] == Mark::Best, notes(&table, NoteKind::Unranked).is_empty());
+        notes(&table, NoteKind::Unranked).join("\n")
+    };
+    assert_eq!(said(|_| ()), "");
+    let failed = said(|results| set_status(&mut results.targets[11], TargetStatus::Failed));
+    assert_eq!(failed, "not ranked, because targets failed: ATSplat (b) (PSNR, SSIM)");
+    let not_finite = said(|results| set_status(&mut results.targets[11], TargetStatus::NonFinite));
+    assert_eq!(not_finite, "not ranked, because renders are not finite: ATSplat (b) (PSNR, SSIM)");
+    let whole_trial = said(|results| {
+        results.timings.clear();
+        results.trials[3].status = TrialStatus::Failed;
+        results.targets[9..].iter_mut().for_each(|row| set_status(row, TargetStatus::Failed));
+    });
+    assert_eq!(whole_trial, "not ranked, because targets failed: ATSplat (b)");
+    // A single measured row is compared with none.
+    let [mut first, _] = two_stores("re10k-2v-256");
+    set_status(&mut first.targets[0], TargetStatus::Failed);
+    assert_eq!(notes(&built("re10k", &[&first]), NoteKind::Unranked), [""; 0]);
 }
 
 /// A method that copies context frames almost to the bit wins by leaked targets, and by them alone.

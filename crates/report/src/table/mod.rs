@@ -45,6 +45,7 @@ mod time_scope;
 mod training_tests;
 mod trainings;
 mod trial_data;
+mod unranked_rows;
 
 use atsplat_numeric::distinct;
 use atsplat_results::Results;

@@ -3,12 +3,14 @@ use std::collections::BTreeMap;
 
 use atsplat_metrics::{Definition, Direction, Measure};
 
+use super::unranked_rows::notes_on_rows;
 use super::{Cell, CellIndex, Column, Mark, Note, NoteKind, Row, Table};
 use crate::definition::{Marks, Quantity};
 use crate::plot::Origin;
 
 /// Marks the best and the second of each column by the printed values, so that equal values share a mark; returns notes on
-/// columns whose measured values do not compare. Why they do not stays in [`Table::unranked`], also for a table without marks.
+/// columns whose measured values do not compare, and on rows that lack targets or trials. Why columns do not compare stays in
+/// [`Table::unranked`], also for a table without marks.
 ///
 /// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
 /// separately; times always, because published ones are of other machines. Untrained rows, rows without leaked targets, and
@@ -36,9 +38,13 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
             rank_column(table, index, direction, marks, included);
         }
     }
-    let notes = if marks == Marks::None { Vec::new() } else { notes(table, &unranked) };
+    let mut said = Vec::new();
+    if marks != Marks::None {
+        said.extend(notes(table, &unranked));
+        said.extend(notes_on_rows(table, one_ranking));
+    }
     table.unranked = unranked;
-    notes
+    said
 }
 
 /// Positions of the measured rows whose values of a column may be ranked. The mean of several trainings compares if these do.
@@ -61,7 +67,22 @@ fn why_incomparable(table: &Table, index: CellIndex, direction: Direction) -> Op
     };
     let cells_without_leaked: Vec<&Cell> =
         rows.iter().zip(&cells).map(|(at, cell)| without_leaked(*at).unwrap_or(cell)).collect();
+    // A method all of whose renders are identical to the truth has no number, and would be the best.
+    let would_be_first = || !cells.is_empty() && has_row_of_identical_renders(table, index);
     incomparable(&cells, &cells_without_leaked, direction)
+        .or_else(|| would_be_first().then_some(Incomparable::Identical))
+}
+
+/// Whether a row that is ranked in other columns has no number, because all of its renders are identical to the truth.
+fn has_row_of_identical_renders(table: &Table, index: CellIndex) -> bool {
+    let rows = table.rows.iter().filter(|row| row.origin == Origin::Measured && is_ranked(row));
+    rows.map(|row| row.cell(index))
+        .any(|cell| cell.value.number().is_none() && cell.with_identical.is_some() && cell.is_rankable())
+}
+
+/// Whether a row may be the best of its columns.
+pub(super) const fn is_ranked(row: &Row) -> bool {
+    !row.untrained && !row.without_leaked
 }
 
 /// Whether published and measured values of a column may be ranked together: not times, nor scores with unpublished weights.
@@ -165,8 +186,7 @@ fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
 
 /// The printed values of a column that may be ranked, with the positions of their rows.
 fn printed(table: &Table, index: CellIndex, included: &dyn Fn(&Row) -> bool) -> Vec<(usize, f64)> {
-    let ranked = |row: &Row| included(row) && !row.untrained && !row.without_leaked;
-    let rows = table.rows.iter().enumerate().filter(|(_, row)| ranked(row));
+    let rows = table.rows.iter().enumerate().filter(|(_, row)| included(row) && is_ranked(row));
     rows.filter_map(|(at, row)| Some((at, printed_value(table, row, index)?))).collect()
 }
 
