@@ -83,7 +83,7 @@ impl Scale {
         self.high
     }
 
-    /// About `wanted` round values inside the range.
+    /// About `wanted` round values inside the range, at least two: a single one would not say what a length stands for.
     pub(in crate::plot) fn ticks(self, wanted: usize) -> Vec<f64> {
         match self.rule {
             Rule::Linear => self.linear_ticks(wanted),
@@ -94,8 +94,17 @@ impl Scale {
     fn linear_ticks(self, wanted: usize) -> Vec<f64> {
         let rough = (self.high - self.low) / wanted.clamp(1, 100) as f64;
         let power = 10f64.powf(rough.log10().floor());
-        let step =
-            [1.0, 2.0, 5.0].into_iter().map(|digit| digit * power).find(|step| *step >= rough).unwrap_or(10.0 * power);
+        let steps = [10.0, 5.0, 2.0, 1.0, 0.5, 0.2].map(|digit| digit * power);
+        let wide_enough = steps.iter().rposition(|step| *step >= rough).unwrap_or_default();
+        let options: Vec<Vec<f64>> = steps.iter().skip(wide_enough).map(|step| self.multiples(*step)).collect();
+        // Narrower steps than there is room for, where the range has fewer than three multiples of a wider one.
+        let three = options.iter().position(|ticks| (3..=wanted.clamp(1, 100) + 2).contains(&ticks.len()));
+        let chosen = three.or_else(|| options.iter().position(|ticks| ticks.len() > 1)).unwrap_or_default();
+        options.into_iter().nth(chosen).unwrap_or_default()
+    }
+
+    /// The multiples of a step inside the range, at most a hundred.
+    fn multiples(self, step: f64) -> Vec<f64> {
         let (first, last) = ((self.low / step).ceil(), (self.high / step + 1e-9).floor());
         let mut ticks = Vec::new();
         let mut at = first;
@@ -210,6 +219,23 @@ mod tests {
             Scale::logarithmic([0.0], 0.1),
         ] {
             assert!(scale.ticks(5).len() >= 2, "{scale:?}");
+        }
+    }
+
+    /// A panel of 290 px has room for three ticks.
+    #[test]
+    fn an_axis_has_at_least_two_ticks() {
+        assert_eq!(Scale::linear(20.6, 59.4).ticks(3), [30.0, 40.0, 50.0], "the multiples of 20 are one");
+        assert_eq!(Scale::linear(21.0, 62.0).ticks(3), [30.0, 40.0, 50.0, 60.0], "the multiples of 20 are two");
+        assert_eq!(Scale::linear(19.0, 61.0).ticks(3), [20.0, 40.0, 60.0]);
+        for wanted in 1..12 {
+            for start in 0..200 {
+                let low = 0.37 * f64::from(start) - 20.0;
+                for range in [0.013, 0.7, 1.0, 3.9, 38.8, 41.0, 99.0, 2500.0] {
+                    let ticks = Scale::linear(low, low + range).ticks(wanted);
+                    assert!((2..=wanted + 3).contains(&ticks.len()), "{wanted} from {low}, {range}: {ticks:?}");
+                }
+            }
         }
     }
 

@@ -123,6 +123,8 @@ fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)>
     };
     let points: Vec<KPoint> = shown(table).filter_map(point).collect();
     let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
+    // Several trainings of one K are no curve.
+    let has_several = points.windows(2).any(|pair| pair[0].k.total_cmp(&pair[1].k).is_ne());
     let plot = KScaling {
         title: format!("{} against K{}", metric.name, other_setting(table, 0..1)),
         subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
@@ -130,7 +132,7 @@ fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)>
         points,
         note: if shown(table).any(Row::is_over_trainings) { MEANS.to_owned() } else { String::new() },
     };
-    (measured > 1).then(|| (table.name.clone(), plot.draw()))
+    (measured > 1 && has_several).then(|| (table.name.clone(), plot.draw()))
 }
 
 fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {

@@ -8,7 +8,7 @@ use super::{FaultKind, PlotFault, Printed, fault};
 /// How far a tick may be from where its rounded label says, in pixels.
 const OFF: f64 = 3.0;
 
-/// Axes without a title, and ticks whose labels are not plain numbers at the places of these numbers.
+/// Axes without a title or with a single tick, and ticks whose labels are not plain numbers at the places of these numbers.
 pub(super) fn faults(texts: &[Printed<'_>]) -> Vec<PlotFault> {
     let mut axes: BTreeMap<u32, (Vec<&Printed<'_>>, Option<&str>)> = BTreeMap::new();
     for text in texts {
@@ -23,6 +23,9 @@ pub(super) fn faults(texts: &[Printed<'_>]) -> Vec<PlotFault> {
 
 fn of_axis(ticks: &[&Printed<'_>], title: Option<&str>) -> Option<String> {
     let Some(title) = title else { return Some("an axis without a title".to_owned()) };
+    if let [only] = ticks {
+        return Some(format!("the axis “{title}” has a single tick, “{}”", only.line.text));
+    }
     let mut values = Vec::new();
     for tick in ticks {
         let Some(value) = number(&tick.line.text) else {

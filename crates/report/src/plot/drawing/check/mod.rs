@@ -40,7 +40,7 @@ pub enum FaultKind {
     Colour,
     /// A series without an entry in the legend.
     Unexplained,
-    /// A tick with a unit, out of order, or at a wrong place.
+    /// A tick with a unit, out of order, or at a wrong place; an axis with a single tick.
     Axis,
     /// An interval where there is no point.
     Band,

@@ -156,6 +156,18 @@ fn ticks_that_do_not_agree_with_their_axis_are_found() {
     assert_eq!(tick(|text| text.text = "0.1".to_owned()), [FaultKind::Axis], "another value than its place");
     assert_eq!(tick(|text| text.at[0] += 9.0), [FaultKind::Axis], "another place than its value");
     assert_eq!(kinds(|plot| plot.items.retain(|item| item.role != Role::Axis(2))), [FaultKind::Axis], "no title");
+    let with_ticks = |count: usize| {
+        kinds(move |plot| {
+            let mut left = count;
+            plot.items.retain(|item| {
+                let is_tick = item.role == Role::Tick(2);
+                let stays = !is_tick || left > 0;
+                left = left.saturating_sub(usize::from(is_tick));
+                stays
+            });
+        })
+    };
+    assert_eq!([2, 1].map(with_ticks), [vec![], vec![FaultKind::Axis]], "a single tick");
 }
 
 #[test]
