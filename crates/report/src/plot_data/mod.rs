@@ -11,6 +11,7 @@ mod subject;
 mod table;
 mod timed;
 mod trial;
+mod without_point;
 
 pub use drift::drift_plot;
 pub use estimators::estimator_scatter;

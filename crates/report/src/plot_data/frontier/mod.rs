@@ -12,6 +12,7 @@ use atsplat_results::tradeoff::{Axis, Incomplete, Note, Tradeoff, tradeoffs};
 use super::first_metric;
 use super::subject::{FewerTargets, fewer_targets, subject, title_of, unfinished};
 use super::timed::Timed;
+use super::without_point::without_point;
 use crate::ReportError;
 use crate::file_names::{plain, unused};
 use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
@@ -166,13 +167,8 @@ fn note(tradeoff: &Tradeoff, title: &dyn Fn(&str) -> String) -> Vec<String> {
         None => format!("{text}."),
     }));
     for frontier in frontiers {
-        let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
-        for (label, why) in &frontier.left_out {
-            reasons.entry(why).or_default().push(title(label));
-        }
-        for (why, labels) in reasons {
-            parts.push(format!("No point against {}: {} ({why}).", name(frontier.axis), labels.join(", ")));
-        }
+        let left_out = frontier.left_out.iter().map(|(label, why)| (why.clone(), title(label)));
+        parts.extend(without_point(name(frontier.axis), left_out));
     }
     parts
 }

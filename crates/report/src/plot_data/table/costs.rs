@@ -4,7 +4,8 @@ use super::{column_of, estimate, explained, leaked_in, metric_of, name, other_se
 use crate::definition::Quantity;
 use crate::plot::{CostAxis, Drawing, Frontier, FrontierPoint, Origin};
 use crate::plot_data::timed::Timed;
-use crate::table::{CellIndex, Row, Source, Table};
+use crate::plot_data::without_point::without_point;
+use crate::table::{Cell, CellIndex, Row, Source, Table, Value};
 
 /// The columns of a plot.
 #[derive(Clone, Copy)]
@@ -60,11 +61,16 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     let at = quality.group;
     let published = rows.iter().any(|(row, _)| row.origin == Origin::Published);
     let setting = if published { other_setting(table, at..at + 1) } else { "" };
-    let (what, machines) = match axis {
-        CostAxis::Gaussians => ("Gaussians", ""),
-        CostAxis::Seconds if published => ("time", "; published times are from other machines"),
-        CostAxis::Seconds => ("time", ""),
+    let what = match axis {
+        CostAxis::Gaussians => "Gaussians",
+        CostAxis::Seconds => "time",
     };
+    let machines = match axis {
+        CostAxis::Seconds if published => "; published times are from other machines",
+        _ => "",
+    };
+    let left_out = shown(table).filter_map(|row| Some((why_without_point(row, columns, what)?, name(row))));
+    notes.extend(without_point(what, left_out));
     Some(Frontier {
         title: format!("{} against {what}{setting}{machines}", metric.name),
         subtitle: format!(
@@ -72,13 +78,27 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
             subtitle(table, &table.groups[at], at..at + 1),
             leaked_in(table, at..at + 1, sources),
             timed.in_words(),
-            explained(measured())
+            explained(shown(table))
         ),
         cost: axis,
         quality: metric.into(),
         points: rows.into_iter().map(|(_, point)| point).collect(),
         note: notes.join(" "),
     })
+}
+
+/// Why a row has no point; `None` if it has both numbers. `what` names the cost.
+fn why_without_point(row: &Row, columns: Columns, what: &str) -> Option<String> {
+    let Columns { cost, quality, metric, .. } = columns;
+    let reason = |cell: &Cell, what: &str| match (&cell.value, &cell.not_computed) {
+        (Value::Number(_), _) => None,
+        (Value::Text(text), _) => Some(text.clone()),
+        (Value::Absent, Some(why)) => Some(why.clone()),
+        (Value::Absent, None) if row.origin == Origin::Published => Some("not published".to_owned()),
+        (Value::Absent, None) if row.measured(quality.group).is_empty() => Some("not measured".to_owned()),
+        (Value::Absent, None) => Some(format!("no {what}")),
+    };
+    reason(row.cell(quality), metric.name).or_else(|| reason(row.cell(cost), what))
 }
 
 /// The point of a row that has both numbers; `compares` says whether the table ranks the measured rows of these columns.
@@ -105,7 +125,7 @@ mod tests {
     use super::*;
     use crate::definition::TableDefinition;
     use crate::plot_data::table_plots;
-    use crate::sample::{SCENES, atsplat, preset, results, results_over};
+    use crate::sample::{SCENES, atsplat, floor, preset, results, results_over};
     use crate::table::{Mixing, tables};
 
     const FRONTIER: &str = "measured, and their frontier";
@@ -215,6 +235,20 @@ mod tests {
         results.provenance.methods[1].untrained = true;
         assert!(!has_frontier(&said(&results)), "random weights");
         assert!(said(&results).lines().any(|text| text == "ATSplat (cheap), untrained"), "{}", said(&results));
+    }
+
+    /// Two methods of the paper have no time, and the nearest view has neither cost; its row without leaked targets is not named.
+    #[test]
+    fn rows_without_a_cost_are_named_with_the_reason() {
+        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        let said = |plot| texts(&[&results], Mixing::Apart, plot);
+        let (gaussians, seconds) = (said("re10k-gaussians"), said("re10k-seconds"));
+        let of = |text: &str| text.lines().filter(|line| line.contains("No point")).collect::<Vec<_>>().join(" ");
+        assert!(of(&gaussians).ends_with("No point against Gaussians: Nearest view (no Gaussians)."), "{gaussians}");
+        assert_eq!(of(&gaussians).matches("No point").count(), 1, "{gaussians}");
+        let expected = "No point against time: GS-LRM, LongLRM (not published). \
+                        No point against time: Nearest view (the method makes no Gaussians from images).";
+        assert!(of(&seconds).ends_with(expected), "{seconds}");
     }
 
     /// Answers take 0.26 s; of that, the process says, its encoder takes 0.005 s.
