@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
 use atsplat_eval::GaussianFrame;
-use atsplat_files::{is_toml_path, malformed_toml};
+use atsplat_files::{InvalidText, is_toml_path, malformed_toml};
 use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
@@ -53,6 +53,19 @@ pub(crate) fn frames(text: &str) -> Result<usize, String> {
         let hint = if text.parse::<f64>().is_ok() { "" } else { "; the scene file comes before the cameras" };
         format!("expected 1 to {MAX_FRAMES} frames, found {text:?}{hint}")
     })
+}
+
+/// One line of at most 80 characters, without the spaces around it.
+pub(crate) fn short_line(text: &str, expected: &str) -> Result<String, InvalidText> {
+    const MOST: usize = 80;
+    let line = text.trim();
+    let is_short = !line.is_empty() && line.chars().count() <= MOST && !line.contains(char::is_control);
+    if is_short { Ok(line.to_owned()) } else { Err(InvalidText::new(expected, text)) }
+}
+
+/// A title in tables and plots.
+pub(crate) fn title(text: &str) -> Result<String, InvalidText> {
+    short_line(text, "a title in one line of at most 80 characters")
 }
 
 pub(crate) fn finite(text: &str) -> Result<f64, String> {

@@ -23,6 +23,53 @@ fn results(here: &Path, store: &str) -> Results {
     Results::read(&here.join(store)).unwrap()
 }
 
+/// Names of folders cannot have these characters. A title is stated later, corrected, and kept when the command does not state it;
+/// no row depends on it.
+#[test]
+fn a_title_is_text_in_every_format_and_no_drift() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    succeed(here, &[&RUN[..7], &["own", "--metrics", "psnr", "--keep-images", "all"]].concat());
+    let renders = ["--renders", "own/images/tiny/warp", "--name", "mine", "--deterministic", "--metrics", "psnr"];
+    let score = |more: &[&str]| {
+        let args = ["score", "tiny.toml", "--data", "data", "--out", "scores"];
+        atsplat(here, &[&args[..], &renders, more].concat())
+    };
+    let long = "x".repeat(81);
+    for wrong in ["", " ", "two\nlines", long.as_str()] {
+        let refused = score(&["--title", wrong]);
+        let expected = "expected a title in one line of at most 80 characters, found ";
+        assert!(refused.code == 2 && refused.stderr.contains(expected), "{wrong:?}: {}", refused.stderr);
+    }
+    assert_eq!(score(&[]).code, 0);
+    let first = results(here, "scores");
+    assert_eq!(first.provenance.methods[0].title, "mine");
+    succeed(here, &["drift", "accept", "scores", "--baseline", "baseline.json", "--why", "first results"]);
+
+    assert_eq!(score(&["--title", "3DGS"]).code, 0);
+    assert_eq!(score(&["--title", " w/o d_2 | 3DGS* 50% & $x #1 "]).code, 0);
+    assert_eq!(score(&[]).code, 0);
+    let titled = results(here, "scores");
+    assert_eq!(titled.provenance.methods[0].title, "w/o d_2 | 3DGS* 50% & $x #1");
+    assert_eq!(bare(&titled), bare(&first));
+    let drift = succeed(here, &["drift", "scores", "--baseline", "baseline.json"]);
+    assert!(!drift.contains("title") && !drift.contains("3DGS"), "{drift}");
+
+    succeed(here, &["report", "scores", "--methods", "mine", "--out", "page"]);
+    let table = |extension: &str| {
+        std::fs::read_to_string(here.join("page/tables/protocol-tiny").with_extension(extension)).unwrap()
+    };
+    for (extension, expected) in [
+        ("md", "| w/o d\\_2 \\| 3DGS\\* 50% &amp; \\$x #1 | "),
+        ("tex", "w/o d\\_2 \\textbar{} 3DGS* 50\\% \\& \\$x \\#1 & "),
+        ("csv", "w/o d_2 | 3DGS* 50% & $x #1,measured,"),
+    ] {
+        let text = table(extension);
+        assert!(text.lines().any(|line| line.starts_with(expected)), "{expected}\n{text}");
+    }
+}
+
 /// Number of rounds of two processes; `ATSPLAT_ROUNDS` sets it.
 fn rounds() -> usize {
     std::env::var("ATSPLAT_ROUNDS").map_or(4, |rounds| rounds.parse().unwrap())

@@ -146,6 +146,8 @@ fn renders_are_found_in_every_layout() {
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
         assert_eq!((renders.record().name.as_str(), renders.record().deterministic), ("other", false));
         assert!(renders.clone().deterministic(true).record().deterministic);
+        let titles = [None, Some("Ours (K=8)")].map(|title| renders.clone().titled(title).record().title);
+        assert_eq!(titles, ["other", "Ours (K=8)"]);
         assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&image(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
         assert!(second.contains("no file for frame 5"), "another entry of the scene has another folder: {second}");
@@ -310,6 +312,8 @@ fn imported_gaussians_are_in_the_dataset_frame() {
     let imported = |frame| Ply::new(folder.path(), None, frame, false, Splatting::default()).unwrap();
     let seen = trial.render(&imported(GaussianFrame::Dataset), 0).unwrap();
     let ply = imported(GaussianFrame::Dataset);
+    let titles = [None, Some("3DGS*")].map(|title| ply.clone().titled(title).record().title);
+    assert_eq!(titles, [ply.record().name.as_str(), "3DGS*"]);
     assert!(
         !ply.record().deterministic && ply.deterministic(true).record().deterministic,
         "nobody can tell it from files"

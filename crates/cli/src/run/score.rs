@@ -12,7 +12,7 @@ use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
 use super::stated::StatedCostArgs;
 use crate::device::DeviceArgs;
-use crate::parse::usage_error;
+use crate::parse::{self, usage_error};
 use crate::requirements::{Requirement, check_all};
 
 #[derive(Debug, clap::Args)]
@@ -40,6 +40,11 @@ pub(crate) struct Args {
     /// Name in the results; by default the folder's name.
     #[arg(long, value_name = "NAME", value_parser = MethodSpec::name_of)]
     name: Option<String>,
+
+    /// Title in tables and plots, such as "Ours (K=8)"; by default the name. It can be given later or corrected: no render is scored
+    /// again.
+    #[arg(long, value_name = "TEXT", value_parser = parse::title)]
+    title: Option<String>,
 
     /// The method gives the same bits every time: `drift` then compares bit by bit, otherwise by intervals of the means.
     #[arg(long)]
@@ -81,15 +86,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         },
     ]);
     requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
-    let name = args.name.as_deref();
+    let (name, title) = (args.name.as_deref(), args.title.as_deref());
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
         (Some(folder), _) => {
-            let renders = Renders::new(folder, name)?.deterministic(args.deterministic);
+            let renders = Renders::new(folder, name)?.titled(title).deterministic(args.deterministic);
             Arc::new(renders.at_cost(args.stated.cost()))
         }
         (None, Some(folder)) => {
             let ply = args.gaussians.ply(folder, name, &args.device.open()?)?;
-            Arc::new(ply.deterministic(args.deterministic))
+            Arc::new(ply.titled(title).deterministic(args.deterministic))
         }
         (None, None) => bail!("expected --renders or --ply"),
     };

@@ -46,7 +46,5 @@ impl StatedCostArgs {
 }
 
 fn machine_name(text: &str) -> Result<String, InvalidText> {
-    let name = text.trim();
-    let is_line = !name.is_empty() && name.chars().count() <= 80 && !name.contains(char::is_control);
-    if is_line { Ok(name.to_owned()) } else { Err(InvalidText::new("a name of at most 80 characters", text)) }
+    parse::short_line(text, "a name of at most 80 characters")
 }

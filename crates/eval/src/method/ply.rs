@@ -26,6 +26,7 @@ use crate::{EvalError, GaussianFrame};
 pub struct Ply {
     folder: PathBuf,
     name: String,
+    title: Option<String>,
     names: SceneNames,
     frame: GaussianFrame,
     /// Whether a PLY file stores opacities themselves instead of logits.
@@ -51,8 +52,17 @@ impl Ply {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of Gaussians", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         let names = SceneNames::default().below(folder);
-        let folder = folder.to_owned();
-        Ok(Self { folder, name, names, frame, opacities_as_stored, splatting, setting: None, deterministic: false })
+        Ok(Self {
+            folder: folder.to_owned(),
+            name,
+            title: None,
+            names,
+            frame,
+            opacities_as_stored,
+            splatting,
+            setting: None,
+            deterministic: false,
+        })
     }
 
     /// Chooses the published method whose pose normalisation, planes and renderer the Gaussians have, as [`Method::setting`]; `None`
@@ -60,6 +70,12 @@ impl Ply {
     #[must_use]
     pub fn with_setting(self, setting: Option<&str>) -> Self {
         Self { setting: setting.map(str::to_owned), ..self }
+    }
+
+    /// Its title in tables and plots; by default its name.
+    #[must_use]
+    pub fn titled(self, title: Option<&str>) -> Self {
+        Self { title: title.map(str::to_owned), ..self }
     }
 
     /// Declares that whatever made the Gaussians gives the same bits every time. Nobody can tell that from files.
@@ -192,7 +208,7 @@ impl Method for Ply {
         let mut record = MethodRecord {
             name: self.name.clone(),
             kind: "ply".to_owned(),
-            title: self.name.clone(),
+            title: self.title.as_ref().unwrap_or(&self.name).clone(),
             parameters: parameters([
                 ("folder", self.folder.display().to_string().into()),
                 ("frame", self.frame.name().into()),

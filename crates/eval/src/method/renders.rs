@@ -45,6 +45,7 @@ use crate::EvalError;
 pub struct Renders {
     folder: PathBuf,
     name: String,
+    title: Option<String>,
     names: SceneNames,
     deterministic: bool,
     stated: Option<StatedCost>,
@@ -59,13 +60,19 @@ impl Renders {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         let names = SceneNames::default().below(folder);
-        Ok(Self { folder: folder.to_owned(), name, names, deterministic: false, stated: None })
+        Ok(Self { folder: folder.to_owned(), name, title: None, names, deterministic: false, stated: None })
     }
 
     /// Declares that whatever rendered the images gives the same bits every time. Nobody can tell that from files.
     #[must_use]
     pub fn deterministic(self, deterministic: bool) -> Self {
         Self { deterministic, ..self }
+    }
+
+    /// Its title in tables and plots; by default its name.
+    #[must_use]
+    pub fn titled(self, title: Option<&str>) -> Self {
+        Self { title: title.map(str::to_owned), ..self }
     }
 
     /// States what the images cost.
@@ -127,7 +134,7 @@ impl Method for Renders {
         MethodRecord {
             name: self.name.clone(),
             kind: "renders".to_owned(),
-            title: self.name.clone(),
+            title: self.title.as_ref().unwrap_or(&self.name).clone(),
             parameters: parameters([("folder", self.folder.display().to_string().into())]),
             deterministic: self.deterministic,
             stated: self.stated.clone(),

@@ -64,8 +64,9 @@ impl Provenance {
         }
     }
 
-    /// Resumes a run with the same settings; presets, methods, metrics, scenes and stated costs may be new. Data, indices and folders may be in other
-    /// places, which [`Self::take_places`] takes over once the run has found the same contents there.
+    /// Resumes a run with the same settings; presets, methods, metrics, scenes, stated costs and titles of imported files may be new.
+    /// Data, indices and folders may be in other places, which [`Self::take_places`] takes over once the run has found the same
+    /// contents there.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
@@ -94,9 +95,7 @@ impl Provenance {
             let method = self.placed(method);
             match self.methods.iter_mut().find(|known| known.name == method.name) {
                 Some(known) => {
-                    // No row depends on what was stated.
-                    known.stated = method.stated.clone().or(known.stated.take());
-                    let method = MethodRecord { stated: known.stated.clone(), ..method };
+                    let method = known.restated(method);
                     same("methods", Some(&method.name), known, &method, ADVICE)?;
                 }
                 None => self.methods.push(method),
@@ -123,6 +122,22 @@ impl Provenance {
         same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
         same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
         same("platforms", None, &self.platform, &other.platform, advice)
+    }
+}
+
+impl MethodRecord {
+    /// The record of the same method in a later run, after both have the costs and the title of imported files that were stated last:
+    /// no row depends on them. A title that is the name was not stated.
+    fn restated(&mut self, later: Self) -> Self {
+        self.stated = later.stated.clone().or(self.stated.take());
+        let later = Self { stated: self.stated.clone(), ..later };
+        if !later.imports_files() {
+            return later;
+        }
+        if later.title != later.name {
+            self.title.clone_from(&later.title);
+        }
+        Self { title: self.title.clone(), ..later }
     }
 }
 
@@ -301,6 +316,28 @@ mod tests {
             assert_eq!(known.methods, expected.methods);
         }
         assert!(known.merge_shard(of(Some(5)), false).is_err(), "parts of one run state the same");
+    }
+
+    /// The second run corrects the title, the third states none.
+    #[test]
+    fn imported_files_can_be_titled_later_and_other_methods_cannot() {
+        let of = |kind: &str, title: &str| {
+            let [name, kind, title] = ["m", kind, title].map(str::to_owned);
+            let methods = vec![MethodRecord { name, kind, title, ..MethodRecord::default() }];
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, methods, ..Provenance::default() }
+        };
+        for kind in ["renders", "ply"] {
+            let mut known = of(kind, "m");
+            for (next, expected) in [("Ours (K=4)", "Ours (K=4)"), ("Ours (K=8)", "Ours (K=8)"), ("m", "Ours (K=8)")] {
+                known.resume_with(of(kind, next)).unwrap();
+                assert_eq!(known.methods, of(kind, expected).methods);
+            }
+            assert!(known.merge_shard(of(kind, "m"), false).is_err(), "parts of one run have the same title");
+        }
+        let refused = of("exec", "m").resume_with(of("exec", "Ours")).unwrap_err().to_string();
+        assert!(refused.contains("methods m") && refused.contains("title"), "{refused}");
+        assert!(of("ply", "m").resume_with(of("renders", "Ours")).is_err(), "another kind");
     }
 
     #[test]

@@ -216,6 +216,11 @@ impl MethodRecord {
         self.kind == "renders"
     }
 
+    /// Whether it imports files of another program: images or Gaussians.
+    pub(crate) fn imports_files(&self) -> bool {
+        self.has_finished_images() || self.kind == "ply"
+    }
+
     /// Records where its network runs: on this adapter, or on the CPU.
     pub fn record_network(&mut self, adapter: Option<AdapterRecord>) {
         self.deterministic &= adapter.is_none();
