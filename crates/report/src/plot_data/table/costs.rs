@@ -65,10 +65,8 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
         CostAxis::Gaussians => "Gaussians",
         CostAxis::Seconds => "time",
     };
-    let machines = match axis {
-        CostAxis::Seconds if published => "; published times are from other machines",
-        _ => "",
-    };
+    let is_of_others = published && axis == CostAxis::Seconds;
+    let machines = if is_of_others { "; published times are from other machines" } else { "" };
     let left_out = shown(table).filter_map(|row| Some((why_without_point(row, columns, what)?, name(row))));
     notes.extend(without_point(what, left_out));
     Some(Frontier {
