@@ -25,7 +25,10 @@ pub fn toml_problem(whole: &str, error: &toml::de::Error) -> (String, String) {
         None if message == "wanted string or table" => {
             ("a name in quotation marks, or a table".to_owned(), "neither".to_owned())
         }
-        None => (whole.to_owned(), message.to_owned()),
+        None => match message.strip_prefix("missing field ") {
+            Some(name) => (format!("a field {name}"), "none".to_owned()),
+            None => (whole.to_owned(), message.to_owned()),
+        },
     }
 }
 
@@ -131,6 +134,19 @@ mod tests {
         is(error_of::<[u8; 2]>("[1]"), "a list of 2 values", "a list of 1");
         is(error_of::<(usize, usize)>("[3]"), "a list of 2 values", "a list of 1");
         is(error_of::<Vec<u8>>("{ b = 1 }"), "a list", "a table");
+    }
+
+    #[test]
+    fn a_missing_field_is_what_is_expected() {
+        #[derive(Debug, serde::Deserialize)]
+        #[expect(dead_code, reason = "it is read, never looked at")]
+        struct Pinned {
+            index: PathBuf,
+            sha256: String,
+        }
+        let error = toml::from_str::<Pinned>("index = 'a.json'").unwrap_err();
+        let (expected, found) = toml_problem("the whole", &error);
+        assert_eq!((expected.as_str(), found.as_str()), ("a field `sha256`", "none"));
     }
 
     #[test]

@@ -179,12 +179,11 @@ mod tests {
         let field = "line 8 column 1, field sources[1].weight: expected ";
         assert!(unknown.contains(field) && unknown.contains("found unknown field `weight`"), "{unknown}");
         let missing = error_of(&whole.replace("\nshare = 0.5", ""), "steps = 9");
-        let field =
-            "line 6 column 1, field sources[1]: expected a training configuration, found missing field `share` (";
+        let field = "line 6 column 1, field sources[1]: expected a field `share`, found none (";
         assert!(missing.contains(field), "{missing}");
         // Neither file has this error alone.
         let both = error_of(&format!("{whole}\n[nested]\na = 1\n"), "nested.b = 2");
-        let field = "run.toml, field nested: expected a training configuration, found missing field `c`";
+        let field = "run.toml, field nested: expected a field `c`, found none";
         assert!(both.ends_with(field), "{both}");
         let broken = error_of("steps = [", "");
         assert!(broken.starts_with("training configuration: line 1 column ") && !broken.contains('\n'), "{broken}");
