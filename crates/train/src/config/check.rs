@@ -120,7 +120,7 @@ impl TrainConfig {
 }
 
 /// The field that decides the size of a source's images, and that size, if it is known before one is read.
-fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize>), TrainError> {
+pub(super) fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize>), TrainError> {
     Ok(match source {
         SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
         SourceConfig::Dataset(dataset) => {

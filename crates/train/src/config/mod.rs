@@ -5,6 +5,7 @@ mod derived;
 mod held_out;
 mod losses;
 mod model;
+mod notices;
 
 use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 use std::path::Path;

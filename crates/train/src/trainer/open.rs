@@ -44,6 +44,7 @@ impl Trainer {
         let features = environment.features(&config, &model, &state)?;
         notices.extend(slow_products(&config));
         notices.extend(unreached_rate(&config));
+        notices.extend(config.notices(&model));
         notices.extend(samples.notices());
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
         notices.extend(run_logs.check_evaluation(evaluation.as_ref())?);
