@@ -129,7 +129,8 @@ fn a_run_writes_all_its_outputs() {
     assert!(message.contains("rooms train 0 to 0 at 32x32"), "{message}");
     let again = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
     assert_eq!(again.code, 1);
-    assert!(again.stderr.contains("expected no run, found one of 4 steps"), "{}", again.stderr);
+    let advice = "out: expected no run; choose another folder, or `--resume`, found one with checkpoints";
+    assert!(again.stderr.contains(advice), "{}", again.stderr);
     train(folder.path(), "second", &["--steps", "1", "--init", "out/weights.safetensors"]);
     let message = succeed(folder.path(), &["weights", "inspect", "second/weights.safetensors"]);
     let views = "(2 views, gaps 2 to 3, targets 2, stride 30)";
@@ -198,6 +199,30 @@ fn rejects_an_untrainable_configuration_with_file_and_field() {
         assert!(outcome.code == 1 && outcome.stderr.contains(&said), "{}", outcome.stderr);
         assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);
         assert!(!folder.path().join("out").exists());
+    }
+}
+
+#[test]
+fn data_that_cannot_be_read_are_named_with_file_and_field() {
+    const VIEWS: &str = "views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }";
+    let folder = tempdir().unwrap();
+    let (start, _) = TINY.split_once("[[data]]").unwrap();
+    let start = start.replace("resolution = [32, 32]", "resolution = [64, 64]");
+    let rooms = format!("scenes-of = 'rooms'\nscenes = 1\nsize = [64, 64]\nsamples = 1\nstride = 30\n{VIEWS}");
+    let evaluation = "[evaluation]\nevery = 10\nsamples = 1\n[evaluation";
+    let of_evaluation = format!("[[data]]\n[data.source.rooms]\n{rooms}\n{evaluation}");
+    let (of_data, of_evaluation) = ("[[data]]\n[data", of_evaluation.as_str());
+    for (table, preset, field, cause) in [
+        (of_data, "rooms-2v-64", "data[0].source.dataset.path: opening a dataset: ", "(absent) (tiny.toml)"),
+        (of_data, "absent.toml", "data[0].source.dataset.preset: reading a preset: ", "(absent.toml) (tiny.toml)"),
+        (of_evaluation, "rooms-2v-64", "evaluation.source.dataset.path: opening", "(absent) (tiny.toml)"),
+    ] {
+        let dataset = format!("path = 'absent'\npreset = '{preset}'\n{VIEWS}");
+        let config = format!("{start}{table}.source.dataset]\n{dataset}\n");
+        std::fs::write(folder.path().join("tiny.toml"), config).unwrap();
+        let outcome = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
+        let said = outcome.stderr.contains(&format!("error: {field}")) && outcome.stderr.trim_end().ends_with(cause);
+        assert!(outcome.code == 1 && said, "{}", outcome.stderr);
     }
 }
 

@@ -36,6 +36,16 @@ pub enum TrainError {
     /// Too many steps in a row failed.
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
+    /// None of a run's steps could be used.
+    #[error(
+        "none of the run's {steps} steps so far could be used, so that its weights are not trained; the last: {last}"
+    )]
+    Untrained {
+        /// Number of steps done.
+        steps: u64,
+        /// Why the last one could not be used.
+        last: String,
+    },
     /// A source gave no sample.
     #[error("{}: {source_name}: {attempts} draws gave no sample; the last: {reason}", purpose.data())]
     NoSample {
@@ -93,6 +103,14 @@ pub enum TrainError {
     /// Error of a Parquet log.
     #[error("log: {0}")]
     Columns(#[from] polars::error::PolarsError),
+    /// Another error, with the field of the configuration that names what caused it.
+    #[error("{field}: {source}")]
+    InField {
+        /// The path of the field.
+        field: String,
+        /// The error.
+        source: Box<TrainError>,
+    },
     /// Another error, with the file that caused it.
     #[error("{source} ({})", path.display())]
     InFile {
@@ -171,6 +189,31 @@ impl TrainError {
         }
     }
 
+    /// The same error with the field of the configuration that names what caused it. What is malformed names its place already.
+    pub(crate) fn in_field(self, field: impl Into<String>) -> Self {
+        match self {
+            named @ (Self::Malformed(_) | Self::InField { .. }) => named,
+            other => Self::InField { field: field.into(), source: Box::new(other) },
+        }
+    }
+
+    /// The same error with its field, if it has one, as part of the `parent` field.
+    pub(crate) fn below(self, parent: &str) -> Self {
+        match self {
+            Self::InField { field, source } => Self::InField { field: format!("{parent}.{field}"), source },
+            other => other,
+        }
+    }
+
+    /// The same error with the file of the configuration, if it names one of its fields.
+    #[must_use]
+    pub fn in_configuration(self, path: &Path) -> Self {
+        match self {
+            Self::InField { .. } => self.in_file(path),
+            other => other,
+        }
+    }
+
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         FileError::during(action, path)
     }
@@ -185,5 +228,15 @@ mod tests {
         let malformed = |what| TrainError::malformed(what, "a folder", "a scene", "none").of_evaluation().to_string();
         assert_eq!(malformed(Purpose::Training.data()), "evaluation data: a folder: expected a scene, found none");
         assert_eq!(malformed("index"), "index: a folder: expected a scene, found none");
+    }
+
+    #[test]
+    fn errors_of_a_field_name_it_and_the_configuration() {
+        let closed = || TrainError::io("opening", "a folder")(std::io::ErrorKind::NotFound.into());
+        let shown = |error: TrainError| error.below("data[1]").in_configuration(Path::new("run.toml")).to_string();
+        assert_eq!(shown(closed()), closed().to_string(), "no field");
+        assert_eq!(shown(closed().in_field("path")), format!("data[1].path: {} (run.toml)", closed()));
+        let malformed = TrainError::malformed("index", "line 2", "a scene", "none");
+        assert_eq!(shown(malformed.in_field("path")), "index: line 2: expected a scene, found none");
     }
 }

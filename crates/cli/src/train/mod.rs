@@ -70,7 +70,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         bail!("--out {}: expected a folder for this run only, found results of evaluations", args.out.display());
     }
     let steps = config.steps.get();
-    let mut trainer = Trainer::on(args.device.processor, config, &args.out, &start)?;
+    let trainer = Trainer::on(args.device.processor, config, &args.out, &start);
+    let mut trainer = trainer.map_err(|error| error.in_configuration(&args.config))?;
     let last = args.steps.map_or(steps, |most| most.min(steps));
     let mut live = Live::new(last, trainer.state().step, trainer.config().is_evaluation_held_out());
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));

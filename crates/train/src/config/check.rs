@@ -14,11 +14,13 @@ use glam::{DMat3, DVec3};
 
 use super::{DataConfig, SourceConfig, TrainConfig, WHAT};
 use crate::evaluation::require_memory;
-use crate::samples::{RoomsConfig, ViewChoice};
+use crate::samples::{DatasetConfig, RoomsConfig, ViewChoice};
 use crate::{Parameters, TrainError};
 
 /// A choice of frames is impossible if this many draws give none.
 const DRAWS: u64 = 64;
+/// Largest factor by which a copy of a capture's images is smaller.
+const MAX_FACTOR: u32 = 64;
 /// Largest number of rays per pixel for simulated scenes.
 const MAX_RAYS: u32 = 256;
 
@@ -58,7 +60,7 @@ impl TrainConfig {
                         "a dataset",
                     );
                 }
-                SourceConfig::Dataset(dataset) => check_views(&format!("{field}.dataset.views"), &dataset.views)?,
+                SourceConfig::Dataset(dataset) => check_dataset(&format!("{field}.dataset"), dataset)?,
             }
         }
         Ok(())
@@ -85,7 +87,7 @@ impl TrainConfig {
     /// micro-batch expand as many tokens, only a frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] with the field; [`TrainError::Protocol`] for a preset that cannot be read.
+    /// [`TrainError::Malformed`] with the field; [`TrainError::InField`] for a preset that cannot be read.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
         self.distance_patch()?;
         if let Some(backbone) = self.model.backbone.as_ref().filter(|_| !model.backbone.is_frozen()) {
@@ -124,7 +126,10 @@ pub(super) fn sized(field: &str, source: &SourceConfig) -> Result<(String, Optio
     Ok(match source {
         SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
         SourceConfig::Dataset(dataset) => {
-            (format!("{field}.dataset.preset"), size_of(&Preset::resolve(&dataset.preset)?))
+            let field = format!("{field}.dataset.preset");
+            let preset = Preset::resolve(&dataset.preset);
+            let preset = preset.map_err(|error| TrainError::from(error).in_field(field.as_str()))?;
+            (field, size_of(&preset))
         }
     })
 }
@@ -140,11 +145,6 @@ fn size_of(preset: &Preset) -> Option<ImageSize> {
         (None, _) => return None,
     };
     Some(size.into())
-}
-
-/// Whether the size of a source's images is known before one is read.
-pub(super) fn is_size_known(source: &SourceConfig) -> Result<bool, TrainError> {
-    Ok(sized("source", source)?.1.is_some())
 }
 
 /// Why a network does not train on images of this size: its patches do not divide them, or they have another scale than its
@@ -171,6 +171,14 @@ fn check_size(field: &str, size: ImageSize, model: &ModelConfig) -> Result<(), T
         Err(other) => Err(other.into()),
         Ok(_) => Ok(()),
     }
+}
+
+fn check_dataset(field: &str, dataset: &DatasetConfig) -> Result<(), TrainError> {
+    if let Some(factor) = dataset.images.filter(|factor| !(1..=MAX_FACTOR).contains(factor)) {
+        let expected = format!("1 for `images`, or the factor of a smaller copy, at most {MAX_FACTOR}");
+        return invalid(format!("{field}.images"), &expected, factor);
+    }
+    check_views(&format!("{field}.views"), &dataset.views)
 }
 
 fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {

@@ -22,7 +22,7 @@ pub use model::ModelChoice;
 
 use crate::TrainError;
 use crate::optimiser::{AdamW, Schedule};
-use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, SampleId, Source, ViewChoice};
+use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, Source, ViewChoice};
 
 pub(crate) const WHAT: &str = "training configuration";
 
@@ -260,28 +260,29 @@ impl TrainConfig {
     ///
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset folder from which the
-    /// reader would take test scenes; [`TrainError::Scene`] if its `train` or `test` cannot be opened; [`TrainError::NoSample`] with
-    /// the sizes if the configuration does not state that of a dataset's images, and the network does not train on it.
+    /// reader would take test scenes; [`TrainError::InField`] if its `train` or `test` cannot be opened; [`TrainError::NoSample`] for a
+    /// dataset whose first draws all give none, as if all images have a size on which the network does not train.
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
         for (at, data) in self.data.iter().enumerate() {
             if let SourceConfig::Dataset(dataset) = &data.source {
-                dataset.require_one_split(format!("data[{at}].source.dataset.path"))?;
+                let field = format!("data[{at}].source.dataset.path");
+                dataset.require_one_split(field.clone()).map_err(|error| error.in_field(field))?;
             }
         }
         let (patch, model) = (self.distance_patch()?, self.model.config()?);
         let mut sources: Vec<(f64, Box<dyn Source>)> = Vec::new();
-        for DataConfig { share, source } in &self.data {
+        for (at, DataConfig { share, source }) in self.data.iter().enumerate() {
             let opened: Box<dyn Source> = match source {
                 SourceConfig::Rooms(_) => source.open(&self.pose_normalisation, patch, warnings)?,
                 SourceConfig::Dataset(config) => {
-                    let opened = DatasetSource::open(config.clone(), self.pose_normalisation.clone(), warnings)?;
-                    Box::new(opened.for_network(model.clone()))
+                    let opened = DatasetSource::open(config.clone(), self.pose_normalisation.clone(), warnings);
+                    let opened = opened.map_err(|error| error.below(&format!("data[{at}].source.dataset")))?;
+                    let opened = opened.for_network(model.clone());
+                    // Clips of simulated scenes were tried with the configuration; what a dataset contains is known only now.
+                    opened.require_sample(self.seed)?;
+                    Box::new(opened)
                 }
             };
-            if !check::is_size_known(source)? {
-                // An error now rather than in the first step.
-                opened.sample(SampleId { seed: self.seed, number: 0, step: 0 })?;
-            }
             sources.push((*share, opened));
         }
         Mixture::new(sources, self.flips, self.distinct.map(NonZeroU64::get))

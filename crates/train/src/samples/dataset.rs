@@ -10,12 +10,15 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
-use atsplat_scene::{Dataset, OneScene, Scene, SceneError, SceneSource, Warning, WarningKind, Warnings};
+use atsplat_scene::{Dataset, ImageOptions, OneScene, Scene, SceneError, SceneSource, WarningKind, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
+use super::data_warnings::DatasetWarnings;
 use super::exclude::scene_name;
-use super::{ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
+use super::{
+    DataWarnings, ExcludedScenes, PosedImages, ReplacedDraws, Sample, SampleId, Source, ViewChoice, first_sample,
+};
 use crate::TrainError;
 use crate::config::{WHAT, size_problem};
 use crate::error::Purpose;
@@ -28,6 +31,15 @@ pub struct DatasetConfig {
     pub path: PathBuf,
     /// Name or path of the protocol whose preprocessing and filters apply.
     pub preset: String,
+    /// Which copy of a capture's images: 1 for `images`, 2, 4 or 8 for `images_2` and so on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub images: Option<u32>,
+    /// Folder of the frames, if they are not next to the poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<PathBuf>,
+    /// Whether DL3DV's undistorted `gaussian_splat/` is read in scenes that have it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub prefer_undistorted: bool,
     /// How frames are chosen for a sample.
     pub views: ViewChoice,
     /// Scenes that are never drawn: those of the indices that the network will be evaluated on. Keys are compared without the
@@ -45,7 +57,7 @@ impl DatasetConfig {
     /// opened, because its scenes are unknown then.
     pub(crate) fn require_one_split(&self, field: String) -> Result<(), TrainError> {
         let [train, test] = ["train", "test"].map(|split| self.path.join(split));
-        let holds_scenes = |folder: &Path| Ok::<_, SceneError>(folder.is_dir() && dataset_in(folder)?.is_some());
+        let holds_scenes = |folder: &Path| Ok::<_, SceneError>(folder.is_dir() && self.dataset_in(folder)?.is_some());
         if !holds_scenes(&test)? {
             return Ok(());
         }
@@ -53,7 +65,7 @@ impl DatasetConfig {
             let expected = format!("{}, without the test scenes in {}", train.display(), test.display());
             return Err(TrainError::malformed(WHAT, field, expected, self.path.display()));
         }
-        let Some(dataset) = dataset_in(&self.path)? else { return Ok(()) };
+        let Some(dataset) = self.dataset_in(&self.path)? else { return Ok(()) };
         for key in dataset.keys() {
             if dataset.files(key)?.iter().any(|file| file.is_file() && file.starts_with(&test)) {
                 let expected = format!("a folder of training scenes, or {} to train on those", test.display());
@@ -63,14 +75,40 @@ impl DatasetConfig {
         }
         Ok(())
     }
-}
 
-/// The dataset that a folder contains, if any.
-fn dataset_in(folder: &Path) -> Result<Option<Dataset>, SceneError> {
-    match atsplat_scene::open(folder, &mut Warnings::new()) {
-        Ok(dataset) => Ok(Some(dataset)),
-        Err(SceneError::Unrecognized { .. }) => Ok(None),
-        Err(error) => Err(error),
+    /// The dataset that a folder contains, if any.
+    fn dataset_in(&self, folder: &Path) -> Result<Option<Dataset>, SceneError> {
+        let options = self.image_options().open_options();
+        match atsplat_scene::open_with(folder, &options, &mut Warnings::new()) {
+            Ok(dataset) => Ok(Some(dataset)),
+            Err(SceneError::Unrecognized { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn image_options(&self) -> ImageOptions {
+        let (images, frames) = (self.images, self.frames.clone());
+        ImageOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
+    }
+
+    /// Opens the dataset; the error's field is one of this table.
+    fn open(&self, warnings: &mut Warnings) -> Result<Dataset, TrainError> {
+        let options = self.image_options();
+        let dataset = atsplat_scene::open_with(&self.path, &options.open_options(), warnings);
+        let dataset = dataset.map_err(|error| TrainError::from(error).in_field("path"))?;
+        options.check(Some(dataset.format)).map_err(|unread| {
+            let found = format!("a dataset in the format {}", dataset.format);
+            let source = TrainError::malformed("dataset", self.path.display().to_string(), unread.expected, found);
+            TrainError::InField { field: unread.option.to_owned(), source: Box::new(source) }
+        })?;
+        Ok(dataset)
+    }
+
+    /// What the data are opened with: sources with the same read the same.
+    fn identity(&self) -> String {
+        let resolved = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+        let (path, frames) = (resolved(&self.path), self.frames.as_ref().map(resolved));
+        format!("{:?}", (path, frames, self.images, self.prefer_undistorted))
     }
 }
 
@@ -84,34 +122,35 @@ pub struct DatasetSource {
     /// The network that trains on the samples, if they must have a size that it trains on.
     network: Option<ModelConfig>,
     notices: Vec<String>,
+    /// What its data were opened with.
+    identity: String,
     counted: Mutex<Counted>,
 }
 
-/// Warnings of scenes and their trials, each counted once although scenes are loaded again and again.
-#[derive(Default)]
+/// What was wrong with the data so far, and what was drawn in vain.
 struct Counted {
-    warnings: Warnings,
-    /// Keys of scenes whose loading was counted.
-    scenes: BTreeSet<String>,
-    /// Warnings of trials that were counted: kind, scene, detail.
-    of_trials: BTreeSet<(WarningKind, String, String)>,
+    warnings: DatasetWarnings,
     replaced: ReplacedDraws,
 }
 
 impl DatasetSource {
-    /// Opens the dataset; no scene is read yet. Poses are normalised by `normalisation`, not by the preset's rule.
+    /// Opens the dataset; no scene is read yet. Poses are normalised by `normalisation`, not by the preset's rule. What is wrong with the
+    /// data is added to `warnings`, and [`Source::warnings`] counts it too.
     ///
     /// # Errors
-    /// [`TrainError::Scene`], [`TrainError::Protocol`], [`TrainError::Malformed`] for a dataset without scenes.
+    /// [`TrainError::InField`] if the dataset, its preset or an index of excluded scenes cannot be read, or its format does not read an
+    /// option; [`TrainError::Malformed`] for a dataset without scenes and for another index.
     pub fn open(
         config: DatasetConfig,
         normalisation: PoseNormalisation,
         warnings: &mut Warnings,
     ) -> Result<Self, TrainError> {
-        let dataset: Box<dyn SceneSource> = Box::new(atsplat_scene::open(&config.path, warnings)?);
+        let mut opening = Warnings::new();
+        let dataset: Box<dyn SceneSource> = Box::new(config.open(&mut opening)?);
+        warnings.merge(opening.clone());
         let (mut excluded, mut notices) = (BTreeSet::new(), Vec::new());
-        for scenes in &config.exclude {
-            let names = scenes.names()?;
+        for (at, scenes) in config.exclude.iter().enumerate() {
+            let names = scenes.names().map_err(|error| error.in_field(format!("exclude[{at}].index")))?;
             let count = dataset.keys().iter().filter(|key| names.contains(scene_name(key))).count();
             let (path, all, index) = (config.path.display(), dataset.keys().len(), scenes.index.display());
             notices.push(format!("{path}: {count} of {all} scenes excluded by {index}"));
@@ -129,16 +168,30 @@ impl DatasetSource {
                 found,
             ));
         }
-        let recipe = TrialRecipe {
-            pose_normalisation: normalisation,
-            ..TrialRecipe::of(&Preset::resolve(&config.preset)?, "ATSplat")
-        };
-        Ok(Self { config, dataset, keys, recipe, network: None, notices, counted: Mutex::default() })
+        let preset = Preset::resolve(&config.preset).map_err(|error| TrainError::from(error).in_field("preset"))?;
+        let recipe = TrialRecipe { pose_normalisation: normalisation, ..TrialRecipe::of(&preset, "ATSplat") };
+        let counted = Counted { warnings: DatasetWarnings::new(opening), replaced: ReplacedDraws::default() };
+        let (identity, counted) = (config.identity(), Mutex::new(counted));
+        Ok(Self { config, dataset, keys, recipe, network: None, notices, identity, counted })
     }
 
     /// The same source, which rejects draws whose images have a size that this network does not train on.
     pub(crate) fn for_network(self, network: ModelConfig) -> Self {
         Self { network: Some(network), ..self }
+    }
+
+    /// Draws a sample, so that data without any are an error before the first step. What is drawn here in vain is not counted: the run
+    /// does not draw it.
+    ///
+    /// # Errors
+    /// As [`Source::sample`], if none of the first few draws gives a sample.
+    pub(crate) fn require_sample(&self, seed: u64) -> Result<(), TrainError> {
+        // In sparse data, each may fail by chance.
+        const TRIED: u64 = 5;
+        let sample = |number| self.sample(SampleId { seed, number, step: 0 }).map(drop);
+        let found = (1..TRIED).fold(sample(0), |outcome, number| outcome.or_else(|_error| sample(number)));
+        self.counted().replaced = ReplacedDraws::default();
+        found
     }
 
     /// Keys of the scenes that may be drawn, in the dataset's order.
@@ -163,21 +216,13 @@ impl DatasetSource {
             warnings.push(WarningKind::UnreadableScene, key, error.to_string());
             error.to_string()
         });
-        let mut counted = self.counted();
-        if counted.scenes.insert(key.to_owned()) {
-            counted.warnings.merge(warnings);
-        }
+        self.counted().warnings.add_scene(key, warnings);
         scene
     }
 
     /// Counts the warnings of a trial that no earlier trial had.
     fn count_trial(&self, warnings: &Warnings) {
-        let mut counted = self.counted();
-        for Warning { kind, scene, detail } in warnings.kept() {
-            if counted.of_trials.insert((*kind, scene.clone(), detail.clone())) {
-                counted.warnings.push(*kind, scene, detail);
-            }
-        }
+        self.counted().warnings.add_trial(warnings);
     }
 
     /// Counts an image whose header or content cannot be read, unless an earlier sample had it.
@@ -209,7 +254,7 @@ impl DatasetSource {
                 if skipped.reason == SkipReason::ImageUnreadable && has_pose {
                     self.count_unreadable(key, &skipped.detail);
                 }
-                return Err(format!("{name}: {}", skipped.detail));
+                return Err(format!("{name}: {}: {}", skipped.reason.name(), skipped.detail));
             }
             None => return Err(format!("{name}: no trial")),
         };
@@ -249,12 +294,14 @@ fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedImages> {
 
 impl Source for DatasetSource {
     fn name(&self) -> String {
-        let DatasetConfig { path, preset, views, .. } = &self.config;
-        format!("{} under {preset} ({views})", path.display())
+        let DatasetConfig { path, preset, images, prefer_undistorted, views, .. } = &self.config;
+        let images = images.map_or_else(String::new, |factor| format!(", images {factor}"));
+        let undistorted = if *prefer_undistorted { ", undistorted" } else { "" };
+        format!("{} under {preset} ({views}{images}{undistorted})", path.display())
     }
 
-    fn warnings(&self) -> Warnings {
-        self.counted().warnings.clone()
+    fn data_warnings(&self) -> DataWarnings {
+        DataWarnings::of(self.identity.clone(), self.counted().warnings.clone())
     }
 
     fn replaced(&self) -> ReplacedDraws {

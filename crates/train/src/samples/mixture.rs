@@ -1,8 +1,7 @@
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::SplitMix64;
-use atsplat_scene::Warnings;
 
-use super::{ReplacedDraws, Sample, SampleId, Source, mirrored};
+use super::{DataWarnings, ReplacedDraws, Sample, SampleId, Source, mirrored};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -62,9 +61,9 @@ impl Source for Mixture {
         Ok(if flipped { mirrored(&sample)? } else { sample })
     }
 
-    fn warnings(&self) -> Warnings {
-        let mut warnings = Warnings::new();
-        self.sources.iter().for_each(|(_, source)| warnings.merge(source.warnings()));
+    fn data_warnings(&self) -> DataWarnings {
+        let mut warnings = DataWarnings::default();
+        self.sources.iter().for_each(|(_, source)| warnings.merge(source.data_warnings()));
         warnings
     }
 

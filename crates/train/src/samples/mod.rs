@@ -1,6 +1,7 @@
 //! Training samples. A sample is a function of the seed, its number and the step alone, so that a resumed run and any number
 //! of threads see the same samples.
 
+mod data_warnings;
 mod dataset;
 mod digest;
 mod distances;
@@ -18,6 +19,7 @@ use atsplat_model::network::Views;
 use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
+pub use data_warnings::DataWarnings;
 pub use dataset::{DatasetConfig, DatasetSource};
 pub(crate) use digest::digest_of_all;
 pub use distances::PatchDistances;
@@ -79,9 +81,15 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     /// [`TrainError::NoSample`] if many draws in a row give none; errors of reading and rendering.
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError>;
 
-    /// What was wrong with the scenes loaded so far without stopping, each scene counted once.
+    /// What was wrong with the data so far without stopping, each scene counted once, by the data: sources of the same data are counted
+    /// together.
+    fn data_warnings(&self) -> DataWarnings {
+        DataWarnings::default()
+    }
+
+    /// All of [`Self::data_warnings`].
     fn warnings(&self) -> Warnings {
-        Warnings::new()
+        self.data_warnings().total()
     }
 
     /// Draws so far that gave no sample, such as those of scenes with too few frames, and were replaced by others.

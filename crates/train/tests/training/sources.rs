@@ -181,7 +181,11 @@ fn a_dataset_on_disk_gives_samples() {
     let centres = [0, 1].map(|view| sample.context.cameras[view].camera_from_world.inverse().centre());
     Tolerance::F64.assert([(centres[1] - centres[0]).length()], [1.0], "the baseline");
     let absent = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
-    assert!(DatasetSource::open(absent, RULE, &mut Warnings::new()).is_err());
+    let error = DatasetSource::open(absent, RULE, &mut Warnings::new()).unwrap_err().to_string();
+    assert!(error.starts_with("path: ") && error.contains("absent"), "{error}");
+    let absent = DatasetConfig { preset: "absent.toml".to_owned(), ..config.clone() };
+    let error = DatasetSource::open(absent, RULE, &mut Warnings::new()).unwrap_err().to_string();
+    assert!(error.starts_with("preset: ") && error.contains("absent.toml"), "{error}");
     let mut impossible = config;
     impossible.views.gaps.min = 500;
     impossible.views.gaps.max = 600;
@@ -211,6 +215,9 @@ fn scenes_are_excluded_with_and_without_the_prefix_of_dl3dv() {
         let config = DatasetConfig {
             path: path.clone(),
             preset: "dl3dv-2v-256x448".to_owned(),
+            images: None,
+            frames: None,
+            prefer_undistorted: false,
             views: views["v"].clone(),
             exclude: vec![ExcludedScenes { index: index.clone(), sha256 }],
         };
@@ -254,6 +261,62 @@ fn unreadable_images_of_a_dataset_are_counted_once_each() {
         .collect();
     found.sort_unstable();
     assert_eq!(found, keys.map(|key| (key, true)));
+}
+
+/// A reason that the place alone does not tell.
+#[test]
+fn draws_of_a_missing_image_say_that_it_is_missing() {
+    let folder = tempdir().unwrap();
+    let config = rooms_of(folder.path(), [12, 4]);
+    let images = std::fs::read_dir(config.path.join("rooms-train-00000000")).unwrap();
+    for image in images.map(|entry| entry.unwrap().path()) {
+        std::fs::remove_file(image).unwrap();
+    }
+    let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
+    source.sample(id(0)).unwrap_err();
+    let replaced = source.replaced().scenes["rooms-train-00000000"].clone();
+    assert!(replaced.contains(": image-missing: frame "), "{replaced}");
+}
+
+/// A capture at twice the preset's size, with a smaller copy of its images.
+#[test]
+fn a_dataset_is_read_from_the_chosen_copy_of_its_images() {
+    let folder = tempdir().unwrap();
+    let (data, smaller) = (folder.path().join("capture"), folder.path().join("smaller"));
+    for (folder, side) in [(&data, 64), (&smaller, 32)] {
+        let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number: 0 });
+        request.size = ImageSize { width: side, height: side };
+        (request.samples, request.frames) = (1, 12);
+        let options = WriteOptions { layout: Layout::Nerfstudio, encoding: ImageEncoding::Png, depth: false };
+        write_dataset(folder, vec![request], &options, &mut Warnings::new(), |_, _| ()).unwrap();
+    }
+    let capture = |folder: &Path| folder.join("rooms-train-00000000/nerfstudio");
+    std::fs::rename(capture(&smaller).join("images"), capture(&data).join("images_2")).unwrap();
+    let config = rooms_on_disk(folder.path());
+    let text = std::fs::read_to_string(&config.preset).unwrap();
+    let preset = folder.path().join("sized.toml");
+    std::fs::write(&preset, format!("{text}\n[preprocessing.expected-size]\nwidth = 32\nheight = 32\n")).unwrap();
+    let preset = preset.to_string_lossy().into_owned();
+    let open = |images| {
+        let config = DatasetConfig { path: data.clone(), preset: preset.clone(), images, ..config.clone() };
+        DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap()
+    };
+    for images in [None, Some(1)] {
+        let error = open(images).sample(id(0)).unwrap_err().to_string();
+        assert!(error.ends_with("is 64×64, expected 32×32"), "{error}");
+    }
+    let source = open(Some(2));
+    assert_eq!(source.sample(id(0)).unwrap().context.size, atsplat_model::ImageSize::new(32, 32));
+    assert!(source.name().ends_with("targets 3, images 2)"), "{}", source.name());
+
+    // Trajectories have one folder of images.
+    let other = DatasetConfig { images: Some(2), ..config.clone() };
+    let error = DatasetSource::open(other, RULE, &mut Warnings::new()).unwrap_err().to_string();
+    let expected = "expected captures of nerfstudio or COLMAP, found a dataset in the format re10k";
+    assert!(error.starts_with("images: dataset: ") && error.ends_with(expected), "{error}");
+    // So that checkpoints and weights of runs without them stay as they are.
+    let text = toml::to_string(&config).unwrap();
+    assert!(["images", "frames", "prefer-undistorted"].iter().all(|field| !text.contains(field)), "{text}");
 }
 
 /// The scene's loading warns of it; its image can be read.
@@ -315,6 +378,9 @@ fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
     DatasetConfig {
         path: data.join("train"),
         preset: preset.to_string_lossy().into_owned(),
+        images: None,
+        frames: None,
+        prefer_undistorted: false,
         views: views["v"].clone(),
         exclude: Vec::new(),
     }
