@@ -1,5 +1,6 @@
 //! Checkpoints: safetensors files with everything that a run needs to resume as if uninterrupted.
 
+mod settings;
 mod state;
 
 use std::collections::BTreeMap;
@@ -8,8 +9,10 @@ use std::path::{Path, PathBuf};
 use atsplat_files::entries_if_exists;
 use atsplat_model::weights::TensorFile;
 
+pub(crate) use settings::ChangedSettings;
+use settings::check_settings;
 pub use state::{InitialWeights, State};
-use state::{ReadBackbone, WHAT, check_settings};
+use state::{ReadBackbone, WHAT};
 
 use crate::parameters::Parameters;
 use crate::{Resolved, TrainConfig, TrainError};
@@ -25,11 +28,27 @@ pub struct Checkpoints {
     resolved: Resolved,
 }
 
+/// A checkpoint from which a run can go on.
+#[derive(Debug)]
+pub(crate) struct Found {
+    /// Its state.
+    pub(crate) state: State,
+    /// A message for each newer checkpoint that cannot be read.
+    pub(crate) skipped: Vec<String>,
+    /// Settings that have changed since, without changing the run.
+    pub(crate) changed: Option<ChangedSettings>,
+}
+
 impl Checkpoints {
     /// The checkpoint folder in a run's folder, which the first checkpoint creates; the run's configuration resolves to
     /// `resolved`.
     pub fn new(folder: &Path, keep: usize, resolved: Resolved) -> Self {
-        Self { folder: folder.join(FOLDER), keep, resolved }
+        Self { folder: Self::folder_in(folder), keep, resolved }
+    }
+
+    /// The checkpoint folder in a run's folder.
+    pub(crate) fn folder_in(folder: &Path) -> PathBuf {
+        folder.join(FOLDER)
     }
 
     /// Whether a run's folder contains a checkpoint, readable or not.
@@ -63,22 +82,21 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// The newest readable state, with a message for each newer checkpoint that cannot be read; `None` if there is no
-    /// checkpoint. Trained parameters are those that `fresh` has, and frozen weights that a checkpoint does not contain are those of
+    /// The newest readable state; `None` if there is no checkpoint. Trained parameters are those that `fresh` has, and frozen weights that a checkpoint does not contain are those of
     /// `backbone`.
     ///
     /// # Errors
     /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read, and of any whose configuration resolved
     /// to something else.
-    pub fn read(
+    pub(crate) fn read(
         &self,
         config: &TrainConfig,
         fresh: &Parameters,
         backbone: ReadBackbone<'_>,
-    ) -> Result<Option<(State, Vec<String>)>, TrainError> {
-        let (mut messages, mut first) = (Vec::new(), None);
+    ) -> Result<Option<Found>, TrainError> {
+        let (mut skipped, mut first) = (Vec::new(), None);
         for path in self.all()?.into_values().rev() {
-            let state = match TensorFile::open(&path) {
+            let read = match TensorFile::open(&path) {
                 Ok(file) => {
                     // Not a reason to go on from an older checkpoint, whose version may not have stated it.
                     self.resolved.check(&file.stored).map_err(|error| {
@@ -86,14 +104,16 @@ impl Checkpoints {
                         let settings = check_settings(&file.stored, config).err();
                         settings.map_or(error, |settings| settings.in_file(&path))
                     })?;
-                    State::from_stored(&file.stored, config, fresh, backbone).map_err(|error| error.in_file(&path))
+                    let state = State::from_stored(&file.stored, config, fresh, backbone);
+                    let read = state.and_then(|state| Ok((state, check_settings(&file.stored, config)?)));
+                    read.map_err(|error| error.in_file(&path))
                 }
                 Err(error) => Err(error.into()),
             };
-            match state {
-                Ok(state) => return Ok(Some((state, messages))),
+            match read {
+                Ok((state, changed)) => return Ok(Some(Found { state, skipped, changed })),
                 Err(error) => {
-                    messages.push(error.to_string());
+                    skipped.push(error.to_string());
                     first.get_or_insert(error);
                 }
             }
@@ -158,8 +178,8 @@ mod tests {
             assert_eq!(all.get(&600), Some(&written));
             let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
             let found = checkpoints.read(&config, &with_one_number(0, 1.0).parameters, &backbone).unwrap();
-            let (found, messages) = found.unwrap();
-            assert_eq!((found.step, messages.len()), (600, 0));
+            let Found { state, skipped, changed } = found.unwrap();
+            assert_eq!((state.step, skipped.len(), changed), (600, 0, None));
         }
     }
 }

@@ -18,7 +18,7 @@ impl Resolved {
     /// The identities as of now.
     ///
     /// # Errors
-    /// [`TrainError::Protocol`] for a preset that cannot be read, and errors of hashes.
+    /// [`TrainError::InField`] for a preset that cannot be read, and errors of hashes.
     pub fn new(config: &TrainConfig, model: &ModelConfig, objective: &Objective) -> Result<Self, TrainError> {
         let mut entries = vec![
             ("model-sha256".to_owned(), model.hash()?),
@@ -28,7 +28,8 @@ impl Resolved {
         ];
         for (field, source) in config.sources() {
             if let SourceConfig::Dataset(dataset) = source {
-                let preset = Preset::resolve(&dataset.preset)?;
+                let preset = Preset::resolve(&dataset.preset)
+                    .map_err(|error| TrainError::from(error).in_field(format!("{field}.dataset.preset")))?;
                 entries.push((format!("{field}.dataset.preset-sha256"), preset.hash()?.to_string()));
             }
         }
@@ -55,7 +56,9 @@ impl Resolved {
     pub(crate) fn check(&self, stored: &StoredTensors) -> Result<(), TrainError> {
         for (key, found) in &self.entries {
             if let Some(recorded) = stored.metadata.get(key).filter(|recorded| *recorded != found) {
-                let expected = format!("{recorded}, as in the run so far, or a new run from its weights (`--init`)");
+                let expected = format!(
+                    "{recorded}, as in the run so far, or a new run from its weights in another folder (`--init`)"
+                );
                 return Err(TrainError::malformed("checkpoint", key, expected, found));
             }
         }

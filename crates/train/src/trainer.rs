@@ -25,7 +25,7 @@ use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
 use crate::logs::{EvaluationRecord, LogFile, StepRecord};
 use crate::objective::Objective;
-use crate::samples::Source;
+use crate::samples::{DataWarnings, Source};
 use crate::skipped_step::SkippedStep;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
@@ -82,8 +82,8 @@ pub struct Trainer {
     skipped: Vec<SkippedStep>,
     /// To be reported when the run starts.
     notices: Vec<String>,
-    /// Warnings counted while sources were opened and the evaluation's samples were made.
-    opening_warnings: Warnings,
+    /// Warnings counted while the evaluation's samples were made.
+    evaluation_warnings: DataWarnings,
     /// Warnings that were reported.
     reported_warnings: Warnings,
     /// Number of scenes whose replaced draws were reported.
@@ -119,12 +119,11 @@ impl Trainer {
             return Err(TrainError::malformed(WHAT, "matmul-precision", expected, config.matmul_precision.name()));
         }
         require_run_to_resume(folder, start)?;
+        start::require_no_run(folder, start)?;
         start::require_weights(&config, start)?;
-        let mut warnings = Warnings::new();
-        let samples = Box::new(config.samples(&mut warnings)?);
-        let mut trainer = Self::open(processor, config, samples, folder, start)?;
-        warnings.merge(std::mem::take(&mut trainer.opening_warnings));
-        Ok(Self { opening_warnings: warnings, ..trainer })
+        // The sources count what is wrong with their data.
+        let samples = Box::new(config.samples(&mut Warnings::new())?);
+        Self::open(processor, config, samples, folder, start)
     }
 
     /// [`Self::new`] on samples of another source.
@@ -173,11 +172,11 @@ impl Trainer {
     }
 
     /// What was wrong with the data so far without stopping the run; a scene's warnings are counted once, however often it
-    /// is loaded. [`Self::run`] reports them as notices, kind by kind.
+    /// is loaded, and by how many sources. [`Self::run`] reports them as notices, kind by kind.
     pub fn warnings(&self) -> Warnings {
-        let mut warnings = self.opening_warnings.clone();
-        warnings.merge(self.samples.warnings());
-        warnings
+        let mut warnings = self.evaluation_warnings.clone();
+        warnings.merge(self.samples.data_warnings());
+        warnings.total()
     }
 
     /// The network with its current weights, or their average if the configuration has one, without gradients.
@@ -193,8 +192,8 @@ impl Trainer {
     /// whether the last step was done. The folder then contains a checkpoint of the last step and the weights.
     ///
     /// # Errors
-    /// [`TrainError::Stopped`] after too many skipped steps in a row; [`TrainError::Io`] and others if files cannot be
-    /// written.
+    /// [`TrainError::Stopped`] after too many skipped steps in a row, [`TrainError::Untrained`] if all steps so far were skipped;
+    /// [`TrainError::Io`] and others if files cannot be written.
     pub fn run(&mut self, limits: Limits, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<bool, TrainError> {
         let (start, all) = (Instant::now(), self.config.steps.get());
         self.notices.drain(..).for_each(|notice| on_event(&Event::Notice(&notice)));
@@ -232,7 +231,19 @@ impl Trainer {
                 self.report_checkpoint(on_event)?;
             }
         }
+        self.require_update()?;
         self.report_checkpoint(on_event)
+    }
+
+    /// An error, in place of weights that look trained, if all steps so far were skipped.
+    fn require_update(&self) -> Result<(), TrainError> {
+        let State { step, updates, .. } = self.state;
+        if step == 0 || updates > 0 {
+            return Ok(());
+        }
+        // Those of earlier calls are in the log alone.
+        let last = self.skipped.last().map_or_else(|| format!("see {STEPS}"), ToString::to_string);
+        Err(TrainError::Untrained { steps: step, last })
     }
 
     /// Reports each kind of warning whose count grew since the last report, with its first example, and replaced draws if they are of

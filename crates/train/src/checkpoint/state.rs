@@ -1,9 +1,9 @@
 //! The state of a run, and how a checkpoint stores it.
 
-use atsplat_files::changes;
 use atsplat_model::parameters::Parameter;
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 
+use super::settings::check_settings;
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
 use crate::samples::ReplacedCount;
@@ -251,20 +251,9 @@ fn with_frozen(
 }
 
 /// A value of a checkpoint's metadata.
-fn entry<'a>(stored: &'a StoredTensors, key: &str) -> Result<&'a String, TrainError> {
+pub(super) fn entry<'a>(stored: &'a StoredTensors, key: &str) -> Result<&'a String, TrainError> {
     let found = stored.metadata.get(key);
     found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
-}
-
-/// An error for a checkpoint of a run with other settings, by their names.
-pub(super) fn check_settings(stored: &StoredTensors, config: &TrainConfig) -> Result<(), TrainError> {
-    let recorded = TrainConfig::from_toml(entry(stored, "configuration")?)?;
-    if recorded == *config {
-        return Ok(());
-    }
-    let expected = "that of the run, or a new run from its weights (`--init`)";
-    let changed = changes(&recorded, config).unwrap_or_else(|error| error.to_string());
-    Err(TrainError::malformed(WHAT, "configuration", expected, format!("other settings: {changed}")))
 }
 
 /// After this many steps, with one trained and one frozen number.

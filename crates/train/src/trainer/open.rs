@@ -15,7 +15,7 @@ use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
 use crate::logs::{EvaluationRecord, LogFile, StepRecord};
 use crate::objective::Objective;
-use crate::samples::Source;
+use crate::samples::{DataWarnings, Source};
 use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 
 impl Trainer {
@@ -27,26 +27,29 @@ impl Trainer {
         start: &Start,
     ) -> Result<Self, TrainError> {
         require_run_to_resume(folder, start)?;
+        start::require_no_run(folder, start)?;
         start::require_weights(&config, start)?;
         let model = config.model.config()?;
         config.check_model(&model)?;
         let environment = Environment::open(processor, &config, &model)?;
-        let mut opening_warnings = Warnings::new();
-        let evaluated = evaluation_source(&config, &mut opening_warnings)?;
+        let evaluated = evaluation_source(&config)?;
         let resolved = Resolved::new(&config, &model, &environment.objective)?;
         let resolved = resolved.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let existing_lock = start::lock_existing(folder)?;
+        let unfinished = if existing_lock.is_some() { start::remove_unfinished(folder)? } else { None };
         let opened = start::state(&config, &model, start, (folder, &checkpoints), environment.adapter.clone())?;
-        let Opened { state, mut notices, processor_changed } = opened;
-        let run_logs = RunLogs { folder, done: state.step, processor_changed };
+        let Opened { state, mut notices, processor_changed, moved } = opened;
+        notices.extend(unfinished);
+        let run_logs = RunLogs { folder, done: state.step, processor_changed, moved: &moved };
         notices.extend(run_logs.check_training(&config, samples.as_ref())?);
         let features = environment.features(&config, &model, &state)?;
         notices.extend(slow_products(&config));
         notices.extend(unreached_rate(&config));
         notices.extend(config.notices(&model));
         notices.extend(samples.notices());
-        let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
+        let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices)?;
+        let evaluation_warnings = evaluated.as_deref().map_or_else(DataWarnings::default, Source::data_warnings);
         notices.extend(run_logs.check_evaluation(evaluation.as_ref())?);
         let device_state = environment.device_state(&state)?;
         // Not earlier: what fails before leaves no folder.
@@ -75,7 +78,7 @@ impl Trainer {
             device_state,
             skipped: Vec::new(),
             notices,
-            opening_warnings,
+            evaluation_warnings,
             reported_warnings: Warnings::new(),
             reported_replaced_scenes: 0,
             folder: folder.to_owned(),
@@ -139,10 +142,11 @@ fn rendering_device(processor: Processor) -> Result<Device, TrainError> {
 }
 
 /// The source of the evaluation's samples, if the configuration has an evaluation.
-fn evaluation_source(config: &TrainConfig, warnings: &mut Warnings) -> Result<Option<Box<dyn Source>>, TrainError> {
+fn evaluation_source(config: &TrainConfig) -> Result<Option<Box<dyn Source>>, TrainError> {
     let Some(settings) = &config.evaluation else { return Ok(None) };
-    let source = settings.source.open(&config.pose_normalisation, None, warnings);
-    source.map(Some).map_err(TrainError::of_evaluation)
+    // The source counts what is wrong with its data.
+    let source = settings.source.open(&config.pose_normalisation, None, &mut Warnings::new());
+    source.map(Some).map_err(|error| error.of_evaluation().below("evaluation.source.dataset"))
 }
 
 /// The evaluation on fixed samples, if the configuration has one.
@@ -150,13 +154,11 @@ fn evaluation_of(
     config: &TrainConfig,
     source: Option<&dyn Source>,
     notices: &mut Vec<String>,
-    warnings: &mut Warnings,
 ) -> Result<Option<Evaluation>, TrainError> {
     let (Some(settings), Some(source)) = (&config.evaluation, source) else { return Ok(None) };
     let background = config.losses.background;
     let seed = settings.seed.unwrap_or(config.seed);
     let evaluation = Evaluation::new(source, seed, settings.samples.get(), background)?;
-    warnings.merge(source.warnings());
     let replaced = Some(source.replaced()).filter(|replaced| replaced.count > 0);
     let of_source = source.notices().into_iter().chain(replaced.map(|replaced| replaced.to_string()));
     notices.extend(of_source.map(|notice| format!("evaluation: {notice}")));

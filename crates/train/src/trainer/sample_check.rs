@@ -31,6 +31,8 @@ pub(super) struct RunLogs<'a> {
     pub(super) done: u64,
     /// Whether the run was on another type of processor, where the last bits of images and cameras may have been others.
     pub(super) processor_changed: bool,
+    /// Which data are read from another path than in the run so far.
+    pub(super) moved: &'a [Purpose],
 }
 
 impl RunLogs<'_> {
@@ -38,7 +40,8 @@ impl RunLogs<'_> {
     /// differ after a change of processor.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] if samples differ or can no longer be drawn; errors of reading the log.
+    /// [`TrainError::Malformed`] if samples differ or can no longer be drawn, or if there are none to compare with those at another path;
+    /// errors of reading the log.
     pub(super) fn check_training(
         &self,
         config: &TrainConfig,
@@ -48,7 +51,7 @@ impl RunLogs<'_> {
         let known = logged.iter().rev().filter_map(|record| Some((record.step, record.samples_sha256?)));
         let latest: Vec<(u64, Sha256Digest)> = known.take((SAMPLES / config.batch.get()).max(1)).collect();
         if latest.is_empty() {
-            return Ok((self.done > 0).then(|| self.unchecked(STEPS, Purpose::Training, logged.len())));
+            return self.unchecked(STEPS, Purpose::Training, logged.len());
         }
         for (step, recorded) in latest {
             let sample = |number| source.sample(SampleId { seed: config.seed, number, step });
@@ -67,16 +70,16 @@ impl RunLogs<'_> {
     /// Compares the evaluation's samples with those of the last evaluation. Returns a notice as [`Self::check_training`].
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] if they differ; errors of reading the log.
+    /// As [`Self::check_training`].
     pub(super) fn check_evaluation(&self, evaluation: Option<&Evaluation>) -> Result<Option<String>, TrainError> {
         let Some(evaluation) = evaluation else { return Ok(None) };
         let mut logged = self.logged::<EvaluationRecord>(EVALUATIONS)?;
         let count = logged.len();
         let Some(last) = logged.pop() else {
-            return Ok((self.done > 0).then(|| self.unchecked(EVALUATIONS, Purpose::Evaluation, count)));
+            return self.unchecked(EVALUATIONS, Purpose::Evaluation, count);
         };
         match last.samples_sha256 {
-            None => Ok(Some(self.unchecked(EVALUATIONS, Purpose::Evaluation, count))),
+            None => self.unchecked(EVALUATIONS, Purpose::Evaluation, count),
             Some(recorded) if recorded == evaluation.digest() => Ok(None),
             Some(_) => {
                 let which = format!("samples after step {}", last.step);
@@ -94,22 +97,27 @@ impl RunLogs<'_> {
 
     fn differ(&self, purpose: Purpose, which: &str, log: &str, found: &str) -> Result<Option<String>, TrainError> {
         let data = purpose.data();
-        if self.processor_changed {
+        // At another path, nothing else says that they are the same data.
+        if self.processor_changed && !self.moved.contains(&purpose) {
             return Ok(Some(format!(
                 "{data}: {which}: not those that {log} records, to the bit ({found}): another processor may have decoded or \
                  simulated them, or the data have changed"
             )));
         }
         let expected = format!(
-            "those that {log} records, so put the data back as they were, or start a new run from the weights (`--init`)"
+            "those that {log} records, so put the data back as they were, or start a new run from the weights in another folder \
+             (`--init`)"
         );
         let found =
             format!("{found}: images, cameras or lengths of clips have changed, or this version makes other samples");
         Err(TrainError::malformed(data, which, expected, found))
     }
 
-    /// That a log with this many records of the run has no hashes to compare, and why.
-    fn unchecked(&self, log: &str, purpose: Purpose, records: usize) -> String {
+    /// That a log with this many records of the run has no hashes to compare, and why; an error if the data are at another path.
+    fn unchecked(&self, log: &str, purpose: Purpose, records: usize) -> Result<Option<String>, TrainError> {
+        if self.done == 0 {
+            return Ok(None);
+        }
         let why = match (records, purpose) {
             (0, _) if !self.folder.join(log).exists() => "the file is gone",
             (0, _) => "no records of the run so far",
@@ -119,6 +127,10 @@ impl RunLogs<'_> {
             (_, Purpose::Evaluation) => "no hashes of samples, which earlier versions did not write",
         };
         let data = purpose.data();
-        format!("{log}: {why}: whether the {data} have changed was not checked")
+        if self.moved.contains(&purpose) {
+            let expected = "hashes to compare the data at another path with, or the path of the run so far";
+            return Err(TrainError::malformed(data, log, expected, why));
+        }
+        Ok(Some(format!("{log}: {why}: whether the {data} have changed was not checked")))
     }
 }

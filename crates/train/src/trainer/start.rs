@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use atsplat_files::FolderLock;
+use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
+use atsplat_numeric::counted;
 use atsplat_splat::cpu;
 
 use super::initial_weights::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
-use crate::checkpoint::{Checkpoints, InitialWeights, State};
+use crate::checkpoint::{ChangedSettings, Checkpoints, Found, InitialWeights, State};
 use crate::config::WHAT;
+use crate::error::Purpose;
 use crate::logs::{self, StepRecord};
 use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
@@ -50,6 +52,16 @@ pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), 
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
 }
 
+/// An error for a new run in the folder of another, before its checkpoints are compared with a configuration that is not theirs.
+pub(super) fn require_no_run(folder: &Path, start: &Start) -> Result<(), TrainError> {
+    let has_checkpoints = Checkpoints::exist_in(folder);
+    if start.is_resumed() || !has_checkpoints {
+        return Ok(());
+    }
+    let expected = "no run; choose another folder, or `--resume`";
+    Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "one with checkpoints"))
+}
+
 /// An error for a new run without weights whose configuration says that it starts from given ones.
 pub(super) fn require_weights(config: &TrainConfig, start: &Start) -> Result<(), TrainError> {
     match start {
@@ -73,6 +85,18 @@ pub(super) fn lock_existing(folder: &Path) -> Result<Option<FolderLock>, TrainEr
     Ok(folder.is_dir().then(|| FolderLock::of(folder)).transpose()?)
 }
 
+/// Removes what trainings that were killed have left unfinished in the locked folder of a run, and says so.
+pub(super) fn remove_unfinished(folder: &Path) -> Result<Option<String>, TrainError> {
+    let mut removed = 0;
+    for folder in [folder.to_owned(), Checkpoints::folder_in(folder)] {
+        if folder.is_dir() {
+            removed += remove_abandoned(&folder).map_err(TrainError::io("removing unfinished files", folder))?;
+        }
+    }
+    let files = counted(removed, "unfinished file");
+    Ok((removed > 0).then(|| format!("removed {files} from {}, of a training that was killed", folder.display())))
+}
+
 /// Creates and locks the folder of a new run, unless another process has started one there in the meantime.
 pub(super) fn lock_new(folder: &Path) -> Result<FolderLock, TrainError> {
     let lock = FolderLock::of(folder)?;
@@ -94,6 +118,8 @@ pub(super) struct Opened {
     pub(super) notices: Vec<String>,
     /// Whether the last checkpoint was computed on another type of processor.
     pub(super) processor_changed: bool,
+    /// Which data are read from another path than in the run so far.
+    pub(super) moved: Vec<Purpose>,
 }
 
 /// The state before the next step in a run's folder.
@@ -106,12 +132,12 @@ pub(super) fn state(
 ) -> Result<Opened, TrainError> {
     let Initial { parameters, weights: initial_weights, differences } = initial(config, model, start)?;
     let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
-    let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
+    let last_checkpoint = found.as_ref().map(|found| found.state.step);
     let weights = start.file().map(|file| file.path.display().to_string());
     tracing::info!(folder = %folder.display(), weights, last_checkpoint, "opening the run");
     let processor = cpu::processor();
     match (found, start) {
-        (Some((state, skipped)), Start::Resume) => {
+        (Some(Found { state, skipped, changed }), Start::Resume) => {
             if state.adapter != adapter {
                 let name = |adapter: Option<String>| adapter.unwrap_or_else(|| "the CPU".to_owned());
                 let expected = format!("{}, on which the run was started", name(state.adapter));
@@ -120,10 +146,12 @@ pub(super) fn state(
             let skipped = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
             let other_processor = other_processor(state.processor.as_deref(), &processor);
             let processor_changed = other_processor.is_some();
-            let notices = skipped.chain(other_processor).collect();
-            Ok(Opened { state: State { processor: Some(processor), ..state }, notices, processor_changed })
+            let (changed, moved) = changed.map(|ChangedSettings { notice, moved }| (notice, moved)).unzip();
+            let notices = skipped.chain(other_processor).chain(changed).collect();
+            let state = State { processor: Some(processor), ..state };
+            Ok(Opened { state, notices, processor_changed, moved: moved.unwrap_or_default() })
         }
-        (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
+        (Some(Found { state, .. }), Start::Fresh | Start::Weights(_)) => {
             Err(no_run(folder, format!("one of {} steps", state.step)))
         }
         (None, _) => {
@@ -141,7 +169,8 @@ pub(super) fn state(
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
-            Ok(Opened { state, notices: notices.into_iter().chain(differences).collect(), processor_changed: false })
+            let notices = notices.into_iter().chain(differences).collect();
+            Ok(Opened { state, notices, processor_changed: false, moved: Vec::new() })
         }
     }
 }

@@ -44,7 +44,7 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
 
     let mut trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
-    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 1, "the evaluation's source");
+    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 1, "of both sources");
     let mut notices = Vec::new();
     let mut evaluated = Vec::new();
     let mut on_event = |event: &Event<'_>| match event {
@@ -54,13 +54,119 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     };
     assert!(trainer.run(Limits::default(), &mut on_event).unwrap());
     assert_evaluated_before_and_after(&trainer, &evaluated, &folder.path().join("run"));
-    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 2, "both sources, however often they are read");
-    assert_eq!(notices.len(), 2, "{notices:?}");
-    for (notice, count) in notices.iter().zip(1..) {
-        let expected =
-            format!("warning: {count} × missing-image; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
-        assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
+    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 1, "however often they are read");
+    let [notice] = notices.as_slice() else { panic!("{notices:?}") };
+    let expected = format!("warning: 1 × missing-image; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
+    assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
+}
+
+/// The evaluation's data are others, whose scene has the same name.
+#[test]
+fn warnings_of_other_data_are_counted_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = SceneSeed { split: Split::Train, number: 0 }.key(SceneKind::Rooms);
+    let mut config = CONFIG.replace("PRESET", &tiny_preset(folder.path()));
+    for name in ["first", "second"] {
+        let data = folder.path().join(name);
+        write_scenes(&data, 1);
+        std::fs::remove_file(data.join("train").join(&key).join("66667.png")).unwrap();
+        config = config.replacen("DATA", &data.join("train").to_string_lossy(), 1);
     }
+    let config = TrainConfig::from_toml(&config).unwrap();
+    let trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
+    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 2);
+}
+
+/// The size that a preset expects is known before an image is read; and three skipped steps do not stop a run.
+#[test]
+fn a_run_without_a_sample_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, run] = ["data", "run"].map(|name| folder.path().join(name));
+    write_scenes(&data, 1);
+    let text = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
+    let (text, _evaluation) = text.split_once("[evaluation]").unwrap();
+    let open = |preset: &str, start: &Start| {
+        let config = TrainConfig::from_toml(&text.replace("PRESET", preset).replace("steps = 6", "steps = 3")).unwrap();
+        Trainer::new(config, &run, start)
+    };
+    let other = tiny_preset(folder.path());
+    let resized = std::fs::read_to_string(&other).unwrap();
+    let sized = format!("{resized}\n[preprocessing.expected-size]\nwidth = 48\nheight = 40\n");
+    let path = folder.path().join("sized.toml");
+    let path = path.to_string_lossy();
+    std::fs::write(&*path, sized).unwrap();
+    let error = open(&path, &Start::Fresh).unwrap_err().to_string();
+    assert!(error.contains("20 draws gave no sample") && error.ends_with("is 32×32, expected 48×40"), "{error}");
+    assert!(error.contains(": image-size: frame "), "{error}");
+    assert!(!run.exists());
+
+    let mut trainer = open(&other, &Start::Fresh).unwrap();
+    std::fs::rename(&data, folder.path().join("gone")).unwrap();
+    let error = trainer.run(Limits::default(), &mut |_| ()).unwrap_err();
+    assert!(matches!(error, TrainError::Untrained { steps: 3, .. }), "{error}");
+    let expected =
+        "none of the run's 3 steps so far could be used, so that its weights are not trained; the last: step 2: ";
+    assert!(error.to_string().starts_with(expected), "{error}");
+    assert!(!run.join(WEIGHTS).exists());
+}
+
+/// Half of the draws are of a scene without readable images.
+#[test]
+fn what_opening_draws_in_vain_is_not_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    write_scenes(&data, 2);
+    break_images(&data, 1);
+    let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
+    let config = config.replace("PRESET", &tiny_preset(folder.path()));
+    for seed in 1..6 {
+        let config = TrainConfig::from_toml(&config.replace("seed = 1", &format!("seed = {seed}"))).unwrap();
+        assert_eq!(config.samples(&mut Warnings::new()).unwrap().replaced().count, 0, "seed {seed}");
+    }
+}
+
+/// As a process leaves them that is killed while it writes.
+#[test]
+fn unfinished_files_of_killed_trainings_are_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    write_scenes(&data, 1);
+    let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
+    let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
+    let open = |start: &Start| Trainer::new(config.clone(), &run, start).unwrap();
+    open(&Start::Fresh).write_checkpoint().unwrap();
+    let left = [".AbC123.partial", "checkpoints/.dEf456.partial", "checkpoints/.gHi789.partial", ".notes"];
+    let left = left.map(|name| run.join(name));
+    left.iter().for_each(|path| std::fs::write(path, "half").unwrap());
+    let notices = open(&Start::Resume).notices;
+    assert_eq!(left.map(|path| path.exists()), [false, false, false, true]);
+    let expected = format!("removed 3 unfinished files from {}, of a training that was killed", run.display());
+    assert!(notices.contains(&expected), "{notices:?}");
+}
+
+/// The same data elsewhere are recognised by their samples; a log without them leaves nothing to compare.
+#[test]
+fn a_run_resumes_on_the_same_data_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, moved, other, run] = ["data", "moved", "other", "run"].map(|name| folder.path().join(name));
+    write_scenes(&data, 1);
+    write_scenes_of(&other, 1, 12, 2);
+    let text = CONFIG.replace("PRESET", &tiny_preset(folder.path()));
+    let open = |data: &Path, start: &Start| {
+        let config = TrainConfig::from_toml(&text.replace("DATA", &data.join("train").to_string_lossy())).unwrap();
+        Trainer::new(config, &run, start)
+    };
+    open(&data, &Start::Fresh).unwrap().run(Limits { steps: Some(2), time: None }, &mut |_| ()).unwrap();
+    std::fs::rename(&data, &moved).unwrap();
+    let notices = open(&moved, &Start::Resume).unwrap().notices;
+    let named = "settings that change no result differ from those of the run so far: data[0].source.dataset.path: ";
+    assert!(notices.iter().any(|notice| notice.starts_with(named)), "{notices:?}");
+    let error = open(&other, &Start::Resume).unwrap_err().to_string();
+    assert!(error.starts_with("training data: samples of step "), "{error}");
+    std::fs::remove_file(run.join(STEPS)).unwrap();
+    let error = open(&moved, &Start::Resume).unwrap_err().to_string();
+    let expected = "training data: steps.jsonl: expected hashes to compare the data at another path with, or the path";
+    assert!(error.starts_with(expected) && error.ends_with("found the file is gone"), "{error}");
 }
 
 /// Of a longer list, a draw is of another scene: those of the training and of the evaluation are compared, each under its field.
@@ -161,12 +267,7 @@ fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let [data, whole, parts] = ["data", "whole", "parts"].map(|name| folder.path().join(name));
     write_scenes(&data, 2);
-    let broken = data.join("train").join(SceneSeed { split: Split::Train, number: 1 }.key(SceneKind::Rooms));
-    for entry in std::fs::read_dir(broken).unwrap().map(|entry| entry.unwrap().path()) {
-        if entry.extension().is_some_and(|extension| extension == "png") {
-            std::fs::write(entry, "no image").unwrap();
-        }
-    }
+    break_images(&data, 1);
     let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
     let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
     let run = |folder: &Path, start: &Start, steps: u64| {
@@ -283,7 +384,8 @@ fn training_next_to_a_test_folder_that_cannot_be_opened_is_refused() {
             std::fs::rename(&test, train.join("test")).unwrap();
         }
         let error = samples_of(chunks).unwrap_err();
-        assert!(matches!(error, TrainError::Scene(_)) && error.to_string().contains("index.json"), "{error}");
+        let error = error.to_string();
+        assert!(error.starts_with("data[0].source.dataset.path: ") && error.contains("index.json"), "{error}");
     }
     std::fs::remove_dir_all(train.join("test")).unwrap();
     std::fs::create_dir(train.join("test")).unwrap();
@@ -325,6 +427,16 @@ fn images_of_another_scale_than_the_networks_are_refused_before_the_first_step()
     assert!(!folder.path().join("run-64").exists());
 }
 
+/// Makes the images of a scene unreadable.
+fn break_images(folder: &Path, number: u32) {
+    let scene = folder.join("train").join(SceneSeed { split: Split::Train, number }.key(SceneKind::Rooms));
+    for entry in std::fs::read_dir(scene).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.extension().is_some_and(|extension| extension == "png") {
+            std::fs::write(entry, "no image").unwrap();
+        }
+    }
+}
+
 /// Simulated scenes of 12 frames as folders of images in `train`.
 fn write_scenes(folder: &Path, count: u32) {
     write_scenes_of(folder, count, 12, 1);
@@ -364,7 +476,8 @@ fn write_chunks(folder: &Path, splits: &[Split]) {
 
 /// Opens the samples of a run on a dataset.
 fn samples_of(path: &Path) -> Result<(), TrainError> {
-    let text = CONFIG.replace("DATA", &path.to_string_lossy()).replace("PRESET", "re10k-2v-256");
+    let folder = tempfile::tempdir().unwrap();
+    let text = CONFIG.replace("DATA", &path.to_string_lossy()).replace("PRESET", &tiny_preset(folder.path()));
     TrainConfig::from_toml(&text).unwrap().samples(&mut Warnings::new()).map(drop)
 }
 

@@ -208,8 +208,15 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     let open = |config: &TrainConfig, start: &Start| {
         Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), folder.path(), start).map(drop)
     };
-    assert!(open(&tiny, &Start::Fresh).unwrap_err().to_string().contains("one of 4 steps"));
+    // Whatever the configuration is, and before it is compared with that of the run.
     let other = TrainConfig { clip: 2.0, ..tiny.clone() };
+    let given = Start::Weights(TensorFile::open(&folder.path().join("weights.safetensors")).unwrap());
+    for (config, start) in [(&tiny, &Start::Fresh), (&other, &Start::Fresh), (&other, &given)] {
+        let error = open(config, start).unwrap_err().to_string();
+        let place = format!("output folder: {}: ", folder.path().display());
+        let expected = "expected no run; choose another folder, or `--resume`, found one with checkpoints";
+        assert_eq!(error, format!("{place}{expected}"));
+    }
     let error = open(&other, &Start::Resume).unwrap_err().to_string();
     assert!(error.contains("step-00000004.safetensors, field configuration: "), "{error}");
     assert!(error.ends_with("other settings: clip: 1.0, now 2.0"), "{error}");
