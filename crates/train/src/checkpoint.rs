@@ -82,8 +82,8 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// The newest readable state; `None` if there is no checkpoint. Trained parameters are those that `fresh` has, and frozen weights that a checkpoint does not contain are those of
-    /// `backbone`.
+    /// The newest readable state; `None` if there is no checkpoint. Trained parameters are those that `fresh` has, and frozen weights
+    /// that a checkpoint does not contain are those of `backbone`.
     ///
     /// # Errors
     /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read, and of any whose configuration resolved
