@@ -54,7 +54,7 @@ pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), 
 
 /// An error for a new run in the folder of another, before its checkpoints are compared with a configuration that is not theirs.
 pub(super) fn require_no_run(folder: &Path, start: &Start) -> Result<(), TrainError> {
-    let has_checkpoints = Checkpoints::exist_in(folder);
+    let has_checkpoints = Checkpoints::exist_in(folder)?;
     if start.is_resumed() || !has_checkpoints {
         return Ok(());
     }
