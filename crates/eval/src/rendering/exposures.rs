@@ -1,12 +1,16 @@
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use atsplat_files::{FileError, InvalidText, Malformed};
 use atsplat_splat::{Exposure, LARGEST_CHANNEL};
+use serde_json::Value;
 use thiserror::Error;
 
 use super::FrameRequest;
+
+const WHAT: &str = "exposures";
 
 /// The exposure of each view.
 #[derive(Debug)]
@@ -83,10 +87,16 @@ impl Exposures {
     /// [`ExposuresError::Io`], [`ExposuresError::Malformed`].
     pub fn read(file: &Path) -> Result<Self, ExposuresError> {
         let bytes = std::fs::read(file).map_err(FileError::during::<ExposuresError>("reading exposures", file))?;
-        let arrays: BTreeMap<String, [[f64; 4]; 3]> = atsplat_scene::json::parse(&bytes)
-            .and_then(serde_json::from_value)
-            .map_err(|error| Malformed::new("exposures", "JSON", "a 3×4 array per view name", error).in_file(file))?;
-        let by_name = arrays.into_iter().map(|(name, array)| (name, Exposure::from_3dgs(array))).collect();
+        let whole =
+            |found: &dyn Display| Malformed::new(WHAT, "JSON", "a 3×4 array per view name", found).in_file(file);
+        let Value::Object(arrays) = atsplat_scene::json::parse(&bytes).map_err(|error| whole(&error))? else {
+            return Err(whole(&"another value than an object").into());
+        };
+        let of_view = |(name, array): (String, Value)| -> Result<(String, Exposure), ExposuresError> {
+            let array = array_of(&name, &array).map_err(|error| error.in_file(file))?;
+            Ok((name, Exposure::from_3dgs(array)))
+        };
+        let by_name = arrays.into_iter().map(of_view).collect::<Result<_, ExposuresError>>()?;
         Ok(Self::Listed { file: file.to_owned(), by_name })
     }
 
@@ -107,6 +117,29 @@ impl Exposures {
         }
         Ok(())
     }
+}
+
+/// The 3×4 array of a view. Rows and columns are counted from 0.
+fn array_of(view: &str, value: &Value) -> Result<[[f64; 4]; 3], Malformed> {
+    let mut array = [[0.0; 4]; 3];
+    let rows = items::<3>(&format!("view {view:?}"), "rows", value)?;
+    for (row, (numbers, value)) in array.iter_mut().zip(rows).enumerate() {
+        let location = format!("view {view:?}, row {row}");
+        for (column, (number, value)) in numbers.iter_mut().zip(items::<4>(&location, "columns", value)?).enumerate() {
+            let found = value.as_f64().filter(|found| found.abs() <= LARGEST_CHANNEL);
+            *number = found.ok_or_else(|| {
+                let expected = format!("a number from -{LARGEST_CHANNEL:e} to {LARGEST_CHANNEL:e}");
+                Malformed::new(WHAT, format!("{location}, column {column}"), expected, value)
+            })?;
+        }
+    }
+    Ok(array)
+}
+
+/// The items of a list of `N`.
+fn items<'a, const N: usize>(location: &str, of: &str, value: &'a Value) -> Result<&'a [Value; N], Malformed> {
+    let items = value.as_array().and_then(|items| <&[Value; N]>::try_from(items.as_slice()).ok());
+    items.ok_or_else(|| Malformed::new(WHAT, location, format!("{N} {of} of a 3×4 array"), value))
 }
 
 /// The exposure of this name, or of the only image file with this name before its extension.
@@ -132,6 +165,43 @@ mod tests {
             assert_eq!(found(view), Some(Exposure::uniform(gain)), "{view}");
         }
         assert_eq!([found("c"), found("d"), found("left")], [None; 3], "another folder, two files, no file");
+    }
+
+    #[test]
+    fn an_error_of_a_file_names_view_row_and_column() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("exposure.json");
+        let first = r#""a": [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12]]"#;
+        let read = |text: String| {
+            std::fs::write(&file, text).unwrap();
+            Exposures::read(&file)
+        };
+        let Exposures::Listed { by_name, .. } = read(format!("{{{first}}}")).unwrap() else { unreachable!() };
+        assert_eq!(by_name["a"].offset.map(f64::to_bits), [4.0, 8.0, 12.0].map(f64::to_bits));
+        for (second, expected) in [
+            (
+                r#"[[1, 0, 0, 0], [0, 1, 0, 0], [0, "x", 1, 0]]"#,
+                r#"view "b", row 2, column 1: expected a number from -1e12 to 1e12, found "x""#,
+            ),
+            (
+                "[[1, 0, 0, 0], [0, 1, 0, 2000000000000], [0, 0, 1, 0]]",
+                r#"view "b", row 1, column 3: expected a number from -1e12 to 1e12, found 2000000000000"#,
+            ),
+            (
+                "[[1, 0, 0, 0], [0, 1, 0], [0, 0, 1, 0]]",
+                r#"view "b", row 1: expected 4 columns of a 3×4 array, found [0,1,0]"#,
+            ),
+            (
+                "[[1, 0, 0, 0], [0, 1, 0, 0]]",
+                r#"view "b": expected 3 rows of a 3×4 array, found [[1,0,0,0],[0,1,0,0]]"#,
+            ),
+            ("7", r#"view "b": expected 3 rows of a 3×4 array, found 7"#),
+        ] {
+            let error = read(format!(r#"{{{first}, "b": {second}}}"#)).unwrap_err().to_string();
+            assert_eq!(error, format!("exposures: {expected} ({})", file.display()));
+        }
+        let error = read("[1]".to_owned()).unwrap_err().to_string();
+        assert!(error.contains("expected a 3×4 array per view name, found another value than an object"), "{error}");
     }
 
     #[test]
