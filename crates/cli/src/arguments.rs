@@ -40,12 +40,20 @@ const FORMER_DEVICES: [&str; 2] = ["--backend", "--adapter"];
 
 /// The command line as a command with its arguments.
 pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, clap::Error> {
-    let mut command = Cli::command();
+    let mut command = with_negative_numbers(Cli::command());
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let matches = command.try_get_matches_from_mut(&arguments);
     let matches = matches.map_err(|error| suggest_device(error, named(&command, &arguments)))?;
     check(&command, &matches, "")?;
     Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// The command whose options take negative numbers: what is wrong with one is said by the option, not by the parser, which takes it
+/// for an option itself.
+fn with_negative_numbers(command: Command) -> Command {
+    let takes = |arg: &Arg| arg.get_long().is_some() && arg.get_action().takes_values();
+    let command = command.mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg });
+    command.mut_subcommands(with_negative_numbers)
 }
 
 /// The innermost command that the arguments name.
@@ -230,6 +238,29 @@ mod tests {
         ] {
             assert_eq!(error_of(&text), None, "{text}");
         }
+    }
+
+    /// None of these numbers is allowed.
+    #[test]
+    fn a_negative_number_is_the_value_of_its_option() {
+        let render = "atsplat render a.ply --out o";
+        for (text, option) in [
+            (format!("{render} --orbit --near -1"), "--near"),
+            (format!("{render} --orbit --distance -0.5"), "--distance"),
+            (format!("{render} --orbit --tolerance -0.5"), "--tolerance"),
+            (format!("{render} --orbit -1"), "--orbit"),
+            (format!("{render} --orbit --exposure -1"), "--exposure"),
+            ("atsplat data simulate rooms --scenes -1".to_owned(), "--scenes"),
+            ("atsplat --threads -1 adapters".to_owned(), "--threads"),
+            ("atsplat fit d --views .. --steps 1 --strategy 3dgs --out o.ply --extent -2".to_owned(), "--extent"),
+        ] {
+            let error = error_of(&text).unwrap_or_default();
+            let is_its_value = error.contains("invalid value '-") && error.contains(&format!("for '{option} "));
+            assert!(is_its_value, "{text}: {error}");
+        }
+        assert_eq!(error_of(&format!("{render} --orbit --azimuth -30 --elevation -5 --sweep -90.5")), None);
+        let error = error_of(&format!("{render} --orbit --json -1")).unwrap_or_default();
+        assert!(error.contains("unexpected argument '-1'"), "{error}");
     }
 
     #[test]

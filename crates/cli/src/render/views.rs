@@ -63,7 +63,7 @@ pub(crate) struct ViewArgs {
     spacing: PathSpacing,
 
     /// Degrees above the horizon.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = parse::elevation)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", value_parser = parse::elevation)]
     elevation: f64,
 
     /// Distance in multiples of the one that just frames the bulk of the scene.
@@ -79,11 +79,11 @@ pub(crate) struct ViewArgs {
     fov: Option<f64>,
 
     /// Start of the orbit in degrees, towards the camera's right.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", allow_negative_numbers = true, value_parser = parse::finite)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", value_parser = parse::finite)]
     azimuth: f64,
 
     /// Extent of the orbit in degrees.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "360", allow_negative_numbers = true, value_parser = parse::finite)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "360", value_parser = parse::finite)]
     sweep: f64,
 }
 
