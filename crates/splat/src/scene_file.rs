@@ -31,7 +31,7 @@ pub struct SceneFileRecord {
     /// Problems found on import: NaN is removed, infinite opacity logits become ±20. With the policy [`Cleaning::Reject`], all
     /// that a PLY file has are removed.
     pub import: Validation,
-    /// Problems found by the policy after import.
+    /// Problems found by the policy after import, in rows of the file too.
     pub cleaning: CleaningRecord,
     /// Fields of the file that are not used.
     pub unused: Vec<String>,
@@ -76,13 +76,17 @@ impl SceneFile {
         let (gaussians, import) = parsed?;
         let (mut gaussians, mut notes) = files::interpret(gaussians, &import, opacities_as_stored, path)?;
         let found = gaussians.validate();
-        let found = if found.is_clean() {
+        let mut found = if found.is_clean() {
             found
         } else {
             let (remaining, found) = gaussians.cleaned(policy);
             gaussians = remaining;
             found
         };
+        // Both lists of problems have the rows of the file.
+        for finding in &mut found.findings {
+            finding.first = import.validation.position_before(finding.first);
+        }
         if gaussians.is_empty() {
             notes.push("no Gaussian is left: images show the background".to_owned());
         }
@@ -125,7 +129,11 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
         return Ok(());
     }
     let Validation { invalid, rejected, repaired, .. } = found;
-    writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} removed, {repaired} repaired")?;
+    write!(f, "{invalid} Gaussians with problems {when}: {rejected} removed, {repaired} repaired")?;
+    match invalid.saturating_sub(rejected + repaired) {
+        0 => writeln!(f)?,
+        kept => writeln!(f, ", {kept} kept as they are")?,
+    }
     for finding in &found.findings {
         write!(f, "{:>12}  ", finding.count)?;
         finding.field.serialize(&mut *f)?;
@@ -214,6 +222,25 @@ mod tests {
         assert_eq!(of(Cleaning::Import), (vec![2.0, 20.0, -1.0, -20.0, 100.0], 1, 2));
         assert_eq!(of(Cleaning::Repair), (vec![2.0, 20.0, -1.0, -20.0, 20.0], 1, 2));
         assert_eq!(of(Cleaning::Reject), (vec![2.0, -1.0], 4, 0));
+    }
+
+    /// Row 1 is removed on import, so that row 3 is the third of those that are left.
+    #[test]
+    fn problems_after_import_have_the_rows_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        let mut broken = parts(vec![2.0, f32::NAN, 1.0, 100.0, 1.0], -3.0);
+        broken.means[0][1] = f32::INFINITY;
+        std::fs::write(&path, ply(&broken)).unwrap();
+        let text = SceneFile::read(&path, Cleaning::Import, false).unwrap().record.to_string();
+        for expected in [
+            "3 Gaussians with problems on import: 1 removed, 0 repaired, 2 kept as they are\n",
+            "2 Gaussians with problems after import: 0 removed, 0 repaired, 2 kept as they are\n",
+        ] {
+            assert!(text.contains(expected), "{text}");
+        }
+        assert_eq!(text.matches("means: infinite, first at 0\n").count(), 2, "{text}");
+        assert_eq!(text.matches("opacity-logits: out-of-range, first at 3\n").count(), 2, "{text}");
     }
 
     /// An opacity of 1 is a byte like any other.

@@ -75,7 +75,10 @@ impl Gaussians {
             });
             match strictest {
                 Action::Keep => kept.push(position),
-                Action::Drop => validation.rejected += 1,
+                Action::Drop => {
+                    validation.rejected += 1;
+                    validation.dropped.push(position);
+                }
                 Action::Repair => {
                     kept.push(position);
                     validation.repaired += 1;

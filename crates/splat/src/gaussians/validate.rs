@@ -76,6 +76,9 @@ pub struct Validation {
     pub repaired: usize,
     /// Non-zero counts, sorted by field, then problem.
     pub findings: Vec<Finding>,
+    /// Positions of the dropped Gaussians, in order.
+    #[serde(skip)]
+    pub dropped: Vec<usize>,
 }
 
 impl fmt::Display for Finding {
@@ -108,6 +111,11 @@ impl Validation {
     /// Number of Gaussians with this problem in this field.
     pub fn count(&self, field: Field, problem: Problem) -> usize {
         self.findings.iter().find(|finding| (finding.field, finding.problem) == (field, problem)).map_or(0, |f| f.count)
+    }
+
+    /// The position, before Gaussians were dropped, of one that was kept.
+    pub(crate) fn position_before(&self, kept: usize) -> usize {
+        self.dropped.iter().fold(kept, |position, dropped| position + usize::from(*dropped <= position))
     }
 
     fn record(&mut self, field: Field, problem: Problem, position: usize) {
