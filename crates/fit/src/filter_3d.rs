@@ -3,7 +3,7 @@
 
 use atsplat_camera::Projector;
 use atsplat_numeric::{Extremes as _, narrowed};
-use atsplat_splat::View;
+use atsplat_splat::{RendererConstants, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ const BORDER: f64 = 0.15;
 /// Variance of the filter in pixels of the best camera.
 const VARIANCE: f64 = 0.2;
 /// Blur of the 2D Mip filter, in square pixels.
-pub const MIP_BLUR: f64 = 0.1;
+pub const MIP_BLUR: f64 = RendererConstants::MIP_BLUR;
 
 /// The cameras that limit how fine a Gaussian can be.
 #[derive(Debug)]

@@ -140,11 +140,15 @@ pub enum ClampedGradient {
 
 impl RendererConstants {
     /// Names accepted by [`Self::named`].
-    pub const PRESETS: [&'static str; 5] = ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family"];
+    pub const PRESETS: [&'static str; 6] =
+        ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family", "mip-splatting"];
 
     /// Highest degree that diff-gaussian-rasterization and its modified version evaluate: 16 coefficients (`forward.cu`,
     /// `computeColorFromSH`).
     pub const INRIA_SH_DEGREE: u8 = 3;
+
+    /// Blur of Mip-Splatting's 2D filter, in square pixels.
+    pub const MIP_BLUR: f64 = 0.1;
 
     /// A preset by name, `None` for a name outside [`Self::PRESETS`].
     pub fn named(name: &str) -> Option<Self> {
@@ -182,6 +186,8 @@ impl RendererConstants {
             "exact" | "gsplat-1.5" => gsplat,
             "gsplat-1.6" => Self { max_alpha: 0.99, min_compensation: 0.005, ..gsplat },
             "inria" => inria,
+            // What `atsplat fit` optimises with, in the antialiased mode.
+            "mip-splatting" => Self { blur: Self::MIP_BLUR, ..gsplat },
             "pixelsplat-family" => {
                 Self { sh_axes: ShAxes::E3nn, principal_point: PrincipalPoint::FieldOfView, ..inria }
             }
@@ -250,6 +256,8 @@ mod tests {
             assert_eq!(RendererConstants::named(name).map(|preset| preset.name).as_deref(), Some(name));
         }
         assert_eq!(RendererConstants::named("brush"), None);
+        let mip = RendererConstants::named("mip-splatting").unwrap();
+        assert_eq!(mip, RendererConstants { name: mip.name.clone(), blur: 0.1, ..RendererConstants::default() });
     }
 
     #[test]

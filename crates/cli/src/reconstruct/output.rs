@@ -37,7 +37,7 @@ pub(super) struct RenderArgs {
     renders: Option<PathBuf>,
 
     /// Constants and rules of a published rasterizer: exact (the default), gsplat-1.5, gsplat-1.6, inria, pixelsplat-family,
-    /// or a .toml.
+    /// mip-splatting, or a .toml.
     #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
     constants: Option<String>,
 

@@ -11,7 +11,8 @@ use crate::parse;
 /// Render options.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RenderSettingsArgs {
-    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
+    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, mip-splatting (with
+    /// --mode antialiased), or a .toml.
     #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
     constants: String,
 
@@ -35,7 +36,8 @@ pub(crate) struct RenderSettingsArgs {
     #[arg(long, value_name = "DEGREE", default_value_t = MAX_SH_DEGREE, value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_SH_DEGREE)))]
     sh_degree: u8,
 
-    /// Planes in addition to colour and alpha in EXR files: depth, scalar, median-depth; depth by default.
+    /// Planes in addition to colour and alpha in EXR files: depth (the expected depth along the optical axis, 0 where alpha is 0),
+    /// scalar, median-depth (that of the Gaussian after which half of the light or less is left, else 0); depth by default.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub(super) channels: Vec<ChannelArg>,
 }
@@ -76,7 +78,7 @@ impl RenderSettingsArgs {
         let is_mip = gaussians.parts().filter_3d.is_some() && mode == RasterMode::Classic;
         (is_mip && self.mode.is_none()).then_some(
             "the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them, and are drawn in the classic mode: see \
-             --mode antialiased, and --constants for a file with a blur of 0.1",
+             --mode antialiased and --constants mip-splatting",
         )
     }
 

@@ -48,7 +48,7 @@ pub(super) struct MethodArgs {
 #[derive(Debug, clap::Args)]
 pub(super) struct GaussianArgs {
     /// Constants and rules of a rasterizer instead of the protocol's: exact, gsplat-1.5, gsplat-1.6, inria,
-    /// pixelsplat-family, or a .toml. Their near and far planes are in the unit of the Gaussians: of imported files, that of
+    /// pixelsplat-family, mip-splatting, or a .toml. Their near and far planes are in the unit of the Gaussians: of imported files, that of
     /// --ply-frame.
     #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
     constants: Option<String>,

@@ -172,7 +172,7 @@ impl Splatting {
         is_noted.then(|| {
             format!(
                 "{DRAWN_CLASSIC}the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased, \
-                 in Python antialiased=True, and --constants for a file with a blur of 0.1"
+                 in Python antialiased=True, and --constants mip-splatting"
             )
         })
     }

@@ -46,8 +46,8 @@ def render(
         height: in pixels; by default that of the cameras.
         width: in pixels; by default that of the cameras.
         background: RGB behind all Gaussians.
-        constants: thresholds and rules of a rasterizer: ``exact``, ``gsplat-1.5``, ``gsplat-1.6``, ``inria`` or
-            ``pixelsplat-family``.
+        constants: thresholds and rules of a rasterizer: ``exact``, ``gsplat-1.5``, ``gsplat-1.6``, ``inria``,
+            ``pixelsplat-family`` or ``mip-splatting`` (with ``antialiased``).
         antialiased: gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter.
         depth: render depth too.
     """
