@@ -28,6 +28,47 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
     decoded(bytes, limits, |_, _, _| Ok(()))
 }
 
+/// [`decode`], but with pixels composited over a colour by their alpha, as loaders of 3DGS and nerfstudio do: alpha is straight, and
+/// stored (not linear) values are mixed; here they are rounded to 8 bits, where nerfstudio keeps floats and 3DGS truncates.
+///
+/// # Errors
+/// Those of [`decode`].
+pub fn decode_over(bytes: &[u8], limits: &DecodeLimits, background: [u8; 3]) -> Result<ImageU8, PixelError> {
+    let mut alphas = Vec::new();
+    let image = decoded(bytes, limits, |color, stored, _| {
+        alphas = alphas_of(color, stored);
+        Ok(())
+    })?;
+    if alphas.is_empty() {
+        return Ok(image);
+    }
+    let pixels = image.samples().as_chunks::<3>().0.iter().zip(alphas);
+    let samples = pixels.flat_map(|(pixel, alpha)| {
+        let channels = pixel.iter().zip(background);
+        channels.map(move |(above, behind)| mixed(*above, behind, alpha))
+    });
+    ImageU8::new(image.width(), image.height(), samples.collect())
+}
+
+/// A sample over another, rounded to nearest.
+fn mixed(above: u8, behind: u8, alpha: u8) -> u8 {
+    let [above, behind, alpha] = [above, behind, alpha].map(u16::from);
+    let [sample, _] = ((above * alpha + behind * (255 - alpha) + 127) / 255).to_le_bytes();
+    sample
+}
+
+/// The alpha of each pixel, of 16 bits the high byte; empty without an alpha channel.
+fn alphas_of(color: ColorType, stored: &[u8]) -> Vec<u8> {
+    let high = |pair: [u8; 2]| u16::from_ne_bytes(pair).to_be_bytes()[0];
+    match color {
+        ColorType::Rgba8 => stored.as_chunks::<4>().0.iter().map(|&[.., alpha]| alpha).collect(),
+        ColorType::La8 => stored.as_chunks::<2>().0.iter().map(|&[_, alpha]| alpha).collect(),
+        ColorType::Rgba16 => stored.as_chunks::<8>().0.iter().map(|&[.., a, b]| high([a, b])).collect(),
+        ColorType::La16 => stored.as_chunks::<4>().0.iter().map(|&[.., a, b]| high([a, b])).collect(),
+        _ => Vec::new(),
+    }
+}
+
 /// [`decode`] for renders, whose stored samples have to be the image: a file that the rules of [`decode`] would change is
 /// an error. The colour of a transparent pixel depends on the background, and on whether the file's colours are
 /// premultiplied by alpha, which PNG does not state.
@@ -46,7 +87,7 @@ pub fn decode_render(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, Pix
 fn decoded(
     bytes: &[u8],
     limits: &DecodeLimits,
-    check: impl Fn(ColorType, &[u8], u32) -> Result<(), PixelError>,
+    check: impl FnOnce(ColorType, &[u8], u32) -> Result<(), PixelError>,
 ) -> Result<ImageU8, PixelError> {
     let format = ImageFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
     if format == ImageFormat::Exr {
@@ -160,4 +201,38 @@ fn rgb8(format: ImageFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8
             return Err(PixelError::Unsupported { format, feature });
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::codecs::png::PngEncoder;
+    use image::{ExtendedColorType, ImageEncoder as _};
+
+    use super::*;
+
+    fn png(samples: &[u8], colour: ExtendedColorType) -> Vec<u8> {
+        let mut png = Vec::new();
+        PngEncoder::new(&mut png).write_image(samples, 2, 1, colour).unwrap();
+        png
+    }
+
+    /// A transparent pixel shows the background, a translucent one a mixture of both.
+    #[test]
+    fn pixels_are_composited_by_their_alpha() {
+        let over = |bytes: &[u8], background: [u8; 3]| {
+            decode_over(bytes, &DecodeLimits::default(), background).unwrap().into_samples()
+        };
+        let rgba = png(&[200, 100, 50, 0, 200, 100, 50, 51], ExtendedColorType::Rgba8);
+        // 51 is a fifth of 255.
+        assert_eq!(over(&rgba, [255, 0, 10]), [255, 0, 10, 244, 20, 18]);
+        assert_eq!(over(&rgba, [0; 3]), [0, 0, 0, 40, 20, 10]);
+        assert_eq!(decode(&rgba, &DecodeLimits::default()).unwrap().into_samples(), [200, 100, 50, 200, 100, 50]);
+        let grey = png(&[200, 255, 200, 51], ExtendedColorType::La8);
+        assert_eq!(over(&grey, [0, 255, 10]), [200, 200, 200, 40, 244, 48]);
+        let deep: Vec<u8> =
+            [200_u16, 100, 50, 0, 200, 100, 50, 51].iter().flat_map(|v| (v * 257).to_ne_bytes()).collect();
+        assert_eq!(over(&png(&deep, ExtendedColorType::Rgba16), [255, 0, 10]), [255, 0, 10, 244, 20, 18]);
+        let opaque = png(&[1, 2, 3, 4, 5, 6], ExtendedColorType::Rgb8);
+        assert_eq!(over(&opaque, [255; 3]), [1, 2, 3, 4, 5, 6], "no alpha channel");
+    }
 }

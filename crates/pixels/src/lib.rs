@@ -20,7 +20,7 @@ mod size;
 
 pub use animation::AnimatedPng;
 pub use crop::crop;
-pub use decode::{decode, decode_render};
+pub use decode::{decode, decode_over, decode_render};
 pub use encode::{encode_jpeg, encode_png};
 pub use error::PixelError;
 pub use format::ImageFormat;

@@ -7,6 +7,7 @@ mod checks;
 pub mod colmap;
 #[cfg(feature = "columns")]
 pub mod columns;
+mod composited;
 mod dataset;
 mod error;
 #[cfg(feature = "columns")]

@@ -1,0 +1,61 @@
+//! Images with an alpha channel that are composited over a colour when they are decoded.
+
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_files::Sha256Digest;
+use atsplat_pixels::{DecodeLimits, ImageU8, decode_over};
+
+use crate::scene::in_frame;
+use crate::{Frame, FrameImage, GeneratedImage, Scene, SceneError};
+
+/// The image of a frame over a colour.
+#[derive(Debug)]
+struct Composited {
+    frame: Frame,
+    scene: String,
+    position: usize,
+    size: ImageSize,
+    background: [u8; 3],
+}
+
+impl GeneratedImage for Composited {
+    fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    fn fingerprint(&self) -> String {
+        let bytes = self.frame.bytes(&self.scene, self.position);
+        let bytes = bytes.map_or_else(|error| error.to_string(), |bytes| Sha256Digest::of(&bytes).to_string());
+        format!("{bytes} over {:?}", self.background)
+    }
+
+    fn make(&self) -> Result<ImageU8, SceneError> {
+        let Self { frame, scene, position, background, .. } = self;
+        let bytes = frame.bytes(scene, *position)?;
+        let decoded = decode_over(&bytes, &DecodeLimits::default(), *background);
+        decoded.map_err(in_frame(scene, *position, &frame.image))
+    }
+}
+
+impl Scene {
+    /// The scene with images that have an alpha channel composited over a colour when they are decoded, see [`decode_over`]. Only
+    /// headers are read; images whose header cannot be read stay as they are, and fail when they are decoded.
+    #[must_use]
+    pub fn composited_over(mut self, background: [u8; 3]) -> Self {
+        for (position, frame) in self.frames.iter_mut().enumerate() {
+            let header = frame.header(&self.key, position);
+            if let Some(header) = header.ok().filter(|header| header.has_alpha) {
+                let (frame_as_stored, scene) = (frame.clone(), self.key.clone());
+                frame.image = FrameImage::Generated(Arc::new(Composited {
+                    frame: frame_as_stored,
+                    scene,
+                    position,
+                    size: header.size,
+                    background,
+                }));
+            }
+        }
+        self
+    }
+}
