@@ -47,6 +47,7 @@ fn held_out_photos_are_compared_at_other_scales() {
     let last = report["evaluations"].as_array().unwrap().last().unwrap();
     assert_eq!((&rows[1]["psnr"], &rows[1]["ssim"]), (&last["psnr"], &last["ssim"]), "once the size itself");
     assert!([0, 2].iter().all(|&at| rows[at]["psnr"].as_f64().unwrap() > 10.0 && rows[at]["psnr"] != last["psnr"]));
+    assert!(rows[0]["ssim"].is_f64() && rows[2]["ssim"].is_null(), "no window fits into 8×8 pixels");
     let enlarged = atsplat(folder.path(), &with_scales("4"));
     assert_ne!(enlarged.code, 0);
     assert!(enlarged.stderr.contains("--scales 4") && enlarged.stderr.contains("128"), "{}", enlarged.stderr);
@@ -212,6 +213,9 @@ fn broken_gaussians_of_a_start_are_warned_of_and_counted() {
     let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
     let counts = ["start-gaussians", "dropped", "gaussians"].map(|field| record[field].as_u64());
     assert_eq!(counts, [Some(5), Some(2), Some(3)]);
+    let warnings: Vec<&str> = record["warnings"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let expected = expected.strip_prefix("warning: ").unwrap();
+    assert!(matches!(&warnings[..], [of_start] if of_start.starts_with(expected)), "{warnings:?}");
 }
 
 #[test]

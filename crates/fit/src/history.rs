@@ -1,12 +1,11 @@
 //! What happened in a run so far.
 
-use atsplat_numeric::mean;
 use serde::{Deserialize, Serialize};
 
-use crate::Evaluation;
 use crate::density::Changes;
 use crate::loss::Terms;
-use crate::score::psnr;
+use crate::score::{decibels, mean_of_psnrs, psnr};
+use crate::{Evaluation, MeanScore};
 
 /// One step.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +31,33 @@ impl StepRecord {
     }
 }
 
+/// The PSNR of the training views, each in its last step: the Gaussians have changed since. Views whose render was equal to their
+/// image are counted and left out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct LastSteps {
+    /// The mean in dB; `None` without any view.
+    #[serde(rename = "training-psnr")]
+    pub psnr: Option<f64>,
+    /// How many views the mean is over.
+    #[serde(rename = "training-psnr-views")]
+    pub views: usize,
+    /// How many views were left out.
+    #[serde(rename = "training-identical")]
+    pub identical: usize,
+}
+
+impl LastSteps {
+    /// In words, of this many training views; `None` before the first step.
+    pub(crate) fn text(&self, all: usize) -> Option<String> {
+        let Self { psnr, views, identical } = *self;
+        let left_out =
+            if identical == 0 { String::new() } else { format!("; {identical} equal to the photo, left out") };
+        let text = || format!("{}, mean over each view's last step, {views} of {all} views{left_out}", decibels(psnr));
+        (views + identical > 0).then(text)
+    }
+}
+
 /// What happened in a run so far. Checkpoints contain it, so that the record of a resumed run is that of an uninterrupted one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
@@ -54,6 +80,9 @@ pub(crate) struct HistoryFacts {
     held_out: Option<String>,
     /// Step and number of Gaussians of each evaluation.
     evaluations: Vec<(u64, usize)>,
+    /// Views that each evaluation left out. Earlier versions did not write it; they left none out, and their SSIM was that of the loss.
+    #[serde(default)]
+    identical: Option<Vec<usize>>,
 }
 
 impl History {
@@ -65,9 +94,14 @@ impl History {
         Self { training: vec![None; views], ..Self::default() }
     }
 
-    /// Mean PSNR of the last step on each training view, in dB; `None` before the first step.
-    pub fn training_psnr(&self) -> Option<f64> {
-        mean(self.training.iter().flatten().copied())
+    /// The PSNR of the last step on each training view.
+    pub fn last_steps(&self) -> LastSteps {
+        let psnrs = || self.training.iter().flatten().copied();
+        LastSteps {
+            psnr: mean_of_psnrs(psnrs()),
+            views: psnrs().filter(|psnr| !psnr.is_infinite()).count(),
+            identical: psnrs().filter(|psnr| psnr.is_infinite()).count(),
+        }
     }
 
     pub(crate) fn add_step(&mut self, record: &StepRecord) {
@@ -88,37 +122,47 @@ impl History {
 
     pub(crate) fn facts(&self) -> HistoryFacts {
         let evaluations = self.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.gaussians)).collect();
-        HistoryFacts { changes: self.changes, held_out: self.held_out.clone(), evaluations }
+        let identical = Some(self.evaluations.iter().map(|evaluation| evaluation.score.identical).collect());
+        HistoryFacts { changes: self.changes, held_out: self.held_out.clone(), evaluations, identical }
     }
 
     /// Arrays of a checkpoint: four numbers for each step, two for each evaluation, one for each training view.
     pub(crate) fn arrays(&self) -> [Vec<f64>; 3] {
         let losses = self.losses.iter().flat_map(|Terms { l1, d_ssim, mse, total }| [*l1, *d_ssim, *mse, *total]);
-        let scores = self.evaluations.iter().flat_map(|evaluation| [evaluation.psnr, evaluation.ssim]);
-        // The PSNR of a step is never NaN, because its loss is finite.
+        // No score and no PSNR of a step is NaN: the loss of a step is finite.
+        let scores = self.evaluations.iter().flat_map(|Evaluation { score, .. }| [score.psnr, score.ssim]);
+        let scores = scores.map(|score| score.unwrap_or(f64::NAN));
         let training = self.training.iter().map(|psnr| psnr.unwrap_or(f64::NAN));
         [losses.collect(), scores.collect(), training.collect()]
     }
 
-    /// The history of [`Self::facts`] and [`Self::arrays`] after some steps on some views; `None` for other lengths.
+    /// The history of [`Self::facts`] and [`Self::arrays`] after some steps on some views; `None` for other lengths. Evaluations of
+    /// earlier versions have no SSIM.
     pub(crate) fn restored(facts: HistoryFacts, arrays: &[Vec<f64>; 3], steps: u64, views: usize) -> Option<Self> {
-        let HistoryFacts { changes, held_out, evaluations } = facts;
+        let HistoryFacts { changes, held_out, evaluations, identical } = facts;
+        let is_earlier = identical.is_none();
+        let identical = identical.unwrap_or_else(|| vec![0; evaluations.len()]);
         let [losses, scores, training] = arrays;
         let ((losses, rest), (scores, no_rest)) = (losses.as_chunks::<4>(), scores.as_chunks::<2>());
         let fits = losses.len() as u64 == steps && scores.len() == evaluations.len() && training.len() == views;
-        if !fits || !rest.is_empty() || !no_rest.is_empty() {
+        if !fits || identical.len() != scores.len() || !rest.is_empty() || !no_rest.is_empty() {
             return None;
         }
         let terms = |[l1, d_ssim, mse, total]: &[f64; 4]| Terms { l1: *l1, d_ssim: *d_ssim, mse: *mse, total: *total };
-        let evaluation = |((step, gaussians), [psnr, ssim]): ((u64, usize), &[f64; 2])| Evaluation {
+        let score = |[psnr, ssim]: &[f64; 2], identical: usize| MeanScore {
+            psnr: psnr.is_finite().then_some(*psnr),
+            ssim: (ssim.is_finite() && !is_earlier).then_some(*ssim),
+            identical,
+        };
+        let evaluations = evaluations.into_iter().zip(scores.iter().zip(identical));
+        let evaluations = evaluations.map(|((step, gaussians), (of, identical))| Evaluation {
             step,
             gaussians,
-            psnr: *psnr,
-            ssim: *ssim,
-        };
+            score: score(of, identical),
+        });
         Some(Self {
             losses: losses.iter().map(terms).collect(),
-            evaluations: evaluations.into_iter().zip(scores).map(evaluation).collect(),
+            evaluations: evaluations.collect(),
             changes,
             training: training.iter().map(|psnr| (!psnr.is_nan()).then_some(*psnr)).collect(),
             held_out,
@@ -135,7 +179,7 @@ impl History {
 mod tests {
     use super::*;
 
-    /// Infinite scores, and a view without a step.
+    /// An exact step, an evaluation without a PSNR, and a view without a step.
     #[test]
     fn a_history_is_restored_to_the_last_bit() {
         let mut history = History::new(3);
@@ -144,14 +188,34 @@ mod tests {
             let changes = Changes { cloned: view, ..Changes::default() };
             history.add_step(&StepRecord { step, view, terms, regularisers: 0.0, gaussians: 5, changes });
         }
-        let evaluation = Evaluation { step: 2, gaussians: 5, psnr: f64::INFINITY, ssim: 0.1 };
-        history.add_evaluation(evaluation, "views".to_owned());
-        assert_eq!((history.training_psnr(), history.changes.cloned), (Some(f64::INFINITY), 2));
+        let score = MeanScore { psnr: None, ssim: Some(0.1), identical: 3 };
+        history.add_evaluation(Evaluation { step: 2, gaussians: 5, score }, "views".to_owned());
+        assert_eq!(history.changes.cloned, 2);
         let facts = || serde_json::from_str(&serde_json::to_string(&history.facts()).unwrap()).unwrap();
         let arrays = history.arrays();
         let restored = History::restored(facts(), &arrays, 2, 3).unwrap();
         assert!(restored == history && restored.is_of("views") && !restored.is_of("others"), "{restored:?}");
         assert_eq!(History::restored(facts(), &arrays, 3, 3), None, "a step without a loss");
         assert_eq!(History::restored(facts(), &arrays, 2, 2), None, "another number of views");
+        let earlier = HistoryFacts { identical: None, ..facts() };
+        let score = History::restored(earlier, &arrays, 2, 3).unwrap().evaluations[0].score;
+        assert_eq!(score, MeanScore::default(), "of the SSIM of an earlier version");
+    }
+
+    /// The exact step would make the mean infinite.
+    #[test]
+    fn an_exact_last_step_is_counted_and_left_out() {
+        let mut history = History::new(4);
+        assert_eq!(history.last_steps().text(4), None, "before the first step");
+        for (step, view, mse) in [(1, 0, 1.0), (2, 3, 0.01), (3, 1, 0.0), (4, 0, 0.0001)] {
+            let terms = Terms { mse, ..Terms::default() };
+            let changes = Changes::default();
+            history.add_step(&StepRecord { step, view, terms, regularisers: 0.0, gaussians: 5, changes });
+        }
+        let LastSteps { psnr, views, identical } = history.last_steps();
+        atsplat_numeric::Tolerance::absolute(1e-9).assert([psnr.unwrap()], [30.0], "the mean of 40 and 20 dB");
+        assert_eq!((views, identical), (2, 1));
+        let text = "30.00 dB, mean over each view's last step, 2 of 4 views; 1 equal to the photo, left out";
+        assert_eq!(history.last_steps().text(4).as_deref(), Some(text));
     }
 }

@@ -6,7 +6,7 @@ use atsplat_camera::{ImageSize, Similarity};
 use serde::Serialize;
 
 use crate::checkpoint::views_hash;
-use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
+use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, LastSteps, ScaleEvaluation, TrainingView};
 
 /// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
 /// budget was a time.
@@ -20,6 +20,8 @@ pub struct FitRecord {
     pub scene: String,
     pub views: Vec<String>,
     pub held_out: Vec<String>,
+    /// What became of the photos' alpha channels: `drop` or `composite`.
+    pub alpha: &'static str,
     #[serde(flatten)]
     pub inputs: FitInputs,
     pub start: String,
@@ -39,11 +41,13 @@ pub struct FitRecord {
     /// Of the training views in the data's world, if cameras or exposures were optimised.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<Correction>,
-    /// Mean PSNR of the last step on each training view, in dB.
-    pub training_psnr: Option<f64>,
+    /// Mean PSNR of the last step on each training view, in dB, with the number of views that it is over and that it leaves out.
+    #[serde(flatten)]
+    pub last_steps: LastSteps,
     pub evaluations: Vec<Evaluation>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub at_scales: Vec<ScaleEvaluation>,
+    pub warnings: Vec<String>,
 }
 
 /// Photos and start of a run. Each hash is a SHA-256 in hexadecimal.
@@ -130,9 +134,8 @@ impl FitReport {
 
 impl fmt::Display for FitReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let FitRecord {
-            scene, views, configuration, device, steps, file, gaussians, training_psnr, evaluations, ..
-        } = &self.record;
+        let FitRecord { scene, views, configuration, device, steps, file, gaussians, last_steps, evaluations, .. } =
+            &self.record;
         let strategy = configuration.strategy.name();
         let (views, seconds) = (views.len(), self.seconds);
         write!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s")?;
@@ -141,17 +144,15 @@ impl fmt::Display for FitReport {
         }
         writeln!(f, " on {device}")?;
         writeln!(f, "{gaussians} Gaussians into {}", file.display())?;
-        if let Some(psnr) = training_psnr {
-            writeln!(f, "{psnr:.2} dB on the training views")?;
+        if let Some(text) = last_steps.text(views) {
+            writeln!(f, "training: {text}")?;
         }
-        if let Some(Evaluation { psnr, ssim, .. }) = evaluations.last() {
-            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
+        if let Some(Evaluation { score, .. }) = evaluations.last() {
+            writeln!(f, "{}", score.on(&format!("{} held-out views", self.record.held_out.len())))?;
         }
-        for ScaleEvaluation { scale, width, height, psnr, ssim } in &self.record.at_scales {
-            writeln!(
-                f,
-                "{psnr:.2} dB, SSIM {ssim:.3} on the held-out views at {scale} times their size, {width}x{height}"
-            )?;
+        for ScaleEvaluation { scale, width, height, score } in &self.record.at_scales {
+            let views = format!("the held-out views at {scale} times their size, {width}x{height}");
+            writeln!(f, "{}", score.on(&views))?;
         }
         Ok(())
     }

@@ -101,7 +101,10 @@ fn a_checkpoint_of_an_earlier_version_is_resumed() {
         run(fit, 3);
     }
     assert_eq!(resumed.gaussians(), whole.gaussians());
-    assert!(resumed.history() == whole.history(), "another history");
+    let (mut found, expected) = (resumed.history().clone(), whole.history());
+    assert_eq!(found.evaluations[0].score.ssim, None, "earlier versions computed another SSIM");
+    found.evaluations[0].score.ssim = expected.evaluations[0].score.ssim;
+    assert!(found == *expected, "another history");
 }
 
 #[test]

@@ -46,6 +46,7 @@ fn mcmc_says_how_many_gaussians_it_can_reach() {
         left.starts_with("mcmc grows from 110 to at most 115 ") && left.ends_with(" due 1 times until step 400"),
         "{left}"
     );
+    assert_eq!(resumed.first_density_warning(100), Some(warning), "that of the whole run");
     run(&mut short, 150);
     assert_eq!(short.len(), 115);
     assert_eq!(fit(Strategy::Mcmc, 400, 115).density_warning(), None);

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
-use atsplat_fit::{Fit, Strategy};
+use atsplat_fit::{Background, Fit, Strategy};
 use atsplat_scene::Frame;
 
 use super::Args;
+use super::input::Alpha;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse;
@@ -34,6 +35,11 @@ impl Args {
                 options: &[("--absolute-gradients", optimisation.absolute_gradients)],
                 requires: "--strategy 3dgs or mip-splatting",
                 satisfied: is_adaptive,
+            },
+            Requirement {
+                options: &[("--alpha composite", self.input.alpha == Alpha::Composite)],
+                requires: "--background black or white",
+                satisfied: matches!(optimisation.background, Background::Black | Background::White),
             },
             Requirement {
                 options: &[("--start points", self.start.is_points())],

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{common_size, fit_recipe};
 use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
-use atsplat_fit::{TrainingView, TrainingViews};
+use atsplat_fit::{Background, TrainingView, TrainingViews};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
@@ -49,6 +49,28 @@ pub(super) struct InputArgs {
     /// Ignore lens distortion in DATA.
     #[arg(long)]
     no_distortion: bool,
+
+    /// Alpha channels of photos: drop them, so that transparent pixels keep their stored colour, or composite the photos over
+    /// --background, black or white.
+    #[arg(long, value_name = "HOW", default_value = "drop", value_parser = parse::named([Alpha::Drop, Alpha::Composite].map(|alpha| (alpha.name(), alpha))))]
+    pub(super) alpha: Alpha,
+}
+
+/// What becomes of the alpha channels of photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Alpha {
+    Drop,
+    Composite,
+}
+
+impl Alpha {
+    /// Its name on the command line.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Drop => "drop",
+            Self::Composite => "composite",
+        }
+    }
 }
 
 /// The photos with their images.
@@ -64,7 +86,12 @@ pub(super) struct Input {
 
 impl InputArgs {
     /// Reads the photos; for a network they are prepared as for its reconstructions.
-    pub(super) fn read(&self, network: Option<&NetworkSource>, warnings: &mut Warnings) -> anyhow::Result<Input> {
+    pub(super) fn read(
+        &self,
+        network: Option<&NetworkSource>,
+        background: Background,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Input> {
         let mut scene: Scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
@@ -78,9 +105,10 @@ impl InputArgs {
             bail!("--views: all of these photos are held out");
         }
         let selection = PhotoSelection { context, targets };
+        let shown = self.shown(&scene, background);
         let prepared = |size, warnings: &mut Warnings| {
             let recipe = fit_recipe(size, network.map(|source| &source.config));
-            Photos::new(scene.clone(), selection.clone(), recipe, warnings)
+            Photos::new(shown.clone(), selection.clone(), recipe, warnings)
         };
         let photos = prepared(self.size, warnings).map_err(|error| self.with_size_context(network, error))?;
         let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
@@ -97,6 +125,15 @@ impl InputArgs {
         let others = other_images(&training, &held_out, &scaled);
         let training = TrainingViews::from(training).with_other_images(others);
         Ok(Input { scene, photos, training, held_out, scaled })
+    }
+
+    /// The scene with its photos as they are optimised for.
+    fn shown(&self, scene: &Scene, background: Background) -> Scene {
+        match (self.alpha, background) {
+            (Alpha::Composite, Background::Black) => scene.clone().composited_over([0; 3]),
+            (Alpha::Composite, Background::White) => scene.clone().composited_over([255; 3]),
+            _ => scene.clone(),
+        }
     }
 
     /// The transform that nerfstudio applied to the cameras of a scene, but not to COLMAP's points.

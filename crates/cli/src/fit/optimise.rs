@@ -45,8 +45,8 @@ impl<'a> Log<'a> {
     }
 
     fn step(&mut self, fit: &mut Fit, record: &StepRecord) -> anyhow::Result<()> {
-        let psnr = fit.history().training_psnr().unwrap_or(f64::NAN);
-        let line = format!("loss {:.4}, {psnr:.2} dB, {} Gaussians", record.terms.total, record.gaussians);
+        let psnr = fit.history().last_steps().psnr.map_or_else(String::new, |psnr| format!("{psnr:.2} dB, "));
+        let line = format!("loss {:.4}, {psnr}{} Gaussians", record.terms.total, record.gaussians);
         // With --seconds, the planned number of steps changes during the run.
         let (step, steps) = (record.step, fit.config().steps);
         self.progress.reach(step, steps, line);
@@ -62,12 +62,12 @@ impl<'a> Log<'a> {
 
     /// Scores the held-out views, unless they were scored after this step already.
     pub(super) fn evaluate(&self, fit: &mut Fit) -> anyhow::Result<()> {
-        let Some(Evaluation { step, gaussians, psnr, ssim }) = fit.evaluate(self.held_out)? else { return Ok(()) };
+        let Some(Evaluation { step, gaussians, score }) = fit.evaluate(self.held_out)? else { return Ok(()) };
         let Changes { cloned, split, pruned, relocated, added, .. } = fit.history().changes;
         self.progress.print(&format!(
-            "after {step} steps: {psnr:.2} dB, SSIM {ssim:.3} on {} held-out views; {gaussians} Gaussians; last \
-             change: {cloned} cloned, {split} split, {pruned} pruned, {relocated} relocated, {added} added",
-            self.held_out.len()
+            "after {step} steps: {}; {gaussians} Gaussians; last change: {cloned} cloned, {split} split, {pruned} \
+             pruned, {relocated} relocated, {added} added",
+            score.on(&format!("{} held-out views", self.held_out.len()))
         ));
         Ok(())
     }

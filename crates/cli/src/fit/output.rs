@@ -21,7 +21,7 @@ impl Args {
         &self,
         fit: &mut Fit,
         input: &Input,
-        start: StartSummary,
+        mut start: StartSummary,
         log: &Log<'_>,
         can_render: bool,
     ) -> anyhow::Result<FitRecord> {
@@ -29,6 +29,7 @@ impl Args {
         let gaussians = input.photos.in_scene(&fit.gaussians())?;
         if let Some(text) = rounding_warning(&gaussians) {
             warn(&text);
+            start.warnings.push(text);
         }
         let record_file = self.record_file();
         remove_old(&record_file)?;
@@ -62,6 +63,7 @@ impl Args {
             scene: input.photos.trial().scene().to_owned(),
             views: names(&input.training),
             held_out: names(&input.held_out),
+            alpha: self.input.alpha.name(),
             inputs: fit.inputs(&input.held_out),
             start: start.name,
             start_gaussians: start.gaussians,
@@ -77,9 +79,10 @@ impl Args {
             file: self.out.clone(),
             gaussians,
             corrections: fit.corrections(&normalisation)?,
-            training_psnr: fit.history().training_psnr(),
+            last_steps: fit.history().last_steps(),
             evaluations: fit.history().evaluations.clone(),
             at_scales,
+            warnings: start.warnings,
         })
     }
 }

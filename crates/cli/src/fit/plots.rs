@@ -38,8 +38,9 @@ fn draw_curve(
 ) -> anyhow::Result<()> {
     let nearest = nearest_view_psnr(held_out, training);
     let history = fit.history();
+    let evaluations = history.evaluations.iter();
     let evaluations: Vec<_> =
-        history.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.psnr, nearest)).collect();
+        evaluations.filter_map(|evaluation| Some((evaluation.step, evaluation.score.psnr?, nearest))).collect();
     let steps: Vec<u64> = (1..=fit.step_count()).collect();
     let losses_by = |term: fn(&Terms) -> f64| history.losses.iter().map(|terms| Some(term(terms))).collect::<Vec<_>>();
     let losses = [

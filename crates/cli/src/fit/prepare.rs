@@ -28,6 +28,8 @@ pub(super) struct StartSummary {
     pub(super) gaussians: usize,
     /// Gaussians that were removed when their file was read.
     pub(super) removed: usize,
+    /// What was warned of before the first step, the photos included.
+    pub(super) warnings: Vec<String>,
 }
 
 impl Args {
@@ -36,8 +38,10 @@ impl Args {
         let mut warnings = Warnings::new();
         let source = self.start.network()?;
         let device = self.open_device(source.is_some())?;
-        let input = self.input.read(source.as_ref(), &mut warnings)?;
+        let input = self.input.read(source.as_ref(), self.optimisation.background, &mut warnings)?;
         print_warnings(&warnings);
+        let warnings = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
+        let mut warnings: Vec<String> = warnings.collect();
         self.check_photos(&input.scene.frames)?;
         // With --refine, the whole run is in the network's world.
         let mut config = self.optimisation.config(input.photos.trial().normalisation().new_from_old.scale);
@@ -46,7 +50,10 @@ impl Args {
             None => None,
         };
         let (start, name) = self.start.gaussians(&input, &self.input, network, &config, &self.optimisation)?;
-        warn_of_start(&start.gaussians, &config);
+        warnings.extend_from_slice(&start.warnings);
+        let of_start = warnings_of_start(&start.gaussians, &config);
+        of_start.iter().for_each(|text| warn(text));
+        warnings.extend(of_start);
 
         let device = device.backend().fit_device();
         let begin = Instant::now();
@@ -55,10 +62,16 @@ impl Args {
         let planning_secs = begin.elapsed().as_secs_f64();
         config.steps = steps;
         let fit = self.fit(config, &input, &start.gaussians, device)?;
-        warn_of_fit(&fit, start.gaussians.len(), deadline.is_some());
+        let count = start.gaussians.len();
+        let planned = if deadline.is_some() { "as planned so far, " } else { "" };
+        let of_density = |text: Option<String>| text.map(|text| format!("{planned}{text}"));
+        let of_dropped = dropped_warning(&fit, count);
+        of_dropped.iter().chain(&of_density(fit.density_warning())).for_each(|text| warn(text));
+        // That of a resumed run is about the rest of it; its record is that of an uninterrupted one.
+        let first = fit.first_density_warning(count - fit.dropped());
+        warnings.extend(of_dropped.into_iter().chain(of_density(first)));
 
-        let gaussians = start.gaussians.len() + start.removed;
-        let start = StartSummary { name, gaussians, removed: start.removed };
+        let start = StartSummary { name, gaussians: count + start.removed, removed: start.removed, warnings };
         Ok(Prepared { input, start, fit, deadline, planning_secs })
     }
 
@@ -81,28 +94,26 @@ impl Args {
     }
 }
 
-/// Warns of properties of the initial Gaussians that are dropped or not optimised.
-fn warn_of_start(start: &Gaussians, config: &FitConfig) {
+/// Properties of the initial Gaussians that are dropped or not optimised.
+fn warnings_of_start(start: &Gaussians, config: &FitConfig) -> Vec<String> {
     let (found, kept, strategy) = (start.sh_degree(), config.sh_degree, config.strategy);
+    let mut warnings = Vec::new();
     if found > kept {
-        warn(&format!(
+        warnings.push(format!(
             "the initial Gaussians have spherical harmonics of degree {found}: those above --sh-degree {kept} are dropped"
         ));
     }
     if start.parts().filter_3d.is_some() && strategy != Strategy::MipSplatting {
         let name = strategy.name();
-        warn(&format!(
+        warnings.push(format!(
             "the initial Gaussians have 3D filters (filter_3D), which the strategy {name} leaves as they are"
         ));
     }
+    warnings
 }
 
-/// Warns of invalid initial Gaussians, of which there are `count`, and of a run that is too short for density control.
-fn warn_of_fit(fit: &Fit, count: usize, is_timed: bool) {
-    if fit.dropped() > 0 {
-        warn(&format!("{} of {count} initial Gaussians are invalid and were dropped", fit.dropped()));
-    }
-    if let Some(text) = fit.density_warning() {
-        warn(&format!("{}{text}", if is_timed { "as planned so far, " } else { "" }));
-    }
+/// That initial Gaussians, of which there are `count`, are invalid.
+fn dropped_warning(fit: &Fit, count: usize) -> Option<String> {
+    let dropped = fit.dropped();
+    (dropped > 0).then(|| format!("{dropped} of {count} initial Gaussians are invalid and were dropped"))
 }

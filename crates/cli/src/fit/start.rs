@@ -121,15 +121,16 @@ impl StartArgs {
         let applied = applied.with_context(|| format!("--start {}", self.start))?;
         let of = PointsOf { data: &args.data, scene: &input.scene, applied };
         let made = start.gaussians(&input.training, of, self.depths, self.opacities_as_stored, config);
-        let made = made.map_err(|error| match error {
+        let mut made = made.map_err(|error| match error {
             StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {
                 anyhow::Error::from(error).context(format!("--start {} requires --depths NEAR,FAR", self.start))
             }
             StartError::Fit(error) => options.with_option(error),
             unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
         })?;
-        for warning in &made.warnings {
-            warn(&format!("--start {}: {warning}", self.start));
+        for warning in &mut made.warnings {
+            *warning = format!("--start {}: {warning}", self.start);
+            warn(warning);
         }
         Ok((made, self.name(None)))
     }

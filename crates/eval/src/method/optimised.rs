@@ -203,7 +203,7 @@ impl Method for Optimised {
         }
         cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
         // Of the last step on each view, so that overfitting shows next to the held-out PSNR.
-        cost.context_psnr = fit.history().training_psnr();
+        cost.context_psnr = fit.history().last_steps().psnr;
         cost.notes.push(steps_note(self.budget, fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }

@@ -7,6 +7,15 @@ impl Fit {
     /// Why the run as it is planned will not change the number of Gaussians as its strategy is meant to: it is too short for
     /// any change, or MCMC cannot grow to the limit. `None` if nothing keeps it from that.
     pub fn density_warning(&self) -> Option<String> {
+        self.density_warning_from(self.step, self.len())
+    }
+
+    /// [`Self::density_warning`] before the first step, with this many Gaussians: the same for a run that was resumed.
+    pub fn first_density_warning(&self, gaussians: usize) -> Option<String> {
+        self.density_warning_from(0, gaussians)
+    }
+
+    fn density_warning_from(&self, step: u64, count: usize) -> Option<String> {
         let (strategy, steps) = (self.config.strategy, self.config.steps);
         let fewest = Schedule::fewest_steps(strategy)?;
         let name = strategy.name();
@@ -17,9 +26,9 @@ impl Fit {
         if strategy != Strategy::Mcmc {
             return None;
         }
-        let (count, most) = (self.len(), self.config.max_gaussians);
-        let left = self.schedule.density_changes(strategy, self.step);
-        let reached = self.reached(left);
+        let most = self.config.max_gaussians;
+        let left = self.schedule.density_changes(strategy, step);
+        let reached = self.reached(count, left);
         if reached < self.limit {
             return Some(format!(
                 "{name} grows from {count} to at most {reached} of {most} Gaussians (max-gaussians): by 5 % at each change of \
@@ -35,9 +44,8 @@ impl Fit {
         })
     }
 
-    /// Most Gaussians after this many changes of density by MCMC.
-    fn reached(&self, changes: u64) -> usize {
-        let mut count = self.len();
+    /// Most Gaussians that MCMC makes of `count` in this many changes of density.
+    fn reached(&self, mut count: usize, changes: u64) -> usize {
         for _ in 0..changes {
             let more = grown(count, self.limit);
             if more <= count {

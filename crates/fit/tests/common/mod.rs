@@ -67,5 +67,5 @@ pub(crate) fn run(fit: &mut Fit, steps: u64) {
 }
 
 pub(crate) fn held_out(fit: &mut Fit) -> f64 {
-    fit.mean_score(&views().1).unwrap().psnr
+    fit.mean_score(&views().1).unwrap().psnr.unwrap()
 }

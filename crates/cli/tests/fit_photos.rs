@@ -1,0 +1,62 @@
+//! What `atsplat fit` makes of photos, and says of the training views.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::{Value, json};
+use tempfile::tempdir;
+
+use common::{atsplat, succeed};
+
+const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+const FIT: [&str; 8] = ["fit", "photos", "--start", SCENE, "--strategy", "fixed", "--out", "fitted.ply"];
+
+fn record(here: &Path) -> Value {
+    serde_json::from_slice(&fs::read(here.join("fitted.ply.json")).unwrap()).unwrap()
+}
+
+/// Photos of 13×9 pixels, of which two have an alpha channel with transparent pixels.
+#[test]
+fn photos_with_alpha_are_composited_over_the_background_if_asked() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "4", "--size", "13x9", "--out", "photos"]);
+    let rgba = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures/images/colour6_8.png");
+    for number in [1, 3] {
+        fs::copy(rgba, here.join(format!("photos/00000{number}.png"))).unwrap();
+    }
+    let fit = |more: &[&'static str]| {
+        let fitted = atsplat(here, &[&FIT[..], &["--views", "..", "--steps", "1"], more].concat());
+        assert_eq!(fitted.code, 0, "{}", fitted.stderr);
+        let record = record(here);
+        let warned = record["warnings"].as_array().unwrap().iter().any(|text| text.as_str().unwrap().contains("alpha"));
+        assert_eq!(warned, fitted.stderr.contains("alpha channel is dropped"), "{record}: {}", fitted.stderr);
+        (record["alpha"].as_str().unwrap().to_owned(), warned, record["views-sha256"].as_str().unwrap().to_owned())
+    };
+    let (dropped, black) = (fit(&[]), fit(&["--alpha", "composite"]));
+    let white = fit(&["--alpha", "composite", "--background", "white"]);
+    assert_eq!((dropped.0.as_str(), dropped.1), ("drop", true));
+    assert!([&black, &white].iter().all(|(how, warned, _)| how == "composite" && !warned), "{black:?}, {white:?}");
+    assert!(dropped.2 != black.2 && black.2 != white.2 && dropped.2 != white.2, "other pixels");
+    assert_eq!(fit(&["--background", "white"]).2, dropped.2, "the background alone changes no photo");
+    let random = ["--views", "..", "--steps", "1", "--alpha", "composite", "--background", "random"];
+    let rejected = atsplat(here, &[&FIT[..], &random].concat());
+    let expected = "--alpha composite requires --background black or white";
+    assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+}
+
+/// Two steps see two of the three views that are not held out.
+#[test]
+fn the_psnr_of_training_views_is_named_as_what_it_is() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "4", "--size", "16x12", "--out", "photos"]);
+    let text = succeed(here, &[&FIT[..], &["--views", "..", "--held-out", "0", "--steps", "2"]].concat());
+    assert!(text.contains(" dB, mean over each view's last step, 2 of 3 views\n"), "{text}");
+    let record = record(here);
+    assert_eq!((&record["training-psnr-views"], &record["training-identical"]), (&json!(2), &json!(0)));
+    assert!(record["training-psnr"].is_f64(), "{record}");
+    assert_eq!(record["evaluations"][0]["identical"], 0, "{record}");
+}
