@@ -1,4 +1,4 @@
-use libjpeg_turbo_rs::{Decoder, JpegError, PixelFormat};
+use libjpeg_turbo_rs::{Decoder, Image, JpegError, PixelFormat};
 
 use crate::size::header;
 use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError};
@@ -7,6 +7,30 @@ const FORMAT: ImageFormat = ImageFormat::Jpeg;
 
 /// Real progressive JPEGs have ten scans; each additional one is a pass over all blocks for a few bytes.
 const MAX_SCANS: usize = 100;
+
+/// The marker at the end of a JPEG.
+const END: [u8; 2] = [0xff, 0xd9];
+
+/// Equal bytes at the end of the last scan from which on it is checked whether pixels need them. Padding is at most one byte.
+const REPEATED: usize = 8;
+
+/// Whether a JPEG has the marker of its end behind its first scan: a preview in the header has one too. In a scan, no other
+/// 0xff is followed by its second byte (ITU-T T.81, B.1.1.5). Of a header with other bytes than markers, only decoding can
+/// tell; it counts as whole.
+pub fn jpeg_has_end(bytes: &[u8]) -> bool {
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    while let [0xff, marker, behind @ ..] = rest {
+        rest = match (marker, behind) {
+            (0xda, _) => return behind.windows(2).rev().any(|pair| pair == END),
+            (0xff, _) => rest.get(1..).unwrap_or_default(),
+            (0x01 | 0xd0..=0xd9, _) => behind,
+            (_, [high, low, ..]) => behind.get(usize::from(u16::from_be_bytes([*high, *low]))..).unwrap_or_default(),
+            _ => &[],
+        };
+    }
+    // Neither the end of the bytes nor a marker.
+    !matches!(rest, [] | [0xff])
+}
 
 /// A frame header.
 pub(crate) struct Frame<'a> {
@@ -80,19 +104,27 @@ impl<'a> Frame<'a> {
 
 /// Decodes bit for bit like libjpeg-turbo with default options, as Pillow does (see `JPEG.md` of this crate).
 ///
-/// Stricter than Pillow in one way: truncated or corrupt data is an error, where libjpeg warns and fills with grey.
+/// Stricter than Pillow in one way: truncated or corrupt data is an error, where libjpeg warns and fills with grey, or decodes the
+/// zero bytes that an interrupted copy left at the end as pixels.
 pub(crate) fn decode(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
     Frame::find(bytes)?.check_sampling()?;
-    let failed = |source: JpegError| PixelError::Decode { format: FORMAT, source: source.into() };
-    let library = libjpeg_turbo_rs::DecodeLimits {
-        max_width: limits.max_width as usize,
-        max_height: limits.max_height as usize,
-        max_pixels: limits.max_bytes / 3,
-        max_scans: MAX_SCANS,
-        ..Default::default()
-    };
-    let decoder = Decoder::new_with_limits(bytes, library).map_err(failed)?.with_output_format(PixelFormat::Rgb);
-    let image = decoder.decode_image().map_err(failed)?;
+    let damaged = |problem: String| PixelError::Decode { format: FORMAT, source: problem.into() };
+    if !jpeg_has_end(bytes) {
+        let found = format!("expected the marker of the image's end (ff d9), found none in {} bytes", bytes.len());
+        return Err(damaged(found));
+    }
+    let image =
+        decode_image(bytes, limits).map_err(|source| PixelError::Decode { format: FORMAT, source: source.into() })?;
+    // Unknown markers and bytes behind the end cause none.
+    if let Some(warning) = image.warnings.first() {
+        return Err(damaged(warning.to_string()));
+    }
+    if let Some((shorter, byte)) = without_repeated_end(bytes)
+        && decode_image(&shorter, limits).is_ok()
+    {
+        let found = format!("found {REPEATED} or more bytes {byte:#04x} behind the last pixel");
+        return Err(damaged(format!("expected pixels up to the end of the last scan, {found}")));
+    }
     let (width, height) = size;
     if (image.width, image.height) != (width as usize, height as usize) {
         return Err(header(
@@ -101,4 +133,51 @@ pub(crate) fn decode(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> R
         ));
     }
     ImageU8::new(width, height, image.data)
+}
+
+fn decode_image(bytes: &[u8], limits: &DecodeLimits) -> Result<Image, JpegError> {
+    let library = libjpeg_turbo_rs::DecodeLimits {
+        max_width: limits.max_width as usize,
+        max_height: limits.max_height as usize,
+        max_pixels: limits.max_bytes / 3,
+        max_scans: MAX_SCANS,
+        ..Default::default()
+    };
+    Decoder::new_with_limits(bytes, library)?.with_output_format(PixelFormat::Rgb).decode_image()
+}
+
+/// The image without the last [`REPEATED`] bytes of its last scan, and their value, if they are equal: the library does not say where
+/// the last pixel ends, but a scan that pixels need cannot be decoded without its end. Data that pixels need can end in equal bytes
+/// too, in an area of one colour.
+fn without_repeated_end(bytes: &[u8]) -> Option<(Vec<u8>, u8)> {
+    let (scan, [byte, others @ ..]) = bytes.get(..end_of_scans(bytes)?)?.split_last_chunk::<REPEATED>()?;
+    others.iter().all(|other| other == byte).then(|| ([scan, &END].concat(), *byte))
+}
+
+/// Where the data of the last scan end; `None` if the image's end does not follow where a marker is expected.
+fn end_of_scans(bytes: &[u8]) -> Option<usize> {
+    let mut at = 2;
+    let mut end = None;
+    loop {
+        let [0xff, marker, behind @ ..] = bytes.get(at..)? else { return None };
+        match marker {
+            0xd9 => return end,
+            0xff => at += 1,
+            0x01 | 0xd0..=0xd8 => at += 2,
+            _ => {
+                let [high, low, ..] = behind else { return None };
+                at += 2 + usize::from(u16::from_be_bytes([*high, *low]));
+                if *marker == 0xda {
+                    at += end_of_scan(bytes.get(at..)?)?;
+                    end = Some(at);
+                }
+            }
+        }
+    }
+}
+
+/// Where the data of a scan end: at the first marker other than those of restarts.
+fn end_of_scan(data: &[u8]) -> Option<usize> {
+    let is_end = |pair: &[u8]| matches!(pair, [0xff, next] if !matches!(next, 0x00 | 0xd0..=0xd7 | 0xff));
+    data.windows(2).position(is_end)
 }

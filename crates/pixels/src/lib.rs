@@ -25,6 +25,7 @@ pub use encode::{encode_jpeg, encode_png};
 pub use error::PixelError;
 pub use format::ImageFormat;
 pub use images::{Image, ImageU8};
+pub use jpeg::jpeg_has_end;
 pub use limits::DecodeLimits;
 pub use orientation::Orientation;
 pub use preview::{Preview, preview_frame};

@@ -244,6 +244,58 @@ fn renders_that_would_lose_bits_or_light_are_errors() {
     }
 }
 
+/// A JPEG of noise, so that zero bytes in place of its data are far more than the pixels need.
+fn noisy_jpeg() -> Vec<u8> {
+    let noise = |at: u32| {
+        let mixed = at.wrapping_mul(2_654_435_761);
+        u8::try_from((mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519) >> 24).unwrap()
+    };
+    let samples = (0..48 * 32 * 3).map(noise).collect();
+    encode_jpeg(&ImageU8::new(48, 32, samples).unwrap(), 100).unwrap()
+}
+
+/// As interrupted copies leave them: libjpeg decodes the zeros as pixels, and ignores those that are left.
+#[test]
+fn jpegs_whose_end_is_zeroed_are_errors() {
+    let whole = noisy_jpeg();
+    decode(&whole, &SMALL).unwrap();
+    for kept in [whole.len() / 2, whole.len() * 2 / 3, whole.len() - 1] {
+        let mut zeroed = whole.clone();
+        zeroed[kept..].fill(0);
+        let message = decode(&zeroed, &SMALL).unwrap_err().to_string();
+        assert!(message.contains("expected the marker of the image's end (ff d9)"), "{kept}: {message}");
+    }
+    let mut with_end = whole.clone();
+    let end = whole.len() - 2;
+    with_end[whole.len() * 2 / 3..end].fill(0);
+    let message = decode(&with_end, &SMALL).unwrap_err().to_string();
+    assert!(message.contains("found 8 or more bytes 0x00 behind the last pixel"), "{message}");
+}
+
+/// Bytes behind the end, a comment and an unknown marker are harmless; so are zeros that pixels need.
+#[test]
+fn jpegs_with_more_than_pixels_are_images_and_stray_bytes_are_errors() {
+    let whole = noisy_jpeg();
+    let image = decode(&whole, &SMALL).unwrap();
+    let tables = whole.windows(2).position(|pair| pair == [0xff, 0xc4]).unwrap();
+    let with = |at: usize, more: &[u8]| [&whole[..at], more, &whole[at..]].concat();
+    for fine in [
+        with(whole.len(), &[0; 64]),
+        with(2, &[0xff, 0xfe, 0, 4, b'h', b'i']),
+        with(tables, &[0xff, 0xf1, 0, 5, 1, 2, 3]),
+    ] {
+        assert_eq!(decode(&fine, &SMALL).unwrap(), image);
+    }
+    let message = decode(&with(tables, &[7; 5]), &SMALL).unwrap_err().to_string();
+    assert!(message.contains("5 extraneous bytes"), "{message}");
+    let flat = vec![90u8; 128 * 96 * 3];
+    let encoder = libjpeg_turbo_rs::Encoder::new(&flat, 128, 96, libjpeg_turbo_rs::PixelFormat::Rgb);
+    let optimised = encoder.optimize_huffman(true).encode().unwrap();
+    let zeros = optimised.iter().rev().skip(3).take_while(|byte| **byte == 0).count();
+    assert!(zeros > 8, "{zeros} zeros before the last bits");
+    decode(&optimised, &SMALL).unwrap();
+}
+
 #[test]
 fn a_git_lfs_pointer_error_names_the_remedy() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";

@@ -1,6 +1,6 @@
 //! Images that were cut short, for example by a copy that was interrupted: found by their structure, without decoding.
 
-use atsplat_pixels::ImageFormat;
+use atsplat_pixels::{ImageFormat, jpeg_has_end};
 
 /// The last chunk of a PNG, with its checksum.
 pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
@@ -32,23 +32,6 @@ fn png_has_end(bytes: &[u8]) -> bool {
         rest = rest.get(length.saturating_add(PNG_END.len())..).unwrap_or_default();
     }
     false
-}
-
-/// Looks for the end marker behind the first scan: a preview in the header has one too. In a scan, no other 0xff is
-/// followed by its second byte (ITU T.81, B.1.1.5). Of a header with other bytes than markers, only decoding can tell.
-fn jpeg_has_end(bytes: &[u8]) -> bool {
-    let mut rest = bytes.get(2..).unwrap_or_default();
-    while let [0xff, marker, behind @ ..] = rest {
-        rest = match (marker, behind) {
-            (0xda, _) => return behind.windows(2).rev().any(|pair| pair == JPEG_END),
-            (0xff, _) => rest.get(1..).unwrap_or_default(),
-            (0x01 | 0xd0..=0xd9, _) => behind,
-            (_, [high, low, ..]) => behind.get(usize::from(u16::from_be_bytes([*high, *low]))..).unwrap_or_default(),
-            _ => &[],
-        };
-    }
-    // Neither the end of the bytes nor a marker.
-    !matches!(rest, [] | [0xff])
 }
 
 /// Compares the length in the RIFF header. Some encoders count the byte that pads an odd length without writing it.
