@@ -1,5 +1,6 @@
 use std::fmt;
 use std::ops::{Deref, Range};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,6 +13,8 @@ pub struct SharedBytes {
     range: Range<usize>,
     /// Of the zip entry that the bytes are in.
     checksum: Option<Arc<Checksum>>,
+    /// The file that the bytes are from, for messages.
+    file: Option<Arc<Path>>,
 }
 
 /// The CRC-32 of a zip entry, which is compared once.
@@ -47,7 +50,18 @@ impl SharedBytes {
     /// All of `owner`'s bytes.
     pub fn new(owner: impl AsRef<[u8]> + Send + Sync + 'static) -> Self {
         let range = 0..owner.as_ref().len();
-        Self { owner: Arc::new(owner), range, checksum: None }
+        Self { owner: Arc::new(owner), range, checksum: None, file: None }
+    }
+
+    /// These bytes, and all parts of them, as from a file, for messages.
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Self {
+        Self { file: Some(path.into()), ..self }
+    }
+
+    /// The file that the bytes are from, if that is known.
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
     }
 
     /// A part of these bytes with the same owner; `None` if `range` is not inside.
@@ -127,6 +141,9 @@ mod tests {
         assert_eq!(&*middle.slice(1..3).unwrap(), &[2, 3]);
         assert!(middle.slice(0..4).is_none(), "outside the slice, but inside the owner");
         assert!(all.slice(usize::MAX..usize::MAX).is_none());
+        assert_eq!(middle.file(), None);
+        let of_file = all.in_file(Path::new("a.torch")).slice(1..4).unwrap();
+        assert_eq!((&*of_file, of_file.file()), (&[1, 2, 3][..], Some(Path::new("a.torch"))));
     }
 
     #[test]

@@ -54,12 +54,18 @@ pub enum SceneError {
         scene: String,
         frame: usize,
         source: PixelError,
-        /// The image's file, or what it is in.
+        /// The image's file, or that of its chunk.
         place: String,
     },
     /// An image in a chunk was damaged after it was written: its checksum differs.
-    #[error("frame {frame} of scene {scene:?}: {source}")]
-    Damaged { scene: String, frame: usize, source: TorchError },
+    #[error("frame {frame} of scene {scene:?}: {source} ({place})")]
+    Damaged {
+        scene: String,
+        frame: usize,
+        source: TorchError,
+        /// The chunk's file.
+        place: String,
+    },
     /// An image does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     ImageMismatch { scene: String, frame: usize, source: ImageMismatch },

@@ -22,7 +22,7 @@ pub enum FrameImage {
     Missing(PathBuf),
     /// A file.
     File(PathBuf),
-    /// Encoded bytes inside a chunk, shared without a copy. They may be unread, and are verified when they are.
+    /// Encoded bytes inside a chunk, shared without a copy; they know its file. They may be unread, and are verified when they are.
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
     Generated(Arc<dyn GeneratedImage>),
@@ -49,7 +49,9 @@ impl FrameImage {
     pub(crate) fn place(&self) -> String {
         match self {
             Self::File(path) | Self::Missing(path) => path.display().to_string(),
-            Self::Encoded(_) => "in a chunk".to_owned(),
+            Self::Encoded(bytes) => {
+                bytes.file().map_or_else(|| "in a chunk".to_owned(), |path| path.display().to_string())
+            }
             Self::Generated(_) => "generated".to_owned(),
             Self::Absent => "no image".to_owned(),
             Self::Unposed(_) => "no usable pose".to_owned(),
@@ -231,7 +233,10 @@ impl Frame {
         match &self.image {
             FrameImage::File(path) => Ok(Cow::Owned(read_file("reading an image", path)?)),
             FrameImage::Encoded(bytes) => {
-                let damaged = |source| SceneError::Damaged { scene: scene.to_owned(), frame: position, source };
+                let damaged = |source| {
+                    let (scene, place) = (scene.to_owned(), self.image.place());
+                    SceneError::Damaged { scene, frame: position, source, place }
+                };
                 bytes.verify().map_err(damaged)?;
                 Ok(Cow::Borrowed(bytes))
             }

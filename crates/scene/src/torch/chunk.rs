@@ -30,12 +30,12 @@ impl Chunk {
         Self::from_bytes(super::map(path)?, path, warnings)
     }
 
-    /// [`Chunk::open`] for bytes in memory; `path` is for messages.
+    /// [`Chunk::open`] for bytes in memory; `path` is for messages, also about images.
     ///
     /// # Errors
     /// [`SceneError::Torch`] if the bytes are not a list written by `torch.save`.
     pub fn from_bytes(bytes: SharedBytes, path: &Path, warnings: &mut Warnings) -> Result<Self, SceneError> {
-        let root = super::parse(bytes).map_err(SceneError::torch(path))?;
+        let root = super::parse(bytes.in_file(path)).map_err(SceneError::torch(path))?;
         let Value::List(items) = &root else {
             let error = TorchError::malformed("chunk", "a list of scenes", root.to_string());
             return Err(SceneError::torch(path)(error));

@@ -84,6 +84,7 @@ fn a_flipped_bit_is_an_error_of_its_entry_alone_when_it_is_read() {
     assert_eq!((read(0).unwrap(), read(2).unwrap()), (663, 667), "other images");
     let error = read(1).unwrap_err().to_string();
     assert!(error.starts_with(r#"frame 1 of scene "aaaa000000000001": zip entry "zip/data/3""#), "{error}");
+    assert!(error.ends_with(" (damaged.torch)"), "{error}");
     // Written again, the damage would get a CRC-32 that fits.
     let stored = ChunkScene::from_scene(&scene, &mut Warnings::new());
     assert!(matches!(stored, Err(SceneError::Damaged { frame: 1, .. })), "{stored:?}");
