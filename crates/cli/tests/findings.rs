@@ -321,6 +321,13 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     assert!(rejected.code == 1 && rejected.stdout.contains(advice), "{}{}", rejected.stdout, rejected.stderr);
     let taken = run(here, &["--out", "store", "--images", "2"]);
     assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
+    // One image of the copy has another size, as if it were a copy of a copy: no argument helps.
+    let image = ImageU8::new(16, 12, vec![90; 16 * 12 * 3]).unwrap();
+    std::fs::write(here.join("data/a/images_2/1.png"), encode_png(&image).unwrap()).unwrap();
+    std::fs::remove_dir_all(here.join("data/a/images")).unwrap();
+    let mixed = run(here, &["--out", "mixed", "--images", "2"]);
+    assert!(mixed.code == 1 && mixed.stdout.contains("--any-size"), "{}{}", mixed.stdout, mixed.stderr);
+    assert!(!mixed.stdout.contains("--images"), "{}", mixed.stdout);
 }
 
 /// Of four scenes, one is whole, one has lost two images, one is cut off and one has no trajectory.

@@ -156,6 +156,14 @@ impl ImageListing {
         self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
     }
 
+    /// The file names of the images whose name without extension is `stem`: those of the formats that are decoded, or all if there
+    /// is none.
+    pub(crate) fn names(&self, stem: &str) -> Vec<&str> {
+        let names = self.names_by_stem.get(stem).map(Vec::as_slice).unwrap_or_default();
+        let has_decoded = names.iter().any(|name| is_read(name));
+        names.iter().map(String::as_str).filter(|name| !has_decoded || is_read(name)).collect()
+    }
+
     /// [`Self::by_stem`] of the formats that are decoded.
     pub(crate) fn read_by_stem(&self, stem: &str) -> Option<PathBuf> {
         let first = self.names_by_stem.get(stem)?.first().filter(|name| is_read(name))?;
@@ -308,6 +316,7 @@ mod tests {
         };
         let (folder, mixed) = listing(&["1.TIF", "1.webp", "2.bmp", "depth_1.tif", "notes.txt"]);
         assert_eq!(mixed.stems().collect::<Vec<_>>(), ["1"]);
+        assert_eq!((mixed.names("1"), mixed.names("2"), mixed.names("3")), (vec!["1.webp"], vec!["2.bmp"], vec![]));
         assert_eq!(mixed.by_stem("1"), Some(folder.path().join("1.webp")));
         assert_eq!(mixed.by_name("1.TIF"), Some(folder.path().join("1.TIF")));
         assert_eq!((mixed.read_by_stem("2"), mixed.choice_of_stem("1")), (None, None));

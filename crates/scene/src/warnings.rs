@@ -11,7 +11,7 @@ use serde::Serialize;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum WarningKind {
-    /// A frame's image file does not exist.
+    /// A frame's image file does not exist, or several files may be it.
     MissingImage,
     /// A frame's image file is empty; found by an inspection, which looks at every file.
     EmptyImage,
@@ -70,8 +70,7 @@ pub enum WarningKind {
     /// Next to the scenes: a scene in another format, images without cameras, or a further model of one capture. It
     /// is not read.
     IgnoredScene,
-    /// Numbered images fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number, or the
-    /// same name but for its extension, by which they were not looked up.
+    /// Two images have the same number, or the same name but for its extension, by which they were not looked up; one is used.
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,

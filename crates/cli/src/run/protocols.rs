@@ -110,14 +110,16 @@ impl ProtocolArgs {
             Some((skipped, dataset))
         })?;
         let expected = dataset.preset.preprocessing.expected_size?;
-        let has_size = |factor: &u32| {
+        // All images count: the copy may be the one with the rejected image, or stand for a folder that does not exist.
+        let have_size = |factor: u32| {
             let mut unread = Warnings::new();
-            let copy = self.images.with_images(*factor).open(&self.data, &mut unread).ok()?;
+            let copy = self.images.with_images(factor).open(&self.data, &mut unread).ok()?;
             let scene = copy.load(&skipped.scene, &mut unread).ok()?;
-            let at = scene.frames.iter().position(|frame| frame.image.is_available())?;
-            scene.frames.get(at)?.size(&scene.key, at).ok()
+            let available = scene.frames.iter().enumerate().filter(|(_, frame)| frame.image.is_available());
+            let mut sizes = available.map(|(at, frame)| frame.size(&scene.key, at).ok()).peekable();
+            Some(sizes.peek().is_some() && sizes.all(|size| size == Some(expected)))
         };
-        FACTORS.into_iter().find(|factor| has_size(factor) == Some(expected))
+        FACTORS.into_iter().find(|factor| have_size(*factor) == Some(true))
     }
 
     /// Whether images of any size are accepted.

@@ -239,16 +239,18 @@ fn files_that_are_empty_or_cut_short_are_problems() {
     assert!(detail.starts_with("frame 3: cut short: a PNG of 44 bytes") && detail.contains("3.png"), "{detail}");
 }
 
-/// An image in a file is named by its path, one in a chunk has none.
+/// An image is named by its file, or that of its chunk, if that is known.
 #[test]
 fn unreadable_images_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("2166667.png");
     std::fs::write(&path, b"\x89PNG\r\n\x1a\n cut short").unwrap();
+    let bytes = SharedBytes::new(std::fs::read(&path).unwrap());
     let mut frame = frame(0, camera_at([0.0; 3]));
     for (image, place) in [
         (FrameImage::File(path.clone()), path.display().to_string()),
-        (FrameImage::Encoded(SharedBytes::new(std::fs::read(&path).unwrap())), "in a chunk".to_owned()),
+        (FrameImage::Encoded(bytes.clone()), "in a chunk".to_owned()),
+        (FrameImage::Encoded(bytes.in_file("test/000000.torch".as_ref())), "test/000000.torch".to_owned()),
     ] {
         frame.image = image;
         let limits = DecodeLimits::default();

@@ -34,9 +34,12 @@ impl Naming {
 /// Assigns each frame its image from the first of `folders` that contains images with a number in their name.
 ///
 /// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`, which is asked only then.
-/// Otherwise a frame without a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are
-/// counted too: deleted rows leave them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong
-/// to a row.
+/// Otherwise a frame without a file becomes [`FrameImage::Missing`], with a warning; so does one with several files, of which none
+/// has the extension that the frames with one file share. Images with a number that no row has are counted too: deleted rows leave
+/// them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
+///
+/// # Errors
+/// [`SceneError::Io`], and [`SceneError::Unrecognized`] for images whose numbers do not say which rows they belong to.
 pub(super) fn attach_images(
     scene: &mut Scene,
     folders: &[PathBuf],
@@ -49,22 +52,37 @@ pub(super) fn attach_images(
         (None, _) => return Ok(()),
     };
     let numbers = stems_by_number(&listing, &scene.key, warnings);
-    let naming = naming(scene, &numbers, warnings);
-    let mut choices = Vec::new();
+    let naming = naming(scene, &listing, &numbers)?;
     let mut unlisted: BTreeSet<i64> = numbers.keys().copied().collect();
-    for (row, frame) in scene.frames.iter_mut().enumerate() {
-        let number = naming.number(row, frame);
-        if let Some(number) = number {
-            unlisted.remove(&number);
-        }
-        let stem = number.and_then(|number| numbers.get(&number));
-        choices.extend(stem.and_then(|stem| listing.choice_of_stem(stem)));
-        frame.image = if let Some(path) = stem.and_then(|stem| listing.by_stem(stem)) {
-            FrameImage::File(path)
-        } else {
+    let frames = scene.frames.iter().enumerate();
+    let names: Vec<Vec<&str>> = frames
+        .map(|(row, frame)| {
+            let number = naming.number(row, frame);
+            if let Some(number) = number {
+                unlisted.remove(&number);
+            }
+            number.and_then(|number| numbers.get(&number)).map_or_else(Vec::new, |stem| listing.names(stem))
+        })
+        .collect();
+    let shared = shared_extension(&names);
+    let others = if numbers.is_empty() { images_without_numbers(&listing) } else { String::new() };
+    let mut choices = Vec::new();
+    for (row, (frame, names)) in scene.frames.iter_mut().zip(&names).enumerate() {
+        frame.image = if let Some(used) = choice(names, shared) {
+            let unused: Vec<&str> = names.iter().copied().filter(|name| *name != used).collect();
+            if !unused.is_empty() {
+                choices.push(format!("{used} is used, not {}", unused.join(", ")));
+            }
+            FrameImage::File(listing.folder().join(used))
+        } else if names.is_empty() {
             let path = listing.expected(&naming.expected_stem(row, frame));
-            warnings.push(WarningKind::MissingImage, &scene.key, format!("frame {row}: no {}", path.display()));
+            warnings.push(WarningKind::MissingImage, &scene.key, format!("frame {row}: no {}{others}", path.display()));
             FrameImage::Missing(path)
+        } else {
+            let (found, folder) = (names.join(" and "), listing.folder().display());
+            let detail = format!("frame {row}: expected one image, found {found} ({folder})");
+            warnings.push(WarningKind::MissingImage, &scene.key, detail);
+            FrameImage::Missing(listing.folder().join(format!("{}?", names.join(" or "))))
         };
     }
     if let Some(first) = choices.first() {
@@ -77,6 +95,38 @@ pub(super) fn attach_images(
         warnings.push(WarningKind::UnlistedImage, &scene.key, detail);
     }
     Ok(())
+}
+
+/// The extension of all frames with one file; `None` if they have several, or there is no such frame.
+fn shared_extension<'a>(names: &[Vec<&'a str>]) -> Option<&'a str> {
+    let mut alone = names.iter().filter_map(|names| match *names.as_slice() {
+        [name] => Some(extension(name)),
+        _ => None,
+    });
+    let first = alone.next()?;
+    alone.all(|other| other.eq_ignore_ascii_case(first)).then_some(first)
+}
+
+/// The file to use of those with a row's number: the only one, or that with the shared extension.
+fn choice<'a>(names: &[&'a str], shared: Option<&str>) -> Option<&'a str> {
+    if let &[name] = names {
+        return Some(name);
+    }
+    let shared = shared?;
+    names.iter().copied().find(|name| extension(name).eq_ignore_ascii_case(shared))
+}
+
+fn extension(name: &str) -> &str {
+    name.rsplit_once('.').map_or("", |(_, extension)| extension)
+}
+
+/// What is said about images that cannot belong to a row, where no other images are.
+fn images_without_numbers(listing: &ImageListing) -> String {
+    let mut stems = listing.stems();
+    let Some(first) = stems.next().and_then(|stem| listing.names(stem).into_iter().next()) else {
+        return String::new();
+    };
+    format!("; {} images there have names that do not end in a number, such as {first}", 1 + stems.count())
 }
 
 /// The images with a number in their name. Of several with one number the one named as documented is used, with a warning, because
@@ -99,17 +149,18 @@ fn stems_by_number<'a>(listing: &'a ImageListing, key: &str, warnings: &mut Warn
     stems
 }
 
-/// The first folder with images that have a number in their name; otherwise the first that exists.
+/// The first folder with images that have a number in their name; otherwise the first with images, or the first that exists.
 fn first_with_numbers(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
-    let mut other = None;
+    let (mut other, mut empty) = (None, None);
     for folder in folders {
         match ImageListing::read(folder)? {
             Some(listing) if has_numbers(&listing) => return Ok(Some(listing)),
-            Some(listing) => other = other.or(Some(listing)),
+            Some(listing) if listing.stems().next().is_some() => other = other.or(Some(listing)),
+            Some(listing) => empty = empty.or(Some(listing)),
             None => {}
         }
     }
-    Ok(other)
+    Ok(other.or(empty))
 }
 
 /// Whether one of `folders` contains images that can belong to rows.
@@ -121,15 +172,16 @@ fn has_numbers(listing: &ImageListing) -> bool {
     listing.stems().any(|stem| number_of(stem).is_some())
 }
 
-/// The number at the end of a stem, after the last underscore: `00012`, `frame_00012`, `45979267`.
+/// The number at the end of a stem, after the last underscore or hyphen: `00012`, `frame_00012`, `frame-00012`, `45979267`.
 fn number_of(stem: &str) -> Option<i64> {
-    let digits = stem.rsplit('_').next()?;
+    let digits = stem.rsplit(['_', '-']).next()?;
     is_number(digits).then(|| digits.parse().ok())?
 }
 
-/// How far a stem is from the documented names: a number alone, then `frame_` and a number.
+/// How far a stem is from the documented names: a number alone, then `frame_` and a number, then `frame-`.
 fn rank(stem: &str) -> usize {
-    ["", "frame_"].iter().position(|prefix| stem.strip_prefix(*prefix).is_some_and(is_number)).unwrap_or(2)
+    let prefixes = ["", "frame_", "frame-"];
+    prefixes.iter().position(|prefix| stem.strip_prefix(*prefix).is_some_and(is_number)).unwrap_or(prefixes.len())
 }
 
 fn is_number(digits: &str) -> bool {
@@ -138,24 +190,56 @@ fn is_number(digits: &str) -> bool {
 
 /// The naming scheme that finds more images; timestamps in case of a tie.
 ///
-/// Numbers start from 0 if an image 0 exists, else from 1. This is unambiguous if exactly one of image 0 and image
-/// `rows` exists; otherwise there is a warning.
-fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings) -> Naming {
-    let has = |number: i64| numbers.contains_key(&number);
+/// # Errors
+/// [`SceneError::Unrecognized`] if the images fit the rows from several first numbers: with the wrong one, every pose would get
+/// another row's image.
+fn naming(scene: &Scene, listing: &ImageListing, numbers: &BTreeMap<i64, &str>) -> Result<Naming, SceneError> {
+    let (Some((least, _)), Some((most, _))) = (numbers.first_key_value(), numbers.last_key_value()) else {
+        return Ok(Naming::Timestamp);
+    };
     let rows = i64::try_from(scene.frames.len()).unwrap_or(i64::MAX);
-    let first = i64::from(!has(0));
+    let has = |number: i64| numbers.contains_key(&number);
     let by_time = scene.frames.iter().filter(|frame| frame.timestamp_micros.is_some_and(has)).count();
-    let by_number = numbers.range(first..rows.saturating_add(first)).count();
-    if by_time >= by_number {
-        return Naming::Timestamp;
+    let firsts = first_numbers(numbers, (*least, *most), rows);
+    let by_number = firsts.iter().map(|first| numbers.range(*first..rows.saturating_add(*first)).count()).max();
+    match firsts.as_slice() {
+        _ if by_time >= by_number.unwrap_or_default() => Ok(Naming::Timestamp),
+        [first] => Ok(Naming::Numbered { first: *first }),
+        several => {
+            let readings: Vec<String> = several.iter().map(|first| format!("from {first}")).collect();
+            let expected = "images named by timestamp, or numbered so that the number of the first row's image is certain";
+            let readings = readings.join(" or ");
+            let found = format!("images {least} to {most} for {rows} rows, which may be numbered {readings}");
+            Err(SceneError::unrecognized(listing.folder(), expected, found))
+        }
     }
-    if has(0) == has(rows) {
-        let (least, most) = (numbers.keys().next(), numbers.keys().next_back());
-        let (least, most) = least.zip(most).unwrap_or_else(|| unreachable!("by_number > by_time >= 0"));
-        let detail = format!("images {least} to {most} for {rows} rows: assumed to start from {first}");
-        warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
+}
+
+/// The numbers that the image of the first row may have, if images are numbered by row.
+///
+/// As many images as rows, without a gap, are those of the rows, whatever the least number is. With gaps, images are numbered from
+/// 0 or 1: which, an image 0 and an image `rows` tell, if only one of them exists. Images that leave this range are numbered from 1
+/// or from another number.
+fn first_numbers(numbers: &BTreeMap<i64, &str>, (least, most): (i64, i64), rows: i64) -> Vec<i64> {
+    let count = i64::try_from(numbers.len()).unwrap_or(i64::MAX);
+    let span = most.saturating_sub(least).saturating_add(1);
+    if count == rows && span == rows {
+        return vec![least];
     }
-    Naming::Numbered { first }
+    let (has_zero, has_rows) = (numbers.contains_key(&0), numbers.contains_key(&rows));
+    if least > 1 && most > rows && span <= rows {
+        let may_be_from_one = numbers.range(1..=rows).next().is_some();
+        let mut firsts: Vec<i64> = may_be_from_one.then_some(1).into_iter().collect();
+        firsts.extend([most.saturating_sub(rows).saturating_add(1), least]);
+        firsts.dedup();
+        return firsts;
+    }
+    match (has_zero, has_rows) {
+        (true, false) => vec![0],
+        (false, true) => vec![1],
+        _ if least > 1 && most > rows => vec![1],
+        _ => vec![0, 1],
+    }
 }
 
 #[cfg(test)]
@@ -170,11 +254,16 @@ mod tests {
         parse_trajectory(rows.as_bytes(), Path::new("clip.txt")).unwrap().to_scene("clip")
     }
 
-    fn attach(names: &[&str]) -> (Scene, Warnings) {
+    fn folder_with(names: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         for name in names {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
+        folder
+    }
+
+    fn attach(names: &[&str]) -> (Scene, Warnings) {
+        let folder = folder_with(names);
         let (mut scene, mut warnings) = (scene(), Warnings::new());
         attach_images(&mut scene, &[folder.path().to_owned()], || false, &mut warnings).unwrap();
         (scene, warnings)
@@ -221,11 +310,74 @@ mod tests {
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::MissingImage, 1)], "a subset of the rows");
     }
 
+    /// Three rows. From a wrong first number, every pose would get another row's image.
     #[test]
-    fn ambiguous_numbers_are_reported() {
-        let (scene, warnings) = attach(&["frame_1.png", "frame_2.png"]);
-        assert_eq!(names(&scene), ["frame_1.png", "frame_2.png", "no 00003.png"]);
-        assert_eq!(warnings.count(WarningKind::AmbiguousNumbering), 1);
+    fn images_without_a_gap_start_at_their_least_number() {
+        for files in [["00005.png", "00006.png", "00007.png"], ["frame-0.png", "frame-1.png", "frame-2.png"]] {
+            let (scene, warnings) = attach(&files);
+            assert_eq!((names(&scene), warnings.total()), (files.map(str::to_owned).to_vec(), 0));
+        }
+    }
+
+    #[test]
+    fn gaps_are_allowed_where_the_first_number_is_certain() {
+        for (files, expected) in [
+            (["0.jpg", "2.jpg"], ["0.jpg", "no 00001.jpg", "2.jpg"]),
+            (["1.jpg", "3.jpg"], ["1.jpg", "no 00002.jpg", "3.jpg"]),
+            (["2.jpg", "3.jpg"], ["no 00001.jpg", "2.jpg", "3.jpg"]),
+            (["70.jpg", "72.jpg"], ["70.jpg", "no 00071.jpg", "72.jpg"]),
+        ] {
+            let (scene, warnings) = attach(&files);
+            assert_eq!(names(&scene), expected);
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::MissingImage, 1)], "{files:?}");
+        }
+    }
+
+    #[test]
+    fn ambiguous_numbers_are_errors_with_all_readings() {
+        for (files, found) in [
+            (&["frame_1.png", "frame_2.png"][..], "images 1 to 2 for 3 rows, which may be numbered from 0 or from 1"),
+            (
+                &["0.png", "1.png", "2.png", "3.png"][..],
+                "images 0 to 3 for 3 rows, which may be numbered from 0 or from 1",
+            ),
+            (&["3.png", "5.png"][..], "images 3 to 5 for 3 rows, which may be numbered from 1 or from 3"),
+            (&["70.png", "71.png"][..], "images 70 to 71 for 3 rows, which may be numbered from 69 or from 70"),
+        ] {
+            let folder = folder_with(files);
+            let folders = [folder.path().to_owned()];
+            let error = attach_images(&mut scene(), &folders, || false, &mut Warnings::new()).unwrap_err().to_string();
+            assert!(error.contains(found), "{files:?}: {error}");
+        }
+    }
+
+    /// Nor can those of another scene, which are as many, but have other timestamps.
+    #[test]
+    fn images_that_cannot_belong_to_rows_are_mentioned() {
+        let (scene, warnings) = attach(&["left.png", "right.png"]);
+        assert_eq!(names(&scene), ["no 0.png", "no 33366.png", "no 66733.png"]);
+        let detail = &warnings.kept()[1].detail;
+        let expected = "33366.png; 2 images there have names that do not end in a number, such as left.png";
+        assert!(detail.ends_with(expected), "{detail}");
+        let (scene, warnings) = attach(&["100000.png", "133366.png", "166733.png"]);
+        assert_eq!(names(&scene), ["no 0.png", "no 33366.png", "no 66733.png"]);
+        let counts = [(WarningKind::MissingImage, 3), (WarningKind::UnlistedImage, 3)];
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), counts);
+    }
+
+    /// Next to frames in PNG, a preview or mask in JPEG is not the frame.
+    #[test]
+    fn of_two_images_that_with_the_extension_of_the_others_is_used() {
+        let (scene, warnings) = attach(&["0.png", "33366.jpg", "33366.PNG", "66733.png"]);
+        assert_eq!(names(&scene), ["0.png", "33366.PNG", "66733.png"]);
+        let detail = &warnings.kept()[0].detail;
+        assert!(warnings.total() == 1 && detail.ends_with("first: 33366.PNG is used, not 33366.jpg"), "{detail}");
+        for files in [&["0.png", "33366.jpg", "33366.png", "66733.jpg"][..], &["33366.jpg", "33366.png"]] {
+            let (scene, warnings) = attach(files);
+            assert_eq!(names(&scene)[1], "no 33366.jpg or 33366.png?");
+            let expected = "frame 1: expected one image, found 33366.jpg and 33366.png (";
+            assert!(warnings.kept().iter().any(|warning| warning.detail.starts_with(expected)), "{:?}", warnings.kept());
+        }
     }
 
     #[test]

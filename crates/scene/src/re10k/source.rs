@@ -22,9 +22,11 @@ pub struct Re10kOptions {
 /// The key is the file's stem. Trajectories are `<key>.txt` in the folder (the official layout), or `<key>/<key>.txt`.
 /// Images (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
-/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. The first
+/// timestamp, or numbered by row (`00000.png`, `frame_1.jpg`): from any number if there are as many as rows, and from 0 or 1 with
+/// gaps, which is detected from the names; a scene whose images fit its rows in two ways is an error. The first
 /// of these folders with an image whose name ends in a number is used, and of several images with one number that named
-/// by it alone. An image with a timestamp or number that no row has is counted. Without such a folder the scene has no
+/// by it alone. Of images that differ by their extension alone, that with the extension of the other frames is used. An image with
+/// a timestamp or number that no row has is counted. Without such a folder the scene has no
 /// images; if there is a `frames_root`, or another scene has images, they are missing.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
