@@ -99,6 +99,9 @@ pub(crate) fn last_name(path: &Path) -> String {
     name(path).or_else(|| name(&path.canonicalize().ok()?)).unwrap_or_else(|| "scene".to_owned())
 }
 
+/// How the names of instant-ngp's masks start, which are next to images.
+pub(crate) const DYNAMIC_MASK: &str = "dynamic_mask_";
+
 /// The image files of one folder, by stem.
 #[derive(Debug)]
 pub(crate) struct ImageListing {

@@ -18,7 +18,8 @@ pub enum WarningKind {
     /// An image was found with another extension or in another folder than listed.
     #[serde(rename = "image-elsewhere")]
     ImageAtOtherPath,
-    /// An image among those of a trajectory that no row names: the row is lost, or the image belongs elsewhere.
+    /// An image among those of a trajectory that no row names: the row is lost, or the image belongs elsewhere. In an inspection, also
+    /// one next to those of a COLMAP model or `transforms.json`.
     UnlistedImage,
     /// Two frames of a scene have the same image.
     DuplicateImage,
@@ -29,6 +30,9 @@ pub enum WarningKind {
     /// A camera is far outside the others of its scene, as those that structure from motion failed to place.
     #[serde(rename = "outlying-camera")]
     OutlierCamera,
+    /// All frames of a scene have the same pose; in an inspection, also frames with exactly an earlier frame's pose, as in the still
+    /// stretches of videos, and cameras that are all in one place.
+    RepeatedPose,
     /// The determinant of the rotation matrix deviates from 1 by more than `numpy.allclose` allows, an entry of `R Rᵀ` from
     /// that of the identity by more than 1e-5, or the length of a quaternion from 1 by more than 1e-3.
     ImperfectRotation,
@@ -36,7 +40,8 @@ pub enum WarningKind {
     DuplicateTimestamp,
     /// Timestamps decrease, or the numbers at the end of images' names, as unpadded ones that are sorted as text.
     UnorderedTimestamps,
-    /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
+    /// Intrinsics that seem to be in another unit than their format's or for another size, a principal point more than 0.15 of the size
+    /// off the middle, or pixels that are not nearly square.
     ImplausibleIntrinsics,
     /// A field of view that contradicts the focal length in pixels or the other field of view in the file, which is used.
     ContradictoryFieldOfView,
@@ -45,7 +50,7 @@ pub enum WarningKind {
     UnreadField,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
-    /// The principal point is off the centre by more than 1e-3, which renderers with a symmetric frustum ignore.
+    /// The principal point is off the centre by more than 1e-3 and at most 0.15, which renderers with a symmetric frustum ignore.
     OffCentrePrincipalPoint,
     /// The lens has distortion: protocols render through it, unless they ignore it.
     LensDistortion,

@@ -5,9 +5,10 @@ use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
 use crate::checks::image_mismatch::stretched_pixels;
-use crate::checks::intrinsics_unit::wrong_unit;
+use crate::checks::intrinsics_unit::{far_off_middle, wrong_unit};
 use crate::checks::lens_end::LensEnds;
 use crate::checks::outlier_cameras::outlier_cameras;
+use crate::checks::still_cameras::one_pose;
 use crate::{Frame, FrameImage, Scene, TimestampSource, WarningKind, Warnings};
 
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
@@ -33,6 +34,9 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
     report_timestamps(scene, times, &repeated, warnings);
     if let Some(detail) = outlier_cameras(scene, FARTHEST_COORDINATE) {
         warnings.push(WarningKind::OutlierCamera, &scene.key, detail);
+    }
+    if let Some(detail) = one_pose(scene) {
+        warnings.push(WarningKind::RepeatedPose, &scene.key, detail);
     }
     let mut report = |kind, problem: &dyn Fn(&Frame) -> Option<String>| {
         let mut offenders = scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(frame)?)));
@@ -66,20 +70,22 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
             .then(|| format!("expected R Rᵀ = I, found a deviation of {residual:.1e}; det(R) is 1"))
     });
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
-        wrong_unit(frame).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
+        let is_off = || far_off_middle(frame);
+        wrong_unit(frame).or_else(is_off).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
     });
-    // For intrinsics in another unit, the next two warnings would name a consequence instead of the cause.
     let has_unit = |frame: &Frame| wrong_unit(frame).is_none();
+    // For intrinsics in another unit or of another size, the next two warnings would name a consequence instead of the cause.
+    let is_plausible = |frame: &Frame| has_unit(frame) && far_off_middle(frame).is_none();
     report(WarningKind::WideFieldOfView, &|frame| {
         let angles = frame.camera.intrinsics.field_of_view();
         let (x, y) = (angles.x.to_degrees(), angles.y.to_degrees());
         let fine = x <= WIDEST_FIELD_OF_VIEW && y <= WIDEST_FIELD_OF_VIEW;
-        (!fine && has_unit(frame)).then(|| format!("{x:.1}° × {y:.1}°"))
+        (!fine && is_plausible(frame)).then(|| format!("{x:.1}° × {y:.1}°"))
     });
     report(WarningKind::OffCentrePrincipalPoint, &|frame| {
         let (cx, cy) = (frame.camera.intrinsics.cx, frame.camera.intrinsics.cy);
         let fine = CENTRED.accepts(cx, 0.5) && CENTRED.accepts(cy, 0.5);
-        (!fine && has_unit(frame)).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
+        (!fine && is_plausible(frame)).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
     });
     report(WarningKind::LensDistortion, &|frame| {
         let distortion = frame.camera.distortion;
@@ -184,6 +190,17 @@ mod tests {
         }
     }
 
+    /// As where poses were lost; a few still frames are those of a video.
+    #[test]
+    fn a_scene_with_one_pose_is_reported() {
+        let row = |at: usize, x: &str| format!("{at} 0.5 0.9 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0");
+        for (last, reported) in [("-0.3", 1), ("-0.4", 0)] {
+            let rows = [row(0, "-0.3"), row(1, "-0.3"), row(2, "-0.3"), row(3, last)];
+            let warnings = warnings_of(&rows.each_ref().map(String::as_str));
+            assert_eq!((warnings.count(WarningKind::RepeatedPose), warnings.total()), (reported, reported), "{last}");
+        }
+    }
+
     /// A scale changes the determinant, a shear does not; rounding to six decimals changes neither noticeably.
     #[test]
     fn the_warning_says_what_is_wrong_with_a_rotation() {
@@ -218,6 +235,7 @@ mod tests {
             (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 32 18 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::ImplausibleIntrinsics, "5 0.12 0.22 0.125 0.125 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::OffCentrePrincipalPoint, "5 0.5 0.9 0.5 0.502 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::UnorderedTimestamps, "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::DuplicateTimestamp, "1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),

@@ -5,9 +5,6 @@ use atsplat_pixels::{ImageFormat, jpeg_has_end};
 /// The last chunk of a PNG, with its checksum.
 pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
 
-/// The marker at the end of a JPEG.
-pub(crate) const JPEG_END: [u8; 2] = [0xff, 0xd9];
-
 /// What is wrong with an image whose end is missing; `None` for a whole one, and for bytes of another format. Damage before
 /// the end is not found.
 pub(crate) fn cut_short(bytes: &[u8]) -> Option<String> {
@@ -57,7 +54,7 @@ mod tests {
         let (png, jpeg) = (encode_png(&image()).unwrap(), encode_jpeg(&image(), 90).unwrap());
         let mut webp = b"RIFF\x18\0\0\0WEBPVP8 ".to_vec();
         webp.resize(0x18 + 8, 7);
-        assert!(png.ends_with(&PNG_END) && jpeg.ends_with(&JPEG_END));
+        assert!(png.ends_with(&PNG_END) && jpeg.ends_with(&[0xff, 0xd9]));
         for (whole, header, tail) in [(&png, 8, 1), (&jpeg, 3, 1), (&webp, 12, 2)] {
             assert_eq!(cut_short(whole), None);
             assert_eq!(cut_short(&[&whole[..], b"more"].concat()), None, "bytes behind the end are ignored");

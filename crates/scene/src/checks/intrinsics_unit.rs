@@ -1,6 +1,8 @@
 //! Whether intrinsics are in the unit of their format: multiples of the image's sides in RE10K and `.torch` chunks,
 //! pixels where an image size is stated.
 
+use atsplat_numeric::Tolerance;
+
 use crate::Frame;
 
 /// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame.
@@ -11,6 +13,29 @@ const SHORTEST: f64 = 0.1;
 
 /// An image smaller than this, in pixels, may have its centre within a pixel of the corner.
 const SMALL: u32 = 20;
+
+/// How far from the middle a principal point may be, in image sides: lenses and crops of the field stay within a tenth.
+const NEAR_MIDDLE: Tolerance = Tolerance::absolute(0.15);
+
+/// Factors of the downscaled copies of captures.
+const FACTORS: [f64; 3] = [2.0, 4.0, 8.0];
+
+/// How far, in parts of it, a principal point may be from the middle of a copy for which it seems to be stated.
+const MIDDLE_OF_COPY: Tolerance = Tolerance::relative(0.1);
+
+/// What is said about a principal point far from the middle: the intrinsics may be stated for a downscaled copy of the images, or the
+/// fields be mixed up. Of intrinsics in another unit, [`wrong_unit`] says more.
+pub(crate) fn far_off_middle(frame: &Frame) -> Option<String> {
+    let (cx, cy) = (frame.camera.intrinsics.cx, frame.camera.intrinsics.cy);
+    if NEAR_MIDDLE.accepts(cx, 0.5) && NEAR_MIDDLE.accepts(cy, 0.5) {
+        return None;
+    }
+    let is_middle = |factor: &f64| [cx, cy].iter().all(|centre| MIDDLE_OF_COPY.accepts(*centre, 0.5 / factor));
+    let suspicion = FACTORS.into_iter().find(is_middle).map_or_else(String::new, |factor| {
+        format!(": stated for another size, by a factor of about {factor}?")
+    });
+    Some(format!("expected a principal point near the middle (0.5, 0.5), found cx {cx:.3}, cy {cy:.3}{suspicion}"))
+}
 
 /// What the intrinsics of a frame seem to be, if they are not in the unit of their format.
 pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
@@ -44,17 +69,21 @@ mod tests {
     use super::*;
     use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 
-    fn found([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
+    fn found(numbers: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
+        wrong_unit(&frame(numbers, stated))
+    }
+
+    fn frame([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> Frame {
         let (width, height) = stated.unwrap_or((1, 1));
         let (x, y) = (f64::from(width), f64::from(height));
         let intrinsics = NormalizedIntrinsics::new(fx / x, fy / y, cx / x, cy / y).unwrap();
-        wrong_unit(&Frame {
+        Frame {
             name: "0".to_owned(),
             timestamp_micros: None,
             camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics),
             stated_size: stated.map(|(width, height)| ImageSize { width, height }),
             image: crate::FrameImage::Absent,
-        })
+        }
     }
 
     #[test]
@@ -78,7 +107,30 @@ mod tests {
             assert!(message.contains("192×128") && message.contains("multiples of its"), "{sides:?}: {message}");
         }
         assert!(found([167.0, 167.0, 960.0, 540.0], size).unwrap().contains("another size?"));
-        assert_eq!(found([167.0, 167.0, 0.0, 0.0], size), None, "an unset principal point is off the centre");
+        assert_eq!(found([167.0, 167.0, 0.0, 0.0], size), None, "an unset principal point is not in another unit");
+    }
+
+    /// Those of copies of 192×128, and of one axis alone.
+    #[test]
+    fn principal_points_far_off_the_middle() {
+        let size = Some((192, 128));
+        for (centre, stated, factor) in [
+            ([24.5, 15.5], size, Some("4")),
+            ([48.0, 31.0], size, Some("2")),
+            ([12.0, 8.0], size, Some("8")),
+            ([0.13, 0.12], None, Some("4")),
+            ([48.0, 64.0], size, None),
+            ([0.25, 0.12], None, None),
+            ([0.5, 0.66], None, None),
+            ([0.0, 0.0], None, None),
+        ] {
+            let message = far_off_middle(&frame([0.9, 1.3, centre[0], centre[1]], stated)).unwrap();
+            let suspicion = message.split_once(": stated for another size, by a factor of about ").map(|(_, rest)| rest);
+            assert_eq!(suspicion, factor.map(|factor| format!("{factor}?")).as_deref(), "{message}");
+        }
+        for fine in [[0.5, 0.5], [0.36, 0.64], [0.64, 0.5]] {
+            assert_eq!(far_off_middle(&frame([0.9, 1.3, fine[0], fine[1]], None)), None, "{fine:?}");
+        }
     }
 
     #[test]

@@ -8,4 +8,5 @@ pub(crate) mod image_mismatch;
 pub(crate) mod intrinsics_unit;
 pub(crate) mod lens_end;
 pub(crate) mod outlier_cameras;
+pub(crate) mod still_cameras;
 pub(crate) mod unposed;

@@ -415,7 +415,7 @@ fn capture(images: &str, files: &[&str]) -> tempfile::TempDir {
 
 #[test]
 fn frames_are_sorted_by_name_and_find_their_images() {
-    let images = "1 1 0 0 0 0 0 0 1 left/b.png\n\n2 1 0 0 0 0 0 0 1 left/a.png\n\n3 1 0 0 0 0 0 0 1 c.png\n\n";
+    let images = "1 1 0 0 0 0 0 0 1 left/b.png\n\n2 1 0 0 0 5 0 0 1 left/a.png\n\n3 1 0 0 0 0 3 0 1 c.png\n\n";
     let folder = capture(images, &["images/left/a.png", "images/left/b.jpg", "images_4/left/a.png"]);
     let mut warnings = Warnings::new();
     let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();

@@ -5,6 +5,8 @@ use atsplat_numeric::Extremes;
 use glam::DVec3;
 
 use super::check::{image_cut_short, is_empty_file};
+use super::still_cameras::still_cameras;
+use super::unlisted::report_unlisted;
 use super::{ImageCounts, LensCounts, SizeSampling};
 use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
 
@@ -65,6 +67,10 @@ impl SceneMeasure {
         };
         let with_image = measure.count(scene, warnings);
         measure.read_headers(&scene.key, &with_image, sampling, warnings);
+        report_unlisted(scene, warnings);
+        if let Some(detail) = still_cameras(scene) {
+            warnings.push(WarningKind::RepeatedPose, scene.key.as_str(), detail);
+        }
         measure
     }
 

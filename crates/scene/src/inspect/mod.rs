@@ -4,7 +4,9 @@ mod aggregate;
 mod check;
 mod measure;
 mod report;
+mod still_cameras;
 mod table;
+mod unlisted;
 
 use rayon::prelude::*;
 

@@ -262,6 +262,50 @@ fn unreadable_images_are_named() {
     }
 }
 
+/// Structure from motion placed one image of each of two cameras; of a third, the pose is unusable. A mask is no frame.
+#[test]
+fn images_that_no_frame_names_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let FrameImage::Encoded(bytes) = png(64, 36) else { unreachable!() };
+    let below = |name: &str| folder.path().join(name);
+    for name in ["left/0", "left/1", "left/2", "left/3", "left/dynamic_mask_0", "right/0", "other/0"] {
+        let path = below(name).with_extension("png");
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, &*bytes).unwrap();
+    }
+    let mut scene = wandering_scene("capture", 4);
+    let unposed = FrameImage::Unposed("its rotation is none".to_owned());
+    let [left, right] = ["left/0.png", "right/0.png"].map(|name| FrameImage::File(below(name)));
+    for (frame, image) in scene.frames.iter_mut().zip([left, right, unposed, FrameImage::Missing(below("left/9.png"))]) {
+        frame.image = image;
+        frame.stated_size = Some(ImageSize { width: 64, height: 36 });
+    }
+    scene.frames[2].name = "left/2".to_owned();
+    let (_, warnings) = inspected(&TestSource::new([scene.clone()]), InspectOptions::default());
+    let of_kind = |warnings: &Warnings| -> Vec<String> {
+        let unlisted = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnlistedImage);
+        unlisted.map(|warning| warning.detail.clone()).collect()
+    };
+    let expected = ["left/1.png", "left/3.png"].map(|name| format!("no frame belongs to {}", below(name).display()));
+    assert_eq!(of_kind(&warnings), expected);
+    // Of a trajectory, they are found when it is loaded.
+    scene.frames[0].stated_size = None;
+    let (_, warnings) = inspected(&TestSource::new([scene]), InspectOptions::default());
+    assert_eq!(of_kind(&warnings), [""; 0]);
+}
+
+#[test]
+fn frames_that_repeat_a_pose_are_counted_by_scene() {
+    let moving = [0.0, 1.0, 3.0].map(|x| camera_at([x, 0.0, 0.0]));
+    let still = [0.0, 2.0, 2.0, 2.0].map(|x| camera_at([x, 0.0, 0.0]));
+    let (report, _) = inspected(&TestSource::new([scene("m", moving), scene("s", still)]), InspectOptions::default());
+    let [problem] = report.problems.as_slice() else { panic!("{:?}", report.problems) };
+    assert_eq!((problem.kind, problem.count), (WarningKind::RepeatedPose, 1));
+    let expected = "s: 2 of 4 frames repeat an earlier pose, first frame 2 that of frame 1";
+    assert_eq!(problem.examples[0].to_string(), expected);
+    assert!(report.is_complete());
+}
+
 #[test]
 fn sampling_limits_the_headers_read() {
     let opened = |sizes| {

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::files::{ImageListing, inside, split_image_name};
+use crate::files::{DYNAMIC_MASK, ImageListing, inside, split_image_name};
 use crate::{FrameImage, ImageFolder, SceneError, WarningKind, Warnings};
 
 /// Finds the images that a `transforms.json` or COLMAP model refers to; each folder is listed once.
@@ -83,7 +83,7 @@ impl<'a> ImageFinder<'a> {
             Some((path?, listing.choice_of_stem(stem)))
         };
         let of_name = |listing: &ImageListing| Some((listing.by_name(name)?, None));
-        let mask = format!("dynamic_mask_{stem}.png");
+        let mask = format!("{DYNAMIC_MASK}{stem}.png");
         let has_dynamic_mask = folder.listing.as_ref().is_some_and(|listing| listing.by_name(&mask).is_some());
         let found = folder.listing.as_ref().and_then(|listing| of_name(listing).or_else(|| of_stem(listing)));
         let Some((path, choice_of_stem)) = found else {
