@@ -31,9 +31,10 @@ pub(crate) fn far_off_middle(frame: &Frame) -> Option<String> {
         return None;
     }
     let is_middle = |factor: &f64| [cx, cy].iter().all(|centre| MIDDLE_OF_COPY.accepts(*centre, 0.5 / factor));
-    let suspicion = FACTORS.into_iter().find(is_middle).map_or_else(String::new, |factor| {
-        format!(": stated for another size, by a factor of about {factor}?")
-    });
+    let suspicion = FACTORS
+        .into_iter()
+        .find(is_middle)
+        .map_or_else(String::new, |factor| format!(": stated for another size, by a factor of about {factor}?"));
     Some(format!("expected a principal point near the middle (0.5, 0.5), found cx {cx:.3}, cy {cy:.3}{suspicion}"))
 }
 
@@ -125,7 +126,8 @@ mod tests {
             ([0.0, 0.0], None, None),
         ] {
             let message = far_off_middle(&frame([0.9, 1.3, centre[0], centre[1]], stated)).unwrap();
-            let suspicion = message.split_once(": stated for another size, by a factor of about ").map(|(_, rest)| rest);
+            let suspicion =
+                message.split_once(": stated for another size, by a factor of about ").map(|(_, rest)| rest);
             assert_eq!(suspicion, factor.map(|factor| format!("{factor}?")).as_deref(), "{message}");
         }
         for fine in [[0.5, 0.5], [0.36, 0.64], [0.64, 0.5]] {

@@ -19,7 +19,7 @@ pub(crate) fn poses(scene: &Scene) -> Vec<(usize, [u64; 12])> {
     frames.map(|(at, frame)| (at, frame.camera.camera_from_world.to_rows().map(f64::to_bits))).collect()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "columns"))]
 mod tests {
     use super::*;
     use crate::FrameImage;

@@ -71,7 +71,8 @@ mod tests {
             still_cameras(&scene(&cameras))
         };
         assert_eq!(turned(&[0.0, 11.0, 37.0]).as_deref(), Some("all camera centres coincide"));
-        let expected = "1 of 3 frames repeat an earlier pose, first frame 2 that of frame 0; all camera centres coincide";
+        let expected =
+            "1 of 3 frames repeat an earlier pose, first frame 2 that of frame 0; all camera centres coincide";
         assert_eq!(turned(&[0.0, 11.0, 0.0]).as_deref(), Some(expected));
         assert_eq!(turned(&[0.0, 11.0]), None, "two frames");
     }

@@ -276,7 +276,8 @@ fn images_that_no_frame_names_are_counted() {
     let mut scene = wandering_scene("capture", 4);
     let unposed = FrameImage::Unposed("its rotation is none".to_owned());
     let [left, right] = ["left/0.png", "right/0.png"].map(|name| FrameImage::File(below(name)));
-    for (frame, image) in scene.frames.iter_mut().zip([left, right, unposed, FrameImage::Missing(below("left/9.png"))]) {
+    for (frame, image) in scene.frames.iter_mut().zip([left, right, unposed, FrameImage::Missing(below("left/9.png"))])
+    {
         frame.image = image;
         frame.stated_size = Some(ImageSize { width: 64, height: 36 });
     }

@@ -207,7 +207,8 @@ fn naming(scene: &Scene, listing: &ImageListing, numbers: &BTreeMap<i64, &str>) 
         [first] => Ok(Naming::Numbered { first: *first }),
         several => {
             let readings: Vec<String> = several.iter().map(|first| format!("from {first}")).collect();
-            let expected = "images named by timestamp, or numbered so that the number of the first row's image is certain";
+            let expected =
+                "images named by timestamp, or numbered so that the number of the first row's image is certain";
             let readings = readings.join(" or ");
             let found = format!("images {least} to {most} for {rows} rows, which may be numbered {readings}");
             Err(SceneError::unrecognized(listing.folder(), expected, found))
@@ -376,7 +377,11 @@ mod tests {
             let (scene, warnings) = attach(files);
             assert_eq!(names(&scene)[1], "no 33366.jpg or 33366.png?");
             let expected = "frame 1: expected one image, found 33366.jpg and 33366.png (";
-            assert!(warnings.kept().iter().any(|warning| warning.detail.starts_with(expected)), "{:?}", warnings.kept());
+            assert!(
+                warnings.kept().iter().any(|warning| warning.detail.starts_with(expected)),
+                "{:?}",
+                warnings.kept()
+            );
         }
     }
 
