@@ -1,11 +1,11 @@
 //! Which columns and rows of tables a report shows, and what it compares them with.
 
 use atsplat_numeric::distinct;
-use atsplat_results::MethodRecord;
+use atsplat_results::{MethodRecord, PresetRecord};
 
 use super::{ColumnDefinition, Quantity, TableDefinition};
 use crate::ReportError;
-use crate::table::Source;
+use crate::table::{Source, has_trials, is_same_data};
 
 /// Which columns and rows of tables are shown; by default all.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -49,15 +49,61 @@ impl Choice {
             if option == "against" && found.len() > 1 {
                 return Err(wrong(option, found, name));
             }
+            let several = if option == "against" { namesakes(sources, name) } else { Vec::new() };
+            if !several.is_empty() {
+                return Err(wrong(option, several.iter().map(String::as_str).collect(), name));
+            }
         }
         Ok(())
     }
 }
 
-/// Whether `name` is what tables call a method: its name, its title, `STORE: NAME`, or its title with one of the names in parentheses.
+/// Whether `name` is what tables call a method: its name, its title, `STORE: NAME`, or its title with one of the names in parentheses;
+/// also `STORE:NAME`.
 pub(crate) fn is_called(store: &str, record: &MethodRecord, name: &str) -> bool {
     let names = [record.name.clone(), format!("{store}: {}", record.name)];
-    name == record.title || names.iter().any(|own| name == own || name == format!("{} ({own})", record.title))
+    name == record.title
+        || names.iter().any(|own| name == own || name == format!("{} ({own})", record.title))
+        || name == format!("{store}:{}", record.name)
+}
+
+/// The methods that are called so, each as `STORE: NAME`, if two of them are others that were run under one protocol on the same data:
+/// both have a row in one table, and either may be meant. Empty otherwise.
+fn namesakes(sources: &[Source<'_>], name: &str) -> Vec<String> {
+    let mut called: Vec<(&Source<'_>, &MethodRecord)> = Vec::new();
+    for source in sources {
+        let records = source.results.provenance.methods.iter();
+        called.extend(records.filter(|record| is_called(source.label, record, name)).map(|record| (source, record)));
+    }
+    let is_ambiguous = called.iter().enumerate().any(|(at, one)| {
+        called.iter().skip(at + 1).any(|other| !is_same_method(one.1, other.1) && have_one_protocol(*one, *other))
+    });
+    if !is_ambiguous {
+        return Vec::new();
+    }
+    called.into_iter().map(|(source, record)| format!("{}: {}", source.label, record.name)).collect()
+}
+
+/// Whether records of two stores are of one method: with the same weights and settings, and on the same kind of device.
+fn is_same_method(one: &MethodRecord, other: &MethodRecord) -> bool {
+    (&one.kind, &one.weights_sha256, one.untrained) == (&other.kind, &other.weights_sha256, other.untrained)
+        && one.parameters == other.parameters
+        && (&one.network_adapter, &one.renderer_adapter) == (&other.network_adapter, &other.renderer_adapter)
+}
+
+/// Whether two methods were run under one protocol and index on the same data.
+fn have_one_protocol(one: (&Source<'_>, &MethodRecord), other: (&Source<'_>, &MethodRecord)) -> bool {
+    let presets = |(source, record): (&Source<'_>, &MethodRecord)| -> Vec<PresetRecord> {
+        let all = source.results.provenance.presets.iter();
+        all.filter(|preset| has_trials(source.results, &preset.name, &record.name)).cloned().collect()
+    };
+    let of_other = presets(other);
+    presets(one).iter().any(|preset| {
+        of_other.iter().any(|known| {
+            let is_one = (&known.hash, &known.index_sha256) == (&preset.hash, &preset.index_sha256);
+            is_one && is_same_data([(one.0.results, preset.name.as_str()), (other.0.results, known.name.as_str())])
+        })
+    })
 }
 
 impl TableDefinition {

@@ -28,10 +28,19 @@ const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 
 /// Precedes the data of the weights from which a training began.
 const BEFORE: &str = "; before: ";
+/// Between the sources of one training.
+const AND: &str = " + ";
 
-/// The ids of the datasets that a network was trained on; empty if its description names none that is known.
+/// The ids of the datasets that a network was trained on; empty unless every source in its description names a known one: the
+/// network may have seen anything in the others.
 fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
-    record.training.as_ref().map_or_else(BTreeSet::new, |training| datasets_in(&training.data))
+    let description = record.training.as_ref().map_or("", |training| training.data.as_str());
+    let sources = description.split(BEFORE).flat_map(|training| training.split(AND));
+    let of_sources: Vec<BTreeSet<&'static str>> = sources.map(datasets_in).collect();
+    if of_sources.iter().any(BTreeSet::is_empty) {
+        return BTreeSet::new();
+    }
+    of_sources.into_iter().flatten().collect()
 }
 
 fn datasets_in(description: &str) -> BTreeSet<&'static str> {
@@ -105,6 +114,25 @@ mod tests {
             "nothing is claimed about unknown data"
         );
         assert_eq!(zero_shot_note(&MethodRecord::default(), "re10k"), None);
+    }
+
+    /// A folder of any name may be a copy of the dataset.
+    #[test]
+    fn one_source_of_unknown_data_is_enough_for_no_claim() {
+        let (rooms, own) = ("1 × rooms train 0 to 9 at 64x64 (2 views)", "1 × ch under mine-128.toml (2 views)");
+        let before = "rooms train 200000 to 207039 at 128x128; before: 6000 rooms of the train split at 128x128";
+        let note = |data: &str| zero_shot_note(&trained_on(data), "re10k");
+        assert_eq!(note(&format!("{rooms}; before: {before}")).as_deref(), Some("zero-shot: not trained on RE10K"));
+        for data in [
+            format!("{own}; before: {before}"),
+            format!("{rooms}; before: {own}"),
+            format!("{rooms} + {own}"),
+            format!("{own} + {rooms}"),
+        ] {
+            assert_eq!(note(&data), None, "{data}");
+        }
+        let yards = note(&format!("{rooms} + 2 × yards train 0 to 9 at 64x112; before: {before}"));
+        assert_eq!(yards.as_deref(), Some("zero-shot: not trained on RE10K"));
     }
 
     /// Tables would call the results of a preset on another dataset those of an unknown capture.

@@ -118,3 +118,29 @@ fn names_of_no_method_or_of_several_are_errors_that_list_the_known_ones() {
         assert_eq!(against(name), Ok(()), "{name}");
     }
 }
+
+/// Each row of a name that means several networks would be compared with itself.
+#[test]
+fn a_name_of_several_networks_of_one_table_is_ambiguous_until_a_store_is_named() {
+    let store = |weights: &str, preset_name: &str| {
+        let network = MethodRecord { weights_sha256: Some(weights.to_owned()), ..atsplat("network", |_| ()) };
+        results(vec![preset(preset_name)], vec![network, floor()])
+    };
+    let (e7, e8, elsewhere) =
+        (store("7777", "rooms-2v-128"), store("8888", "rooms-2v-128"), store("9999", "yards-2v-128x224"));
+    let said = |stores: &[(&str, &Results)], name: &str| {
+        let sources: Vec<Source<'_>> = stores.iter().map(|(label, results)| Source { label, results }).collect();
+        let choice = Choice { against: Some(name.to_owned()), ..Choice::default() };
+        choice.check(&sources).map_err(|error| error.to_string())
+    };
+    let both = [("e7", &e7), ("e8", &e8)];
+    for name in ["network", "ATSplat", "ATSplat (network)"] {
+        let expected = format!("against: expected one of the methods e7: network, e8: network, found {name:?}");
+        assert_eq!(said(&both, name), Err(expected));
+    }
+    for name in ["e8: network", "e8:network", "ATSplat (e7: network)", "nearest-view"] {
+        assert_eq!(said(&both, name), Ok(()), "{name}");
+    }
+    assert_eq!(said(&[("e7", &e7), ("again", &e7.clone())], "network"), Ok(()), "the same network");
+    assert_eq!(said(&[("e7", &e7), ("e9", &elsewhere)], "network"), Ok(()), "no table has both");
+}
