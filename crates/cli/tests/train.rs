@@ -133,7 +133,7 @@ fn a_run_writes_all_its_outputs() {
     assert!(again.stderr.contains(advice), "{}", again.stderr);
     train(folder.path(), "second", &["--steps", "1", "--init", "out/weights.safetensors"]);
     let message = succeed(folder.path(), &["weights", "inspect", "second/weights.safetensors"]);
-    let views = "(2 views, gaps 2 to 3, targets 2, stride 30)";
+    let views = "(2 views, gaps 2 to 3, targets 2, stride 30, generation 2)";
     let data = format!("at 32x32 {views}; before: 1 × rooms train 0 to 0 at 32x32 {views}");
     assert!(message.contains(&data), "{message}");
     let wrong = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "x", "--hours", "0"]);

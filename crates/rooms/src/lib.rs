@@ -44,5 +44,5 @@ pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot};
 pub use render::Geometry;
 pub use seed::{SceneKind, SceneSeed, Split};
-pub use simulation::{GENERATOR, Request, Route, Simulation};
+pub use simulation::{GENERATION, GENERATOR, Request, Route, Simulation};
 pub use source::SimulatedScenes;

@@ -17,6 +17,8 @@ use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 /// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
 /// simulated image can be reused without rendering it again.
 pub const GENERATOR: &str = "atsplat rooms 2";
+/// The version in [`GENERATOR`].
+pub const GENERATION: u32 = 2;
 
 /// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,7 +5,7 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_rooms::{
-    EffectChoice, EffectKind, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed, Simulation,
+    EffectChoice, EffectKind, GENERATION, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed, Simulation,
     Split,
 };
 use glam::{DMat3, DVec3};
@@ -75,6 +75,7 @@ fn golden_hashes_are_unchanged() {
     }
     assert_eq!(found, GOLDEN);
     assert_eq!(GENERATOR, "atsplat rooms 2", "the generator of these hashes");
+    assert_eq!(GENERATOR, format!("atsplat rooms {GENERATION}"));
 }
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]

@@ -1,17 +1,23 @@
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::StoredTensors;
 use atsplat_protocol::Preset;
+use atsplat_rooms::GENERATION;
 
 use crate::samples::Source;
 use crate::{Objective, SourceConfig, TrainConfig, TrainError};
 
-/// Identities of what a configuration only names: the network, the perceptual loss with its weights, presets, and the lists of a
-/// dataset's scenes. Checkpoints contain them, and a run resumes with no others, although the configuration still names them in the same
+/// Identities of what a configuration only names: the network, the perceptual loss with its weights, presets, the simulator, and the
+/// lists of a dataset's scenes. Checkpoints contain them, and a run resumes with no others, although the configuration still names them in the same
 /// way.
 #[derive(Clone, Debug, Default)]
 pub struct Resolved {
     /// Key in a checkpoint's metadata, and identity.
     entries: Vec<(String, String)>,
+}
+
+/// The key in a checkpoint's metadata of the generation of the simulator that rendered a source's scenes.
+pub(crate) fn generation_key(field: &str) -> String {
+    format!("{field}.rooms.generation")
 }
 
 impl Resolved {
@@ -27,11 +33,14 @@ impl Resolved {
             ("perceptual-loss".to_owned(), objective.perceptual()),
         ];
         for (field, source) in config.sources() {
-            if let SourceConfig::Dataset(dataset) = source {
-                let preset = Preset::resolve(&dataset.preset)
-                    .map_err(|error| TrainError::from(error).in_field(format!("{field}.dataset.preset")))?;
-                entries.push((format!("{field}.dataset.preset-sha256"), preset.hash()?.to_string()));
-            }
+            entries.push(match source {
+                SourceConfig::Dataset(dataset) => {
+                    let preset = Preset::resolve(&dataset.preset)
+                        .map_err(|error| TrainError::from(error).in_field(format!("{field}.dataset.preset")))?;
+                    (format!("{field}.dataset.preset-sha256"), preset.hash()?.to_string())
+                }
+                SourceConfig::Rooms(_) => (generation_key(&field), GENERATION.to_string()),
+            });
         }
         Ok(Self { entries })
     }
@@ -84,7 +93,7 @@ mod tests {
     const VIEWS: &str = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
 
     #[test]
-    fn another_model_loss_or_preset_is_an_error() {
+    fn another_model_loss_preset_or_simulator_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("preset.toml");
         let text = Preset::text_of("rooms-2v-128").unwrap();
@@ -96,7 +105,7 @@ mod tests {
         let mut stored = StoredTensors::default();
         now(&model).check(&stored).unwrap();
         now(&model).add_to(&mut stored);
-        assert_eq!(stored.metadata.len(), 4);
+        assert_eq!(stored.metadata.len(), 5);
         now(&model).check(&stored).unwrap();
 
         let rejects = |resolved: &Resolved, stored: &StoredTensors, key: &str| {
@@ -110,6 +119,11 @@ mod tests {
         let mut other_loss = stored.clone();
         other_loss.metadata.insert("perceptual-loss".to_owned(), "lpips, weights 00ff".to_owned());
         rejects(&now(&model), &other_loss, "perceptual-loss");
+        let mut other_images = stored.clone();
+        other_images.metadata.insert("data[0].source.rooms.generation".to_owned(), "1".to_owned());
+        rejects(&now(&model), &other_images, "data[0].source.rooms.generation");
+        other_images.metadata.retain(|key, _| !key.ends_with("generation"));
+        now(&model).check(&other_images).unwrap();
 
         std::fs::write(&path, text.replace("title = \"", "title = \"Renamed: ")).unwrap();
         now(&model).check(&stored).unwrap();

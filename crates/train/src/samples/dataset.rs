@@ -49,6 +49,14 @@ pub struct DatasetConfig {
 }
 
 impl DatasetConfig {
+    /// The folder with its protocol and views.
+    pub(crate) fn description(&self) -> String {
+        let Self { path, preset, images, prefer_undistorted, views, .. } = self;
+        let images = images.map_or_else(String::new, |factor| format!(", images {factor}"));
+        let undistorted = if *prefer_undistorted { ", undistorted" } else { "" };
+        format!("{} under {preset} ({views}{images}{undistorted})", path.display())
+    }
+
     /// Rejects a folder from which the reader would take test scenes: one with both `train` and `test`, or with `test` alone.
     /// A path that ends in `test` is accepted.
     ///
@@ -294,10 +302,7 @@ fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedImages> {
 
 impl Source for DatasetSource {
     fn name(&self) -> String {
-        let DatasetConfig { path, preset, images, prefer_undistorted, views, .. } = &self.config;
-        let images = images.map_or_else(String::new, |factor| format!(", images {factor}"));
-        let undistorted = if *prefer_undistorted { ", undistorted" } else { "" };
-        format!("{} under {preset} ({views}{images}{undistorted})", path.display())
+        self.config.description()
     }
 
     fn data_warnings(&self) -> DataWarnings {

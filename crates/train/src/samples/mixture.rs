@@ -47,11 +47,14 @@ impl Mixture {
     }
 }
 
+/// The description of a mixture, from the shares and descriptions of its sources.
+pub(crate) fn description_of(sources: impl Iterator<Item = (f64, String)>) -> String {
+    sources.map(|(share, source)| format!("{share} × {source}")).collect::<Vec<_>>().join(" + ")
+}
+
 impl Source for Mixture {
     fn name(&self) -> String {
-        let names: Vec<String> =
-            self.sources.iter().map(|(share, source)| format!("{share} × {}", source.name())).collect();
-        names.join(" + ")
+        description_of(self.sources.iter().map(|(share, source)| (*share, source.name())))
     }
 
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {

@@ -26,6 +26,7 @@ pub use distances::PatchDistances;
 pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
+pub(crate) use mixture::description_of;
 pub use replaced::{ReplacedCount, ReplacedDraws};
 pub use rooms::{RoomsConfig, RoomsSource};
 pub use views::ViewChoice;

@@ -7,7 +7,7 @@ use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::Rounding;
 use atsplat_protocol::samplers::SceneViews;
-use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
+use atsplat_rooms::{EffectChoice, EffectKind, GENERATION, Request, SceneKind, SceneSeed, Simulation, Split};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +55,13 @@ impl RoomsConfig {
     /// The scenes and the size of their images. The text is the key of the stream of draws: another one gives other samples.
     fn scenes_and_size(&self) -> String {
         format!("{} {} {} to {} at {}", self.scenes_of, self.split, self.first, self.last(), self.size)
+    }
+
+    /// The scenes with their views, and the generation of the simulator that rendered them if it is known: two generations render other
+    /// images of one scene.
+    pub(crate) fn description(&self, generation: Option<&str>) -> String {
+        let generation = generation.map_or_else(String::new, |generation| format!(", generation {generation}"));
+        format!("{} ({}, stride {}{generation})", self.scenes_and_size(), self.views, self.stride)
     }
 }
 
@@ -261,8 +268,7 @@ impl RoomsSource {
 
 impl Source for RoomsSource {
     fn name(&self) -> String {
-        let RoomsConfig { stride, views, .. } = &self.config;
-        format!("{} ({views}, stride {stride})", self.config.scenes_and_size())
+        self.config.description(Some(&GENERATION.to_string()))
     }
 
     fn replaced(&self) -> ReplacedDraws {

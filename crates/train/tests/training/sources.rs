@@ -126,8 +126,9 @@ fn names_state_views_and_draws_do_not_depend_on_them() {
     let warm_up = "initial-min = 4, initial-max = 8, warm-up-steps = 7";
     let two = source("{ context = [2, 2], targets = 3, gaps = { min = 4, max = 5 }, inset = 1 }");
     let more = source(&format!("{{ context = [2, 4], targets = 2, gaps = {{ min = 6, max = 9, {warm_up} }} }}"));
-    assert_eq!(two.name(), "rooms train 0 to 499 at 32x32 (2 views, gaps 4 to 5, targets 3, stride 10)");
-    let expected = "rooms train 0 to 499 at 32x32 (2 to 4 views, gaps 4 to 8, then 6 to 9, targets 2, stride 10)";
+    assert_eq!(two.name(), "rooms train 0 to 499 at 32x32 (2 views, gaps 4 to 5, targets 3, stride 10, generation 2)");
+    let expected =
+        "rooms train 0 to 499 at 32x32 (2 to 4 views, gaps 4 to 8, then 6 to 9, targets 2, stride 10, generation 2)";
     assert_eq!(more.name(), expected);
     for (number, scene) in (0..).zip([318, 459, 220]) {
         for source in [&two, &more] {
