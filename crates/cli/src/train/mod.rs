@@ -73,7 +73,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let trainer = Trainer::on(args.device.processor, config, &args.out, &start);
     let mut trainer = trainer.map_err(|error| error.in_configuration(&args.config))?;
     let last = args.steps.map_or(steps, |most| most.min(steps));
-    let mut live = Live::new(last, trainer.state().step, trainer.config().is_evaluation_held_out());
+    let held_out = trainer.config().is_evaluation_held_out(trainer.state().initial_weights.as_ref());
+    let mut live = Live::new(last, trainer.state().step, held_out);
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));
     drop(live);
     // Logs and plots are written even if the run failed.

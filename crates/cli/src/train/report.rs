@@ -8,7 +8,7 @@ use crate::progress::StepProgress;
 pub(super) struct Live {
     progress: StepProgress,
     steps: u64,
-    /// Whether the evaluation's scenes, by their names, are not trained on.
+    /// Whether the evaluation's scenes, by their names, are not trained on, neither now nor before.
     held_out: bool,
     /// Exponential moving averages.
     loss: Option<f64>,

@@ -1,22 +1,65 @@
-//! Whether an evaluation during training is on scenes that training does not see.
+//! Whether an evaluation during training is on scenes that the network has not seen.
 
 use std::path::Path;
 
 use atsplat_camera::PoseNormalisation;
+use atsplat_rooms::{SceneKind, Split};
 use atsplat_scene::Warnings;
 
 use super::{SourceConfig, TrainConfig};
-use crate::samples::{DatasetConfig, DatasetSource};
+use crate::checkpoint::InitialWeights;
+use crate::samples::{DatasetConfig, DatasetSource, RoomsConfig};
 
 impl TrainConfig {
     /// Whether, by what the configuration names, this run never trains on the evaluation's scenes: simulated scenes of another kind,
     /// split or seed range, or scenes of another dataset folder with other names. Datasets are opened to compare the names, not the
-    /// content: a copy of a dataset under other names counts as another one. Weights that the run starts from may have seen the scenes.
-    pub fn is_evaluation_held_out(&self) -> bool {
+    /// content: a copy of a dataset under other names counts as another one. Weights that the run starts from must not have seen the
+    /// scenes either: those must be simulated, and their record must name nothing but other simulated scenes.
+    pub fn is_evaluation_held_out(&self, initial_weights: Option<&InitialWeights>) -> bool {
         let differs = |source: &SourceConfig| {
             self.data.iter().all(|data| are_disjoint(&data.source, source, &self.pose_normalisation))
+                && initial_weights.is_none_or(|weights| is_unseen(source, weights))
         };
         self.evaluation.as_ref().is_some_and(|evaluation| differs(&evaluation.source))
+    }
+}
+
+/// Whether a source's scenes are none of those that given weights were trained on, by their record.
+fn is_unseen(source: &SourceConfig, weights: &InitialWeights) -> bool {
+    let (SourceConfig::Rooms(rooms), Some(data)) = (source, &weights.data) else { return false };
+    let trainings = data.split("; before: ");
+    let mut sources = trainings.flat_map(|training| training.split(" + ")).flat_map(|source| source.split(" and "));
+    sources.all(|source| RecordedScenes::parse(source).is_some_and(|recorded| recorded.are_others_than(rooms)))
+}
+
+/// Simulated scenes in a record of training data.
+struct RecordedScenes {
+    kind: SceneKind,
+    split: Split,
+    /// The first and the last, if they are recorded.
+    numbers: Option<(u32, u32)>,
+}
+
+impl RecordedScenes {
+    /// From `2 × rooms train 0 to 9 at 64x64 (2 views)` or `6000 rooms of the train split at 64x64`; `None` for other data.
+    fn parse(text: &str) -> Option<Self> {
+        let scenes = text.split_once(" (").map_or(text, |(scenes, _)| scenes);
+        let words: Vec<&str> = scenes.split(' ').collect();
+        let (kind, split, numbers) = match words.as_slice() {
+            [_, "×", kind, split, first, "to", last, "at", _] | [kind, split, first, "to", last, "at", _] => {
+                (*kind, *split, Some((first.parse::<u32>().ok()?, last.parse::<u32>().ok()?)))
+            }
+            [_, kind, "of", "the", split, "split", "at", _] => (*kind, *split, None),
+            _ => return None,
+        };
+        let kind = [SceneKind::Rooms, SceneKind::Yards].into_iter().find(|known| known.to_string() == kind)?;
+        let split = [Split::Train, Split::Test].into_iter().find(|known| known.to_string() == split)?;
+        Some(Self { kind, split, numbers })
+    }
+
+    fn are_others_than(&self, rooms: &RoomsConfig) -> bool {
+        let has_other_numbers = |(first, last): (u32, u32)| last < rooms.first || rooms.last() < first;
+        self.kind != rooms.scenes_of || self.split != rooms.split || self.numbers.is_some_and(has_other_numbers)
     }
 }
 
@@ -52,6 +95,11 @@ mod tests {
 
     /// 10 training scenes from number 5 on, and an evaluation on another source.
     fn held_out(data: &str, evaluation: &str) -> bool {
+        held_out_after(data, evaluation, None)
+    }
+
+    /// The same from weights that were trained before.
+    fn held_out_after(data: &str, evaluation: &str, before: Option<&InitialWeights>) -> bool {
         let text = format!(
             r#"
             title = "two sources"
@@ -67,7 +115,7 @@ mod tests {
             {evaluation}
             "#
         );
-        TrainConfig::from_toml(&text).unwrap().is_evaluation_held_out()
+        TrainConfig::from_toml(&text).unwrap().is_evaluation_held_out(before)
     }
 
     const VIEWS: &str = "views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
@@ -90,7 +138,42 @@ mod tests {
         ] {
             assert_eq!(held_out(&data, &rooms(evaluation)), expected, "{evaluation}");
         }
-        assert!(!TrainConfig::shortest().is_evaluation_held_out(), "no evaluation");
+        assert!(!TrainConfig::shortest().is_evaluation_held_out(None), "no evaluation");
+    }
+
+    #[test]
+    fn scenes_that_the_initial_weights_may_have_seen_are_not_held_out() {
+        const EMBEDDED: &str =
+            "rooms train 200000 to 207039 at 128x128; before: 6000 rooms of the train split at 128x128";
+        const YARDS: &str = "1600 yards of the train split at 128x128 and 6000 rooms of the train split at 128x128";
+        let data = rooms("scenes-of = 'rooms', scenes = 10, first = 500");
+        let after = |before: Option<&str>, evaluation: &str| {
+            let data_before = before.map(str::to_owned);
+            let weights = InitialWeights { sha256: "00ff".to_owned(), data: data_before, differences: None };
+            held_out_after(&data, &rooms(evaluation), Some(&weights))
+        };
+        let (test, train) =
+            ("scenes-of = 'rooms', scenes = 4, split = 'test'", "scenes-of = 'rooms', scenes = 4, first = 7");
+        let yards = "scenes-of = 'yards', scenes = 4";
+        let views = "at 64x64 (2 views, gaps 4 to 9, targets 2, stride 10, generation 2)";
+        for (before, evaluation, expected) in [
+            (EMBEDDED, test, true),
+            (EMBEDDED, train, false),
+            (EMBEDDED, yards, true),
+            (YARDS, test, true),
+            (YARDS, yards, false),
+            (&format!("1 × rooms test 0 to 3 {views}"), test, false),
+            (&format!("1 × rooms test 4 to 9 {views}"), test, true),
+            (&format!("1 × rooms train 0 to 6 {views} + 0.5 × yards train 0 to 3 {views}"), train, true),
+            (&format!("1 × rooms train 0 to 7 {views}"), train, false),
+            (&format!("1 × rooms train 0 to 3 {views}; before: 1 × rooms test 3 to 3 {views}"), test, false),
+            (&format!("1 × rooms train 0 to 3 {views} + 1 × ch under mine-128.toml (2 views)"), test, false),
+            ("1 × rooms/train under rooms-2v-128 (2 views)", test, false),
+            ("gardens train 0 to 3 at 64x64", test, false),
+        ] {
+            assert_eq!(after(Some(before), evaluation), expected, "{before}: {evaluation}");
+        }
+        assert!(!after(None, test), "not stated");
     }
 
     #[test]
