@@ -8,6 +8,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use atsplat_model::weights::ModelWeights;
 use atsplat_numeric::SplitMix64;
 use common::{atsplat, succeed};
 use tempfile::tempdir;
@@ -138,6 +139,76 @@ fn a_run_writes_all_its_outputs() {
     assert!(message.contains(&data), "{message}");
     let wrong = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "x", "--hours", "0"]);
     assert_eq!(wrong.code, 2);
+}
+
+/// The second training begins with weights that have seen the scenes of its evaluation.
+#[test]
+fn evaluation_targets_that_the_initial_weights_saw_are_not_called_held_out() {
+    let folder = tempdir().unwrap();
+    let of_test = TINY.replacen("scenes-of = \"rooms\"", "scenes-of = \"rooms\"\nsplit = \"test\"", 1);
+    std::fs::write(folder.path().join("test.toml"), of_test).unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    let train = |config: &str, out: &str, more: &[&str]| {
+        let args = ["train", "--config", config, "--out", out, "--steps", "1"];
+        let outcome = atsplat(folder.path(), &[&args[..], more].concat());
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        outcome.stderr
+    };
+    train("test.toml", "test", &[]);
+    let fresh = train("tiny.toml", "fresh", &[]);
+    assert!(fresh.contains(" held-out targets"), "{fresh}");
+    let seen = train("tiny.toml", "seen", &["--init", "test/weights.safetensors"]);
+    assert!(seen.contains(" evaluation targets") && !seen.contains("held-out"), "{seen}");
+    let unseen = train("tiny.toml", "unseen", &["--init", "fresh/weights.safetensors"]);
+    assert!(unseen.contains(" held-out targets"), "{unseen}");
+}
+
+/// A checkpoint of a run with averages, from which an earlier state of the run is evaluated.
+#[test]
+fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    let averaged = TINY.replacen("batch = 1\n", "batch = 1\naverage = 0.5\n", 1);
+    std::fs::write(here.join("tiny.toml"), averaged).unwrap();
+    train(here, "out", &["--steps", "6"]);
+    let (older, last) = ("out/checkpoints/step-00000003.safetensors", "out/checkpoints/step-00000006.safetensors");
+    let what = "a training checkpoint at step 3 of 24 of \"tiny\": weights of the model nano, their averages and the \
+                optimiser's moments";
+    let said = succeed(here, &["weights", "inspect", older]);
+    assert!(said.contains(&format!("what      {what}\n")), "{said}");
+    let said = succeed(here, &["weights", "verify", older]);
+    assert!(said.contains(&format!("complete: {what}; ")), "{said}");
+    for args in [
+        &["train", "--config", "tiny.toml", "--out", "second", "--init", older][..],
+        &["weights", "export", older, "--key-map", "identity", "--out", "exported.safetensors"],
+        &["reconstruct", "data", "--key", "a", "--views", "0,1", "--weights", older],
+    ] {
+        let rejected = atsplat(here, args);
+        let expected =
+            "found a training checkpoint: resume its run with --resume, or use weights.safetensors of its folder";
+        assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{args:?}: {}", rejected.stderr);
+    }
+    let weights = |path: &str| ModelWeights::read(&here.join(path)).unwrap();
+    for (checkpoint, out) in [(older, "older.safetensors"), (last, "last.safetensors")] {
+        let import = ["weights", "import", checkpoint, "--precision", "f16", "--out", out];
+        succeed(here, &import);
+    }
+    let (written, older_weights, last_weights) =
+        (weights("out/weights.safetensors"), weights("older.safetensors"), weights("last.safetensors"));
+    assert_eq!(last_weights.tensors.digest(), written.tensors.digest());
+    assert_ne!(older_weights.tensors.digest(), written.tensors.digest());
+    for (key, value) in &written.provenance {
+        assert_eq!(last_weights.provenance.get(key), Some(value), "{key}");
+    }
+    assert_eq!(older_weights.provenance["steps"], "3 of 24");
+    let mut damaged = std::fs::read(here.join(older)).unwrap();
+    *damaged.last_mut().unwrap() ^= 1;
+    std::fs::write(here.join("damaged.safetensors"), damaged).unwrap();
+    let rejected = atsplat(here, &["weights", "verify", "damaged.safetensors"]);
+    let expected = "metadata tensors-sha256: expected the hash of the tensors";
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    let said = succeed(here, &["weights", "inspect", "damaged.safetensors"]);
+    assert!(said.contains("a training checkpoint that cannot be read: ") && said.contains(expected), "{said}");
 }
 
 #[test]

@@ -209,6 +209,9 @@ fn a_note_replaces_nothing() {
     succeed(here, &[&copy[..], &["--note", "steps=1"]].concat());
     let copy = ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert_eq!((copy.provenance["data"].as_str(), copy.provenance["steps"].as_str()), ("none", "1"));
+    succeed(here, &["weights", "import", "copy.safetensors", "--out", "without-model.safetensors"]);
+    let again = ModelWeights::read(&here.join("without-model.safetensors")).unwrap();
+    assert_eq!((again.config, again.provenance["steps"].as_str()), (copy.config, "1"));
 }
 
 /// The export says that its key map reads the result.

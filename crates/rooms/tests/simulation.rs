@@ -5,8 +5,8 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_rooms::{
-    EffectChoice, EffectKind, GENERATION, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed, Simulation,
-    Split,
+    EffectChoice, EffectKind, GENERATION, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed,
+    Simulation, Split,
 };
 use glam::{DMat3, DVec3};
 use sha2::{Digest, Sha256};

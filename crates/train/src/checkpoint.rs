@@ -1,5 +1,6 @@
 //! Checkpoints: safetensors files with everything that a run needs to resume as if uninterrupted.
 
+mod file;
 mod settings;
 mod state;
 
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 use atsplat_files::entries_if_exists;
 use atsplat_model::weights::TensorFile;
 
+pub use file::CheckpointFile;
 pub(crate) use settings::ChangedSettings;
 use settings::check_settings;
 pub use state::{InitialWeights, State};

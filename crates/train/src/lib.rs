@@ -16,13 +16,14 @@ pub mod losses;
 mod objective;
 pub mod optimiser;
 mod parameters;
+mod provenance;
 mod resolved;
 pub mod samples;
 mod skipped_step;
 mod trainer;
 mod update;
 
-pub use checkpoint::{Checkpoints, InitialWeights, State};
+pub use checkpoint::{CheckpointFile, Checkpoints, InitialWeights, State};
 pub use config::{
     CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
     TrainConfig,

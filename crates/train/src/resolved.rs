@@ -7,15 +7,20 @@ use crate::samples::Source;
 use crate::{Objective, SourceConfig, TrainConfig, TrainError};
 
 /// Identities of what a configuration only names: the network, the perceptual loss with its weights, presets, the simulator, and the
-/// lists of a dataset's scenes. Checkpoints contain them, and a run resumes with no others, although the configuration still names them in the same
-/// way.
+/// lists of a dataset's scenes. Checkpoints contain them, and a run resumes with no others, although the configuration still names them
+/// in the same way.
 #[derive(Clone, Debug, Default)]
 pub struct Resolved {
     /// Key in a checkpoint's metadata, and identity.
     entries: Vec<(String, String)>,
 }
 
-/// The key in a checkpoint's metadata of the generation of the simulator that rendered a source's scenes.
+/// The key in a checkpoint's metadata of the hash of the network's configuration.
+pub(crate) const MODEL: &str = "model-sha256";
+/// The key of the perceptual loss.
+pub(crate) const PERCEPTUAL: &str = "perceptual-loss";
+
+/// The key of the generation of the simulator that rendered a source's scenes.
 pub(crate) fn generation_key(field: &str) -> String {
     format!("{field}.rooms.generation")
 }
@@ -27,10 +32,10 @@ impl Resolved {
     /// [`TrainError::InField`] for a preset that cannot be read, and errors of hashes.
     pub fn new(config: &TrainConfig, model: &ModelConfig, objective: &Objective) -> Result<Self, TrainError> {
         let mut entries = vec![
-            ("model-sha256".to_owned(), model.hash()?),
+            (MODEL.to_owned(), model.hash()?),
             // The hash is that of what can change a Gaussian.
             ("model-resolution".to_owned(), model.resolution.to_string()),
-            ("perceptual-loss".to_owned(), objective.perceptual()),
+            (PERCEPTUAL.to_owned(), objective.perceptual()),
         ];
         for (field, source) in config.sources() {
             entries.push(match source {

@@ -17,6 +17,7 @@ use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
 use atsplat_scene::Warnings;
 
 pub use start::Start;
+pub(crate) use start::frozen;
 use start::require_run_to_resume;
 
 use crate::checkpoint::{Checkpoints, State};

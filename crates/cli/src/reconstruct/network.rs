@@ -195,7 +195,7 @@ impl NetworkArgs {
             format!("{}; `random:SEED` in place of a file runs the network untrained", embedded::or_a_file(&file))
         })?;
         file.check_sha256(expected_hash.as_deref())?;
-        if !ModelWeights::is_one(&file.stored) {
+        if !ModelWeights::is_one(&file.stored) && !ModelWeights::is_checkpoint(&file.stored) {
             bail!(
                 "weights: expected a file of this toolkit, found {} tensors without its metadata; convert it with \
                  `atsplat weights import {} --model NAME --out FILE` ({})",

@@ -7,8 +7,10 @@ use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{
-    ImportedBackbone, ImportedFile, KeyMap, KnownFile, ModelWeights, Precision, TensorFile, read_backbone,
+    ImportedBackbone, ImportedFile, KeyMap, KnownFile, ModelWeights, Precision, StoredTensors, TensorFile,
+    read_backbone,
 };
+use atsplat_train::CheckpointFile;
 
 use crate::model_args::model;
 use crate::output_lock::OutputFiles;
@@ -20,12 +22,13 @@ use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// PyTorch checkpoint (.pt, .pth, .ckpt; read by an allow-list, never executed) or safetensors.
+    /// PyTorch checkpoint (.pt, .pth, .ckpt; read by an allow-list, never executed) or safetensors. Of a checkpoint of `atsplat
+    /// train`, the weights are imported, averaged if its run averages them.
     file: PathBuf,
 
-    /// Configuration of the network: a name, or a path that ends in .toml.
+    /// Configuration of the network: a name, or a path that ends in .toml. Files of this toolkit contain theirs.
     #[arg(long, value_name = "NAME|FILE", value_parser = model)]
-    model: String,
+    model: Option<String>,
 
     /// Key map from the file's tensor names to this toolkit's: identity, dinov2-official, dinov2-hugging-face, or a path that ends in
     /// .toml.
@@ -68,20 +71,17 @@ const PRECISIONS: [(&str, Precision); 3] =
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let config = ModelConfig::resolve(&args.model)?;
+    let requested = args.model.as_deref().map(ModelConfig::resolve).transpose()?;
     let map = KeyMap::resolve(&args.key_map)?;
+    let _outputs = OutputFiles::of(args.out.as_deref())?;
+    let source = TensorFile::find(&args.file, || "a checkpoint or safetensors to import".to_owned())?;
+    source.check_sha256(args.sha256.map(|hash| hash.to_string()).as_deref())?;
+    let (source, imported) = of_this_toolkit(source)?;
+    let config = args.network(requested, imported.as_ref())?;
     if args.backbone.is_some() && !matches!(config.backbone, BackboneConfig::DinoV2 { .. }) {
         bail!("--backbone: the model {} has no DINOv2 backbone", config.name);
     }
-    let _outputs = OutputFiles::of(args.out.as_deref())?;
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
-    let source = TensorFile::find(&args.file, || "a checkpoint or safetensors to import".to_owned())?;
-    source.check_sha256(args.sha256.map(|hash| hash.to_string()).as_deref())?;
-    let imported = ModelWeights::is_one(&source.stored).then(|| ModelWeights::of_file(&source)).transpose()?;
-    if let Some(weights) = &imported {
-        let error = || format!("{} is a weights file of this toolkit", args.file.display());
-        same_network(&config, &weights.config).context("--model").with_context(error)?;
-    }
     let backbone = match &args.backbone {
         Some(path) => {
             let expected = args.backbone_sha256.map(|hash| hash.to_string());
@@ -136,13 +136,27 @@ impl Args {
         let keys: Vec<String> = self.note.iter().map(|(key, _)| key.clone()).collect();
         once("--note", &keys).map_err(usage_error)?;
         let Some(out) = &self.out else { return Ok(()) };
-        let mut inputs = vec![
-            Input::File("weights", &self.file),
-            Input::Toml("configuration", &self.model),
-            Input::Toml("key map", &self.key_map),
-        ];
+        let mut inputs = vec![Input::File("weights", &self.file), Input::Toml("key map", &self.key_map)];
+        inputs.extend(self.model.as_deref().map(|model| Input::Toml("configuration", model)));
         inputs.extend(self.backbone.as_deref().map(|backbone| Input::File("backbone", backbone)));
         check_output("--out", out, &inputs)
+    }
+
+    /// The network: the requested one, which must be that of a file of this toolkit, or else that of the file.
+    fn network(&self, requested: Option<ModelConfig>, imported: Option<&ModelWeights>) -> anyhow::Result<ModelConfig> {
+        let file = self.file.display();
+        match (requested, imported) {
+            (Some(config), Some(weights)) => {
+                let error = || format!("{file} is a file of this toolkit");
+                same_network(&config, &weights.config).context("--model").with_context(error)?;
+                Ok(config)
+            }
+            (Some(config), None) => Ok(config),
+            (None, Some(weights)) => Ok(weights.config.clone()),
+            (None, None) => {
+                Err(usage_error(format!("--model NAME|FILE: expected the network of {file}, found none")).into())
+            }
+        }
     }
 
     /// Adds the notes; none may replace what the file and the import record.
@@ -158,6 +172,17 @@ impl Args {
         provenance.extend(self.note.iter().cloned());
         Ok(())
     }
+}
+
+/// The tensors to import, and the weights of a file of this toolkit: its own, or those in a checkpoint of a training.
+fn of_this_toolkit(source: TensorFile) -> anyhow::Result<(TensorFile, Option<ModelWeights>)> {
+    if CheckpointFile::is_one(&source.stored) {
+        let weights = CheckpointFile::read(&source)?.weights;
+        let stored = StoredTensors { tensors: weights.tensors.tensors.clone(), ..StoredTensors::default() };
+        return Ok((TensorFile { stored, ..source }, Some(weights)));
+    }
+    let weights = ModelWeights::is_one(&source.stored).then(|| ModelWeights::of_file(&source)).transpose()?;
+    Ok((source, weights))
 }
 
 /// Parses the name or path of a key map.

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use atsplat_model::weights::Inspection;
+use atsplat_train::CheckpointFile;
 
 use crate::embedded;
 use crate::print::print_report;
@@ -21,6 +22,15 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let file = embedded::find(&args.file, || embedded::or_a_file("a file of weights"))?;
-    print_report(&Inspection::new(args.file.clone(), file, args.tensors)?, args.json)?;
+    let checkpoint = CheckpointFile::is_one(&file.stored).then(|| match CheckpointFile::read(&file) {
+        Ok(checkpoint) => checkpoint.to_string(),
+        Err(error) => format!("a training checkpoint that cannot be read: {error}"),
+    });
+    let inspection = Inspection::new(args.file.clone(), file, args.tensors)?;
+    let inspection = match checkpoint {
+        Some(description) => inspection.of_checkpoint(description),
+        None => inspection,
+    };
+    print_report(&inspection, args.json)?;
     Ok(true)
 }

@@ -3,7 +3,8 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
-use atsplat_model::weights::{ModelWeights, Verification};
+use atsplat_model::weights::{ModelWeights, TensorFile, Verification};
+use atsplat_train::CheckpointFile;
 
 use crate::embedded;
 use crate::model_args::model;
@@ -12,7 +13,7 @@ use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// A weights file of this toolkit, or DINOv2's.
+    /// A weights file of this toolkit, a checkpoint of its training, or DINOv2's.
     file: PathBuf,
 
     /// Expected sha256 of the file.
@@ -35,6 +36,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Some(config) => ModelWeights::advice(config, expected.as_deref()),
         None => embedded::or_a_file("a file of weights"),
     })?;
+    if CheckpointFile::is_one(&file.stored) {
+        print_report(&of_checkpoint(file, config.as_ref(), expected.as_deref())?, args.json)?;
+        return Ok(true);
+    }
     // A configuration that cannot be read is an error of the verification.
     let stored = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored));
     let written_for = stored.and_then(Result::ok);
@@ -44,4 +49,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&verification, args.json)?;
     Ok(true)
+}
+
+fn of_checkpoint(
+    file: TensorFile,
+    config: Option<&ModelConfig>,
+    expected_sha256: Option<&str>,
+) -> anyhow::Result<Verification> {
+    file.check_sha256(expected_sha256)?;
+    let checkpoint = CheckpointFile::read(&file)?;
+    if let Some(requested) = config {
+        same_network(requested, &checkpoint.weights.config).context("--model")?;
+    }
+    let found = (checkpoint.to_string(), checkpoint.weights, checkpoint.metadata_covered);
+    Ok(Verification::of_checkpoint(file, found, config, expected_sha256)?)
 }

@@ -35,6 +35,8 @@ enum Contents {
     Atsplat { model: String, hash: String },
     /// A broken weights file of this toolkit.
     Broken { fault: String },
+    /// A checkpoint of a training.
+    Checkpoint { description: String },
     /// A backbone.
     Backbone(Backbone),
     /// Unknown tensors.
@@ -98,6 +100,12 @@ impl Inspection {
             metadata: stored.metadata,
         })
     }
+
+    /// The same of a checkpoint of a training, with what it is.
+    #[must_use]
+    pub fn of_checkpoint(self, description: String) -> Self {
+        Self { what: Contents::Checkpoint { description }, ..self }
+    }
 }
 
 impl fmt::Display for Inspection {
@@ -108,6 +116,7 @@ impl fmt::Display for Inspection {
         match &self.what {
             Contents::Atsplat { model, hash } => writeln!(f, "what      weights of the model {model} (hash {hash})")?,
             Contents::Broken { fault } => writeln!(f, "what      BROKEN weights of this toolkit: {fault}")?,
+            Contents::Checkpoint { description } => writeln!(f, "what      {description}")?,
             Contents::Backbone(backbone) => writeln!(f, "what      {backbone}")?,
             Contents::Other => writeln!(f, "what      unknown tensors")?,
         }

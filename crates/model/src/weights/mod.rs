@@ -21,7 +21,7 @@ pub use imported::{ImportedBackbone, ImportedFile};
 pub use inspection::{Backbone, Inspection};
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;
-pub use model_weights::{ModelWeights, Precision};
+pub use model_weights::{CHECKPOINT_KEY, ModelWeights, Precision};
 pub use report::{ImportReport, Matched, MismatchCounts, MismatchReason, Mismatched, Missing, UnusedTensor};
 pub use verification::Verification;
 

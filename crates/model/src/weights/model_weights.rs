@@ -10,6 +10,8 @@ use crate::parameters::parameters;
 
 const WHAT: &str = "ATSplat weights";
 const FORMAT_KEY: &str = "atsplat.format";
+/// The entry of the metadata by which a checkpoint of a training is known, with the version of its format.
+pub const CHECKPOINT_KEY: &str = "atsplat.checkpoint";
 /// The written format, with a hash of the metadata.
 const FORMAT: &str = "2";
 /// The earlier format, without a hash of the metadata.
@@ -89,6 +91,11 @@ impl ModelWeights {
     /// Whether the metadata are those of a weights file of this toolkit.
     pub fn is_one(stored: &StoredTensors) -> bool {
         stored.metadata.contains_key(FORMAT_KEY)
+    }
+
+    /// Whether the metadata are those of a checkpoint of a training, which contains weights, averages and moments.
+    pub fn is_checkpoint(stored: &StoredTensors) -> bool {
+        stored.metadata.contains_key(CHECKPOINT_KEY)
     }
 
     /// The configuration in a file's metadata; tensors are not read.
@@ -188,6 +195,11 @@ fn in_precision(name: &str, tensor: &StoredTensor, precision: Precision) -> Resu
 
 /// The version of a file's format, if it is supported.
 fn format_of(stored: &StoredTensors) -> Result<&str, ModelError> {
+    if ModelWeights::is_checkpoint(stored) {
+        let found = "a training checkpoint: resume its run with --resume, or use weights.safetensors of its folder; \
+                     `atsplat weights import CHECKPOINT --out FILE` writes the weights of an older one";
+        return Err(ModelError::malformed(WHAT, "file", "a weights file", found));
+    }
     let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
     if [FORMAT_WITHOUT_HASH, FORMAT].contains(&format) {
         return Ok(format);

@@ -37,30 +37,54 @@ impl Verification {
         expected_sha256: Option<&str>,
     ) -> Result<Self, ModelError> {
         file.check_sha256(expected_sha256)?;
-        let (what, parameters, metadata_covered) = if ModelWeights::is_one(&file.stored) {
+        let found = if ModelWeights::is_one(&file.stored) {
             of_this_toolkit(&file, config)?
         } else {
             let found = backbone(&file, config)?;
             (found.to_string(), found.parameters, None)
         };
+        Ok(Self::of(file, found, config, expected_sha256))
+    }
+
+    /// The verification of a checkpoint of a training that was read completely: `what` it is, its weights, and whether its metadata
+    /// are hashed. The weights must fit `config`, if given.
+    ///
+    /// # Errors
+    /// [`ModelError`] if they do not, or if the file's sha256 is not `expected_sha256`.
+    pub fn of_checkpoint(
+        file: TensorFile,
+        (what, weights, metadata_covered): (String, ModelWeights, bool),
+        config: Option<&ModelConfig>,
+        expected_sha256: Option<&str>,
+    ) -> Result<Self, ModelError> {
+        file.check_sha256(expected_sha256)?;
+        let found = (what, weights.tensors.tensors.len(), Some(metadata_covered));
+        if let Some(config) = config {
+            weights.for_network(config.clone()).map_err(|error| error.in_file(&file.path))?;
+        }
+        Ok(Self::of(file, found, config, expected_sha256))
+    }
+
+    fn of(file: TensorFile, found: Found, config: Option<&ModelConfig>, expected_sha256: Option<&str>) -> Self {
+        let (what, parameters, metadata_covered) = found;
         let known = KnownFile::with_sha256(&file.sha256);
-        Ok(Self {
+        Self {
+            file: file.path,
+            sha256: file.sha256,
             sha256_expected: expected_sha256.is_some() || known.is_some(),
             what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
             metadata_covered,
             parameters,
             fits: config.map(|config| config.name.clone()),
-            file: file.path,
-            sha256: file.sha256,
-        })
+        }
     }
 }
 
-/// The description of a file of this toolkit, the number of parameters, and whether the metadata are hashed.
-fn of_this_toolkit(
-    file: &TensorFile,
-    config: Option<&ModelConfig>,
-) -> Result<(String, usize, Option<bool>), ModelError> {
+/// The description of a file, the number of parameters, and whether the metadata are hashed; `None` for files without metadata.
+type Found = (String, usize, Option<bool>);
+
+/// What a file of this toolkit contains.
+fn of_this_toolkit(file: &TensorFile, config: Option<&ModelConfig>) -> Result<Found, ModelError> {
     let weights = ModelWeights::of_file(file)?;
     let (what, parameters) = (format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len());
     let covered = weights.metadata_covered;

@@ -1,7 +1,7 @@
 //! The state of a run, and how a checkpoint stores it.
 
 use atsplat_model::parameters::Parameter;
-use atsplat_model::weights::{StoredTensor, StoredTensors};
+use atsplat_model::weights::{CHECKPOINT_KEY, StoredTensor, StoredTensors};
 
 use super::settings::check_settings;
 use crate::optimiser::Moments;
@@ -15,7 +15,8 @@ const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
 const AVERAGE: &str = "average";
 const FROZEN: &str = "frozen";
 const FROZEN_DIGEST: &str = "frozen-sha256";
-const METADATA_DIGEST: &str = "metadata-sha256";
+pub(super) const CONFIGURATION: &str = "configuration";
+pub(super) const METADATA_DIGEST: &str = "metadata-sha256";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 const INITIAL_DATA: &str = "initial-weights-data";
 const INITIAL_DIFFERENCES: &str = "initial-weights-differences";
@@ -119,13 +120,13 @@ impl State {
             }
         }
         stored.metadata = [
-            ("atsplat.checkpoint", FORMAT.to_owned()),
+            (CHECKPOINT_KEY, FORMAT.to_owned()),
             ("step", self.step.to_string()),
             ("updates", self.updates.to_string()),
             ("faults-in-a-row", self.skipped_in_a_row.to_string()),
             (REPLACED, self.replaced.count.to_string()),
             (REPLACED_SINCE, self.replaced.since.to_string()),
-            ("configuration", config.to_toml()?),
+            (CONFIGURATION, config.to_toml()?),
             (FROZEN_DIGEST, self.parameters.frozen().digest()),
             ("tensors-sha256", stored.digest()),
         ]
@@ -206,12 +207,12 @@ impl State {
 pub(super) type ReadBackbone<'a> = &'a dyn Fn() -> Result<StoredTensors, TrainError>;
 
 /// An error for another format, and for tensors or metadata that are not those that were written.
-fn check_digests(stored: &StoredTensors) -> Result<(), TrainError> {
+pub(super) fn check_digests(stored: &StoredTensors) -> Result<(), TrainError> {
     let expect = |key: &str, expected: &str, what: &str| match entry(stored, key)? {
         found if found == expected => Ok(()),
         found => Err(TrainError::malformed(WHAT, format!("metadata {key}"), what.to_owned(), found)),
     };
-    expect("atsplat.checkpoint", FORMAT, FORMAT)?;
+    expect(CHECKPOINT_KEY, FORMAT, FORMAT)?;
     expect("tensors-sha256", &stored.digest(), "the hash of the tensors")?;
     // Earlier versions wrote none.
     if stored.metadata.contains_key(METADATA_DIGEST) {

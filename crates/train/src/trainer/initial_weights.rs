@@ -12,10 +12,9 @@ use serde_json::{Value, json};
 
 use super::weights::{beyond_f16, value_beyond_f16};
 use crate::parameters::{Parameters, is_within};
+use crate::provenance::POSE_NORMALISATION;
 use crate::{TrainConfig, TrainError};
 
-/// Entry of a weights file's provenance: the name of the normalisation of poses.
-pub(super) const POSE_NORMALISATION: &str = "pose-normalisation";
 /// Fields of a model's configuration that change no Gaussian ([`ModelConfig::hash`]).
 const DESCRIPTIVE: [&str; 6] = ["name", "title", "notes", "inferred", "views", "resolution"];
 /// Tensors that a message names; the others are counted.

@@ -259,7 +259,7 @@ fn initial(config: &TrainConfig, model: &ModelConfig, start: &Start) -> Result<I
 }
 
 /// The weights of a frozen backbone, from the file that the configuration names.
-fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<StoredTensors, TrainError> {
+pub(crate) fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<StoredTensors, TrainError> {
     match &config.model.backbone {
         Some(path) => Ok(read_backbone(path, model, None)?.tensors),
         None if model.backbone.is_frozen() => {

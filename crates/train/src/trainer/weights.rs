@@ -1,15 +1,13 @@
 //! What a run writes: checkpoints and weights, with how they were made.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use atsplat_model::weights::{ModelWeights, Precision};
 
-use super::initial_weights::POSE_NORMALISATION;
 use super::{Trainer, WEIGHTS};
 use crate::TrainError;
-use crate::checkpoint::InitialWeights;
 use crate::parameters::Parameters;
+use crate::provenance::{MadeWith, provenance};
 
 /// The least number that f16 rounds to infinity.
 const BEYOND_F16: f32 = 65520.0;
@@ -28,45 +26,11 @@ impl Trainer {
             return Err(TrainError::Diverged { step, tensor, value, last_checkpoint });
         }
         let path = self.checkpoints.write(&state, &self.config)?;
-        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &result.stored()?)?;
+        let made_with = MadeWith { samples: self.samples.name(), perceptual: self.objective.perceptual() };
+        let provenance = provenance(&self.config, &self.state, made_with)?;
+        let weights = ModelWeights::new(self.model.clone(), provenance, &result.stored()?)?;
         weights.write(&self.folder.join(WEIGHTS), Precision::Half)?;
         Ok(path)
-    }
-
-    /// How the weights were made.
-    fn provenance(&self) -> Result<BTreeMap<String, String>, TrainError> {
-        let entries = [
-            ("title", self.config.title.clone()),
-            ("seed", self.config.seed.to_string()),
-            ("steps", format!("{} of {}", self.state.step, self.config.steps)),
-            ("skipped-steps", self.state.skipped().to_string()),
-            ("replaced-draws", self.state.replaced.to_string()),
-            ("batch", self.config.batch.to_string()),
-            ("perceptual-loss", self.objective.perceptual()),
-            (POSE_NORMALISATION, self.config.pose_normalisation.name()),
-            ("training-configuration", self.config.to_toml()?),
-            ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ];
-        let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
-        if let Some(adapter) = &self.state.adapter {
-            provenance.insert("adapter".to_owned(), adapter.clone());
-        }
-        let samples = self.samples.name();
-        let data = match &self.state.initial_weights {
-            None => vec![("data", samples)],
-            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{samples}; before: {before}"))],
-            // From `data`, readers conclude what the network never saw.
-            Some(InitialWeights { data: None, .. }) => {
-                vec![("data-of-this-run", samples), ("data-before", "not stated".to_owned())]
-            }
-        };
-        provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
-        if let Some(InitialWeights { sha256, differences, .. }) = &self.state.initial_weights {
-            provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
-            let differences = differences.iter().map(|text| ("initial-weights-differences".to_owned(), text.clone()));
-            provenance.extend(differences);
-        }
-        Ok(provenance)
     }
 }
 

@@ -1,0 +1,60 @@
+//! How weights were made, as their file states it.
+
+use std::collections::BTreeMap;
+
+use crate::checkpoint::{InitialWeights, State};
+use crate::{TrainConfig, TrainError};
+
+/// The name of the normalisation of poses.
+pub(crate) const POSE_NORMALISATION: &str = "pose-normalisation";
+
+/// What a run's weights are made with, beyond its configuration.
+pub(crate) struct MadeWith {
+    /// Description of the samples.
+    pub(crate) samples: String,
+    /// The perceptual loss with its weights.
+    pub(crate) perceptual: String,
+}
+
+/// The provenance of a run's weights after its latest step.
+///
+/// # Errors
+/// [`TrainError::Malformed`] for a configuration that TOML cannot represent.
+pub(crate) fn provenance(
+    config: &TrainConfig,
+    state: &State,
+    made_with: MadeWith,
+) -> Result<BTreeMap<String, String>, TrainError> {
+    let MadeWith { samples, perceptual } = made_with;
+    let entries = [
+        ("title", config.title.clone()),
+        ("seed", config.seed.to_string()),
+        ("steps", format!("{} of {}", state.step, config.steps)),
+        ("skipped-steps", state.skipped().to_string()),
+        ("replaced-draws", state.replaced.to_string()),
+        ("batch", config.batch.to_string()),
+        ("perceptual-loss", perceptual),
+        (POSE_NORMALISATION, config.pose_normalisation.name()),
+        ("training-configuration", config.to_toml()?),
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+    ];
+    let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
+    if let Some(adapter) = &state.adapter {
+        provenance.insert("adapter".to_owned(), adapter.clone());
+    }
+    let data = match &state.initial_weights {
+        None => vec![("data", samples)],
+        Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{samples}; before: {before}"))],
+        // From `data`, readers conclude what the network never saw.
+        Some(InitialWeights { data: None, .. }) => {
+            vec![("data-of-this-run", samples), ("data-before", "not stated".to_owned())]
+        }
+    };
+    provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
+    if let Some(InitialWeights { sha256, differences, .. }) = &state.initial_weights {
+        provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
+        let differences = differences.iter().map(|text| ("initial-weights-differences".to_owned(), text.clone()));
+        provenance.extend(differences);
+    }
+    Ok(provenance)
+}
