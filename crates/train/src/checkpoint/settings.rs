@@ -3,7 +3,7 @@
 use atsplat_files::changes;
 use atsplat_model::weights::StoredTensors;
 
-use super::state::{WHAT, entry};
+use super::state::{CONFIGURATION, WHAT, entry};
 use crate::error::Purpose;
 use crate::samples::DatasetConfig;
 use crate::{SourceConfig, TrainConfig, TrainError};
@@ -25,7 +25,7 @@ pub(super) fn check_settings(
     stored: &StoredTensors,
     config: &TrainConfig,
 ) -> Result<Option<ChangedSettings>, TrainError> {
-    let recorded = TrainConfig::from_toml(entry(stored, "configuration")?)?;
+    let recorded = TrainConfig::from_toml(entry(stored, CONFIGURATION)?)?;
     let changed = |config: &TrainConfig| changes(&recorded, config).unwrap_or_else(|error| error.to_string());
     let required = with_free_settings_of(&recorded, config);
     if required != recorded {
