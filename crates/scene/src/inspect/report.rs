@@ -1,7 +1,7 @@
 use atsplat_camera::ImageSize;
 use serde::Serialize;
 
-use crate::{Warning, WarningKind};
+use crate::{Format, Warning, WarningKind};
 
 /// Statistics of a dataset; [`std::fmt::Display`] formats them as a table, serde as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,13 +35,26 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Whether every scene is listed and was read, all frames have a usable pose, and no image was found missing, empty, cut short or
-    /// unreadable.
-    pub const fn is_complete(&self) -> bool {
+    /// Whether every scene is listed and was read, all frames have a usable pose and plausible intrinsics, no row of a trajectory seems
+    /// to be lost or repeated, and no image was found missing, empty, cut short or unreadable.
+    pub fn is_complete(&self) -> bool {
         let SceneCounts { unreadable, left_out, .. } = self.scenes;
         let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, .. } = self.images;
         let all_scenes = unreadable == 0 && left_out == 0;
-        all_scenes && missing == 0 && empty == 0 && unposed == 0 && headers_unreadable == 0 && cut_short == 0
+        let all_images = missing == 0 && empty == 0 && unposed == 0 && headers_unreadable == 0 && cut_short == 0;
+        all_scenes && all_images && !self.problems.iter().any(|problem| self.has_lost_rows(problem.kind))
+    }
+
+    /// Whether a problem of this kind means that rows are lost or not what they should be, although every listed scene was read.
+    fn has_lost_rows(&self, kind: WarningKind) -> bool {
+        match kind {
+            WarningKind::UnlistedImage | WarningKind::ImplausibleIntrinsics => true,
+            // In these formats it is about numbers in images' names, which the cameras of a rig share.
+            WarningKind::DuplicateTimestamp => {
+                [Format::Nerfstudio, Format::Colmap].iter().all(|format| format.name() != self.format)
+            }
+            _ => false,
+        }
     }
 }
 

@@ -190,6 +190,23 @@ fn scenes_that_were_left_out_make_an_inspection_incomplete() {
     assert_eq!((camera.scenes.left_out, camera.is_complete()), (0, true));
 }
 
+/// Images of a rig have the same numbers at the end of their names.
+#[test]
+fn rows_that_are_lost_or_wrong_make_an_inspection_incomplete() {
+    let is_complete = |format: &str, kind| {
+        let mut warnings = Warnings::new();
+        warnings.push(kind, "line", "detail");
+        inspect(&small_dataset(), format, &InspectOptions::default(), &mut warnings, &|| ()).is_complete()
+    };
+    for kind in [WarningKind::UnlistedImage, WarningKind::ImplausibleIntrinsics] {
+        assert_eq!(["re10k", "colmap"].map(|format| is_complete(format, kind)), [false; 2], "{kind}");
+    }
+    let formats = ["re10k", "torch-chunks", "nerfstudio", "colmap"];
+    let found = formats.map(|format| is_complete(format, WarningKind::DuplicateTimestamp));
+    assert_eq!(found, [false, false, true, true]);
+    assert!(is_complete("re10k", WarningKind::UnorderedTimestamps));
+}
+
 #[test]
 fn image_sizes_are_read_from_files() {
     let folder = tempfile::tempdir().unwrap();
