@@ -10,6 +10,10 @@ pub fn malformed_toml(what: &'static str, whole: &str, text: &str, error: &toml:
     let is_char_start = |byte: &u8| byte & 0b1100_0000 != 0b1000_0000;
     let column = before.rev().take_while(|byte| *byte != b'\n').filter(is_char_start).count() + 1;
     let (expected, found) = toml_problem(whole, error);
+    let (expected, found) = match error.span().and_then(|span| text.get(span)) {
+        Some(key) if message == "duplicate key" => ("every key once".to_owned(), format!("{key} again")),
+        _ => (expected, found),
+    };
     Malformed::new(what, format!("line {line} column {column}"), expected, found)
 }
 
@@ -154,5 +158,13 @@ mod tests {
         let error = toml::from_str::<BTreeMap<String, u8>>("a = 1\na = 2").unwrap_err();
         let (expected, found) = toml_problem("the whole", &error);
         assert_eq!((expected.as_str(), found.as_str()), ("the whole", "duplicate key"));
+    }
+
+    #[test]
+    fn a_key_that_is_there_twice_is_named() {
+        let text = "[table]\nfirst = 1\nsecond = 2\nfirst = 3\n";
+        let error = toml::from_str::<BTreeMap<String, BTreeMap<String, u8>>>(text).unwrap_err();
+        let error = malformed_toml("file", "the whole", text, &error).to_string();
+        assert_eq!(error, "file: line 4 column 1: expected every key once, found first again");
     }
 }
