@@ -122,6 +122,8 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
 
     // A table of published bins accepts only their estimator.
     let preset = atsplat_protocol::Preset::text_of("re10k-overlap").unwrap();
+    let stand_in = "name = \"overlap-40\"\nstands-for = \"re10k-overlap\"";
+    let preset = preset.replacen("name = \"re10k-overlap\"", stand_in, 1);
     let preset = preset.replacen("expected-size = { width = 640, height = 360 }\n", "", 1);
     std::fs::write(here.join("overlap.toml"), preset.replacen("256, width = 256", "40, width = 40", 1)).unwrap();
     let args = ["run", "overlap.toml", "--data", "data", "--method", "nearest-view"];

@@ -115,13 +115,15 @@ impl Preset {
         if is_toml_path(name_or_path) { Self::read(Path::new(name_or_path)) } else { Self::named(name_or_path) }
     }
 
-    /// Reads a preset from a TOML file.
+    /// Reads a preset from a TOML file. Only a copy of a built-in preset may have its name; texts for readers may differ.
     ///
     /// # Errors
-    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::from_toml`].
+    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::from_toml`] and around
+    /// [`ProtocolError::Malformed`] for another preset's name.
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
         let text = fs::read_to_string(path).map_err(FileError::during::<ProtocolError>("reading a preset", path))?;
-        Self::from_toml(&text).map_err(|error| error.in_file(path))
+        let preset = Self::from_toml(&text).and_then(|preset| validate::own_name(&preset).map(|()| preset));
+        preset.map_err(|error| error.in_file(path))
     }
 
     /// Reads a preset from TOML text and checks that its fields are consistent.
@@ -244,5 +246,24 @@ mod tests {
         let path = folder.path().join("mine.toml");
         fs::write(&path, Preset::text_of("dl3dv-6v-224").unwrap()).unwrap();
         assert_eq!(Preset::resolve(path.to_str().unwrap()).unwrap(), Preset::named("dl3dv-6v-224").unwrap());
+    }
+
+    /// Its rows would be those of the built-in one.
+    #[test]
+    fn a_file_that_differs_from_a_built_in_preset_has_another_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        let read = |preset: &Preset| {
+            fs::write(&path, preset.to_toml().unwrap()).unwrap();
+            Preset::read(&path).map(|preset| preset.name).map_err(|error| error.to_string())
+        };
+        let mut preset = Preset::named("re10k-2v-256").unwrap();
+        preset.title = "a copy with another title".to_owned();
+        assert_eq!(read(&preset), Ok("re10k-2v-256".to_owned()));
+        preset.near_far.far += 1.0;
+        let error = read(&preset).unwrap_err();
+        assert!(error.contains("field name: expected another name") && error.contains("mine.toml"), "{error}");
+        preset.name = "mine".to_owned();
+        assert_eq!(read(&preset), Ok("mine".to_owned()));
     }
 }

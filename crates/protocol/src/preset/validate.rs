@@ -1,6 +1,7 @@
 use std::fmt::Display;
 
 use atsplat_files::{Malformed, is_toml_path};
+use atsplat_scene::preprocess::{Preprocessing, Step};
 
 use super::{DisparityPlanes, Filters, MethodSetting, NearFar, PoseNormalisation, Preset, RendererConvention};
 use crate::{IndexEntry, KnownIndex, ProtocolError, SamplingRule};
@@ -11,6 +12,7 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     name("dataset", &preset.dataset)?;
     ensure(!preset.sources.is_empty(), "sources", "at least one source", &"none")?;
     index(preset)?;
+    preprocessing(&preset.preprocessing)?;
     stand_in(preset)?;
     poses("pose-normalisation", &preset.pose_normalisation, 0)?;
     planes("near-far", preset.near_far)?;
@@ -18,6 +20,40 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     renderer("renderer", &preset.renderer)?;
     preset.methods.iter().try_for_each(|setting| method(preset, setting))?;
     filters(&preset.filters)
+}
+
+/// Checks that a preset of a file does not pass for a built-in one, under whose name it would be in tables.
+pub(super) fn own_name(preset: &Preset) -> Result<(), ProtocolError> {
+    let Ok(built_in) = Preset::named(&preset.name) else { return Ok(()) };
+    let is_built_in = built_in.hash()? == preset.hash()?;
+    let expected = "another name than that of a built-in protocol, from which this one differs";
+    ensure(is_built_in, "name", expected, &preset.name)
+}
+
+fn preprocessing(preprocessing: &Preprocessing) -> Result<(), ProtocolError> {
+    if let Some(size) = preprocessing.expected_size {
+        sides("preprocessing.expected-size", size.height, size.width)?;
+    }
+    for (at, step) in preprocessing.steps.iter().enumerate() {
+        let field = format!("preprocessing.steps[{at}]");
+        match step {
+            Step::RescaleAndCrop(step) => sides(&field, step.height, step.width),
+            Step::CentreCrop(step) => sides(&field, step.height, step.width),
+            Step::Resize(step) => sides(&field, step.height, step.width),
+            Step::PatchCrop(step) => pixels(&field, "multiple", step.multiple),
+            Step::SquareCrop(_) => Ok(()),
+        }?;
+    }
+    Ok(())
+}
+
+fn sides(field: &str, height: u32, width: u32) -> Result<(), ProtocolError> {
+    pixels(field, "height", height)?;
+    pixels(field, "width", width)
+}
+
+fn pixels(field: &str, side: &str, found: u32) -> Result<(), ProtocolError> {
+    ensure(found > 0, &format!("{field}.{side}"), "at least one pixel", &found)
 }
 
 fn method(preset: &Preset, setting: &MethodSetting) -> Result<(), ProtocolError> {
@@ -192,6 +228,12 @@ mod tests {
             ("alpha-min-inverse = 255.0", "alpha-min-inverse = 0.5", "field renderer.alpha-min-inverse: expected the"),
             ("background = [0.0, 0.0, 0.0]", "background = [0.0, 0.0, 2.0]", "field renderer.background"),
             ("dataset = \"re10k\"", "dataset = \"acid\"", "expected an index of the preset's dataset"),
+            (
+                "height = 256, width",
+                "height = 0, width",
+                "field preprocessing.steps[0].height: expected at least one pixel, found 0",
+            ),
+            ("width = 640", "width = 0", "field preprocessing.expected-size.width: expected at least one pixel"),
         ] {
             let error = changed(from, to).unwrap_err().to_string();
             assert!(error.starts_with("preset: field ") && error.contains(expected), "{error}");
@@ -218,6 +260,26 @@ mod tests {
             assert!(error.contains(expected), "{error}");
         }
         assert_eq!(changed("stands-for = \"re10k-2v-256\"", "").unwrap().stands_for, None);
+    }
+
+    #[test]
+    fn every_step_has_an_output() {
+        let steps = |steps: &str| {
+            let text = Preset::text_of("re10k-overlap").unwrap();
+            let line = text.lines().find(|line| line.starts_with("steps = ")).unwrap();
+            Preset::from_toml(&text.replacen(line, &format!("steps = [{steps}]"), 1)).map_err(|error| error.to_string())
+        };
+        let whole = "{ step = \"square-crop\" }, { step = \"resize\", height = 64, width = 48 }";
+        steps(whole).unwrap();
+        for (second, field) in [
+            ("{ step = \"resize\", height = 64, width = 0 }", "width"),
+            ("{ step = \"centre-crop\", height = 0, width = 48 }", "height"),
+            ("{ step = \"patch-crop\", multiple = 0 }", "multiple"),
+        ] {
+            let error = steps(&format!("{{ step = \"square-crop\" }}, {second}")).unwrap_err();
+            let expected = format!("field preprocessing.steps[1].{field}: expected at least one pixel, found 0");
+            assert!(error.contains(&expected), "{error}");
+        }
     }
 
     #[test]

@@ -283,6 +283,7 @@ mod tests {
         // Whatever the last step is, if it brings any image to one size.
         let folder = tempfile::tempdir().unwrap();
         let mut custom = Preset::named("rooms-2v-128").unwrap();
+        custom.name = "custom".to_owned();
         for (name, last) in
             [("crop", Step::from(CentreCrop::new(512, 512))), ("resize", Step::from(Resize::new(512, 512)))]
         {

@@ -409,6 +409,7 @@ fn images_of_another_scale_than_the_networks_are_refused_before_the_first_step()
     let folder = tempfile::tempdir().unwrap();
     write_scenes(folder.path(), 1);
     let mut preset = Preset::named("re10k-2v-256").unwrap();
+    preset.name = "any-size".to_owned();
     (preset.preprocessing.expected_size, preset.preprocessing.steps) = (None, vec![PatchCrop::new(16).into()]);
     let path = folder.path().join("preset.toml");
     std::fs::write(&path, preset.to_toml().unwrap()).unwrap();
@@ -455,7 +456,7 @@ fn write_scenes_of(folder: &Path, count: u32, frames: usize, samples: u32) {
 
 /// Path of a preset for their images: the published one at their size, so that nothing is cropped.
 fn tiny_preset(folder: &Path) -> String {
-    let text = Preset::text_of("re10k-2v-256").unwrap();
+    let text = Preset::text_of("re10k-2v-256").unwrap().replacen("name = \"re10k-2v-256\"", "name = \"tiny\"", 1);
     let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
     let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
     let path = folder.join("tiny.toml");
