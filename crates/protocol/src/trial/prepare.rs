@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera, normalise};
 use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
-use atsplat_scene::{Frame, FrameImage, Scene, Warnings};
+use atsplat_scene::{Frame, FrameImage, ImageMismatch, Scene, Warnings};
 
 use super::images::LazyImage;
 use super::{
@@ -138,8 +138,12 @@ impl<'a> View<'a> {
             return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
         }
         let size = size.map_err(|detail| Rejection { reason: SkipReason::ImageUnreadable, detail })?;
-        let fatal = frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.image.is_available());
-        if let Some(mismatch) = fatal {
+        // Whoever made an image of the protocol's size made it for these intrinsics, as published loaders assume.
+        let is_accepted = |mismatch: &ImageMismatch| {
+            matches!(mismatch, ImageMismatch::Pixels { .. }) && recipe.preprocessing.expected_size == Some(size)
+        };
+        let is_fatal = |mismatch: &ImageMismatch| mismatch.is_fatal() && !is_accepted(mismatch);
+        if let Some(mismatch) = frame.mismatch(size).filter(is_fatal).filter(|_| frame.image.is_available()) {
             return Err(Rejection { reason: SkipReason::ImageMisfit, detail: format!("frame {position}: {mismatch}") });
         }
         let unfit = |error: PreprocessError| Rejection {

@@ -257,6 +257,31 @@ fn rejects_images_that_do_not_fit_their_intrinsics() {
     assert_eq!(with(128, 96, Some(SIZE)), (Ok(()), 0));
 }
 
+/// For the test's cameras, images of 50×40 would have square pixels. Those of 40×40 are a warning if the protocol expects this size.
+#[test]
+fn images_of_the_expected_size_may_have_other_pixels() {
+    let (width, height) = (40, 40);
+    let image = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+    let png = SharedBytes::new(atsplat_pixels::encode_png(&image).unwrap());
+    let outcome = |expected_size: Option<ImageSize>, stated: Option<ImageSize>| {
+        let mut changed = scene("s", 9, 5);
+        for frame in &mut changed.frames {
+            (frame.image, frame.stated_size) = (FrameImage::Encoded(png.clone()), stated);
+        }
+        let recipe =
+            TrialRecipe { preprocessing: Preprocessing { expected_size, ..Preprocessing::default() }, ..recipe() };
+        let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
+        let mut trials = Trials::new(Arc::new(MemorySource::new([changed])), &index, recipe, Prefetch::default());
+        let reason = trials.next().unwrap().err().map(|skipped| skipped.reason);
+        (reason, trials.warnings().count(WarningKind::UnexpectedSize))
+    };
+    let size = ImageSize { width, height };
+    assert_eq!(outcome(None, None), (Some(SkipReason::ImageMisfit), 3));
+    assert_eq!(outcome(Some(size), None), (None, 3));
+    // They are for images of another size, as the data say.
+    assert_eq!(outcome(Some(size), Some(SIZE)), (Some(SkipReason::ImageMisfit), 3));
+}
+
 #[test]
 fn warns_about_images_with_an_exif_rotation() {
     let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
