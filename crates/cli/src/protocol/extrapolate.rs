@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use atsplat_protocol::extrapolation::{
-    Extrapolation, ExtrapolationReport, Incomplete, Margin, Placement, scene_lengths,
+    Extrapolation, ExtrapolationReport, Incomplete, Margin, Placement, scene_frames,
 };
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
@@ -26,7 +26,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "INDEX")]
     out: PathBuf,
 
-    /// Dataset with the length of each scene. Without it every scene counts as long enough.
+    /// Dataset with the frames of each scene. Without it every scene counts as long enough, and every frame has an image.
     #[arg(long, value_name = "PATH")]
     data: Option<PathBuf>,
 
@@ -60,11 +60,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     check_output("--out", &args.out, &inputs)?;
     let _outputs = OutputFiles::of([args.out.as_path()])?;
     let out = PendingFile::open(&args.out)?;
-    let lengths = match &args.data {
+    let scenes = match &args.data {
         Some(path) => {
             let dataset = args.images.open(path, &mut warnings)?;
             let progress = Progress::new("scenes", index.scene_count());
-            scene_lengths(&index, &dataset, &|| progress.step(), &mut warnings)
+            scene_frames(&index, &dataset, &|| progress.step(), &mut warnings)
         }
         None => IndexMap::new(),
     };
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         placement: if args.keep_windows { Placement::Keep } else { Placement::Shift },
         incomplete: if args.clip { Incomplete::Clip } else { Incomplete::Drop },
     };
-    let report = split.split(&index, &lengths);
+    let report = split.split_among(&index, &scenes);
     if report.index.entries().next().is_none() {
         print_report(&report, args.json)?;
         print_warnings(&warnings);
@@ -87,7 +87,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     // With --data, a scene of unknown length is missing from it.
     let all_found = args.data.is_none() || report.length_unknown == 0;
-    let complete = all_found && report.dropped() == 0;
+    let complete = all_found && report.dropped() == 0 && report.missing_images == 0;
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     Ok(complete)

@@ -1,18 +1,18 @@
 //! The extrapolation split: targets outside the window of context frames.
 
 mod distance;
+mod frames;
 mod margin;
 mod report;
 
-use atsplat_scene::{SceneSource, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 pub use distance::{FrameLabel, TargetDistances};
+pub use frames::{SceneFrames, scene_frames, scene_lengths};
 pub use margin::{InvalidMargin, Margin};
 pub use report::ExtrapolationReport;
 
-use crate::loading::{in_parallel, load};
 use crate::{Derivation, EvaluationIndex, IndexEntry};
 
 /// The settings of the split. "10 frames before and after the input window" (ATSplat) states how far targets
@@ -64,16 +64,24 @@ pub enum Incomplete {
 }
 
 impl Extrapolation {
-    /// Derives the split from an index and the number of frames of each scene.
+    /// Derives the split from an index and the number of frames of each scene, all of which count as usable.
     ///
     /// A scene missing from `lengths` counts as long enough and is reported in
     /// [`ExtrapolationReport::length_unknown`]. Scenes that lose all entries remain in the index as `null`.
     pub fn split(&self, index: &EvaluationIndex, lengths: &IndexMap<String, usize>) -> ExtrapolationReport {
+        let scenes = lengths.iter().map(|(key, length)| (key.clone(), SceneFrames::from(*length))).collect();
+        self.split_among(index, &scenes)
+    }
+
+    /// As [`Self::split`], but without the frames that `scenes` lack: a window shifts to where all of its frames and targets are, and
+    /// otherwise loses targets or is dropped.
+    pub fn split_among(&self, index: &EvaluationIndex, scenes: &IndexMap<String, SceneFrames>) -> ExtrapolationReport {
         let mut report = ExtrapolationReport::default();
         for (key, entries) in &index.scenes {
             report.null_scenes += usize::from(entries.is_empty());
-            let length = lengths.get(key).copied();
-            let moved = entries.iter().filter_map(|entry| self.derive_entry(key, entry, length, &mut report)).collect();
+            let scene = scenes.get(key);
+            report.missing_images += scene.map_or(0, |scene| scene.missing.len());
+            let moved = entries.iter().filter_map(|entry| self.derive_entry(key, entry, scene, &mut report)).collect();
             report.index.scenes.insert(key.clone(), moved);
         }
         report.targets_by_distance = TargetDistances::of(report.index.scenes.values().flatten());
@@ -84,32 +92,51 @@ impl Extrapolation {
         &self,
         key: &str,
         entry: &IndexEntry,
-        length: Option<usize>,
+        scene: Option<&SceneFrames>,
         report: &mut ExtrapolationReport,
     ) -> Option<IndexEntry> {
         let margin = self.margin.get();
-        let frames = frames_of(length);
+        let frames = frames_of(scene.map(|scene| scene.length));
         let Some((start, end)) = entry.window().filter(|(_, end)| *end < frames) else {
             report.invalid.push(key.to_owned());
             return None;
         };
-        report.length_unknown += usize::from(length.is_none());
+        report.length_unknown += usize::from(scene.is_none());
         report.started_at_zero += usize::from(start == 0);
         let span = end - start;
+        let is_there = |frame: &usize| scene.is_none_or(|scene| !scene.missing.contains(frame));
+        let placed = |new_start: usize| -> (Vec<usize>, Vec<usize>) {
+            let after = new_start + span + 1;
+            let before = new_start.saturating_sub(margin)..new_start;
+            let context = entry.context.iter().map(|frame| frame - start + new_start).collect();
+            (context, before.chain(after..frames.min(after + margin)).collect())
+        };
+        let is_whole = |new_start: &usize| {
+            let (context, target) = placed(*new_start);
+            target.len() == 2 * margin && context.iter().chain(&target).all(is_there)
+        };
         let new_start = match self.placement {
             Placement::Keep => start,
-            Placement::Shift => shifted_start(start, span, margin, frames),
+            Placement::Shift => {
+                let has_gaps = scene.is_some_and(|scene| !scene.missing.is_empty());
+                let candidates = has_gaps.then(|| margin..=frames.saturating_sub(span + margin + 1));
+                let whole = candidates.into_iter().flatten().filter(is_whole);
+                let nearest = whole.min_by_key(|candidate| candidate.abs_diff(start));
+                nearest.unwrap_or_else(|| shifted_start(start, span, margin, frames))
+            }
         };
-        let new_end = new_start + span;
-        let before = new_start.saturating_sub(margin)..new_start;
-        let after = new_end + 1..frames.min(new_end + 1 + margin);
-        let target: Vec<usize> = before.chain(after).collect();
-        if target.len() == 2 * margin {
+        let (context, mut target) = placed(new_start);
+        let has_room = target.len() == 2 * margin;
+        target.retain(is_there);
+        let has_context = context.iter().all(is_there);
+        if has_context && target.len() == 2 * margin {
             report.complete += 1;
-        } else if self.incomplete == Incomplete::Clip && !target.is_empty() {
+        } else if has_context && self.incomplete == Incomplete::Clip && !target.is_empty() {
             report.clipped.push(key.to_owned());
         } else {
-            let cause = if length.is_some() && span + 1 + 2 * margin > frames {
+            let cause = if has_room || !has_context {
+                &mut report.without_image
+            } else if scene.is_some() && span + 1 + 2 * margin > frames {
                 &mut report.too_short
             } else if new_start < margin {
                 &mut report.no_room_before
@@ -121,7 +148,6 @@ impl Extrapolation {
         }
         report.shifted_later += usize::from(new_start > start);
         report.shifted_earlier += usize::from(new_start < start);
-        let context = entry.context.iter().map(|frame| frame - start + new_start).collect();
         Some(IndexEntry { context, target, overlap: entry.overlap.clone().filter(|_| new_start == start) })
     }
 }
@@ -139,24 +165,6 @@ fn shifted_start(start: usize, span: usize, margin: usize, frames: usize) -> usi
         Some(latest) if latest >= margin => start.clamp(margin, latest),
         _ => start,
     }
-}
-
-/// The number of frames of each scene of `index` in `source`, read in parallel; `null` scenes are skipped. A scene that
-/// cannot be loaded is omitted with a warning. `progress` is called once per scene, from any thread.
-pub fn scene_lengths(
-    index: &EvaluationIndex,
-    source: &dyn SceneSource,
-    progress: &(dyn Fn() + Sync),
-    warnings: &mut Warnings,
-) -> IndexMap<String, usize> {
-    let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
-    let keys: Vec<&String> = with_entries.map(|(key, _)| key).collect();
-    let lengths = in_parallel(&keys, warnings, |key, warnings| {
-        let length = load(source, key, warnings).ok().map(|scene| scene.frames.len());
-        progress();
-        length
-    });
-    keys.into_iter().cloned().zip(lengths).filter_map(|(key, length)| Some((key, length?))).collect()
 }
 
 #[cfg(test)]
@@ -209,6 +217,41 @@ mod tests {
         let clipped = clip.split(&index, &frames);
         assert_eq!(clipped.index.scenes["short"][0].target, (10..20).collect::<Vec<_>>());
         assert_eq!(clipped.clipped, ["short"]);
+    }
+
+    /// The last 40 frames of one scene have no image, and one frame of each of the others.
+    #[test]
+    fn frames_without_an_image_are_neither_targets_nor_context() {
+        let index = index_of(&[("end", &[60, 79]), ("hole", &[31, 41]), ("tight", &[10, 19]), ("whole", &[10, 19])]);
+        let scene = |length: usize, missing: std::ops::Range<usize>| SceneFrames { length, missing: missing.collect() };
+        let scenes = [("end", scene(120, 80..120)), ("hole", scene(100, 45..46)), ("tight", scene(30, 5..6))];
+        let scenes: IndexMap<_, _> = scenes.into_iter().map(|(key, frames)| (key.to_owned(), frames)).collect();
+        let report = Extrapolation::default().split_among(&index, &scenes);
+        let moved = |report: &ExtrapolationReport, key: &str| report.index.scenes[key][0].clone();
+        let both =
+            |before: std::ops::Range<usize>, after: std::ops::Range<usize>| before.chain(after).collect::<Vec<_>>();
+        assert_eq!((moved(&report, "end").context, moved(&report, "end").target), (vec![50, 69], both(40..50, 70..80)));
+        // Frame 45 is in the window, but no context frame.
+        assert_eq!(
+            (moved(&report, "hole").context, moved(&report, "hole").target),
+            (vec![36, 46], both(26..36, 47..57))
+        );
+        assert_eq!((report.without_image.clone(), report.dropped(), report.complete), (vec!["tight".to_owned()], 1, 3));
+        assert_eq!((report.missing_images, report.shifted_earlier, report.shifted_later), (42, 1, 1));
+        assert!(report.to_string().contains("     42  frames without an image or a usable pose"), "{report}");
+
+        let clip = Extrapolation { incomplete: Incomplete::Clip, ..Extrapolation::default() };
+        let clipped = clip.split_among(&index, &scenes);
+        let left: Vec<usize> = (0..10).filter(|frame| *frame != 5).chain(20..30).collect();
+        assert_eq!((moved(&clipped, "tight").target, clipped.clipped), (left, vec!["tight".to_owned()]));
+
+        let keep = Extrapolation { placement: Placement::Keep, ..clip };
+        let kept = keep.split_among(&index_of(&[("hole", &[30, 45])]), &scenes);
+        assert_eq!(
+            (kept.without_image, kept.clipped.len()),
+            (vec!["hole".to_owned()], 0),
+            "a context frame is missing"
+        );
     }
 
     #[test]

@@ -32,10 +32,14 @@ pub struct ExtrapolationReport {
     /// Entries dropped because there are too few frames after an unshifted window or, in a scene of unknown length,
     /// before [`crate::IndexEntry::MAX_FRAME`].
     pub no_room_after: Vec<String>,
+    /// Entries dropped because frames have no image file or no usable pose, although the scene has room for them.
+    pub without_image: Vec<String>,
     /// Entries dropped because a context frame lies outside the scene, or there is no context frame.
     pub invalid: Vec<String>,
     /// Entries of scenes of unknown length, which count as long enough.
     pub length_unknown: usize,
+    /// Frames of the index's scenes without an image file or a usable pose, which are no targets.
+    pub missing_images: usize,
     /// Targets of the new index by signed distance from their window.
     pub targets_by_distance: TargetDistances,
 }
@@ -47,11 +51,12 @@ impl ExtrapolationReport {
     }
 
     /// Why entries were dropped, with the scene of each.
-    pub const fn drops(&self) -> [(&'static str, &[String]); 4] {
+    pub const fn drops(&self) -> [(&'static str, &[String]); 5] {
         [
             ("scene too short", self.too_short.as_slice()),
             ("no room before the window", self.no_room_before.as_slice()),
             ("no room after the window", self.no_room_after.as_slice()),
+            ("frames without an image", self.without_image.as_slice()),
             ("frames outside the scene", self.invalid.as_slice()),
         ]
     }
@@ -74,6 +79,7 @@ impl fmt::Display for ExtrapolationReport {
             writeln!(f, "{:>7}  entries dropped, {why}", scenes.len())?;
         }
         writeln!(f, "{:>7}  entries whose scene length is unknown", self.length_unknown)?;
+        writeln!(f, "{:>7}  frames without an image or a usable pose, which are not selected", self.missing_images)?;
         writeln!(f, "targets by distance: {}", self.targets_by_distance)
     }
 }
