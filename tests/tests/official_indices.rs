@@ -192,6 +192,11 @@ fn presets_describe_the_files_that_they_accept() {
         let targets = report.targets_per_scene.unwrap();
         let (fewest, most) = preset.index.targets;
         assert_eq!((targets.min, targets.max), (fewest as u64, most as u64), "{name}");
+        assert_eq!(
+            (preset.misplaced_targets(&file.index), preset.unusual_target_counts(&file.index)),
+            (vec![], None),
+            "{name}"
+        );
         for alternative in alternatives {
             let file = official.file(&alternative.name);
             assert!(matches!(preset.index.recognise(&file), IndexMatch::Alternative { .. }), "{name}");

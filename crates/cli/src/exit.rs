@@ -33,8 +33,8 @@ pub(crate) struct WithStrict<A: clap::Args> {
     #[command(flatten)]
     args: A,
 
-    /// Exit with code 4 if the results are incomplete: scenes or frames are missing, entries were skipped, or a trial failed or
-    /// rendered no Gaussian.
+    /// Exit with code 4 if the results are incomplete: scenes or frames are missing, entries were skipped, targets of an unpublished
+    /// index are not where the protocol has them, or a trial failed or rendered no Gaussian.
     #[arg(long)]
     strict: bool,
 }

@@ -109,7 +109,8 @@ fn problems(dataset: &Dataset, opening: &Warnings) -> Vec<(String, u64, String)>
     let found = opening.summary().map(|(kind, count, first)| (kind.to_string(), count, first.to_string()));
     let index = &dataset.index;
     let notices = index.notices.iter().map(|(kind, notice)| (kind.clone(), notice.count, notice.example.clone()));
-    let mismatches = dataset.preset.mismatches(&index.index, &index.sha256).into_iter();
+    let foreign = dataset.preset.foreign_index(&index.index, &index.sha256);
+    let mismatches = foreign.into_iter().chain(dataset.unfit_entries(&index.index));
     let mismatches = mismatches.map(|mismatch| (mismatch.kind, mismatch.count, mismatch.example));
     let missing = Selection::default().missing_in(dataset);
     let first = missing.first().map(|first| (MISSING_SCENES.to_owned(), missing.len() as u64, first.clone()));

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use atsplat_numeric::counted;
+use atsplat_protocol::MISPLACED_TARGETS;
 
 use crate::warning_kinds::{DROPPED_BY_SPLIT, FAILED_AGAIN, MISSING_SCENES, NOT_SAMPLED};
 use crate::{Results, TargetStatus};
@@ -34,6 +35,8 @@ pub enum GapKind {
     NotSampled(&'static str),
     /// Entries of a published index that the split derived from it drops.
     DroppedBySplit,
+    /// Entries of an index that is none of the protocol's own, with targets of this kind, which the protocol does not have.
+    MisplacedTargets(&'static str),
     /// Index entries that an interrupted run has not reached, or without a metric that others have.
     Unfinished,
     /// Index entries without a trial.
@@ -114,6 +117,9 @@ fn of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
     if let Some(method) = kind.strip_prefix(FAILED_AGAIN) {
         return Some((GapKind::Incomplete, method.strip_prefix(": ")));
     }
+    if let Some(misplaced) = MISPLACED_TARGETS.into_iter().find(|misplaced| *misplaced == kind) {
+        return Some((GapKind::MisplacedTargets(misplaced), None));
+    }
     let not_sampled = NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix));
     not_sampled.map(|prefix| (GapKind::NotSampled(prefix), None))
 }
@@ -135,7 +141,7 @@ impl fmt::Display for Gap {
         match kind {
             GapKind::MissingShards => return write!(f, "{shards} of the run {are} missing: this is {first}"),
             GapKind::MissingScenes => write!(f, "{scenes} of the index {are} not in the data"),
-            GapKind::NotSampled(kind) => write!(f, "{count} {kind}"),
+            GapKind::NotSampled(kind) | GapKind::MisplacedTargets(kind) => write!(f, "{count} {kind}"),
             GapKind::DroppedBySplit => {
                 write!(f, "{entries} of the published index {are} dropped by the split derived from it")
             }
@@ -204,6 +210,20 @@ mod tests {
             "p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
         ];
         assert_eq!(lines(&results), expected);
+    }
+
+    /// An index of other targets than the protocol's. Another number of them is a warning, and so are other context views.
+    #[test]
+    fn targets_on_the_wrong_side_of_the_window_are_a_gap() {
+        let mut results = Results::default();
+        let misplaced = MISPLACED_TARGETS.map(|kind| warning(kind, 2, "scene a, entry 1"));
+        results.provenance.warnings = misplaced.to_vec();
+        results.provenance.warnings.push(warning("entries without the preset's 3 targets", 4, "scene b, entry 0"));
+        let mut expected = MISPLACED_TARGETS.map(|kind| format!("p: 2 {kind}: scene a, entry 1"));
+        expected.sort();
+        let mut found = lines(&results);
+        found.sort();
+        assert_eq!(found, expected);
     }
 
     /// Its rows are whole, but lack what it should have been evaluated again for.

@@ -12,10 +12,13 @@ use clap::Subcommand;
 use crate::exit::{Exit, WithStrict, done};
 
 const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, no \
-                           entries, another protocol's index, dropped scenes, or other trials than --against";
+                           entries, another protocol's index or targets, dropped scenes, or other trials than --against";
 
 const BUILD_STRICT: &str = "Exit with code 4 if a scene has no entry, or frames lack an image that can be read, or a usable \
                             pose";
+
+const EXTRAPOLATE_STRICT: &str = "Exit with code 4 if scenes or entries of the index were skipped, or frames lack an image or \
+                                  a usable pose";
 
 const ENTRIES_STRICT: &str = "Exit with code 4 if scenes or entries of the index were skipped";
 
@@ -34,7 +37,7 @@ pub(crate) enum Command {
     /// Measure how well each overlap estimator predicts the true co-visibility in simulated scenes.
     Estimators(estimators::Args),
     /// Derive the split with targets before and after each window of context frames.
-    #[command(mut_arg("strict", |strict| strict.help(ENTRIES_STRICT)))]
+    #[command(mut_arg("strict", |strict| strict.help(EXTRAPOLATE_STRICT)))]
     Extrapolate(WithStrict<extrapolate::Args>),
     /// Build an index for a dataset that has none.
     #[command(mut_arg("strict", |strict| strict.help(BUILD_STRICT)))]

@@ -33,10 +33,11 @@ pub(crate) fn write_noise(here: &Path, scenes: u8) {
     write_index(&here.join("data"), &keys, "[0, 20]", "[1, 3, 5, 7, 9, 11, 13, 15]");
 }
 
-/// Writes `tiny.toml`: RE10K's two-view protocol on images of `side`².
+/// Writes `tiny.toml`: RE10K's two-view protocol on images of `side`², with any number of targets.
 pub(crate) fn write_preset(here: &Path, side: u32) {
     let text = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replacen("name = \"re10k-2v-256\"", "name = \"tiny\"", 1);
+    let text = text.replacen("targets = [3, 3]", "targets = [1, 99]", 1);
     let text = text.replacen("expected-size = { width = 640, height = 360 }\n", "", 1);
     let text = text.replacen("height = 256, width = 256", &format!("height = {side}, width = {side}"), 1);
     std::fs::write(here.join("tiny.toml"), text).unwrap();

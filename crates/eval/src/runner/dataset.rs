@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, IndexFile, Preset, SamplingRule};
+use atsplat_protocol::{EvaluationIndex, IndexFile, IndexMismatch, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::RenderOptions;
 
@@ -22,7 +22,7 @@ pub enum IndexChoice<'a> {
     At(&'a Path),
     /// The protocol's published index among the files of this folder, which was searched before ([`PlannedIndex::published`]).
     Below(&'a IndexFolder),
-    /// Frames sampled by a rule of this name or path ([`PlannedIndex::sampled`]).
+    /// Frames sampled by a rule of this name or path ([`PlannedIndex::sampled`]), and the protocol's split of them, if it has one.
     Sampled(&'a str, &'a SamplingRule),
 }
 
@@ -55,7 +55,13 @@ impl Dataset {
             }
         }
         let index = match index {
-            IndexChoice::Sampled(name, rule) => PlannedIndex::sampled(name, rule, source.as_ref(), warnings),
+            IndexChoice::Sampled(name, rule) => {
+                let sampled = PlannedIndex::sampled(name, rule, source.as_ref(), warnings);
+                match preset.index.derivation {
+                    Some(derivation) => sampled.split(derivation, source.as_ref(), warnings),
+                    None => sampled,
+                }
+            }
             IndexChoice::At(path) => PlannedIndex::read(path, &preset, source.as_ref(), warnings)?,
             IndexChoice::Below(folder) => PlannedIndex::published(folder, &preset, source.as_ref(), warnings)?,
             IndexChoice::NextToData => {
@@ -73,6 +79,14 @@ impl Dataset {
     pub fn trials(&self, index: &EvaluationIndex) -> Trials {
         let recipe = TrialRecipe::of(&self.preset, Preset::OWN_METHOD);
         Trials::new(Arc::clone(&self.source), index, recipe, Prefetch::NONE)
+    }
+
+    /// Entries of an index, or of a part of it, that do not fit the protocol. In one of its own, or in such a one with fewer context
+    /// views, targets are where they were published.
+    pub fn unfit_entries(&self, index: &EvaluationIndex) -> Vec<IndexMismatch> {
+        let is_its_own = self.index.name.is_some() || self.index.reduced_from.is_some();
+        let misplaced = if is_its_own { Vec::new() } else { self.preset.misplaced_targets(index) };
+        self.preset.unfit_entries(index).into_iter().chain(misplaced).collect()
     }
 
     /// How the protocol renders a trial.

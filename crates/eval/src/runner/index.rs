@@ -58,7 +58,7 @@ impl PlannedIndex {
             | IndexMatch::Underived { name } => Some(name.to_owned()),
             IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => None,
         };
-        let notices = if name.is_some() { BTreeMap::new() } else { index_notices::of_file(&file.notices) };
+        let notices = if name.is_some() { BTreeMap::new() } else { index_notices::of_file(&file, preset) };
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous().map_err(|error| error.in_file(path))?;
         let description = path.display().to_string();
@@ -300,12 +300,20 @@ mod tests {
     fn irregularities_of_a_file_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("index.json");
-        let entry = |more: &str| format!(r#"{{"context": [0, 9], "target": [3], {more}}}"#);
-        let [word, other, field] = [r#""overlap": "ignore""#, r#""overlap": "large""#, r#""overlapp": 1"#].map(entry);
+        let entry = |(target, more): (&str, &str)| format!(r#"{{"context": [0, 9], "target": [{target}], {more}}}"#);
+        let [word, other, field] =
+            [("3, 4, 5", r#""overlap": "ignore""#), ("3, 4, 5", r#""overlap": "large""#), ("3", r#""overlapp": 1"#)]
+                .map(entry);
         std::fs::write(&path, format!(r#"{{"a": {word}, "b": {other}, "c": {field}}}"#)).unwrap();
         let preset = Preset::named("re10k-overlap").unwrap();
         let index = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
         let expected = [
+            (
+                "entries without the preset's 3 targets",
+                1,
+                "scene c, entry 0, field target: expected 3 frames, found 1",
+                Missing::Nothing,
+            ),
             ("fields that the index format does not define", 1, "overlapp, 1 times", Missing::Nothing),
             (
                 "overlaps given as words, replaced by the numbers that NoPoSplat uses for them",

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use atsplat_protocol::extrapolation::ExtrapolationReport;
-use atsplat_protocol::{BuiltIndex, IndexNotices};
+use atsplat_protocol::{BuiltIndex, IndexFile, Preset};
 use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_READ, UNREADABLE_IMAGE, WITHOUT_ENTRY, WITHOUT_IMAGE};
 use atsplat_scene::{WarningKind, Warnings};
 
@@ -34,9 +34,12 @@ pub enum Missing {
 /// Notices by kind.
 pub(super) type Notices = BTreeMap<String, IndexNotice>;
 
-/// Irregularities of an index file.
-pub(super) fn of_file(notices: &IndexNotices) -> Notices {
-    let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
+/// Irregularities of an index file that is none of the preset's own.
+pub(super) fn of_file(file: &IndexFile, preset: &Preset) -> Notices {
+    let IndexFile { index, notices, .. } = file;
+    let found =
+        [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch(), preset.unusual_target_counts(index)];
+    let found = found.into_iter().flatten();
     let notice = |count, example| IndexNotice { count, example, missing: Missing::Nothing };
     found.map(|found| (found.kind, notice(found.count, found.example))).collect()
 }

@@ -132,7 +132,7 @@ impl Progress {
                 findings.add(&dataset.name, &foreign.kind, count, foreign.example);
             }
         }
-        for mismatch in dataset.preset.unfit_entries(index) {
+        for mismatch in dataset.unfit_entries(index) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         findings.add_notices(dataset, plan.selection, summary);

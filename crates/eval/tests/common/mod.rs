@@ -130,9 +130,10 @@ pub(crate) fn entry(context: &[usize], target: &[usize]) -> IndexEntry {
     IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: Some(0.5.into()) }
 }
 
-/// A published protocol without preprocessing.
+/// A published protocol without preprocessing, and with targets on any side of the window.
 pub(crate) fn preset() -> Preset {
     let mut preset = Preset::named("re10k-2v-256").unwrap();
+    preset.index.sampler = None;
     preset.preprocessing.expected_size = None;
     preset.preprocessing.steps.clear();
     preset

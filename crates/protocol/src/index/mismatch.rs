@@ -1,10 +1,21 @@
 use std::collections::BTreeSet;
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{Sha256Digest, is_toml_path};
 use serde::Serialize;
 
 use super::read::value_of_word;
-use crate::{EvaluationIndex, IndexEntry, IndexNotices, KnownIndex, Preset};
+use crate::samplers::{PairTargets, Sampler};
+use crate::{EvaluationIndex, IndexEntry, IndexNotices, KnownIndex, Preset, SamplingRule};
+
+/// The kind of entries with interpolated targets under a protocol of extrapolation.
+const TARGETS_INSIDE: &str = "entries with targets inside the window, under a protocol of targets outside it";
+/// The kind of entries without an interpolated target under a protocol of interpolation.
+const TARGETS_OUTSIDE: &str = "entries with every target outside the window, under a protocol of targets inside it";
+/// The kind of entries that every method can copy.
+const TARGETS_ARE_INPUTS: &str = "entries whose targets are all context frames";
+
+/// The kinds of [`Preset::misplaced_targets`]: numbers of such entries are not those that the preset's name promises.
+pub const MISPLACED_TARGETS: [&str; 3] = [TARGETS_INSIDE, TARGETS_OUTSIDE, TARGETS_ARE_INPUTS];
 
 /// A way in which an index does not fit the preset that it is run under. Its trials still run, but their numbers belong
 /// to a different protocol than the preset's name suggests.
@@ -21,6 +32,13 @@ pub struct IndexMismatch {
 
 /// A kind of mismatch, and a check that describes what is wrong with an entry.
 type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
+
+/// On which side of the window the targets of a protocol lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TargetSide {
+    Inside,
+    Outside,
+}
 
 impl Preset {
     /// How `index` does not fit this preset: [`Self::foreign_index`] and [`Self::unfit_entries`]. `sha256` is the file's.
@@ -49,13 +67,70 @@ impl Preset {
             ("entries with a context frame twice", &|entry| twice("context", &entry.context)),
             ("entries with a target twice", &|entry| twice("target", &entry.target)),
         ];
-        let of_rule = |(kind, wrong): &Rule<'_>| {
-            let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
-            let (scene, at, what) = found.next()?;
-            let example = format!("scene {scene}, entry {at}, {what}");
-            Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
+        rules.iter().filter_map(|rule| of_rule(index, rule)).collect()
+    }
+
+    /// Entries of `index`, which is none of the preset's own, whose targets are all context frames, or on the other side of the
+    /// window than those of the preset: any of them inside under a protocol of targets outside, all of them outside under one of
+    /// targets inside. A preset states a side by its derivation, by a built-in sampling rule or by the preset that it stands for.
+    pub fn misplaced_targets(&self, index: &EvaluationIndex) -> Vec<IndexMismatch> {
+        let side = self.target_side();
+        let rules: [Rule<'_>; 3] = [
+            (TARGETS_INSIDE, &|entry| {
+                let is_inside = |frame: &&usize| entry.frames_outside_window(**frame) == Some(0);
+                let found = entry.target.iter().find(is_inside).filter(|_| side == Some(TargetSide::Outside))?;
+                let (first, last) = entry.window()?;
+                Some(format!("field target: expected frames before {first} and after {last}, found {found}"))
+            }),
+            (TARGETS_OUTSIDE, &|entry| {
+                let is_outside =
+                    |frame: &usize| entry.frames_outside_window(*frame).is_some_and(|distance| distance != 0);
+                let found = entry.target.first().filter(|_| side == Some(TargetSide::Inside))?;
+                // No frame is inside the window of a single view.
+                let (first, last) = entry.window().filter(|(first, last)| first < last)?;
+                let wrong = entry.target.iter().all(is_outside);
+                wrong.then(|| format!("field target: expected frames from {first} to {last}, found {found}"))
+            }),
+            (TARGETS_ARE_INPUTS, &|entry| {
+                let found = entry.target.first()?;
+                let wrong = entry.target.iter().all(|frame| entry.is_context(*frame));
+                wrong.then(|| format!("field target: expected a frame that is no context frame, found {found}"))
+            }),
+        ];
+        rules.iter().filter_map(|rule| of_rule(index, rule)).collect()
+    }
+
+    /// Entries of `index`, which is none of the preset's own, with fewer or more targets than the preset's. Those without a target are
+    /// among [`Self::unfit_entries`].
+    pub fn unusual_target_counts(&self, index: &EvaluationIndex) -> Option<IndexMismatch> {
+        let (fewest, most) = self.index.targets;
+        let expected = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
+        let kind = format!("entries without the preset's {expected} targets");
+        let wrong = |entry: &IndexEntry| {
+            let found = entry.target.len();
+            let is_usual = found == 0 || (fewest..=most).contains(&found);
+            (!is_usual).then(|| format!("field target: expected {expected} frames, found {found}"))
         };
-        rules.iter().filter_map(of_rule).collect()
+        let rule: Rule<'_> = (&kind, &wrong);
+        of_rule(index, &rule)
+    }
+
+    /// The side on which all targets lie, if the preset states one.
+    fn target_side(&self) -> Option<TargetSide> {
+        if self.index.derivation.is_some() {
+            return Some(TargetSide::Outside);
+        }
+        if let Some(published) = self.stands_for.as_deref().and_then(|name| Self::named(name).ok()) {
+            return published.target_side();
+        }
+        let built_in = self.index.sampler.as_deref().filter(|sampler| !is_toml_path(sampler))?;
+        match SamplingRule::resolve(built_in).ok()?.sampler {
+            Sampler::OverlapPairs(pairs) => Some(match pairs.targets {
+                PairTargets::Inside { .. } => TargetSide::Inside,
+                PairTargets::Outside { .. } => TargetSide::Outside,
+            }),
+            _ => None,
+        }
     }
 
     /// A published file that belongs to another dataset or protocol, with the number of its entries. It is recognised by hash,
@@ -74,6 +149,14 @@ impl Preset {
         };
         Some(IndexMismatch { kind, count, example })
     }
+}
+
+/// The entries that a rule is about, with the first as the example; `None` if there is none.
+fn of_rule(index: &EvaluationIndex, (kind, wrong): &Rule<'_>) -> Option<IndexMismatch> {
+    let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
+    let (scene, at, what) = found.next()?;
+    let example = format!("scene {scene}, entry {at}, {what}");
+    Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
 }
 
 impl IndexNotices {
@@ -161,6 +244,92 @@ mod tests {
             (3, "fields that the index format does not define: overlapp, 2 times"),
         ];
         assert_eq!(found, expected.map(|(count, text)| (count, text.to_owned())));
+    }
+
+    fn texts(found: impl IntoIterator<Item = IndexMismatch>) -> Vec<(u64, String)> {
+        found.into_iter().map(|found| (found.count, format!("{}: {}", found.kind, found.example))).collect()
+    }
+
+    /// The first entry has a target on either side of its window, the second all before it, the third all inside.
+    #[test]
+    fn targets_on_the_wrong_side_of_the_window_are_counted() {
+        let json = br#"{"mixed": {"context": [4, 9], "target": [3, 6, 12]},
+                        "before": {"context": [9, 5], "target": [1, 4, 2]},
+                        "within": [{"context": [4, 9], "target": [5, 6, 7]}, {"context": [9], "target": [2]}]}"#;
+        let index = EvaluationIndex::from_json(json).unwrap();
+        let of = |preset: &str| texts(Preset::named(preset).unwrap().misplaced_targets(&index));
+        let extrapolated = (
+            2,
+            format!(
+                "{TARGETS_INSIDE}: scene mixed, entry 0, field target: expected frames before 4 and after 9, found 6"
+            ),
+        );
+        for preset in
+            ["re10k-extrapolation", "dl3dv-6v-extrapolation", "rooms-extrapolation-128", "yards-6v-extrapolation"]
+        {
+            assert_eq!(of(preset), std::slice::from_ref(&extrapolated), "{preset}");
+        }
+        let interpolated = (
+            1,
+            format!("{TARGETS_OUTSIDE}: scene before, entry 0, field target: expected frames from 5 to 9, found 1"),
+        );
+        for preset in ["re10k-2v-256", "acid-2v-256", "rooms-2v-64"] {
+            assert_eq!(of(preset), std::slice::from_ref(&interpolated), "{preset}");
+        }
+        for preset in ["dl3dv-2v-256x448", "re10k-overlap", "photos-3v-256"] {
+            assert_eq!(of(preset), [], "{preset}: published targets are on both sides, or no side is stated");
+        }
+        let mut own = Preset::named("re10k-extrapolation").unwrap();
+        own.index.sampler = Some("mine.toml".to_owned());
+        assert_eq!(own.misplaced_targets(&index), [], "a file is not read");
+    }
+
+    /// Published indices have some targets that are context frames.
+    #[test]
+    fn entries_whose_targets_are_all_context_frames_are_counted() {
+        let json = br#"{"some": {"context": [5, 70], "target": [5, 6, 70]}, "none": {"context": [5, 70], "target": []},
+                        "all": {"context": [5, 70], "target": [70, 5]}}"#;
+        let index = EvaluationIndex::from_json(json).unwrap();
+        let preset = Preset::named("dl3dv-2v-256x448").unwrap();
+        let what = "expected a frame that is no context frame, found 70";
+        let expected = (1, format!("{TARGETS_ARE_INPUTS}: scene all, entry 0, field target: {what}"));
+        assert_eq!(texts(preset.misplaced_targets(&index)), [expected]);
+    }
+
+    #[test]
+    fn entries_with_another_number_of_targets_are_counted() {
+        let entry = |targets: usize| {
+            let target: Vec<usize> = (1..=targets).collect();
+            format!(r#"{{"context": [0, 200], "target": {target:?}}}"#)
+        };
+        let json = format!(
+            r#"{{"a": {}, "b": [{}, {}], "c": {}, "d": {}}}"#,
+            entry(3),
+            entry(2),
+            entry(0),
+            entry(4),
+            entry(90)
+        );
+        let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
+        let of = |preset: &str| texts(Preset::named(preset).unwrap().unusual_target_counts(&index));
+        let three =
+            "entries without the preset's 3 targets: scene b, entry 0, field target: expected 3 frames, found 2";
+        assert_eq!(of("rooms-2v-128"), [(3, three.to_owned())]);
+        let range = "entries without the preset's 87 to 100 targets: scene a, entry 0, field target: expected 87 to 100 frames, found 3";
+        assert_eq!(of("dl3dv-12v-512x960"), [(3, range.to_owned())]);
+    }
+
+    /// Embedded indices are those of their presets, and stay so under other hashes.
+    #[test]
+    fn embedded_indices_have_the_targets_of_their_presets() {
+        for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
+            for accepted in &preset.index.accepted {
+                let Some(file) = IndexFile::embedded(&accepted.name) else { continue };
+                let index = file.unwrap().index;
+                assert_eq!(preset.misplaced_targets(&index), [], "{}", preset.name);
+                assert_eq!(preset.unusual_target_counts(&index), None, "{}", preset.name);
+            }
+        }
     }
 
     /// Published files are recognised by their hash alone.

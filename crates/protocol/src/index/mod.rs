@@ -20,7 +20,7 @@ use indexmap::IndexMap;
 
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, SingleEntryForm, Spacing};
-pub use mismatch::IndexMismatch;
+pub use mismatch::{IndexMismatch, MISPLACED_TARGETS};
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;

@@ -38,10 +38,20 @@ pub struct PresetMatch<'a> {
 impl<'a> PresetMatch<'a> {
     /// How the index of a file fits a preset.
     pub fn new(preset: &'a Preset, file: &IndexFile) -> Self {
+        let index = preset.index.recognise(file);
         let mut mismatches = preset.mismatches(&file.index, &file.sha256);
+        if is_none_of_its_own(index) {
+            mismatches.extend(preset.misplaced_targets(&file.index));
+            mismatches.extend(preset.unusual_target_counts(&file.index));
+        }
         mismatches.extend(file.notices.unknown_fields_mismatch());
-        Self { name: &preset.name, index: preset.index.recognise(file), mismatches }
+        Self { name: &preset.name, index, mismatches }
     }
+}
+
+/// Whether an index is neither one of a preset's files nor derived from one of them as a whole.
+const fn is_none_of_its_own(index: IndexMatch<'_>) -> bool {
+    matches!(index, IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished)
 }
 
 impl FullLint<'_> {
@@ -84,9 +94,7 @@ impl FullLint<'_> {
     }
 
     fn is_published(&self) -> bool {
-        let by_preset = |preset: &PresetMatch<'_>| {
-            !matches!(preset.index, IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished)
-        };
+        let by_preset = |preset: &PresetMatch<'_>| !is_none_of_its_own(preset.index);
         self.lint.recognised.is_some() || self.preset.as_ref().is_some_and(by_preset)
     }
 }
