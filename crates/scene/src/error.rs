@@ -62,7 +62,7 @@ pub enum SceneError {
     Damaged {
         scene: String,
         frame: usize,
-        source: TorchError,
+        source: Box<TorchError>,
         /// The chunk's file.
         place: String,
     },

@@ -235,7 +235,7 @@ impl Frame {
             FrameImage::Encoded(bytes) => {
                 let damaged = |source| {
                     let (scene, place) = (scene.to_owned(), self.image.place());
-                    SceneError::Damaged { scene, frame: position, source, place }
+                    SceneError::Damaged { scene, frame: position, source: Box::new(source), place }
                 };
                 bytes.verify().map_err(damaged)?;
                 Ok(Cow::Borrowed(bytes))

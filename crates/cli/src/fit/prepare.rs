@@ -52,7 +52,9 @@ impl Args {
         let (start, name) = self.start.gaussians(&input, &self.input, network, &config, &self.optimisation)?;
         warnings.extend_from_slice(&start.warnings);
         let of_start = warnings_of_start(&start.gaussians, &config);
-        of_start.iter().for_each(|text| warn(text));
+        for text in &of_start {
+            warn(text);
+        }
         warnings.extend(of_start);
 
         let device = device.backend().fit_device();

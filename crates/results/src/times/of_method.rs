@@ -364,6 +364,7 @@ mod tests {
     #[test]
     fn stated_times_are_shown_unless_something_was_measured() {
         let mut store = with_stated();
+        store.provenance.schema_version = FIRST_WITH_TIMINGS;
         let found = times(&store, PRESET, "b").unwrap();
         let secs = [found.encode, found.render, found.first_image].map(|spread| spread.unwrap().median);
         Tolerance::F64.assert(secs, [0.5, 0.01, 0.51], "encoding, rendering and both");

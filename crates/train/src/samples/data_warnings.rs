@@ -39,8 +39,12 @@ impl DataWarnings {
         let mut total = Warnings::new();
         for DatasetWarnings { opening, scenes, trials } in self.datasets.values() {
             total.merge(opening.clone());
-            scenes.values().for_each(|warnings| total.merge(warnings.clone()));
-            trials.iter().for_each(|(kind, scene, detail)| total.push(*kind, scene, detail));
+            for warnings in scenes.values() {
+                total.merge(warnings.clone());
+            }
+            for (kind, scene, detail) in trials {
+                total.push(*kind, scene, detail);
+            }
         }
         total
     }

@@ -137,7 +137,9 @@ fn unfinished_files_of_killed_trainings_are_removed() {
     open(&Start::Fresh).write_checkpoint().unwrap();
     let left = [".AbC123.partial", "checkpoints/.dEf456.partial", "checkpoints/.gHi789.partial", ".notes"];
     let left = left.map(|name| run.join(name));
-    left.iter().for_each(|path| std::fs::write(path, "half").unwrap());
+    for path in &left {
+        std::fs::write(path, "half").unwrap();
+    }
     let notices = open(&Start::Resume).notices;
     assert_eq!(left.map(|path| path.exists()), [false, false, false, true]);
     let expected = format!("removed 3 unfinished files from {}, of a training that was killed", run.display());
