@@ -176,8 +176,11 @@ fn end_of_scans(bytes: &[u8]) -> Option<usize> {
     }
 }
 
-/// Where the data of a scan end: at the first marker other than those of restarts.
+/// Where the data of a scan end: at the first marker other than those of restarts, and at its fill bytes: any number of 0xff may
+/// precede a marker (ITU-T T.81, B.1.1.2).
 fn end_of_scan(data: &[u8]) -> Option<usize> {
     let is_end = |pair: &[u8]| matches!(pair, [0xff, next] if !matches!(next, 0x00 | 0xd0..=0xd7 | 0xff));
-    data.windows(2).position(is_end)
+    let marker = data.windows(2).position(is_end)?;
+    let last = data.get(..marker)?.iter().rposition(|byte| *byte != 0xff);
+    Some(last.map_or(0, |last| last + 1))
 }

@@ -272,7 +272,7 @@ fn jpegs_whose_end_is_zeroed_are_errors() {
     assert!(message.contains("found 8 or more bytes 0x00 behind the last pixel"), "{message}");
 }
 
-/// Bytes behind the end, a comment and an unknown marker are harmless; so are zeros that pixels need.
+/// Bytes behind the end, fill bytes before it, a comment and an unknown marker are harmless; so are zeros that pixels need.
 #[test]
 fn jpegs_with_more_than_pixels_are_images_and_stray_bytes_are_errors() {
     let whole = noisy_jpeg();
@@ -281,6 +281,7 @@ fn jpegs_with_more_than_pixels_are_images_and_stray_bytes_are_errors() {
     let with = |at: usize, more: &[u8]| [&whole[..at], more, &whole[at..]].concat();
     for fine in [
         with(whole.len(), &[0; 64]),
+        with(whole.len() - 2, &[0xff; 31]),
         with(2, &[0xff, 0xfe, 0, 4, b'h', b'i']),
         with(tables, &[0xff, 0xf1, 0, 5, 1, 2, 3]),
     ] {
