@@ -220,27 +220,44 @@ fn naming(scene: &Scene, listing: &ImageListing, numbers: &BTreeMap<i64, &str>) 
 ///
 /// As many images as rows, without a gap, are those of the rows, whatever the least number is. With gaps, images are numbered from
 /// 0 or 1: which, an image 0 and an image `rows` tell, if only one of them exists. Images that leave this range are numbered from 1
-/// or from another number.
+/// or from another number; if most of them are beyond it, they are numbered by something else, such as the frames of a video.
 fn first_numbers(numbers: &BTreeMap<i64, &str>, (least, most): (i64, i64), rows: i64) -> Vec<i64> {
-    let count = i64::try_from(numbers.len()).unwrap_or(i64::MAX);
-    let span = most.saturating_sub(least).saturating_add(1);
-    if count == rows && span == rows {
-        return vec![least];
+    let whole = first_of_whole_series(numbers, rows);
+    if !whole.is_empty() {
+        return whole.into_iter().collect();
     }
-    let (has_zero, has_rows) = (numbers.contains_key(&0), numbers.contains_key(&rows));
-    if least > 1 && most > rows && span <= rows {
-        let may_be_from_one = numbers.range(1..=rows).next().is_some();
-        let mut firsts: Vec<i64> = may_be_from_one.then_some(1).into_iter().collect();
+    if least > 1 && most > rows {
+        let in_range = numbers.keys().filter(|number| **number <= rows).count();
+        if most.saturating_sub(least) >= rows {
+            return if 2 * in_range > numbers.len() { vec![1] } else { Vec::new() };
+        }
+        let mut firsts: Vec<i64> = (in_range > 0).then_some(1).into_iter().collect();
         firsts.extend([most.saturating_sub(rows).saturating_add(1), least]);
         firsts.dedup();
         return firsts;
     }
-    match (has_zero, has_rows) {
+    match (numbers.contains_key(&0), numbers.contains_key(&rows)) {
         (true, false) => vec![0],
         (false, true) => vec![1],
-        _ if least > 1 && most > rows => vec![1],
         _ => vec![0, 1],
     }
+}
+
+/// The least number of every series of as many images as rows without a gap: of all images, or of those with one text before the
+/// number, next to others such as `cover-1`.
+fn first_of_whole_series(numbers: &BTreeMap<i64, &str>, rows: i64) -> BTreeSet<i64> {
+    let mut by_prefix: BTreeMap<&str, Vec<i64>> = BTreeMap::new();
+    for (number, stem) in numbers {
+        by_prefix.entry(stem.trim_end_matches(|c: char| c.is_ascii_digit())).or_default().push(*number);
+    }
+    let all: Vec<i64> = numbers.keys().copied().collect();
+    let first_if_whole = |series: &Vec<i64>| {
+        let (first, last) = (series.first()?, series.last()?);
+        let is_as_long = i64::try_from(series.len()).is_ok_and(|length| length == rows);
+        (is_as_long && last.saturating_sub(*first) == rows.saturating_sub(1)).then_some(*first)
+    };
+    let several = by_prefix.values().filter(|series| series.len() > 1);
+    std::iter::once(&all).chain(several).filter_map(first_if_whole).collect()
 }
 
 #[cfg(test)]
@@ -318,6 +335,34 @@ mod tests {
             let (scene, warnings) = attach(&files);
             assert_eq!((names(&scene), warnings.total()), (files.map(str::to_owned).to_vec(), 0));
         }
+    }
+
+    /// A series of as many images as rows is certain, whatever else is there.
+    #[test]
+    fn images_of_another_name_do_not_shift_a_whole_series() {
+        for files in [["0.png", "1.png", "2.png", "cover-3.png"], ["4.png", "5.png", "6.png", "cover-1.png"]] {
+            let (scene, warnings) = attach(&files);
+            assert_eq!(names(&scene), files[..3]);
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedImage, 1)], "{files:?}");
+        }
+        let folder =
+            folder_with(&["left_0.png", "left_1.png", "left_2.png", "right_3.png", "right_4.png", "right_5.png"]);
+        let folders = [folder.path().to_owned()];
+        let error = attach_images(&mut scene(), &folders, || false, &mut Warnings::new()).unwrap_err().to_string();
+        assert!(error.contains("may be numbered from 0 or from 3"), "{error}");
+    }
+
+    /// The numbers of a video's frames coincide with some of the rows, but are of others.
+    #[test]
+    fn images_most_of_which_are_beyond_the_rows_belong_to_none() {
+        let (scene, warnings) = attach(&["3.png", "13.png", "23.png", "33.png"]);
+        assert_eq!(names(&scene), ["no 0.png", "no 33366.png", "no 66733.png"]);
+        let counts = [(WarningKind::MissingImage, 3), (WarningKind::UnlistedImage, 4)];
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), counts);
+        let (scene, warnings) = attach(&["2.png", "3.png", "40.png"]);
+        assert_eq!(names(&scene), ["no 00001.png", "2.png", "3.png"]);
+        let counts = [(WarningKind::MissingImage, 1), (WarningKind::UnlistedImage, 1)];
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), counts, "most belong to rows");
     }
 
     #[test]
