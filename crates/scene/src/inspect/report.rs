@@ -48,9 +48,10 @@ impl Inspection {
     /// Whether a problem of this kind means that rows are lost or not what they should be, although every listed scene was read.
     fn has_lost_rows(&self, kind: WarningKind) -> bool {
         match kind {
-            WarningKind::UnlistedImage | WarningKind::ImplausibleIntrinsics => true,
-            // In these formats it is about numbers in images' names, which the cameras of a rig share.
-            WarningKind::DuplicateTimestamp => {
+            WarningKind::ImplausibleIntrinsics => true,
+            // In the other formats, structure from motion has not placed these images, and the numbers in images' names, which the
+            // cameras of a rig share, are no timestamps.
+            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => {
                 [Format::Nerfstudio, Format::Colmap].iter().all(|format| format.name() != self.format)
             }
             _ => false,
