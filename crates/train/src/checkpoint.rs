@@ -106,9 +106,7 @@ impl Checkpoints {
                         let settings = check_settings(&file.stored, config).err();
                         settings.map_or(error, |settings| settings.in_file(&path))
                     })?;
-                    let state = State::from_stored(&file.stored, config, fresh, backbone);
-                    let read = state.and_then(|state| Ok((state, check_settings(&file.stored, config)?)));
-                    read.map_err(|error| error.in_file(&path))
+                    State::from_stored(&file.stored, config, fresh, backbone).map_err(|error| error.in_file(&path))
                 }
                 Err(error) => Err(error.into()),
             };

@@ -43,7 +43,7 @@ impl CheckpointFile {
         let model = config.model.config()?;
         require_model(stored, &model)?;
         let fresh = Parameters::fresh(&model, config.seed, StoredTensors::default());
-        let state = State::from_stored(stored, &config, &fresh, &|| frozen(&config, &model))?;
+        let state = State::from_checked(stored, &config, &fresh, &|| frozen(&config, &model))?;
         // Earlier versions did not state it.
         let perceptual = stored.metadata.get(PERCEPTUAL).map_or("not stated", String::as_str);
         let made_with = MadeWith { samples: samples(stored, &config), perceptual: perceptual.to_owned() };

@@ -3,7 +3,7 @@
 use atsplat_model::parameters::Parameter;
 use atsplat_model::weights::{CHECKPOINT_KEY, StoredTensor, StoredTensors};
 
-use super::settings::check_settings;
+use super::settings::{ChangedSettings, check_settings};
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
 use crate::samples::ReplacedCount;
@@ -148,15 +148,26 @@ impl State {
         Ok(stored)
     }
 
-    /// Reads a state from a file; frozen weights that are not in it are those of `backbone`.
+    /// Reads a state from a file with the settings of a run, and what has changed in these without changing the run; frozen weights
+    /// that are not in the file are those of `backbone`.
     pub(super) fn from_stored(
         stored: &StoredTensors,
         config: &TrainConfig,
         fresh: &Parameters,
         backbone: ReadBackbone<'_>,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<(Self, Option<ChangedSettings>), TrainError> {
         check_digests(stored)?;
-        check_settings(stored, config)?;
+        let changed = check_settings(stored, config)?;
+        Ok((Self::from_checked(stored, config, fresh, backbone)?, changed))
+    }
+
+    /// [`Self::from_stored`] of tensors and metadata whose hashes were checked, with the file's own settings.
+    pub(super) fn from_checked(
+        stored: &StoredTensors,
+        config: &TrainConfig,
+        fresh: &Parameters,
+        backbone: ReadBackbone<'_>,
+    ) -> Result<Self, TrainError> {
         let values = |part: &str, parameter: &Parameter| {
             let name = format!("{part}/{}", parameter.name);
             let tensor = stored.tensors.get(&name).filter(|tensor| tensor.shape() == parameter.shape);
@@ -281,7 +292,7 @@ mod tests {
         let read = |stored: &StoredTensors| {
             State::from_stored(stored, &config, &with_one_number(0, 7.0).parameters, &backbone)
         };
-        let whole = read(&stored).unwrap();
+        let (whole, _) = read(&stored).unwrap();
         assert_eq!((whole.step, whole.updates), (3, 2));
         for key in ["step", "updates", "faults-in-a-row"] {
             let mut damaged = stored.clone();
@@ -297,7 +308,7 @@ mod tests {
         let mut stored = State { replaced, ..with_one_number(3, 1.0) }.stored(&config, &Resolved::default()).unwrap();
         let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
         let read = |stored: &StoredTensors| {
-            State::from_stored(stored, &config, &with_one_number(0, 7.0).parameters, &backbone).unwrap().replaced
+            State::from_stored(stored, &config, &with_one_number(0, 7.0).parameters, &backbone).unwrap().0.replaced
         };
         assert_eq!(read(&stored), replaced);
         stored.metadata.retain(|key, _| ![REPLACED, REPLACED_SINCE, METADATA_DIGEST].contains(&key.as_str()));
@@ -311,7 +322,7 @@ mod tests {
         let read = |stored: &StoredTensors, frozen: f32| {
             let backbone = || Ok(with_one_number(0, frozen).parameters.frozen().clone());
             let read = State::from_stored(stored, &config, &with_one_number(0, 7.0).parameters, &backbone);
-            read.map(|state| state.parameters.frozen().digest()).map_err(|error| error.to_string())
+            read.map(|(state, _)| state.parameters.frozen().digest()).map_err(|error| error.to_string())
         };
         let digest = |frozen: f32| Ok::<_, String>(with_one_number(0, frozen).parameters.frozen().digest());
         let mut stored = with_one_number(3, 1.0).stored(&config, &resolved).unwrap();
@@ -326,7 +337,7 @@ mod tests {
         let stored = started.stored(&config, &resolved).unwrap();
         assert_eq!(read(&stored, 2.0), digest(1.0), "from the checkpoint");
         let absent = || Err(TrainError::malformed(WHAT, "model.backbone", "a file", "none"));
-        let again = State::from_stored(&stored, &config, &with_one_number(0, 2.0).parameters, &absent).unwrap();
+        let (again, _) = State::from_stored(&stored, &config, &with_one_number(0, 2.0).parameters, &absent).unwrap();
         assert_eq!(again.initial_weights, Some(given), "without the file of a backbone");
     }
 }
