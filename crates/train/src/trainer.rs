@@ -236,15 +236,19 @@ impl Trainer {
         self.report_checkpoint(on_event)
     }
 
-    /// An error, in place of weights that look trained, if all steps so far were skipped.
+    /// Whether all steps so far were skipped, of which there are some: its weights would look trained.
+    const fn is_untrained(&self) -> bool {
+        self.state.step > 0 && self.state.updates == 0
+    }
+
+    /// An error if all steps so far were skipped.
     fn require_update(&self) -> Result<(), TrainError> {
-        let State { step, updates, .. } = self.state;
-        if step == 0 || updates > 0 {
+        if !self.is_untrained() {
             return Ok(());
         }
         // Those of earlier calls are in the log alone.
         let last = self.skipped.last().map_or_else(|| format!("see {STEPS}"), ToString::to_string);
-        Err(TrainError::Untrained { steps: step, last })
+        Err(TrainError::Untrained { steps: self.state.step, last })
     }
 
     /// Reports each kind of warning whose count grew since the last report, with its first example, and replaced draws if they are of

@@ -77,7 +77,8 @@ fn warnings_of_other_data_are_counted_as_well() {
     assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 2);
 }
 
-/// The size that a preset expects is known before an image is read; and three skipped steps do not stop a run.
+/// The size that a preset expects is known before an image is read; and three skipped steps do not stop a run, which writes a
+/// checkpoint after the second.
 #[test]
 fn a_run_without_a_sample_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
@@ -85,8 +86,9 @@ fn a_run_without_a_sample_is_an_error() {
     write_scenes(&data, 1);
     let text = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
     let (text, _evaluation) = text.split_once("[evaluation]").unwrap();
+    let text = format!("{}[checkpoints]\nevery = 2\n", text.replace("steps = 6", "steps = 3"));
     let open = |preset: &str, start: &Start| {
-        let config = TrainConfig::from_toml(&text.replace("PRESET", preset).replace("steps = 6", "steps = 3")).unwrap();
+        let config = TrainConfig::from_toml(&text.replace("PRESET", preset)).unwrap();
         Trainer::new(config, &run, start)
     };
     let other = tiny_preset(folder.path());
@@ -107,7 +109,7 @@ fn a_run_without_a_sample_is_an_error() {
     let expected =
         "none of the run's 3 steps so far could be used, so that its weights are not trained; the last: step 2: ";
     assert!(error.to_string().starts_with(expected), "{error}");
-    assert!(!run.join(WEIGHTS).exists());
+    assert!(Checkpoints::exist_in(&run).unwrap() && !run.join(WEIGHTS).exists());
 }
 
 /// Half of the draws are of a scene without readable images.

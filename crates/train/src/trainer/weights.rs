@@ -13,7 +13,7 @@ use crate::provenance::{MadeWith, provenance};
 const BEYOND_F16: f32 = 65520.0;
 
 impl Trainer {
-    /// Writes a checkpoint and the weights; returns the checkpoint's path.
+    /// Writes a checkpoint and, unless all steps so far were skipped, the weights; returns the checkpoint's path.
     ///
     /// # Errors
     /// As [`crate::Checkpoints::write`]; [`TrainError::Diverged`] for weights beyond the range of f16: nothing is written then, so that
@@ -26,6 +26,9 @@ impl Trainer {
             return Err(TrainError::Diverged { step, tensor, value, last_checkpoint });
         }
         let path = self.checkpoints.write(&state, &self.config)?;
+        if self.is_untrained() {
+            return Ok(path);
+        }
         let made_with = MadeWith { samples: self.samples.name(), perceptual: self.objective.perceptual() };
         let provenance = provenance(&self.config, &self.state, made_with)?;
         let weights = ModelWeights::new(self.model.clone(), provenance, &result.stored()?)?;

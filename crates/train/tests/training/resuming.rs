@@ -88,7 +88,7 @@ fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
     diverged.state_mut().parameters.values_mut()[place][3] = 65520.0;
     let error = diverged.write_checkpoint().unwrap_err().to_string();
     assert!(error.contains("by step 0: ") && error.ends_with("no checkpoint was written"), "{error}");
-    diverged.state_mut().step = 4;
+    (diverged.state_mut().step, diverged.state_mut().updates) = (4, 4);
     diverged.state_mut().parameters.values_mut()[place][3] = 65519.0;
     diverged.write_checkpoint().unwrap();
     let before = files();
