@@ -1,7 +1,9 @@
 use std::time::Instant;
 
 use atsplat_fit::start::in_frustums;
-use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, TrainingViews, camera_extent};
+use atsplat_fit::{
+    Background, Budget, Fit, FitConfig, FitError, LastSteps, Strategy, TrainingView, TrainingViews, camera_extent,
+};
 use atsplat_model::network::Network;
 use atsplat_results::trial_notes::{IN_TIME_ON, STEPS_TAKEN};
 use atsplat_results::{MethodRecord, TrainingRecord};
@@ -45,6 +47,14 @@ fn steps_note(budget: Budget, steps: u64) -> String {
         Budget::Steps(_) => format!("{STEPS_TAKEN}{steps} steps"),
         Budget::Seconds(_) => format!("{STEPS_TAKEN}{steps}{IN_TIME_ON}{}", this_machine()),
     }
+}
+
+/// The note about context views that the PSNR on them leaves out.
+fn left_out_note(LastSteps { views, identical, .. }: LastSteps) -> Option<String> {
+    let all = views + identical;
+    (identical > 0).then(|| {
+        format!("the PSNR on the context views leaves out {identical} of {all}, whose render was equal to the image")
+    })
 }
 
 impl Optimised {
@@ -203,7 +213,9 @@ impl Method for Optimised {
         }
         cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
         // Of the last step on each view, so that overfitting shows next to the held-out PSNR.
-        cost.context_psnr = fit.history().last_steps().psnr;
+        let last = fit.history().last_steps();
+        cost.context_psnr = last.psnr;
+        cost.notes.extend(left_out_note(last));
         cost.notes.push(steps_note(self.budget, fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }
@@ -259,6 +271,15 @@ mod tests {
             atsplat_numeric::Tolerance::relative(1e-12).assert([found], [expected], "both views");
             assert_eq!(last.len(), 2);
         }
+    }
+
+    /// Without the note, the PSNR of the others would pass for that of all.
+    #[test]
+    fn context_views_that_the_psnr_leaves_out_are_noted() {
+        let of = |views, identical| left_out_note(LastSteps { psnr: Some(30.0), views, identical });
+        assert_eq!(of(3, 0), None);
+        let expected = "the PSNR on the context views leaves out 1 of 3, whose render was equal to the image";
+        assert_eq!(of(2, 1).as_deref(), Some(expected));
     }
 
     #[test]
