@@ -295,53 +295,6 @@ fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
     assert_eq!((resumed, recorded), (last, count.to_string()));
 }
 
-#[test]
-fn resuming_needs_a_log_or_checkpoints() {
-    let folder = tempfile::tempdir().unwrap();
-    let runs = ["log", "checkpoints", "neither"].map(|name| folder.path().join(name));
-    for run in &runs {
-        std::fs::create_dir_all(run.join("checkpoints")).unwrap();
-    }
-    let [log, checkpoints, neither] = &runs;
-    std::fs::write(log.join(STEPS), "").unwrap();
-    std::fs::write(checkpoints.join("checkpoints/step-00000000.safetensors"), "").unwrap();
-    assert!(require_run_to_resume(log, &Start::Resume).is_ok(), "killed before its first checkpoint");
-    assert!(require_run_to_resume(checkpoints, &Start::Resume).is_ok());
-    assert!(require_run_to_resume(neither, &Start::Fresh).is_ok());
-    // Given weights, if there were any, were not written yet.
-    let error = require_run_to_resume(neither, &Start::Resume).unwrap_err().to_string();
-    assert!(error.contains("neither: expected a run to resume"), "{error}");
-}
-
-/// That there are no checkpoints is not known.
-#[test]
-fn checkpoints_that_cannot_be_listed_are_an_error() {
-    let run = tempfile::tempdir().unwrap();
-    std::fs::write(run.path().join("checkpoints"), "no folder").unwrap();
-    let errors = [
-        require_run_to_resume(run.path(), &Start::Resume).unwrap_err(),
-        start::lock_new(run.path()).map(drop).unwrap_err(),
-    ];
-    for error in errors {
-        assert!(error.to_string().contains("listing checkpoints"), "{error}");
-        assert!(matches!(error, TrainError::Io(_)), "{error}");
-    }
-    assert!(require_run_to_resume(run.path(), &Start::Fresh).is_ok());
-}
-
-/// Of two processes that found no folder, one creates it and may have ended when the other locks it.
-#[test]
-fn a_new_run_does_not_follow_one_that_was_started_meanwhile() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = folder.path().join("run");
-    let lock = start::lock_new(&run).unwrap();
-    std::fs::write(run.join(WEIGHTS), "weights").unwrap();
-    assert!(matches!(start::lock_new(&run), Err(TrainError::InUse { .. })));
-    drop(lock);
-    let error = start::lock_new(&run).unwrap_err().to_string();
-    assert!(error.ends_with("expected no run, found one that another process has started"), "{error}");
-}
-
 /// The reader of chunks prefers `test` to `train`.
 #[test]
 fn training_on_a_folder_with_test_scenes_is_refused() {
