@@ -7,7 +7,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_pixels::{DecodeLimits, ImageU8, decode_over};
 
 use crate::scene::in_frame;
-use crate::{Frame, FrameImage, GeneratedImage, Scene, SceneError};
+use crate::{Frame, FrameImage, GeneratedImage, ImageHeader, Scene, SceneError};
 
 /// The image of a frame over a colour.
 #[derive(Debug)]
@@ -15,13 +15,18 @@ struct Composited {
     frame: Frame,
     scene: String,
     position: usize,
-    size: ImageSize,
+    /// That of the stored image, without the alpha channel.
+    header: ImageHeader,
     background: [u8; 3],
 }
 
 impl GeneratedImage for Composited {
     fn size(&self) -> ImageSize {
-        self.size
+        self.header.size
+    }
+
+    fn header(&self) -> ImageHeader {
+        self.header
     }
 
     fn fingerprint(&self) -> String {
@@ -51,11 +56,34 @@ impl Scene {
                     frame: frame_as_stored,
                     scene,
                     position,
-                    size: header.size,
+                    header: ImageHeader { has_alpha: false, ..header },
                     background,
                 }));
             }
         }
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_source::wandering_scene;
+
+    /// Of two frames, one has an alpha channel of 16 bits. What compositing leaves as it is is still to be warned of.
+    #[test]
+    fn a_composited_image_has_the_header_of_the_stored_one_without_alpha() {
+        let images = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures/images");
+        let mut scene = wandering_scene("a", 2);
+        for (frame, name) in scene.frames.iter_mut().zip(["colour6_16.png", "colour2_8.png"]) {
+            frame.image = FrameImage::File([images, name].iter().collect());
+        }
+        let headers = |scene: &Scene| -> Vec<ImageHeader> {
+            scene.frames.iter().enumerate().map(|(at, frame)| frame.header("a", at).unwrap()).collect()
+        };
+        let [stored, opaque]: [ImageHeader; 2] = headers(&scene).try_into().unwrap();
+        assert!(stored.has_alpha && stored.has_16_bits && !opaque.has_alpha);
+        let composited = headers(&scene.composited_over([255; 3]));
+        assert_eq!(composited, [ImageHeader { has_alpha: false, ..stored }, opaque]);
     }
 }

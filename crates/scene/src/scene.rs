@@ -64,6 +64,11 @@ pub trait GeneratedImage: fmt::Debug + Send + Sync {
     /// Its size, without generating it.
     fn size(&self) -> ImageSize;
 
+    /// Its header, without generating it: by default that of an upright image of 8 bits without an alpha channel.
+    fn header(&self) -> ImageHeader {
+        ImageHeader { size: self.size(), orientation: None, has_alpha: false, has_16_bits: false }
+    }
+
     /// Everything that the image depends on, as text, so that equal texts mean equal images; without generating it.
     fn fingerprint(&self) -> String;
 
@@ -264,9 +269,7 @@ impl Frame {
     pub fn header(&self, scene: &str, position: usize) -> Result<ImageHeader, SceneError> {
         match &self.image {
             FrameImage::File(path) => header_of_file(path, self.in_frame(scene, position)),
-            FrameImage::Generated(image) => {
-                Ok(ImageHeader { size: image.size(), orientation: None, has_alpha: false, has_16_bits: false })
-            }
+            FrameImage::Generated(image) => Ok(image.header()),
             _ => header_of(&self.bytes(scene, position)?).map_err(self.in_frame(scene, position)),
         }
     }
