@@ -91,6 +91,8 @@ fn moved(recorded: &TrainConfig, config: &TrainConfig) -> Vec<Purpose> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_files::Sha256Digest;
+
     use super::super::state::with_one_number;
     use super::*;
     use crate::{CheckpointConfig, Resolved};
@@ -104,7 +106,7 @@ mod tests {
         [[data]]
         source.rooms = { scenes-of = 'rooms', scenes = 1, size = [256, 256], views = VIEWS }
         [[data]]
-        source.dataset = { path = 'here', preset = 're10k-2v-256', frames = 'frames', views = VIEWS }
+        source.dataset = { path = 'here', preset = 're10k-2v-256', frames = 'frames', views = VIEWS, exclude = [EXCLUDED] }
         [evaluation]
         every = 1
         samples = 1
@@ -113,7 +115,9 @@ mod tests {
     const VIEWS: &str = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
 
     fn checked(change: impl FnOnce(&mut TrainConfig)) -> Result<Option<ChangedSettings>, String> {
-        let recorded = TrainConfig::from_toml(&DATASETS.replace("VIEWS", VIEWS)).unwrap();
+        let excluded = format!("{{ index = 'index.json', sha256 = '{}' }}", "a1".repeat(32));
+        let text = DATASETS.replace("VIEWS", VIEWS).replace("EXCLUDED", &excluded);
+        let recorded = TrainConfig::from_toml(&text).unwrap();
         let stored = with_one_number(3, 1.0).stored(&recorded, &Resolved::default()).unwrap();
         let mut config = recorded;
         change(&mut config);
@@ -152,6 +156,8 @@ mod tests {
         named(moved, "data[1].source.dataset.path: here, now there", &[Purpose::Training]);
         let moved = |config: &mut TrainConfig| dataset(config).frames = Some("there".into());
         named(moved, "data[1].source.dataset.frames: frames, now there", &[Purpose::Training]);
+        let moved = |config: &mut TrainConfig| dataset(config).exclude[0].index = "there.json".into();
+        named(moved, "data[1].source.dataset.exclude[0].index: index.json, now there.json", &[]);
         let moved = |config: &mut TrainConfig| {
             let source = config.evaluation.as_mut().map(|evaluation| &mut evaluation.source);
             if let Some(SourceConfig::Dataset(dataset)) = source {
@@ -174,5 +180,8 @@ mod tests {
         assert!(error.ends_with(expected), "{error}");
         let error = checked(|config| dataset(config).frames = None).unwrap_err();
         assert!(error.ends_with("other settings: data[1].source.dataset.frames: frames, now none"), "{error}");
+        let other = |config: &mut TrainConfig| dataset(config).exclude[0].sha256 = Sha256Digest([7; 32]);
+        let error = checked(other).unwrap_err();
+        assert!(error.contains("other settings: data[1].source.dataset.exclude[0].sha256: a1a1"), "{error}");
     }
 }
