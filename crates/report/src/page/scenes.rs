@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, definition, definitions};
 use atsplat_numeric::median;
 use atsplat_results::statistics::is_psnr;
-use atsplat_results::times::{TimingRow, machine_of};
+use atsplat_results::times::{Machine, TimingRow, machine_of};
 use atsplat_results::{IDENTICAL, Results, TargetRow, TargetStatus, TrialKey, TrialRow};
 use serde_json::{Value, json};
 
@@ -32,6 +32,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     for (at, store) in stores.iter().enumerate() {
         let results = store.source.results;
         let psnrs = psnrs(results);
+        let encodings = encodings(results);
         let mut targets: BTreeMap<&TrialKey, Vec<&TargetRow>> = BTreeMap::new();
         for row in &results.targets {
             targets.entry(&row.key).or_default().push(row);
@@ -43,7 +44,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
                 trial,
                 targets,
                 &psnrs,
-                (results.gaussians_of(trial), encoding(results, trial)),
+                encodings.get(&(&trial.key, trial.trial_hash.as_str())).copied(),
                 &|row| album.places(at, row),
                 album.context(at, &trial.key),
             );
@@ -66,22 +67,30 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     runs
 }
 
-/// Median seconds of a trial's encoding in its last pass on the machine that tables show; `None` if it was not timed there, or
-/// while the machine was busy.
-fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
-    let machine = machine_of(results, &trial.key.preset)?;
-    let is_of_trial = |row: &&TimingRow| {
-        row.is_timed() && row.key == trial.key && row.trial_hash == trial.trial_hash && row.machine == machine
-    };
-    let last = results.timings.iter().filter(is_of_trial).max_by_key(|row| row.started)?;
-    median(last.encode.iter().copied()).filter(|_| !last.load.is_busy())
+/// Median seconds of the encoding of each trial, by its key and hash, in its last pass on the machine that tables show, unless it
+/// was busy.
+fn encodings(results: &Results) -> BTreeMap<(&TrialKey, &str), f64> {
+    let mut machines: BTreeMap<&str, Option<Machine>> = BTreeMap::new();
+    let mut last: BTreeMap<(&TrialKey, &str), &TimingRow> = BTreeMap::new();
+    for row in results.timings.iter().filter(|row| row.is_timed()) {
+        let machine = machines.entry(&row.key.preset).or_insert_with(|| machine_of(results, &row.key.preset));
+        if machine.as_ref() != Some(&row.machine) {
+            continue;
+        }
+        let known = last.entry((&row.key, row.trial_hash.as_str())).or_insert(row);
+        if row.started >= known.started {
+            *known = row;
+        }
+    }
+    let secs = |row: &TimingRow| median(row.encode.iter().copied()).filter(|_| !row.load.is_busy());
+    last.into_iter().filter_map(|(trial, row)| Some((trial, secs(row)?))).collect()
 }
 
 fn trial_to_json(
     trial: &TrialRow,
     targets: &[&TargetRow],
     psnrs: &[&str],
-    (gaussians, encode): (Option<u64>, Option<f64>),
+    encode: Option<f64>,
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
     seen: &[(u64, usize)],
 ) -> Value {
@@ -109,7 +118,7 @@ fn trial_to_json(
         "by_frame": by_frame,
         "data": trial.data_hash,
         "context": trial.context,
-        "gaussians": gaussians,
+        "gaussians": trial.gaussians,
         "encode": encode,
         "images": images.collect::<Vec<_>>(),
         "seen": seen,
