@@ -171,5 +171,5 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
     let row = table.lines().find(|line| line.starts_with("| warp")).unwrap();
     assert!(row.contains("500") && row.contains("0.25"), "{table}");
     assert!(table.contains("warp: its number of Gaussians was stated, not counted"), "{table}");
-    assert!(table.contains("Time: a card (stated, not measured here)\n"), "{table}");
+    assert!(table.contains("Time of warp: a card (stated, not measured here)\n"), "{table}");
 }

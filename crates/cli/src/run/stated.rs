@@ -8,7 +8,8 @@ use crate::requirements::GivenOption;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct StatedCostArgs {
-    /// Mean number of Gaussians of a trial, for tables and `tradeoff`: images do not contain it. Tables say that it was stated.
+    /// Mean number of Gaussians of a trial under the command's protocols, for tables and `tradeoff`: images do not contain it. Tables
+    /// say that it was stated.
     #[arg(id = "stated-gaussians", long, value_name = "N")]
     gaussians: Option<u64>,
 

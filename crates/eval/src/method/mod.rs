@@ -26,7 +26,7 @@ use atsplat_numeric::SplitMix64;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 use atsplat_protocol::{EvaluationIndex, Preset};
-use atsplat_results::MethodRecord;
+use atsplat_results::{MethodRecord, StatedCost};
 use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
@@ -47,6 +47,11 @@ pub use warp::Warp;
 pub trait Method: Debug + Send + Sync {
     /// The method's identity and every parameter that affects its images.
     fn record(&self) -> MethodRecord;
+
+    /// What its images cost under each protocol of a run, as their user states it; `None` if that is counted and timed.
+    fn stated_cost(&self) -> Option<StatedCost> {
+        None
+    }
 
     /// The method whose published pose normalisation, near/far planes and renderer it uses if a preset lists several
     /// ([`Preset::setting_for`], [`Preset::renderer_for`]).

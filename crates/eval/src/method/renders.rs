@@ -137,9 +137,12 @@ impl Method for Renders {
             title: self.title.as_ref().unwrap_or(&self.name).clone(),
             parameters: parameters([("folder", self.folder.display().to_string().into())]),
             deterministic: self.deterministic,
-            stated: self.stated.clone(),
             ..MethodRecord::default()
         }
+    }
+
+    fn stated_cost(&self) -> Option<StatedCost> {
+        self.stated.clone()
     }
 
     fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {

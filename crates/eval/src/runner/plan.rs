@@ -78,7 +78,8 @@ impl Plan<'_> {
     /// [`EvalError::Protocol`] for a preset that cannot be serialised, [`EvalError::Settings`] for duplicate names of methods
     /// or presets and for an invalid shard, [`EvalError::Unknown`] for a method with the settings of one that no preset lists.
     pub fn provenance(&self, here: Provenance) -> Result<Provenance, EvalError> {
-        let methods: Vec<_> = self.methods.iter().map(|method| method.record()).collect();
+        let methods: Vec<MethodRecord> =
+            self.methods.iter().map(|method| self.method_record(method.as_ref())).collect();
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
         methods.iter().try_for_each(check_name)?;
         unique("presets", self.datasets.iter().map(|dataset| dataset.name.as_str()))?;
@@ -115,6 +116,13 @@ impl Plan<'_> {
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
         unique("presets", presets.iter().map(|preset| preset.name.as_str()))?;
         Ok(Provenance { presets, adapter: Provenance::adapters(&methods), methods, ..joint })
+    }
+
+    /// A method's record with the costs that are stated for it under each protocol.
+    fn method_record(&self, method: &dyn Method) -> MethodRecord {
+        let stated = method.stated_cost();
+        let of_dataset = |dataset: &Dataset| Some((dataset.name.clone(), stated.clone()?));
+        MethodRecord { stated: self.datasets.iter().filter_map(of_dataset).collect(), ..method.record() }
     }
 
     fn preset_record(&self, dataset: &Dataset) -> Result<PresetRecord, EvalError> {

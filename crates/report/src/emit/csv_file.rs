@@ -1,7 +1,7 @@
 use crate::csv_text::line;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{CellTiming, Row, Table, Value};
+use crate::table::{CellIndex, CellTiming, Row, Table, Value};
 
 /// Endings of the names of the columns that CSV has after a number.
 pub(crate) const CSV_SUFFIXES: [&str; 3] = ["low", "high", "scenes"];
@@ -9,20 +9,24 @@ pub(crate) const CSV_SUFFIXES: [&str; 3] = ["low", "high", "scenes"];
 /// Endings of those that it also has after a time.
 const TIME_SUFFIXES: [&str; 5] = ["mad", "machine", "busy", "scope", "device"];
 
+/// The ending of the name of the column that it also has after a number if some were stated: whether this one was.
+const STATED_SUFFIX: &str = "stated";
+
 /// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
 /// scenes. Times also have their median absolute deviation, the machine, whether it was busy, what the time of a process covers,
-/// and what ran on a graphics adapter. Columns have the names that they have in `eval/published`.
+/// and what ran on a graphics adapter; a column with stated numbers is followed by which these are. Columns have the names that they have in `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     let about = ["from", "measured_on", "published_setting", "method_id", "store"];
     head.extend(about.into_iter().chain(["untrained", "inference_only", "without_leaked"]).map(str::to_owned));
-    for (_, column) in table.columns() {
+    for (index, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());
         head.extend(CSV_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         if column.quantity == Quantity::Seconds {
             head.extend(TIME_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         }
+        head.extend(has_stated(table, index).then(|| format!("{name}_{STATED_SUFFIX}")));
     }
     let rows = table.rows.iter().map(|row| line(&record(table, row)));
     std::iter::once(line(&head)).chain(rows).collect()
@@ -51,8 +55,14 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
         if column.quantity == Quantity::Seconds {
             record.extend(cell.timing.as_ref().map_or_else(Default::default, about_time));
         }
+        record.extend(has_stated(table, index).then(|| cell.stated.to_string()));
     }
     record
+}
+
+/// Whether a column has numbers that were stated.
+fn has_stated(table: &Table, index: CellIndex) -> bool {
+    table.rows.iter().any(|row| row.cell(index).stated)
 }
 
 /// What follows a time, in the order of [`TIME_SUFFIXES`].

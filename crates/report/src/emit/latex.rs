@@ -76,6 +76,7 @@ const fn is_printed(kind: NoteKind) -> bool {
     match kind {
         NoteKind::Source | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval | NoteKind::Choice => false,
         NoteKind::Published
+        | NoteKind::Stated
         | NoteKind::Machine
         | NoteKind::Setting
         | NoteKind::Untrained

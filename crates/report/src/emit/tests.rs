@@ -1,6 +1,6 @@
 //! Snapshots of every format, and tests of escaping.
 
-use atsplat_results::Results;
+use atsplat_results::{Results, StatedCost, StatedSeconds};
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -171,6 +171,41 @@ fn marks_and_machines_are_explained_where_latex_prints_them() {
     let mut untimed = store();
     untimed.timings.clear();
     assert!(!printed(&table_of("re10k", &untimed)).contains("Time: a processor"));
+}
+
+/// Gaussians are stated under the table's protocol, and nothing was timed; the other method counts its own.
+#[test]
+fn stated_costs_are_said_to_be_stated_in_every_format() {
+    let seconds = Some(StatedSeconds { encode: 0.25, render: None, machine: "a card".to_owned() });
+    let mut imported = floor();
+    imported.stated.insert("re10k-2v-256".to_owned(), StatedCost { gaussians: Some(70_000), seconds });
+    imported.stated.insert("another".to_owned(), StatedCost { gaussians: Some(1), seconds: None });
+    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), imported]);
+    results.timings.clear();
+    let table = table_of("re10k", &results);
+    let [count, time] =
+        ["Nearest view: its number of Gaussians was stated, not counted", "Time of Nearest view: a card (stated"];
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    let printed: Vec<&str> = latex.lines().filter(|line| !line.starts_with('%')).collect();
+    for text in [printed.join("\n"), TableFormat::Markdown.write(&table).unwrap()] {
+        assert!(text.contains(count) && text.contains(time) && text.contains("70K"), "{text}");
+        assert_eq!(text.matches("was stated, not counted").count(), 2, "also without leaked targets: {text}");
+    }
+    let csv = TableFormat::Csv.write(&table).unwrap();
+    let fields = crate::csv_text::parse(&csv).unwrap();
+    let column = |name: &str| fields[0].iter().position(|head| head == name);
+    let of = |id: &str, name: &str| {
+        let row = fields.iter().find(|row| row[column("method_id").unwrap()] == id).unwrap();
+        row[column(name).unwrap()].clone()
+    };
+    let names = ["gaussians", "gaussians_stated", "seconds", "seconds_stated"];
+    assert_eq!(names.map(|name| of("nearest-view", name)), ["70000", "true", "0.25", "true"]);
+    assert_eq!(names.map(|name| of("a", name)), ["23040", "false", "", "false"]);
+    assert_eq!(column("psnr_stated"), None, "nothing there was stated");
+    let json: Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
+    let rows = json["table"]["rows"].as_array().unwrap();
+    let cells = |id: &str| &rows.iter().find(|row| row["method"] == id).unwrap()["cells"][0];
+    assert_eq!([&cells("nearest-view")[3]["stated"], &cells("a")[3]["stated"]], [&Value::Bool(true), &Value::Null]);
 }
 
 /// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.

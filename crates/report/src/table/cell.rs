@@ -11,6 +11,9 @@ pub struct Cell {
     pub value: Value,
     /// 95 % interval over scenes.
     pub interval: Option<[f64; 2]>,
+    /// Whether it is a cost that the user states, and that was neither counted nor timed here.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub stated: bool,
     /// Whether it is the best or second of the ranked rows.
     pub mark: Mark,
     /// Numbers of scenes and targets.
@@ -109,6 +112,11 @@ impl Cell {
     /// Whether it is a time measured while the machine was busy with something else.
     pub fn is_busy(&self) -> bool {
         self.timing.as_ref().is_some_and(|timing| timing.busy)
+    }
+
+    /// Whether it is a size that was stated; the machine of a stated time says so itself.
+    pub(crate) const fn is_stated_count(&self) -> bool {
+        self.stated && self.timing.is_none()
     }
 
     /// Whether it may be the best: not a time measured on a busy machine, nor a mean that lacks targets, or trials on which the

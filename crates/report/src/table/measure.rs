@@ -18,10 +18,13 @@ pub(super) fn cells(run: MethodRun<'_>, group: &ColumnGroup, leaked: Leaked, for
         return vec![cell; group.columns.len()];
     }
     let cost = cost(run.results(), run.preset_name(), run.method());
+    let stated = run.record.stated.get(run.preset_name()).and_then(|stated| stated.gaussians);
+    let states_gaussians = stated.is_some() && cost.gaussians.is_some();
     let cell = |column: &ColumnDefinition| match column.quantity {
         Quantity::Metric(metric) => metric_cell(run, &run.query(metric, leaked), group),
         Quantity::Slope(metric, along) => slope(run, &run.query(metric, leaked), along),
         Quantity::Seconds => time_cell(times(run.results(), run.preset_name(), run.method()), run.record.is_process()),
+        Quantity::Gaussians => Cell { stated: states_gaussians, ..cost_cell(Quantity::Gaussians, &cost) },
         quantity => cost_cell(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
@@ -153,9 +156,10 @@ fn time_cell(times: Result<Times, String>, is_process: bool) -> Cell {
         Err(reason) => Cell { not_computed: Some(reason), ..Cell::default() },
         Ok((spread, scope, times)) => {
             let Times { machine, device, trials, trials_there, repetitions, warm_up, others, busy, .. } = times;
+            let stated = machine.is_stated();
             let timing =
                 CellTiming { spread, scope, trials, trials_there, repetitions, warm_up, machine, device, others, busy };
-            Cell { value: Value::Number(spread.median), timing: Some(timing), ..Cell::default() }
+            Cell { value: Value::Number(spread.median), stated, timing: Some(timing), ..Cell::default() }
         }
     }
 }

@@ -30,6 +30,8 @@ pub enum NoteKind {
     Untrained,
     /// What was not computed, and how to get it.
     NotComputed,
+    /// Sizes that were stated, not counted.
+    Stated,
     /// The machines and devices of the times.
     Machine,
     /// Times measured on a busy machine.

@@ -129,7 +129,10 @@ impl MethodRecord {
     /// The record of the same method in a later run, after both have the costs and the title of imported files that were stated last:
     /// no row depends on them. A title that is the name was not stated.
     fn restated(&mut self, later: Self) -> Self {
-        self.stated = later.stated.clone().or(self.stated.take());
+        for (preset, cost) in &later.stated {
+            let earlier = self.stated.remove(preset).unwrap_or_default();
+            self.stated.insert(preset.clone(), cost.clone().or(earlier));
+        }
         let later = Self { stated: self.stated.clone(), ..later };
         if !later.imports_files() {
             return later;
@@ -191,7 +194,7 @@ fn same<T: Serialize + PartialEq>(
 mod tests {
     use super::*;
     use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
-    use crate::{AdapterRecord, MetricRecord, StatedCost};
+    use crate::{AdapterRecord, MetricRecord, StatedCost, StatedSeconds};
 
     #[test]
     fn rows_of_several_processors_name_them_all() {
@@ -302,20 +305,31 @@ mod tests {
         assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));
     }
 
+    /// Gaussians under two protocols, and seconds under the first of them.
     #[test]
-    fn costs_can_be_stated_later_and_corrected() {
-        let of = |gaussians: Option<u64>| {
-            let stated = gaussians.map(|count| StatedCost { gaussians: Some(count), seconds: None });
-            let methods = vec![MethodRecord { name: "m".to_owned(), stated, ..MethodRecord::default() }];
+    fn costs_can_be_stated_later_and_corrected_each_under_its_protocol() {
+        let of = |stated: &[(&str, Option<u64>, Option<f64>)]| {
+            let seconds = |encode| StatedSeconds { encode, render: None, machine: "a card".to_owned() };
+            let cost = |gaussians, encode: Option<f64>| StatedCost { gaussians, seconds: encode.map(seconds) };
+            let stated = stated.iter().map(|(preset, count, encode)| ((*preset).to_owned(), cost(*count, *encode)));
+            let method = MethodRecord { name: "m".to_owned(), stated: stated.collect(), ..MethodRecord::default() };
             let schema_version = crate::store::SCHEMA_VERSION;
-            Provenance { schema_version, methods, ..Provenance::default() }
+            Provenance { schema_version, methods: vec![method], ..Provenance::default() }
         };
-        let mut known = of(None);
-        for (next, expected) in [(Some(5), of(Some(5))), (Some(7), of(Some(7))), (None, of(Some(7)))] {
-            known.resume_with(of(next)).unwrap();
+        let mut known = of(&[]);
+        let (two, six) = (("2 views", Some(7), None), ("6 views", Some(21), None));
+        for (next, expected) in [
+            (of(&[("2 views", Some(5), None)]), of(&[("2 views", Some(5), None)])),
+            (of(&[two]), of(&[two])),
+            (of(&[]), of(&[two])),
+            (of(&[six]), of(&[two, six])),
+            (of(&[("2 views", None, Some(0.5))]), of(&[("2 views", Some(7), Some(0.5)), six])),
+            (of(&[("2 views", Some(8), None)]), of(&[("2 views", Some(8), Some(0.5)), six])),
+        ] {
+            known.resume_with(next).unwrap();
             assert_eq!(known.methods, expected.methods);
         }
-        assert!(known.merge_shard(of(Some(5)), false).is_err(), "parts of one run state the same");
+        assert!(known.merge_shard(of(&[six]), false).is_err(), "parts of one run state the same");
     }
 
     /// The second run corrects the title, the third states none.

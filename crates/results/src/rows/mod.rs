@@ -67,9 +67,10 @@ impl Results {
         self.targets.iter().filter(move |target| target.key.is_of(preset, method))
     }
 
-    /// The number of Gaussians of a trial, counted or stated; `None` if nobody knows it.
-    pub fn gaussians_of(&self, trial: &TrialRow) -> Option<u64> {
-        trial.gaussians.or_else(|| self.provenance.method(&trial.key.method)?.stated.as_ref()?.gaussians)
+    /// The number of Gaussians of a trial, or the mean that was stated for its method and preset; `None` if nobody knows it.
+    pub(crate) fn gaussians_of(&self, trial: &TrialRow) -> Option<u64> {
+        let TrialKey { preset, method, .. } = &trial.key;
+        trial.gaussians.or_else(|| self.provenance.method(method)?.stated.get(preset)?.gaussians)
     }
 
     /// The trials that their method does not support. Their targets have no scores, which does not count as a failure.

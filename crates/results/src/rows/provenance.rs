@@ -147,9 +147,9 @@ pub struct MethodRecord {
     pub renderer_adapter: Option<AdapterRecord>,
     /// Whether equal inputs give bit-identical results on one machine.
     pub deterministic: bool,
-    /// What imported images cost, as their user states it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub stated: Option<StatedCost>,
+    /// What imported images cost under each preset, by its name in the rows, as their user states it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub stated: BTreeMap<String, StatedCost>,
 }
 
 /// The parameters of a record. Where no limit on the number of Gaussians applied, earlier versions wrote the largest number there is.

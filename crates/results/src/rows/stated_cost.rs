@@ -27,6 +27,13 @@ pub struct StatedSeconds {
     pub machine: String,
 }
 
+impl StatedCost {
+    /// These costs, and those that were stated earlier and are not stated again.
+    pub(super) fn or(self, earlier: Self) -> Self {
+        Self { gaussians: self.gaussians.or(earlier.gaussians), seconds: self.seconds.or(earlier.seconds) }
+    }
+}
+
 impl StatedSeconds {
     /// The machine; times that were stated for equal names are compared.
     pub fn machine(&self) -> Machine {

@@ -42,7 +42,8 @@ pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
     let has_results = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
     let trials: Vec<&TrialRow> = all.iter().copied().filter(has_results).collect();
     let mean_of = |value: &dyn Fn(&TrialRow) -> Option<f64>| mean(trials.iter().filter_map(|trial| value(trial)));
-    let gaussians = || trials.iter().filter_map(|trial| results.gaussians_of(trial));
+    // What was stated is a mean, and no extreme.
+    let gaussians = || trials.iter().filter_map(|trial| trial.gaussians);
     let identities = all.iter().map(|trial| (trial.key.scene.as_str(), trial.key.entry));
     Cost {
         trials: trials.len() as u64,

@@ -285,11 +285,14 @@ fn cost_is_means_and_extremes() {
     let found = cost(&store, PRESET, "m");
     assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
     Tolerance::F64.assert(found.gaussians, [30.0], "mean Gaussians");
-    let stated = Some(StatedCost { gaussians: Some(5), seconds: None });
-    store.provenance.methods = vec![MethodRecord { name: "m".to_owned(), stated, ..MethodRecord::default() }];
+    let stated = [(PRESET, 5), ("other", 9000)]
+        .map(|(preset, count)| (preset.to_owned(), StatedCost { gaussians: Some(count), seconds: None }));
+    let method = MethodRecord { name: "m".to_owned(), stated: stated.into(), ..MethodRecord::default() };
+    store.provenance.methods = vec![method];
     store.trials[0].gaussians = None;
     let found = cost(&store, PRESET, "m");
-    assert_eq!((found.gaussians_min, found.gaussians_max), (Some(5), Some(60)), "stated, and counted");
+    assert_eq!((found.gaussians_min, found.gaussians_max), (Some(20), Some(60)), "a stated mean is no extreme");
+    Tolerance::F64.assert(found.gaussians, [28.75], "stated for this preset, and counted");
     assert_eq!(cost(&store, PRESET, "unknown"), Cost::default());
     store.trials[1].gaussians_drawn = Some(f64::NAN);
     assert!(cost(&store, PRESET, "m").gaussians_drawn.is_some_and(f64::is_nan), "it is not left out");

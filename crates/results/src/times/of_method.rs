@@ -77,7 +77,7 @@ pub(crate) fn times_on(
     preset: &str,
     method: &str,
 ) -> Result<Times, String> {
-    if let Some(stated) = stated(results, method) {
+    if let Some(stated) = stated(results, preset, method) {
         return Times::stated(stated, results, preset, method)
             .filter(|times| machine == Some(&times.machine))
             .ok_or_else(|| format!("stated as {} s on {}, not measured here", stated.encode, stated.machine));
@@ -170,8 +170,8 @@ impl Times {
     }
 }
 
-fn stated<'a>(results: &'a Results, method: &str) -> Option<&'a StatedSeconds> {
-    results.provenance.method(method)?.stated.as_ref()?.seconds.as_ref()
+fn stated<'a>(results: &'a Results, preset: &str, method: &str) -> Option<&'a StatedSeconds> {
+    results.provenance.method(method)?.stated.get(preset)?.seconds.as_ref()
 }
 
 /// The machine on which a protocol's methods are compared: the one with the most timed trials, or without any the one for which
@@ -186,9 +186,11 @@ fn measured_on(results: &Results, preset: &str) -> Option<Machine> {
 }
 
 fn stated_on(results: &Results, preset: &str) -> Option<Machine> {
-    let has_trials = |method: &&MethodRecord| results.trials_of(preset, &method.name).next().is_some();
-    let methods = results.provenance.methods.iter().filter(has_trials);
-    most_frequent(methods.filter_map(|method| Some(stated(results, &method.name)?.machine())))
+    let has_trials = |method: &str| results.trials_of(preset, method).next().is_some();
+    let methods = results.provenance.methods.iter();
+    let stating = methods.filter_map(|method| Some((method.name.as_str(), stated(results, preset, &method.name)?)));
+    // Few methods state a time, and trials are many.
+    most_frequent(stating.filter(|&(method, _)| has_trials(method)).map(|(_, seconds)| seconds.machine()))
 }
 
 fn most_frequent(machines: impl Iterator<Item = Machine>) -> Option<Machine> {
@@ -354,8 +356,8 @@ mod tests {
         store.trials.extend(imported.trials);
         store.targets.extend(imported.targets);
         let seconds = Some(StatedSeconds { encode: 0.5, render: Some(0.01), machine: "a card".to_owned() });
-        let stated = Some(StatedCost { gaussians: Some(7), seconds });
-        store.provenance.methods = [("a", None), ("b", stated)]
+        let stated = BTreeMap::from([(PRESET.to_owned(), StatedCost { gaussians: Some(7), seconds })]);
+        store.provenance.methods = [("a", BTreeMap::new()), ("b", stated)]
             .map(|(name, stated)| MethodRecord { name: name.to_owned(), stated, ..MethodRecord::default() })
             .into();
         store
@@ -383,7 +385,7 @@ mod tests {
         let mut store = with_stated();
         let mut other = store.provenance.methods[1].clone();
         other.name = "a".to_owned();
-        let seconds = other.stated.as_mut().and_then(|stated| stated.seconds.as_mut());
+        let seconds = other.stated.get_mut(PRESET).and_then(|stated| stated.seconds.as_mut());
         seconds.unwrap().machine = "another card".to_owned();
         store.provenance.methods[0] = other;
         assert_eq!(machine_of(&store, PRESET).unwrap().processor, "a card", "the first in order");

@@ -75,7 +75,7 @@ pub(super) fn scored<'a>(
         let gaussians = gaussians(results, preset, method);
         let optimised_on = results.optimised_on(preset, method);
         let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
-        let states_gaussians = record.stated.as_ref().is_some_and(|stated| stated.gaussians.is_some());
+        let states_gaussians = record.stated.get(preset).is_some_and(|stated| stated.gaussians.is_some());
         has_trials.then_some(Scored { sample, selected, gaussians, timed, optimised_on, states_gaussians })
     };
     results.provenance.methods.iter().filter_map(scored).collect()

@@ -67,6 +67,10 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     };
     let is_of_others = published && axis == CostAxis::Seconds;
     let machines = if is_of_others { "; published times are from other machines" } else { "" };
+    let stated: Vec<String> = measured().filter(|row| row.cell(cost).is_stated_count()).map(name).collect();
+    if !stated.is_empty() {
+        notes.push(format!("Gaussians were stated, not counted, of {}.", stated.join(", ")));
+    }
     let left_out = shown(table).filter_map(|row| Some((why_without_point(row, columns, what)?, name(row))));
     notes.extend(without_point(what, left_out));
     Some(Frontier {

@@ -3,9 +3,9 @@ use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES};
 
-use super::super::comparable::{ComparableResults, Part};
+use super::super::comparable::ComparableResults;
 use super::super::labels::name;
-use super::super::{Cell, Column, Counts, Group, NoteKind, Row, StoreProtocol, Table, Value};
+use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 use super::Notes;
 use crate::counted;
 use crate::definition::Quantity;
@@ -65,13 +65,9 @@ impl Notes {
     }
 
     /// Whether its number of Gaussians was stated: nobody could count them in images.
-    pub(super) fn stated(&mut self, row: &Row, results: &ComparableResults<'_>) {
-        let states_gaussians = |(part, method): (&Part<'_>, &str)| {
-            let record = part.source.results.provenance.method(method);
-            record.and_then(|record| record.stated.as_ref()?.gaussians).is_some()
-        };
-        if runs_of(row, results).into_iter().any(states_gaussians) {
-            self.add(NoteKind::Counts, format!("{}: its number of Gaussians was stated, not counted", name(row)));
+    pub(super) fn stated(&mut self, row: &Row) {
+        if row.cells.iter().flatten().any(Cell::is_stated_count) {
+            self.add(NoteKind::Stated, format!("{}: its number of Gaussians was stated, not counted", name(row)));
         }
     }
 
@@ -135,17 +131,13 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
 
 /// The trials behind a row.
 fn trials_of<'a>(row: &Row, results: &'a ComparableResults<'a>) -> Vec<&'a TrialRow> {
-    let runs = runs_of(row, results).into_iter();
-    runs.flat_map(|(part, method)| part.source.results.trials_of(&part.preset.name, method)).collect()
-}
-
-/// The parts of stores with a row's results, each with the method's name there.
-fn runs_of<'a, 'r>(row: &'r Row, results: &'r ComparableResults<'a>) -> Vec<(&'r Part<'a>, &'r str)> {
-    let part_of = |protocol: &'r StoreProtocol| {
-        let part = results.parts.iter().find(|part| part.is(protocol))?;
-        Some((part, protocol.method.as_str()))
-    };
-    distinct(row.protocols.iter().flatten()).into_iter().filter_map(part_of).collect()
+    let mut trials: Vec<&TrialRow> = Vec::new();
+    for protocol in distinct(row.protocols.iter().flatten()) {
+        if let Some(part) = results.parts.iter().find(|part| part.is(protocol)) {
+            trials.extend(part.source.results.trials_of(&protocol.preset, &protocol.method));
+        }
+    }
+    trials
 }
 
 /// `PSNR 21.25 [19.10, 23.40]`; `None` where there is no interval, or the cell prints it.

@@ -52,7 +52,7 @@ impl Notes {
         self.times(table);
         for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
             self.counts(table, row);
-            self.stated(row, results);
+            self.stated(row);
             self.suspicious(row, results);
             self.intervals(table, row);
         }

@@ -7,11 +7,15 @@ use crate::counted;
 impl Notes {
     /// Machines, what the marks of times mean, devices, then each time with its spread, and why some are unreliable.
     pub(super) fn times(&mut self, table: &Table) {
-        for timing in table.rows.iter().flat_map(timings) {
-            let machine = &timing.machine;
-            let measured = "; separate timing pass, nothing else running in the process";
-            let how = if machine.is_stated() { "" } else { measured };
-            self.add(NoteKind::Machine, format!("Time: {machine}{how}"));
+        for row in &table.rows {
+            for CellTiming { machine, .. } in timings(row) {
+                let text = if machine.is_stated() {
+                    format!("Time of {}: {machine}", name(row))
+                } else {
+                    format!("Time: {machine}; separate timing pass, nothing else running in the process")
+                };
+                self.add(NoteKind::Machine, text);
+            }
         }
         for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
             self.add(NoteKind::TimeScope, scope.explained());
