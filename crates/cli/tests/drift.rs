@@ -412,3 +412,39 @@ fn a_frontier_lists_prices() {
     let unclear = "+2.0000 (no interval with fewer than 6 scenes) from coarse, not distinguishable";
     assert!(table.contains(unclear) && table.contains("no price"), "{table}");
 }
+
+#[test]
+fn a_limit_is_stated_once_for_a_metric_and_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    noisy(&at.join("then"), 0.0, |_| ());
+    noisy(&at.join("again"), 0.125, |_| ());
+    store(&at.join("calm"), 0.0);
+    let accept = |store: &str, more: &[&str]| {
+        let args = ["drift", "accept", store, "--baseline", "b.json", "--why", "noise", "--no-probe"];
+        atsplat(at, &[&args[..], more].concat())
+    };
+    for (store, limits, code, message) in [
+        ("then", &["--limit", "psnr=0.05", "--limit", "psnr=0.5"][..], 2, "--limit: psnr is given twice"),
+        ("then", &["--limit", "psnr"], 2, "expected METRIC=CHANGE, such as psnr=0.05"),
+        ("then", &["--limit", "psnr=-0.05"], 2, "-0.05"),
+        ("then", &["--limit", "lpips=0.05"], 1, "lpips"),
+        ("calm", &["--limit", "psnr=0.05"], 1, "expected a method that is not deterministic"),
+    ] {
+        let outcome = accept(store, limits);
+        assert!(outcome.code == code && outcome.stderr.contains(message), "{}: {}", outcome.code, outcome.stderr);
+        assert!(!at.join("b.json").exists(), "{message}");
+    }
+    let said = |more: &[&str]| {
+        let outcome = accept("then", more);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        outcome.stdout
+    };
+    let stated = "p, fine: psnr may vary by 0.05 dB, as stated\n";
+    for (more, is_stated) in
+        [(&["--limit", "psnr=0.05"][..], true), (&[][..], true), (&["--repeat", "again"][..], false), (&[][..], false)]
+    {
+        let said = said(more);
+        assert_eq!(said.contains(stated), is_stated, "{more:?}: {said}");
+    }
+}

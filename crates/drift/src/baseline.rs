@@ -161,10 +161,13 @@ impl Baseline {
         Self { history, numbers, provenance, limits, probe: None, images, trials, targets }.with_numbers_of_rows()
     }
 
-    /// Accepts another run: its baseline with this one's history continued.
+    /// Accepts another run: its baseline with this one's history continued. Limits that were stated stay unless `repeats` show others.
     #[must_use]
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
+        if repeats.is_empty() {
+            Limit::keep_stated(&mut next.limits, &self.limits);
+        }
         next.history = self.history.iter().cloned().chain(next.history).collect();
         let accepted = history::of_rows(&next, Some(&compare(results, self)));
         next.numbers = self.numbers.iter().cloned().chain(accepted).collect();

@@ -78,6 +78,18 @@ impl Limit {
         any
     }
 
+    /// Takes over the limits that were stated before for the same numbers.
+    pub(super) fn keep_stated(limits: &mut [Self], before: &[Self]) {
+        for known in limits {
+            let is_same = |limit: &&Self| {
+                (&limit.preset, &limit.method, &limit.metric) == (&known.preset, &known.method, &known.metric)
+            };
+            if let Some(stated) = before.iter().filter(|limit| limit.is_stated()).find(is_same) {
+                *known = stated.clone();
+            }
+        }
+    }
+
     /// How many times the least limit it is, if that is so much that changes of that size would go unnoticed.
     pub fn wide(&self) -> Option<f64> {
         let times = self.limit / least_limit(&self.metric);

@@ -9,7 +9,7 @@ use clap::builder::NonEmptyStringValueParser;
 use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
-use crate::parse::{self, usage_error};
+use crate::parse::{self, once, usage_error};
 use crate::print::{print_report, warn};
 use crate::provenance;
 
@@ -32,7 +32,7 @@ pub(super) struct Args {
     repeat: Vec<PathBuf>,
 
     /// How far the mean of a metric may change in methods that are not deterministic, in its unit, such as psnr=0.05, instead of what
-    /// --repeat shows; may be given for several metrics.
+    /// --repeat shows; may be given for several metrics. It stays in later baselines until --limit or --repeat is given again.
     #[arg(long, value_name = "METRIC=CHANGE", value_parser = limit)]
     limit: Vec<(String, f64)>,
 
@@ -58,6 +58,8 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
+    let limited: Vec<String> = args.limit.iter().map(|(metric, _)| metric.clone()).collect();
+    once("--limit", &limited).map_err(usage_error)?;
     let requested = args.probe.as_deref().map(recipe).transpose()?;
     let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
     let (place, results) = read(&args.store, &args.cache)?;

@@ -112,6 +112,11 @@ fn a_limit_can_be_stated() {
     assert!(limit.to_string().ends_with("psnr may vary by 0.05 dB, as stated"), "{limit}");
     let bounds = [0.05, 0.5].map(|limit| scene_limit("psnr", stated(limit).limits.first(), 4));
     Tolerance::absolute(1e-9).assert(bounds, [0.5, 2.0], "the least, and 2 · 0.5 · √4");
+    let (next, repeated) = (changed(-0.02), changed(0.01));
+    let kept = stated(0.05).accept(&next, &[], acceptance("second"));
+    assert_eq!(kept.limits, stated(0.05).limits, "as stated before");
+    let replaced = stated(0.05).accept(&next, std::slice::from_ref(&repeated), acceptance("second"));
+    assert_eq!(replaced.limits[0].runs, 2, "repeated runs show another");
     let unknown = Baseline::new(&run, &[], acceptance("first")).with_limit("ssim", 0.1).unwrap_err().to_string();
     assert!(unknown.contains("one of psnr") && unknown.contains("ssim"), "{unknown}");
     let exact = Baseline::new(&store(true, 4, 0.0, 1), &[], acceptance("first")).with_limit("psnr", 0.1).unwrap_err();
