@@ -215,7 +215,7 @@ fn broken_gaussians_of_a_start_are_warned_of_and_counted() {
     assert_eq!(counts, [Some(5), Some(2), Some(3)]);
     let warnings: Vec<&str> = record["warnings"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
     let expected = expected.strip_prefix("warning: ").unwrap();
-    assert!(matches!(&warnings[..], [of_start] if of_start.starts_with(expected)), "{warnings:?}");
+    assert!(matches!(&warnings[..], [_colours, of_start] if of_start.starts_with(expected)), "{warnings:?}");
 }
 
 #[test]

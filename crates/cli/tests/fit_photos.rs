@@ -34,7 +34,7 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
         assert_eq!(fitted.code, 0, "{}", fitted.stderr);
         let record = record(here);
         let warned = record["warnings"].as_array().unwrap().iter().any(|text| text.as_str().unwrap().contains("alpha"));
-        assert_eq!(warned, fitted.stderr.contains("alpha channel is dropped"), "{record}: {}", fitted.stderr);
+        assert_eq!(warned, fitted.stderr.contains("an alpha channel, which is dropped"), "{record}: {}", fitted.stderr);
         (record["alpha"].as_str().unwrap().to_owned(), warned, record["views-sha256"].as_str().unwrap().to_owned())
     };
     let (dropped, black) = (fit(&[]), fit(&["--alpha", "composite"]));

@@ -336,6 +336,7 @@ fn photos_that_were_cropped_before_are_taken_on_request() {
     let here = folder.path();
     let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/presets");
     let preset = fs::read_to_string(presets.join("re10k-2v-256.toml")).unwrap();
+    let preset = preset.replace("name = \"re10k-2v-256\"", "name = \"mine\"");
     fs::write(here.join("mine.toml"), preset.replace("height = 256, width = 256", "height = 32, width = 48")).unwrap();
     let tiny = tiny();
     let args = untrained(tiny.to_str().unwrap(), &["--protocol", "mine.toml"]);

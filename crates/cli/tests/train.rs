@@ -181,7 +181,7 @@ fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
     for args in [
         &["train", "--config", "tiny.toml", "--out", "second", "--init", older][..],
         &["weights", "export", older, "--key-map", "identity", "--out", "exported.safetensors"],
-        &["reconstruct", "data", "--key", "a", "--views", "0,1", "--weights", older],
+        &["reconstruct", "data", "--key", "a", "--views", "0,1", "--weights", older, "--out", "scene.ply"],
     ] {
         let rejected = atsplat(here, args);
         let expected =

@@ -239,7 +239,7 @@ mod tests {
         let entry = |text: &str| format!("[[weights]]\nfile = 'a'\n[[weights]]\nfile = 'b'\n{text}\n");
         for (text, location, found) in [
             ("weights = 3".to_owned(), "line 1 column 11", "3"),
-            (String::new(), "line 1 column 1", "weights"),
+            (String::new(), "line 1 column 1", "none"),
             ("weights = []".to_owned(), "weights", "none"),
             (entry("preset = 're20k'"), "weights entry 2, preset", "re20k"),
             (entry("table = 'unify'"), "weights entry 2, table", "unify"),

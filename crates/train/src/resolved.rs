@@ -101,8 +101,8 @@ mod tests {
     fn another_model_loss_preset_or_simulator_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("preset.toml");
-        let text = Preset::text_of("rooms-2v-128").unwrap();
-        std::fs::write(&path, text).unwrap();
+        let text = Preset::text_of("rooms-2v-128").unwrap().replace("name = \"rooms-2v-128\"", "name = \"mine\"");
+        std::fs::write(&path, &text).unwrap();
         let config = CONFIG.replace("VIEWS", VIEWS).replace("PRESET", &path.to_string_lossy());
         let config = TrainConfig::from_toml(&config).unwrap();
         let (model, objective) = (config.model.config().unwrap(), Objective::new(config.losses.clone()).unwrap());
