@@ -145,7 +145,7 @@ impl Frontiers {
             CostAxis::Seconds => time_unit(points.iter().map(|point| point.cost)),
             CostAxis::Gaussians => ("", 1.0),
         };
-        let axes = Axes { inside, x: Scale::logarithmic(points.iter().map(|point| point.cost / length), 0.12), y };
+        let axes = Axes { inside, x: cost_scale(points, length), y };
         let title = match cost {
             CostAxis::Seconds => format!("time in {unit}, logarithmic"),
             CostAxis::Gaussians => "Gaussians per scene, logarithmic".to_owned(),
@@ -242,6 +242,18 @@ fn shown(points: &[FrontierPoint]) -> Vec<&FrontierPoint> {
     points.iter().filter(|point| point.cost > 0.0 && point.quality.value.is_finite()).collect()
 }
 
+/// The axis of costs, in a unit of this length. Where a horizontal bar would leave it, it is extended to the bar's end.
+fn cost_scale(points: &[&FrontierPoint], length: f64) -> Scale {
+    let around = |ends: &[f64]| {
+        let costs = points.iter().map(|point| point.cost).chain(ends.iter().copied());
+        Scale::logarithmic(costs.map(|cost| cost / length), 0.12)
+    };
+    let of_points = around(&[]);
+    let is_outside = |end: &f64| !(of_points.low()..=of_points.high()).contains(&(*end / length));
+    let ends: Vec<f64> = points.iter().filter_map(|point| point.drawn_spread()).flatten().filter(is_outside).collect();
+    around(&ends)
+}
+
 fn of_origin<'a>(points: &'a [&FrontierPoint], origin: Origin) -> impl Iterator<Item = &'a FrontierPoint> {
     points.iter().copied().filter(move |point| point.origin == origin)
 }
@@ -256,12 +268,12 @@ const fn colour_of(origin: Origin) -> plotters::style::RGBColor {
 #[cfg(test)]
 mod tests {
     use atsplat_metrics::definition;
+    use atsplat_numeric::Tolerance;
 
     use super::*;
 
-    #[test]
-    fn dominated_points_are_not_on_the_frontier() {
-        let point = |label: &str, cost: f64, quality: f64| FrontierPoint {
+    fn point(label: &str, cost: f64, quality: f64) -> FrontierPoint {
+        FrontierPoint {
             label: label.to_owned(),
             cost,
             spread: None,
@@ -270,7 +282,28 @@ mod tests {
             standing: None,
             ranked: true,
             highlighted: false,
+        }
+    }
+
+    /// In milliseconds: a single method, whose quartiles are farther apart than the axis of its median would be wide.
+    #[test]
+    fn the_axis_has_the_ends_of_horizontal_bars() {
+        let ends = |spread: Option<[f64; 2]>| {
+            let point = FrontierPoint { spread, ..point("warp", 0.010, 20.0) };
+            let scale = cost_scale(&[&point], 1e-3);
+            [scale.low(), scale.high()]
         };
+        let [low, high] = ends(None);
+        assert!(low > 8.0 && high < 12.0, "{low} to {high}");
+        Tolerance::F64.assert(ends(Some([0.0098, 0.0105])), [low, high], "quartiles inside change nothing");
+        let [low, high] = ends(Some([0.0099, 0.015]));
+        assert!(low > 8.0 && high > 15.0, "{low} to {high}");
+        let [low, high] = ends(Some([0.004, 0.015]));
+        assert!(low < 4.0 && high > 15.0, "{low} to {high}");
+    }
+
+    #[test]
+    fn dominated_points_are_not_on_the_frontier() {
         let points = vec![
             point("dear", 3.0, 30.0),
             point("cheap", 1.0, 20.0),
