@@ -184,11 +184,11 @@ impl Baseline {
         }
         let known: BTreeSet<&str> = self.limits.iter().map(|limit| limit.metric.as_str()).collect();
         let known: Vec<&str> = known.into_iter().collect();
-        let expected = match known.as_slice() {
-            [] => "a method that is not deterministic".to_owned(),
-            known => format!("one of {}", known.join(", ")),
+        let (what, expected, found) = match known.as_slice() {
+            [] => ("methods with a limit", "a method that is not deterministic".to_owned(), "none"),
+            known => ("metric with a limit", format!("one of {}", known.join(", ")), metric),
         };
-        Err(DriftError::Invalid { what: "metric with a limit", expected, found: metric.to_owned() })
+        Err(DriftError::Invalid { what, expected, found: found.to_owned() })
     }
 
     /// Runs a probe on this machine and adds it, as [`Self::with_probe`] does.
