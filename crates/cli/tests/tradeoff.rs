@@ -148,7 +148,9 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
     let on_card = ["--stated-machine", "a card", "--stated-seconds"];
     let costs = |count, secs| [&on_card[..], &[secs, "--stated-gaussians", count]].concat();
     assert_eq!(score("warp", &costs("400", "0.25")).code, 0);
-    assert_eq!(score("nearest-view", &costs("300", "0.75")).code, 0);
+    let with_rendering = [&costs("300", "0.75")[..], &["--stated-render-seconds", "0.05"]].concat();
+    assert_eq!(score("nearest-view", &with_rendering).code, 0);
+    assert_eq!(score("warp", &["--stated-gaussians", "0"]).code, 2, "a method without Gaussians states none");
 
     let incomplete = score("warp", &["--stated-seconds", "0.25"]);
     assert!(incomplete.code == 2 && incomplete.stderr.contains("--stated-machine"), "{}", incomplete.stderr);
@@ -157,12 +159,15 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
     assert!(ply.code == 2 && ply.stderr.contains("--stated-gaussians requires --renders"), "{}", ply.stderr);
 
     let printed = succeed(here, &["tradeoff", "scores"]);
-    for (name, ms, count) in [("warp", "250.0 ±0.0", "400"), ("nearest-view", "750.0 ±0.0", "300")] {
+    for (name, ms, count) in [("warp", " 250.0 ", "400"), ("nearest-view", " 800.0 ", "300")] {
         let rows = printed.lines().filter(|line| line.contains(name) && line.contains(ms) && line.contains(count));
         assert_eq!(rows.count(), 2, "against seconds and Gaussians: {printed}");
     }
     assert!(printed.contains("a card (stated, not measured here)"), "{printed}");
     assert!(printed.contains("warp: its number of Gaussians was stated, not counted"), "{printed}");
+    let without_rendering: Vec<&str> = printed.lines().filter(|line| line.contains("of its Gaussians alone")).collect();
+    let note = "  warp: its time is that of its Gaussians alone, because none was stated for rendering";
+    assert_eq!(without_rendering, [note], "{printed}");
 
     // Without other renders, costs can be stated later, or corrected.
     assert_eq!(score("warp", &costs("500", "0.25")).code, 0);

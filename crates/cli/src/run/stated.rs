@@ -10,7 +10,7 @@ use crate::requirements::GivenOption;
 pub(super) struct StatedCostArgs {
     /// Mean number of Gaussians of a trial under the command's protocols, for tables and `tradeoff`: images do not contain it. Tables
     /// say that it was stated.
-    #[arg(id = "stated-gaussians", long, value_name = "N")]
+    #[arg(id = "stated-gaussians", long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     gaussians: Option<u64>,
 
     /// Mean seconds of a trial, from its context images to Gaussians, measured on the machine of --stated-machine. They are shown with
@@ -18,7 +18,8 @@ pub(super) struct StatedCostArgs {
     #[arg(id = "stated-seconds", long, value_name = "SECONDS", value_parser = parse::not_negative, requires = "stated-machine")]
     encode: Option<f64>,
 
-    /// Mean seconds per rendered image on the same machine.
+    /// Mean seconds per rendered image on the same machine. Without it, the time to the first image is that of the Gaussians alone, and
+    /// `tradeoff` says so.
     #[arg(id = "stated-render-seconds", long, value_name = "SECONDS", value_parser = parse::not_negative, requires = "stated-seconds")]
     render: Option<f64>,
 

@@ -69,5 +69,7 @@ fn has_stated(table: &Table, index: CellIndex) -> bool {
 fn about_time(timing: &CellTiming) -> [String; TIME_SUFFIXES.len()] {
     let scope = timing.scope.map_or_else(String::new, |scope| scope.remark().to_owned());
     let device = timing.device.clone().unwrap_or_default();
-    [timing.spread.mad.to_string(), timing.machine.to_string(), timing.busy.to_string(), scope, device]
+    // A time that was stated is a single number.
+    let mad = if timing.machine.is_stated() { String::new() } else { timing.spread.mad.to_string() };
+    [mad, timing.machine.to_string(), timing.busy.to_string(), scope, device]
 }

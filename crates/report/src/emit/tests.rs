@@ -201,6 +201,7 @@ fn stated_costs_are_said_to_be_stated_in_every_format() {
     let names = ["gaussians", "gaussians_stated", "seconds", "seconds_stated"];
     assert_eq!(names.map(|name| of("nearest-view", name)), ["70000", "true", "0.25", "true"]);
     assert_eq!(names.map(|name| of("a", name)), ["23040", "false", "", "false"]);
+    assert_eq!(of("nearest-view", "seconds_mad"), "", "a single number has no deviation");
     assert_eq!(column("psnr_stated"), None, "nothing there was stated");
     let json: Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
     let rows = json["table"]["rows"].as_array().unwrap();

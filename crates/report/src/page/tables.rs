@@ -127,7 +127,7 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
             format!(" title=\"{what} {low} to {high}\"")
         };
         let title = match (&cell.timing, cell.interval) {
-            (Some(timing), _) => title("quartiles", timing.spread.quartiles),
+            (Some(timing), _) => timing.quartiles().map_or_else(String::new, |ends| title("quartiles", ends)),
             (None, Some(interval)) => title("95 % interval", interval),
             (None, None) => String::new(),
         };

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_results::store::images::image_path;
-use atsplat_results::{MethodRecord, Results, Shard, TrainingRecord};
+use atsplat_results::{MethodRecord, Results, Shard, StatedCost, StatedSeconds, TrainingRecord};
 
 use super::*;
 use crate::definition::{Quantity, TableDefinition};
@@ -254,6 +254,23 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
     assert!(!time.contains(['‡', '§']) && !time.contains("a processor"), "{time}");
     let score = cite::citation(&table, row, FIRST, &[store]).unwrap();
     assert!(score.ends_with(", a processor, 2 threads"), "{score}");
+}
+
+/// Nothing here has repeated it.
+#[test]
+fn a_citation_of_a_stated_time_claims_no_repetitions() {
+    let mut imported = floor();
+    let seconds = Some(StatedSeconds { encode: 0.25, render: Some(0.5), machine: "a card".to_owned() });
+    imported.stated.insert("rooms-2v-128".to_owned(), StatedCost { gaussians: None, seconds });
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![imported], 7);
+    results.timings.clear();
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
+    let row = table.rows.iter().find(|row| !row.without_leaked).unwrap();
+    let (index, _) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+    let time = cite::citation(&table, row, index, &[store]).unwrap();
+    assert!(time.starts_with("Time (s) 0.250, as stated; method "), "{time}");
+    assert!(time.ends_with(", a card (stated, not measured here)"), "{time}");
 }
 
 /// Two trainings in two stores, one from another machine.

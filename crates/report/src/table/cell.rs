@@ -122,7 +122,12 @@ impl Cell {
     /// Whether it may be the best: not a time measured on a busy machine, nor a mean that lacks targets, or trials on which the
     /// method failed.
     pub(crate) fn is_rankable(&self) -> bool {
-        !self.is_busy() && !self.lacks_trials && !self.counts.is_some_and(Counts::lacks_targets)
+        !self.is_busy() && !self.lacks_results()
+    }
+
+    /// Whether it is a mean that lacks targets, or trials on which the method failed.
+    pub(crate) fn lacks_results(&self) -> bool {
+        self.lacks_trials || self.counts.is_some_and(Counts::lacks_targets)
     }
 
     /// The printed text.

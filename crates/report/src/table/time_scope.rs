@@ -59,9 +59,15 @@ pub(crate) fn was_busy(others: f64) -> String {
 }
 
 impl CellTiming {
+    /// The quartiles over repetitions; `None` for a time that was stated, which is a single number.
+    pub(crate) fn quartiles(&self) -> Option<[f64; 2]> {
+        (!self.machine.is_stated()).then_some(self.spread.quartiles)
+    }
+
     /// What a time says next to its number: over what it is the median, and the meaning of its marks.
     pub(crate) fn in_words(&self, print: impl Fn(f64) -> String) -> String {
-        let [low, high] = self.spread.quartiles.map(print);
+        let Some(quartiles) = self.quartiles() else { return ", as stated".to_owned() };
+        let [low, high] = quartiles.map(print);
         let (trials, repetitions) = (counted(self.trials, "trial"), self.repetitions);
         let mut text =
             format!(", median averaged over {trials} with {repetitions} repetitions each, quartiles {low} to {high}");

@@ -48,6 +48,11 @@ pub struct Times {
 }
 
 impl Times {
+    /// Quartiles of [`Self::first_image`] over repetitions; `None` for times that were stated, which are single numbers.
+    pub fn quartiles(&self) -> Option<[f64; 2]> {
+        self.first_image.filter(|_| !self.machine.is_stated()).map(|spread| spread.quartiles)
+    }
+
     /// Seconds of the encoding alone as a method in another process states them, in the stage `encode`; `None` unless it does so
     /// on every repetition of every timed trial. [`Self::encode`] covers its whole answer, with reading and writing of files.
     pub fn stated_encode(&self) -> Option<Spread> {
@@ -80,7 +85,7 @@ pub(crate) fn times_on(
     if let Some(stated) = stated(results, preset, method) {
         return Times::stated(stated, results, preset, method)
             .filter(|times| machine == Some(&times.machine))
-            .ok_or_else(|| format!("stated as {} s on {}, not measured here", stated.encode, stated.machine));
+            .ok_or_else(|| stated_elsewhere(stated, machine));
     }
     let of_method = results.timings.iter().filter(|row| row.key.is_of(preset, method));
     let all: Vec<TimedTrial<'_>> = of_method.filter_map(|row| Some((row, current_trial(results, row)?))).collect();
@@ -95,6 +100,15 @@ pub(crate) fn times_on(
     // A pass counts the trials of its shard, or of a limit that a later run has extended.
     let there = results.trials_of(preset, method).count() as u64;
     Ok(Times::of(machine, &on_machine, there))
+}
+
+/// Why times that were stated are left out: others were measured, or are stated for another machine.
+fn stated_elsewhere(stated: &StatedSeconds, machine: Option<&Machine>) -> String {
+    let StatedSeconds { encode, machine: name, .. } = stated;
+    match machine.filter(|machine| machine.is_stated() && machine.processor != *name) {
+        Some(others) => format!("stated as {encode} s on {name}, while others are stated for {}", others.processor),
+        None => format!("stated as {encode} s on {name}, not measured here"),
+    }
 }
 
 /// Of several passes on one trial the last one counts. Shards of a run time different trials, each in another pass.
@@ -371,6 +385,7 @@ mod tests {
         let secs = [found.encode, found.render, found.first_image].map(|spread| spread.unwrap().median);
         Tolerance::F64.assert(secs, [0.5, 0.01, 0.51], "encoding, rendering and both");
         assert_eq!((found.trials, found.trials_there, found.machine.is_stated()), (2, 2, true));
+        assert_eq!(found.quartiles(), None, "a mean without repetitions");
         assert_eq!(found.machine.to_string(), "a card (stated, not measured here)");
         let other = times(&store, PRESET, "a").unwrap_err();
         assert!(other.contains("no timing pass"), "{other}");
@@ -390,7 +405,7 @@ mod tests {
         store.provenance.methods[0] = other;
         assert_eq!(machine_of(&store, PRESET).unwrap().processor, "a card", "the first in order");
         let why = times(&store, PRESET, "a").unwrap_err();
-        assert_eq!(why, "stated as 0.5 s on another card, not measured here");
+        assert_eq!(why, "stated as 0.5 s on another card, while others are stated for a card");
         assert!(times(&store, PRESET, "b").is_ok());
     }
 }

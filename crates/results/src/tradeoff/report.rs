@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::{Axis, Counts, Frontier, Incomplete, Point, Price, Standing, Tradeoff};
 use crate::statistics::MIN_SCENES;
 use crate::store::Unfinished;
+use crate::times::Machine;
 
 /// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
 #[derive(Debug, Serialize)]
@@ -32,7 +33,8 @@ impl TradeoffReport {
 impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, tradeoff) in self.tradeoffs.iter().enumerate() {
-            let Tradeoff { preset, metric, unit, frontiers, incomplete, notes, .. } = tradeoff;
+            let Tradeoff { preset, metric, unit, frontiers, machines, incomplete, notes, .. } = tradeoff;
+            let are_stated = machines.iter().any(Machine::is_stated);
             for frontier in frontiers {
                 let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
                 let cost = match frontier.axis {
@@ -40,7 +42,7 @@ impl fmt::Display for TradeoffReport {
                     Axis::Gaussians => "Gaussians",
                 };
                 writeln!(f, "{blank}{preset}: {metric} against {cost}")?;
-                points(f, frontier)?;
+                points(f, frontier, are_stated)?;
                 prices(f, frontier, unit)?;
             }
             incomplete.iter().try_for_each(|setting| writeln!(f, "  {setting}"))?;
@@ -101,7 +103,8 @@ const fn marks(whole_answer: bool, busy: bool) -> &'static str {
     }
 }
 
-fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
+/// `are_stated` says whether times were stated: such a time is a single number, without an interval over repetitions.
+fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier, are_stated: bool) -> fmt::Result {
     let mut on_frontier = frontier.points.iter().filter(|point| point.on_frontier());
     let is_unsure = frontier.axis == Axis::Seconds && on_frontier.any(|point| point.busy);
     let knee = if is_unsure { ", knee§" } else { ", knee" };
@@ -114,7 +117,8 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
             Standing::NotDistinguishable => "?",
         };
         let marks = marks(*whole_answer, *busy);
-        let time = |secs| format!("{:.1} ±{:.1}{marks}", 1e3 * secs, 1e3 * secs_error);
+        let error = if are_stated { String::new() } else { format!(" ±{:.1}", 1e3 * secs_error) };
+        let time = |secs: f64| format!("{:.1}{error}{marks}", 1e3 * secs);
         let ms = secs.map_or("-".to_owned(), time);
         let gaussians = gaussians.map_or("-".to_owned(), |count| format!("{count:.0}"));
         let difference = against.as_ref().map_or_else(String::new, |against| {

@@ -27,6 +27,8 @@ pub(super) struct Scored<'a> {
     optimised_on: BTreeSet<&'a str>,
     /// Whether its number of Gaussians was stated, not counted.
     states_gaussians: bool,
+    /// Whether its seconds were stated without those of a rendered image.
+    lacks_rendering: bool,
 }
 
 /// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
@@ -75,8 +77,19 @@ pub(super) fn scored<'a>(
         let gaussians = gaussians(results, preset, method);
         let optimised_on = results.optimised_on(preset, method);
         let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
-        let states_gaussians = record.stated.get(preset).is_some_and(|stated| stated.gaussians.is_some());
-        has_trials.then_some(Scored { sample, selected, gaussians, timed, optimised_on, states_gaussians })
+        let stated = record.stated.get(preset);
+        let states_gaussians = stated.is_some_and(|stated| stated.gaussians.is_some());
+        let seconds = stated.and_then(|stated| stated.seconds.as_ref()).filter(|_| sample.secs.is_some());
+        let lacks_rendering = seconds.is_some_and(|seconds| seconds.render.is_none());
+        has_trials.then_some(Scored {
+            sample,
+            selected,
+            gaussians,
+            timed,
+            optimised_on,
+            states_gaussians,
+            lacks_rendering,
+        })
     };
     results.provenance.methods.iter().filter_map(scored).collect()
 }
@@ -147,7 +160,7 @@ pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
 pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
     let timed_on: BTreeSet<TrialId<'_>> = all.iter().flat_map(|setting| &setting.timed).copied().collect();
     let mut notes = Vec::new();
-    for Scored { sample, timed, optimised_on, states_gaussians, .. } in all {
+    for Scored { sample, timed, optimised_on, states_gaussians, lacks_rendering, .. } in all {
         let mut note = |text| notes.push(Note { label: Some(sample.label.clone()), text });
         if !timed.is_empty() && *timed != timed_on {
             let [some, of] = [timed.len(), timed_on.len()];
@@ -155,6 +168,9 @@ pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
         }
         if *states_gaussians {
             note("its number of Gaussians was stated, not counted".to_owned());
+        }
+        if *lacks_rendering {
+            note("its time is that of its Gaussians alone, because none was stated for rendering".to_owned());
         }
         if optimised_on.len() > 1 {
             let machines: Vec<&str> = optimised_on.iter().copied().collect();

@@ -92,7 +92,7 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
             points.push(FrontierPoint {
                 label: marks.fold(name, |label, mark| format!("{label} {mark}")),
                 cost: setting.cost,
-                spread: times.and_then(|times| times.first_image).map(|spread| spread.quartiles),
+                spread: times.as_ref().and_then(Times::quartiles),
                 quality: Estimate { value: setting.quality, interval: interval(&setting.label) },
                 origin: Origin::Measured,
                 standing: Some(setting.standing),

@@ -64,7 +64,7 @@ fn stage_time_row(label: String, is_process: bool, times: Result<Times, String>)
         untimed: stages.is_empty().then(|| "no stage was timed".to_owned()),
         stages,
         total: times.first_image.map(|spread| spread.median),
-        spread: times.first_image.map(|spread| spread.quartiles),
+        spread: times.quartiles(),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::definition::Quantity;
 use crate::plot::{CostAxis, Drawing, Frontier, FrontierPoint, Origin};
 use crate::plot_data::timed::Timed;
 use crate::plot_data::without_point::without_point;
-use crate::table::{Cell, CellIndex, Row, Source, Table, Value};
+use crate::table::{Cell, CellIndex, CellTiming, Row, Source, Table, Value};
 
 /// The columns of a plot.
 #[derive(Clone, Copy)]
@@ -71,6 +71,11 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     if !stated.is_empty() {
         notes.push(format!("Gaussians were stated, not counted, of {}.", stated.join(", ")));
     }
+    let lacks_results = |row: &&Row| [cost, quality].iter().any(|index| row.cell(*index).lacks_results());
+    let incomplete: Vec<String> = measured().filter(lacks_results).map(name).collect();
+    if why_unranked.is_empty() && !incomplete.is_empty() {
+        notes.push(format!("Not ranked, because their means lack targets or trials: {}.", incomplete.join(", ")));
+    }
     let left_out = shown(table).filter_map(|row| Some((why_without_point(row, columns, what)?, name(row))));
     notes.extend(without_point(what, left_out));
     Some(Frontier {
@@ -89,9 +94,9 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     })
 }
 
-/// Why a row has no point; `None` if it has both numbers. `what` names the cost.
+/// Why a row has no point; `None` if it has both numbers, and a cost that a logarithmic axis has a place for. `what` names the cost.
 fn why_without_point(row: &Row, columns: Columns, what: &str) -> Option<String> {
-    let Columns { cost, quality, metric, .. } = columns;
+    let Columns { axis, cost, quality, metric } = columns;
     let reason = |cell: &Cell, what: &str| match (&cell.value, &cell.not_computed) {
         (Value::Number(_), _) => None,
         (Value::Text(text), _) => Some(text.clone()),
@@ -100,18 +105,24 @@ fn why_without_point(row: &Row, columns: Columns, what: &str) -> Option<String> 
         (Value::Absent, None) if row.measured(quality.group).is_empty() => Some("not measured".to_owned()),
         (Value::Absent, None) => Some(format!("no {what}")),
     };
-    reason(row.cell(quality), metric.name).or_else(|| reason(row.cell(cost), what))
+    let unit = match axis {
+        CostAxis::Gaussians => "Gaussians",
+        CostAxis::Seconds => "seconds",
+    };
+    let without_place = || row.cell(cost).value.number().filter(|spent| *spent <= 0.0);
+    let free = || without_place().map(|spent| format!("{spent} {unit}"));
+    reason(row.cell(quality), metric.name).or_else(|| reason(row.cell(cost), what)).or_else(free)
 }
 
-/// The point of a row that has both numbers; `compares` says whether the table ranks the measured rows of these columns.
+/// The point of a row that has both numbers, and a cost above 0; `compares` says whether the table ranks the measured rows of these columns.
 fn point(row: &Row, columns: Columns, compares: bool) -> Option<FrontierPoint> {
     let (spent, quality) = (row.cell(columns.cost), row.cell(columns.quality));
     let marks = spent.marks();
     let compares = compares || row.origin == Origin::Published;
     Some(FrontierPoint {
         label: if marks.is_empty() { name(row) } else { format!("{} {marks}", name(row)) },
-        cost: spent.value.number()?,
-        spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
+        cost: spent.value.number().filter(|spent| *spent > 0.0)?,
+        spread: spent.timing.as_ref().and_then(CellTiming::quartiles),
         quality: estimate(quality)?,
         origin: row.origin,
         standing: None,
@@ -122,7 +133,9 @@ fn point(row: &Row, columns: Columns, compares: bool) -> Option<FrontierPoint> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_results::{MethodRecord, Results, TargetStatus, TrainingRecord, TrialStatus};
+    use atsplat_results::{
+        MethodRecord, Results, StatedCost, StatedSeconds, TargetStatus, TrainingRecord, TrialStatus,
+    };
 
     use super::*;
     use crate::definition::TableDefinition;
@@ -228,12 +241,15 @@ mod tests {
         let cheap = results.trials.iter_mut().filter(|trial| trial.key.method == "cheap");
         cheap.for_each(|trial| trial.gaussians = Some(11_520));
         let said = |results: &Results| texts(&[results], Mixing::Apart, "re10k-gaussians");
-        assert!(!has_frontier(&said(&results)), "a mean without a scene");
+        let incomplete = said(&results);
+        assert!(!has_frontier(&incomplete), "a mean without a scene");
+        let why = "Not ranked, because their means lack targets or trials: ATSplat (cheap).";
+        assert!(incomplete.contains(why), "{incomplete}");
         results.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Done);
         for row in results.targets.iter_mut().filter(|row| row.status == TargetStatus::Failed) {
             (row.status, row.scores) = (TargetStatus::Scored, [("psnr".to_owned(), 20.0)].into());
         }
-        assert!(has_frontier(&said(&results)));
+        assert!(has_frontier(&said(&results)) && !said(&results).contains("Not ranked"));
         results.provenance.methods[1].untrained = true;
         assert!(!has_frontier(&said(&results)), "random weights");
         assert!(said(&results).lines().any(|text| text == "ATSplat (cheap), untrained"), "{}", said(&results));
@@ -251,6 +267,19 @@ mod tests {
         let expected = "No point against time: GS-LRM, LongLRM (not published). \
                         No point against time: Nearest view (the method makes no Gaussians from images).";
         assert!(of(&seconds).ends_with(expected), "{seconds}");
+    }
+
+    /// A method that only renders has nothing to make before its first image.
+    #[test]
+    fn a_row_whose_cost_is_0_is_named() {
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        results.timings.clear();
+        for (method, encode) in results.provenance.methods.iter_mut().zip([0.25, 0.0]) {
+            let seconds = Some(StatedSeconds { encode, render: Some(0.5), machine: "a card".to_owned() });
+            method.stated.insert("re10k-2v-256".to_owned(), StatedCost { gaussians: None, seconds });
+        }
+        let said = texts(&[&results], Mixing::Apart, "re10k-seconds");
+        assert!(said.contains("No point against time: Nearest view (0 seconds)."), "{said}");
     }
 
     /// Answers take 0.26 s; of that, the process says, its encoder takes 0.005 s.
