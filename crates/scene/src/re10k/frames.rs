@@ -220,16 +220,22 @@ fn naming(scene: &Scene, listing: &ImageListing, numbers: &BTreeMap<i64, &str>) 
 ///
 /// As many images as rows, without a gap, are those of the rows, whatever the least number is. With gaps, images are numbered from
 /// 0 or 1: which, an image 0 and an image `rows` tell, if only one of them exists. Images that leave this range are numbered from 1
-/// or from another number; if most of them are beyond it, they are numbered by something else, such as the frames of a video.
+/// or from another number. If rows lack images and most images are beyond the rows, they are numbered by something else, such as the
+/// frames of a video: 0, 30, 60.
 fn first_numbers(numbers: &BTreeMap<i64, &str>, (least, most): (i64, i64), rows: i64) -> Vec<i64> {
     let whole = first_of_whole_series(numbers, rows);
     if !whole.is_empty() {
         return whole.into_iter().collect();
     }
+    let in_range = numbers.range(..=rows).count();
+    let is_longer = most.saturating_sub(least) >= rows;
+    let has_gaps = i64::try_from(in_range).is_ok_and(|count| count < rows);
+    if is_longer && has_gaps && 2 * in_range <= numbers.len() {
+        return Vec::new();
+    }
     if least > 1 && most > rows {
-        let in_range = numbers.keys().filter(|number| **number <= rows).count();
-        if most.saturating_sub(least) >= rows {
-            return if 2 * in_range > numbers.len() { vec![1] } else { Vec::new() };
+        if is_longer {
+            return vec![1];
         }
         let mut firsts: Vec<i64> = (in_range > 0).then_some(1).into_iter().collect();
         firsts.extend([most.saturating_sub(rows).saturating_add(1), least]);
@@ -363,6 +369,13 @@ mod tests {
         assert_eq!(names(&scene), ["no 00001.png", "2.png", "3.png"]);
         let counts = [(WarningKind::MissingImage, 1), (WarningKind::UnlistedImage, 1)];
         assert_eq!(warnings.counts().collect::<Vec<_>>(), counts, "most belong to rows");
+        for files in [["0.png", "2.png", "4.png", "6.png", "8.png"], ["1.png", "3.png", "5.png", "7.png", "9.png"]] {
+            let (scene, warnings) = attach(&files);
+            assert_eq!(names(&scene)[1..], ["no 33366.png", "no 66733.png"], "{files:?}");
+            assert!(warnings.count(WarningKind::UnlistedImage) >= 4, "{files:?}");
+        }
+        let (scene, _) = attach(&["0.png", "1.png", "2.png", "4.png", "5.png", "6.png", "7.png"]);
+        assert_eq!(names(&scene), ["0.png", "1.png", "2.png"], "no row lacks an image");
     }
 
     #[test]
