@@ -17,6 +17,8 @@ pub struct KnownIndex {
     pub sha256: Sha256Digest,
     /// [`crate::EvaluationIndex::content_hash`], so that a reformatted copy is recognised too.
     pub content: Sha256Digest,
+    /// Fewest and most targets of an entry.
+    pub targets: (usize, usize),
     /// What to know before comparing numbers on it.
     pub notes: &'static str,
 }
@@ -47,6 +49,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc"),
         content: Sha256Digest::literal("322cf5b82ae91f883c8db4eb92ed53fdd4aa509901586d86480a409bab53912c"),
+        targets: (3, 3),
         notes: "byte-identical in MVSplat, DepthSplat and iLRM; 583 of 19422 targets are context frames",
     },
     KnownIndex {
@@ -56,6 +59,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "acid",
         sha256: Sha256Digest::literal("7a08cf5c612b60b407c4cd395ff945180d852e1f7f4c0442102ad85e0e3a2fd1"),
         content: Sha256Digest::literal("7f922d4fee0bb3ddcf6ba8a68f8331d385a2a4fd5c4c48f511af92e750620b1f"),
+        targets: (3, 3),
         notes: "135 of 4785 targets are context frames",
     },
     KnownIndex {
@@ -65,6 +69,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("4940dbd54f98dec8c0db6854f6ff97456856d437b85e3808fd3747ecca68c8fe"),
         content: Sha256Digest::literal("de6d3055126d3747cff327101c461047f26f2f37a2dd708b6614acabca579804"),
+        targets: (3, 3),
         notes: "same file name as pixelSplat's and no entry in common with it; wider baselines, an overlap per scene; \
                 447 of 16803 targets are context frames",
     },
@@ -75,6 +80,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "acid",
         sha256: Sha256Digest::literal("e3983f0e7d2ddda9627478139f6fc4bb1e166fa19a934c33d43bb613e5e1be89"),
         content: Sha256Digest::literal("414500f193ffa2021c12b80a6ef33e8b5bb52923ec5104d7b39908df55d4e3a0"),
+        targets: (3, 3),
         notes: "same file name as pixelSplat's, another protocol; an overlap per scene",
     },
     KnownIndex {
@@ -84,6 +90,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("434c3e1bd9395cf7f0f2f0dc787d15a9bddd87865891fd5817fdfa6e711ad46d"),
         content: Sha256Digest::literal("b655a5c230090d2624bad9cb1e29c4109b537984a508d41ff57050d84b25c5e8"),
+        targets: (50, 50),
         notes: "targets are frames 0..49, the context frames included: 280 of 7000 are leaked",
     },
     KnownIndex {
@@ -93,6 +100,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("2bae3240e42b6f2bddd21ac20752c65996e2923d0606dbffef7d15fee33beeca"),
         content: Sha256Digest::literal("d0bee96dcb1f54954f4ddb18209fc9c5a826f8b7523857e7fb19972538d353b9"),
+        targets: (50, 50),
         notes: "targets are frames 0..49, the context frames included: 560 of 7000 are leaked",
     },
     KnownIndex {
@@ -102,6 +110,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("3ab98877ef792fa91f2dd2982e7ea62c4033a1fb04a65fb63288e7a7ae3c4b9e"),
         content: Sha256Digest::literal("e6f01560b661cd3d5be19b81d4e237b9f4d97a3f5defbf3727db21e47f824dc8"),
+        targets: (50, 50),
         notes: "targets are frames 0..49, the context frames included: 840 of 7000 are leaked",
     },
     KnownIndex {
@@ -111,6 +120,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("3fe8659556e9395a19382c3c86e247234204db328cf3bbc8d67f9e2cdf4870d5"),
         content: Sha256Digest::literal("a1b7c956f4f98bc6725ed9dcb6b3441c1cd110521e8359dc62ade35b36aa22b5"),
+        targets: (87, 100),
         notes: "targets are every frame of the window, 87 to 100 a scene, the 12 context frames included",
     },
     KnownIndex {
@@ -120,6 +130,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("eab21290cfab8eff12e208377b089b2a65e15f7ba44f7bb085963511354863f4"),
         content: Sha256Digest::literal("9544cbf06d2f9fca7732c6c5a908e476c7c751b6b514859fef1629b16843cdda"),
+        targets: (4, 4),
         notes: "DepthSplat's zero-shot file: a window of 10 frames, much easier than the 50-frame files",
     },
     KnownIndex {
@@ -129,6 +140,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("602d0b38e7f003ccfac8b634fb48d5f853004dd0481c307fd61af2ff90b770b9"),
         content: Sha256Digest::literal("438d1afba0b45c8b82e08433879d8cedb83dde0353d2a19b1ef376b00b6b25b3"),
+        targets: (8, 8),
         notes: "DepthSplat's 6-view contexts with 8 targets, none of them a context frame; read from the fork \
                 lksrz/YoNoSplat",
     },
@@ -139,6 +151,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("4e191e1feb32a340ec4ec8fa77e7859bf8f44591fda0c1c3ea250619acd562fa"),
         content: Sha256Digest::literal("42bee6d502724a25f38be30939e1d51afd41c62b9b89c6e422ca140f7931da3e"),
+        targets: (8, 8),
         notes: "DepthSplat's 12-view contexts with 8 random targets, 137 of 1120 leaked; read from the fork \
                 lksrz/YoNoSplat",
     },
@@ -149,6 +162,7 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("4b280fa193d16fe25ab9faa4cb638f565e80c372b4661ec8f6edcda125af70ec"),
         content: Sha256Digest::literal("f884113bfc75742f4a7ce0aec466212c85299e2a0a36771582065a89e884831d"),
+        targets: (3, 3),
         notes: "extrapolation: every target is up to 45 frames outside the window",
     },
 ];

@@ -100,15 +100,18 @@ impl Preset {
         rules.iter().filter_map(|rule| of_rule(index, rule)).collect()
     }
 
-    /// Entries of `index`, which is none of the preset's own, with fewer or more targets than the preset's. Those without a target are
-    /// among [`Self::unfit_entries`].
+    /// Entries of `index`, which is none of the preset's own, with fewer or more targets than those of each file that the preset
+    /// accepts. Those without a target are among [`Self::unfit_entries`].
     pub fn unusual_target_counts(&self, index: &EvaluationIndex) -> Option<IndexMismatch> {
-        let (fewest, most) = self.index.targets;
-        let expected = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
+        let usual = self.index.target_counts();
+        let range = |(fewest, most): &(usize, usize)| {
+            if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") }
+        };
+        let expected = usual.iter().map(range).collect::<Vec<_>>().join(" or ");
         let kind = format!("entries without the preset's {expected} targets");
         let wrong = |entry: &IndexEntry| {
             let found = entry.target.len();
-            let is_usual = found == 0 || (fewest..=most).contains(&found);
+            let is_usual = found == 0 || usual.iter().any(|(fewest, most)| (*fewest..=*most).contains(&found));
             (!is_usual).then(|| format!("field target: expected {expected} frames, found {found}"))
         };
         let rule: Rule<'_> = (&kind, &wrong);
@@ -315,8 +318,14 @@ mod tests {
         let three =
             "entries without the preset's 3 targets: scene b, entry 0, field target: expected 3 frames, found 2";
         assert_eq!(of("rooms-2v-128"), [(3, three.to_owned())]);
-        let range = "entries without the preset's 87 to 100 targets: scene a, entry 0, field target: expected 87 to 100 frames, found 3";
-        assert_eq!(of("dl3dv-12v-512x960"), [(3, range.to_owned())]);
+        for (preset, expected) in [("dl3dv-12v-512x960", "87 to 100 or 8"), ("re10k-to-dl3dv-256", "50 or 4")] {
+            let kind = format!("entries without the preset's {expected} targets");
+            let text = format!("{kind}: scene a, entry 0, field target: expected {expected} frames, found 3");
+            assert_eq!(of(preset), [(3, text)], "a part of the second accepted file has the targets of that file");
+        }
+        let derived =
+            "entries without the preset's 20 targets: scene a, entry 0, field target: expected 20 frames, found 3";
+        assert_eq!(of("dl3dv-6v-extrapolation"), [(4, derived.to_owned())]);
     }
 
     /// Embedded indices are those of their presets, and stay so under other hashes.

@@ -4,7 +4,7 @@ use atsplat_files::Sha256Digest;
 use serde::{Deserialize, Serialize};
 
 use crate::extrapolation::Margin;
-use crate::{EvaluationIndex, IndexEntry, IndexFile};
+use crate::{EvaluationIndex, IndexEntry, IndexFile, KnownIndex};
 
 /// Which evaluation indices a protocol runs on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -129,6 +129,13 @@ impl IndexRule {
         self.accepted.iter().skip(1).find(|accepted| accepted.name == name)
     }
 
+    /// Fewest and most targets of an entry: of the default index or the one derived from it, and of the other published files.
+    pub(crate) fn target_counts(&self) -> Vec<(usize, usize)> {
+        let others = self.accepted.iter().skip(1).filter(|_| self.derivation.is_none());
+        let known = others.filter_map(|accepted| KnownIndex::by_name(&accepted.name));
+        std::iter::once(self.targets).chain(known.map(|known| known.targets)).collect()
+    }
+
     /// Whether `file` is one of the accepted files, by its bytes or else by its content; or derived from one, by the
     /// targets around its context frames.
     pub fn recognise(&self, file: &IndexFile) -> IndexMatch<'_> {
@@ -139,7 +146,7 @@ impl IndexRule {
         let by_bytes = self.accepted.iter().position(|accepted| accepted.sha256 == *sha256);
         let by_content = || {
             let content = index.content_hash();
-            let known = crate::KnownIndex::by_content(&content).map(|known| known.sha256);
+            let known = KnownIndex::by_content(&content).map(|known| known.sha256);
             let embedded = |name: &str| Some(IndexFile::embedded(name)?.ok()?.index.content_hash());
             let is_this =
                 |accepted: &AcceptedIndex| known == Some(accepted.sha256) || embedded(&accepted.name) == Some(content);
