@@ -230,7 +230,9 @@ fn first_numbers(numbers: &BTreeMap<i64, &str>, (least, most): (i64, i64), rows:
     let in_range = numbers.range(..=rows).count();
     let is_longer = most.saturating_sub(least) >= rows;
     let has_gaps = i64::try_from(in_range).is_ok_and(|count| count < rows);
-    if is_longer && has_gaps && 2 * in_range <= numbers.len() {
+    // An image 0 or 1 is the first row's in any case.
+    let telling = if least > 1 { in_range } else { in_range.saturating_sub(1) };
+    if is_longer && has_gaps && telling <= numbers.len().saturating_sub(in_range) {
         return Vec::new();
     }
     if least > 1 && most > rows {
