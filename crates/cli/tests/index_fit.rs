@@ -68,6 +68,28 @@ fn a_sampled_index_is_split_as_its_protocol_says() {
     assert_eq!(targets, (first - 3..first).chain(last + 1..last + 4).collect::<Vec<_>>());
 }
 
+/// The first five of forty frames have no image, and are counted once.
+#[test]
+fn the_split_of_a_sampled_index_takes_only_frames_with_an_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    for frame in 0..5 {
+        std::fs::remove_file(here.join(format!("data/scene-00/{}.png", frame * 33_367))).unwrap();
+    }
+    let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
+    let derivation = "targets = [6, 6]\nderivation = { rule = \"shifted-window\", margin = 3 }";
+    std::fs::write(here.join("tiny.toml"), preset.replacen("targets = [1, 99]", derivation, 1)).unwrap();
+    let rule = "[sampler]\nsampler = 'farthest-point'\nwindow = 12\ncontext-views = 2\ntargets = { rule = 'window' }\n";
+    std::fs::write(here.join("rule.toml"), rule).unwrap();
+    let args = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
+    let run = atsplat(here, &[&args[..], &["--sampler", "rule.toml"]].concat());
+    assert!(run.code == 0 && run.stderr.contains("warning: 5 × missing-image"), "{}{}", run.stdout, run.stderr);
+    let results = Results::read(&here.join("store")).unwrap();
+    let targets: Vec<u64> = results.targets.iter().map(|row| row.frame).collect();
+    assert!(targets.len() == 6 && targets.iter().all(|frame| *frame >= 5), "{targets:?}");
+}
+
 /// As with other context views, their trials run.
 #[test]
 fn another_number_of_targets_is_a_warning_of_a_run_and_a_fault_of_a_lint() {

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::Sha256Digest;
-use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
+use atsplat_protocol::extrapolation::{Extrapolation, scene_frames, scene_lengths};
 use atsplat_protocol::{Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, Preset, SamplingRule};
 use atsplat_results::SAMPLED_BY;
 use atsplat_scene::{SceneSource, WarningKind, Warnings};
@@ -82,13 +82,20 @@ impl PlannedIndex {
         Self::read(folder.published(preset)?, preset, source, warnings)
     }
 
-    /// The split that a preset derives from this index, for the scenes of a dataset. Entries that it drops are noticed.
+    /// The split that a preset derives from this index, for the scenes of a dataset; from a sampled one, among the frames that have an
+    /// image. Entries that it drops are noticed.
     pub(crate) fn split(self, derivation: Derivation, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
         let keys = source.keys();
         let present = self.index.scenes.iter().filter(|(key, _)| keys.contains(key));
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
-        let lengths = scene_lengths(&present, source, &|| (), warnings);
-        let split = Extrapolation::from(derivation).split(&self.index, &lengths);
+        let rule = Extrapolation::from(derivation);
+        let split = if self.name.is_some() {
+            rule.split(&self.index, &scene_lengths(&present, source, &|| (), warnings))
+        } else {
+            // Sampling has warned of these scenes, and has taken only frames with an image.
+            let frames = scene_frames(&present, source, &|| (), &mut Warnings::new());
+            rule.split_among(&self.index, &frames)
+        };
         let mut notices = self.notices;
         notices.extend(index_notices::of_split(&split, self.name.is_some()));
         let description = format!("{}, its windows with frames before and after them", self.description);
