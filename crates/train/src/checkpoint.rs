@@ -11,7 +11,7 @@ use atsplat_files::entries_if_exists;
 use atsplat_model::weights::TensorFile;
 
 pub use file::CheckpointFile;
-pub(crate) use settings::ChangedSettings;
+pub(crate) use settings::{ChangedSettings, MovedData};
 use settings::check_settings;
 pub use state::{InitialWeights, State};
 use state::{ReadBackbone, WHAT};

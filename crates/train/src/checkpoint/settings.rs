@@ -14,7 +14,26 @@ pub(crate) struct ChangedSettings {
     /// Which.
     pub(crate) notice: String,
     /// Which data are read from another path: that they are the same is to be checked by their samples.
-    pub(crate) moved: Vec<Purpose>,
+    pub(crate) moved: MovedData,
+}
+
+/// Data that are read from another path than in the run so far.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct MovedData {
+    /// Which sources of training data, counted from 0.
+    pub(crate) training: Vec<usize>,
+    /// Whether the evaluation's are.
+    pub(crate) evaluation: bool,
+}
+
+impl MovedData {
+    /// Whether any of the data with this purpose are.
+    pub(crate) const fn contains(&self, purpose: Purpose) -> bool {
+        match purpose {
+            Purpose::Training => !self.training.is_empty(),
+            Purpose::Evaluation => self.evaluation,
+        }
+    }
 }
 
 /// What has changed since a checkpoint was written, if that changes no result.
@@ -75,18 +94,18 @@ fn take_free_settings(source: &mut SourceConfig, recorded: &SourceConfig) {
 }
 
 /// Which data are at another path.
-fn moved(recorded: &TrainConfig, config: &TrainConfig) -> Vec<Purpose> {
+fn moved(recorded: &TrainConfig, config: &TrainConfig) -> MovedData {
     let paths = |source: &SourceConfig| match source {
         SourceConfig::Rooms(_) => None,
         SourceConfig::Dataset(DatasetConfig { path, frames, .. }) => Some((path.clone(), frames.clone())),
     };
-    let training = |config: &TrainConfig| config.data.iter().map(|data| paths(&data.source)).collect::<Vec<_>>();
     let evaluation = |config: &TrainConfig| config.evaluation.as_ref().map(|evaluation| paths(&evaluation.source));
-    let changed = [
-        (Purpose::Training, training(recorded) != training(config)),
-        (Purpose::Evaluation, evaluation(recorded) != evaluation(config)),
-    ];
-    changed.into_iter().filter_map(|(purpose, has_changed)| has_changed.then_some(purpose)).collect()
+    let sources = recorded.data.iter().zip(&config.data).enumerate();
+    let training = sources.filter(|(_, (recorded, data))| paths(&recorded.source) != paths(&data.source));
+    MovedData {
+        training: training.map(|(at, _)| at).collect(),
+        evaluation: evaluation(recorded) != evaluation(config),
+    }
 }
 
 #[cfg(test)]
@@ -134,37 +153,39 @@ mod tests {
     #[test]
     fn settings_that_change_no_result_are_named() {
         assert_eq!(checked(|_| ()), Ok(None));
-        let named = |change: fn(&mut TrainConfig), expected: &str, moved: &[Purpose]| {
+        let differs = |change: fn(&mut TrainConfig), expected: &str, training: &[usize], evaluation: bool| {
             let notice = format!("settings that change no result differ from those of the run so far: {expected}");
-            assert_eq!(checked(change), Ok(Some(ChangedSettings { notice, moved: moved.to_vec() })));
+            let moved = MovedData { training: training.to_vec(), evaluation };
+            assert_eq!(checked(change), Ok(Some(ChangedSettings { notice, moved })));
         };
-        named(|config| config.title = "renamed".to_owned(), "title: two datasets, now renamed", &[]);
-        named(|config| config.notes.push("a note".to_owned()), "notes: [], now [\"a note\"]", &[]);
+        let named = |change: fn(&mut TrainConfig), expected: &str| differs(change, expected, &[], false);
+        named(|config| config.title = "renamed".to_owned(), "title: two datasets, now renamed");
+        named(|config| config.notes.push("a note".to_owned()), "notes: [], now [\"a note\"]");
         let checkpoints = |config: &mut TrainConfig| {
             config.checkpoints = CheckpointConfig { every: 7.try_into().unwrap(), keep: 5.try_into().unwrap() };
         };
-        named(checkpoints, "checkpoints.every: 500, now 7; checkpoints.keep: 2, now 5", &[]);
+        named(checkpoints, "checkpoints.every: 500, now 7; checkpoints.keep: 2, now 5");
         let cached = |config: &mut TrainConfig| config.model.feature_cache = Some("cache".into());
-        named(cached, "model.feature-cache: none, now cache", &[]);
+        named(cached, "model.feature-cache: none, now cache");
         let cached = |config: &mut TrainConfig| {
             if let Some(SourceConfig::Rooms(rooms)) = config.data.first_mut().map(|data| &mut data.source) {
                 rooms.cache_mib = 64;
             }
         };
-        named(cached, "data[0].source.rooms.cache-mib: 1024, now 64", &[]);
+        named(cached, "data[0].source.rooms.cache-mib: 1024, now 64");
         let moved = |config: &mut TrainConfig| dataset(config).path = "there".into();
-        named(moved, "data[1].source.dataset.path: here, now there", &[Purpose::Training]);
+        differs(moved, "data[1].source.dataset.path: here, now there", &[1], false);
         let moved = |config: &mut TrainConfig| dataset(config).frames = Some("there".into());
-        named(moved, "data[1].source.dataset.frames: frames, now there", &[Purpose::Training]);
+        differs(moved, "data[1].source.dataset.frames: frames, now there", &[1], false);
         let moved = |config: &mut TrainConfig| dataset(config).exclude[0].index = "there.json".into();
-        named(moved, "data[1].source.dataset.exclude[0].index: index.json, now there.json", &[]);
+        named(moved, "data[1].source.dataset.exclude[0].index: index.json, now there.json");
         let moved = |config: &mut TrainConfig| {
             let source = config.evaluation.as_mut().map(|evaluation| &mut evaluation.source);
             if let Some(SourceConfig::Dataset(dataset)) = source {
                 dataset.path = "there".into();
             }
         };
-        named(moved, "evaluation.source.dataset.path: here, now there", &[Purpose::Evaluation]);
+        differs(moved, "evaluation.source.dataset.path: here, now there", &[], true);
     }
 
     /// What changes no result is not among them.

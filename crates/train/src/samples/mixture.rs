@@ -31,19 +31,24 @@ impl Mixture {
         }
     }
 
-    /// The source of a sample, and whether it is mirrored.
-    fn plan(&self, id: SampleId) -> (&dyn Source, bool) {
+    /// The sample that is drawn for an identity: that of an earlier one if samples repeat.
+    fn drawn(&self, id: SampleId) -> SampleId {
+        SampleId { number: self.distinct.map_or(id.number, |distinct| id.number % distinct.max(1)), ..id }
+    }
+
+    /// The source of a sample that is drawn, with its position, and whether the sample is mirrored.
+    fn plan(&self, id: SampleId) -> (usize, &dyn Source, bool) {
         let mut random = SplitMix64::for_scene(id.seed, &format!("mixture {}", id.number));
         let total: f64 = self.sources.iter().map(|(share, _)| share).sum();
         let mut remaining = random.unit() * total;
-        let chosen = self.sources.iter().find(|(share, _)| {
+        let chosen = self.sources.iter().enumerate().find(|(_, (share, _))| {
             remaining -= share;
             remaining < 0.0
         });
         // Rounding can leave a remainder of 0.
         #[expect(clippy::expect_used, reason = "a mixture has at least one source")]
-        let (_, source) = chosen.or(self.sources.last()).expect("at least one source");
-        (source.as_ref(), self.flips && random.next_u64() & 1 == 1)
+        let (at, (_, source)) = chosen.or(self.sources.iter().enumerate().next_back()).expect("at least one source");
+        (at, source.as_ref(), self.flips && random.next_u64() & 1 == 1)
     }
 }
 
@@ -58,10 +63,15 @@ impl Source for Mixture {
     }
 
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
-        let id = SampleId { number: self.distinct.map_or(id.number, |distinct| id.number % distinct.max(1)), ..id };
-        let (source, flipped) = self.plan(id);
+        let id = self.drawn(id);
+        let (_, source, flipped) = self.plan(id);
         let sample = source.sample(id)?;
         Ok(if flipped { mirrored(&sample)? } else { sample })
+    }
+
+    fn source_of(&self, id: SampleId) -> usize {
+        let (at, ..) = self.plan(self.drawn(id));
+        at
     }
 
     fn data_warnings(&self) -> DataWarnings {

@@ -82,6 +82,11 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     /// [`TrainError::NoSample`] if many draws in a row give none; errors of reading and rendering.
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError>;
 
+    /// Which of several sources a sample is of, counted from 0 in the order of the configuration.
+    fn source_of(&self, _id: SampleId) -> usize {
+        0
+    }
+
     /// What was wrong with the data so far without stopping, each scene counted once, by the data: sources of the same data are counted
     /// together.
     fn data_warnings(&self) -> DataWarnings {

@@ -4,8 +4,9 @@
 //! mean reading all of it, and sizes or headers of files would not reveal other pixels of the same size. So a resumed run draws the
 //! samples of its latest steps again: that costs no more than a few steps, needs nothing from a dataset's format, and notices whatever
 //! reaches the network, a simulator or decoder that has changed included. A change to scenes that none of these samples shows is not
-//! noticed.
+//! noticed. Of data at another path, nothing else says that they are the same: at least one step with a sample of theirs is drawn again.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use atsplat_files::Sha256Digest;
@@ -13,6 +14,7 @@ use rayon::prelude::*;
 
 use super::step::numbers;
 use super::{EVALUATIONS, STEPS};
+use crate::checkpoint::MovedData;
 use crate::error::Purpose;
 use crate::evaluation::Evaluation;
 use crate::logs::{self, EvaluationRecord, StepRecord};
@@ -32,7 +34,7 @@ pub(super) struct RunLogs<'a> {
     /// Whether the run was on another type of processor, where the last bits of images and cameras may have been others.
     pub(super) processor_changed: bool,
     /// Which data are read from another path than in the run so far.
-    pub(super) moved: &'a [Purpose],
+    pub(super) moved: &'a MovedData,
 }
 
 impl RunLogs<'_> {
@@ -49,11 +51,14 @@ impl RunLogs<'_> {
     ) -> Result<Option<String>, TrainError> {
         let logged = self.logged::<StepRecord>(STEPS)?;
         let known = logged.iter().rev().filter_map(|record| Some((record.step, record.samples_sha256?)));
-        let latest: Vec<(u64, Sha256Digest)> = known.take((SAMPLES / config.batch.get()).max(1)).collect();
-        if latest.is_empty() {
+        let known: Vec<(u64, Sha256Digest)> = known.collect();
+        if known.is_empty() {
             return self.unchecked(STEPS, Purpose::Training, logged.len());
         }
-        for (step, recorded) in latest {
+        let latest = known.iter().copied().take((SAMPLES / config.batch.get()).max(1));
+        let mut again: BTreeMap<u64, Sha256Digest> = latest.collect();
+        again.extend(self.steps_of_moved(config, source, &known)?);
+        for (step, recorded) in again.into_iter().rev() {
             let sample = |number| source.sample(SampleId { seed: config.seed, number, step });
             let drawn = numbers(config, step).into_par_iter().map(|number| Ok(sample(number)?.digest()));
             let drawn: Result<Vec<Sha256Digest>, TrainError> = drawn.collect();
@@ -65,6 +70,30 @@ impl RunLogs<'_> {
             return self.differ(Purpose::Training, &format!("samples of step {step}"), STEPS, &found);
         }
         Ok(None)
+    }
+
+    /// Of each source at another path, the latest of these steps with a sample of it.
+    fn steps_of_moved(
+        &self,
+        config: &TrainConfig,
+        source: &dyn Source,
+        known: &[(u64, Sha256Digest)],
+    ) -> Result<Vec<(u64, Sha256Digest)>, TrainError> {
+        let mut steps = Vec::new();
+        for at in &self.moved.training {
+            let is_of = |step: u64| {
+                let id = |number| SampleId { seed: config.seed, number, step };
+                numbers(config, step).any(|number| source.source_of(id(number)) == *at)
+            };
+            let Some(latest) = known.iter().find(|(step, _)| is_of(*step)) else {
+                let expected =
+                    format!("samples in {STEPS} to compare the data at another path with, or the path of the run so far");
+                let field = format!("data[{at}].source.dataset");
+                return Err(TrainError::malformed(Purpose::Training.data(), field, expected, "none"));
+            };
+            steps.push(*latest);
+        }
+        Ok(steps)
     }
 
     /// Compares the evaluation's samples with those of the last evaluation. Returns a notice as [`Self::check_training`].
@@ -98,7 +127,7 @@ impl RunLogs<'_> {
     fn differ(&self, purpose: Purpose, which: &str, log: &str, found: &str) -> Result<Option<String>, TrainError> {
         let data = purpose.data();
         // At another path, nothing else says that they are the same data.
-        if self.processor_changed && !self.moved.contains(&purpose) {
+        if self.processor_changed && !self.moved.contains(purpose) {
             return Ok(Some(format!(
                 "{data}: {which}: not those that {log} records, to the bit ({found}): another processor may have decoded or \
                  simulated them, or the data have changed"
@@ -127,7 +156,7 @@ impl RunLogs<'_> {
             (_, Purpose::Evaluation) => "no hashes of samples, which earlier versions did not write",
         };
         let data = purpose.data();
-        if self.moved.contains(&purpose) {
+        if self.moved.contains(purpose) {
             let expected = "hashes to compare the data at another path with, or the path of the run so far";
             return Err(TrainError::malformed(data, log, expected, why));
         }

@@ -10,9 +10,8 @@ use atsplat_splat::cpu;
 
 use super::initial_weights::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
-use crate::checkpoint::{ChangedSettings, Checkpoints, Found, InitialWeights, State};
+use crate::checkpoint::{ChangedSettings, Checkpoints, Found, InitialWeights, MovedData, State};
 use crate::config::WHAT;
-use crate::error::Purpose;
 use crate::logs::{self, StepRecord};
 use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
@@ -119,7 +118,7 @@ pub(super) struct Opened {
     /// Whether the last checkpoint was computed on another type of processor.
     pub(super) processor_changed: bool,
     /// Which data are read from another path than in the run so far.
-    pub(super) moved: Vec<Purpose>,
+    pub(super) moved: MovedData,
 }
 
 /// The state before the next step in a run's folder.
@@ -170,7 +169,7 @@ pub(super) fn state(
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
             let notices = notices.into_iter().chain(differences).collect();
-            Ok(Opened { state, notices, processor_changed: false, moved: Vec::new() })
+            Ok(Opened { state, notices, processor_changed: false, moved: MovedData::default() })
         }
     }
 }

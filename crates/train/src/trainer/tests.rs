@@ -173,6 +173,30 @@ fn a_run_resumes_on_the_same_data_elsewhere() {
     assert!(error.starts_with(expected) && error.ends_with("found the file is gone"), "{error}");
 }
 
+/// All samples so far are of the first source.
+#[test]
+fn a_source_that_was_never_drawn_from_cannot_move() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, second, moved, run] = ["first", "second", "moved", "run"].map(|name| folder.path().join(name));
+    write_scenes(&first, 1);
+    write_scenes(&second, 1);
+    let (training, _evaluation) = CONFIG.split_once("[evaluation]").unwrap();
+    let (settings, source) = training.split_once("[[data]]").unwrap();
+    let text = format!("{settings}[[data]]\nshare = 1e9{source}[[data]]{}", source.replace("DATA", "SECOND"));
+    let text = text.replace("PRESET", &tiny_preset(folder.path()));
+    let open = |[first, second]: [&Path; 2], start: &Start| {
+        let [first, second] = [first, second].map(|data| data.join("train").to_string_lossy().into_owned());
+        let config = TrainConfig::from_toml(&text.replace("DATA", &first).replace("SECOND", &second)).unwrap();
+        Trainer::new(config, &run, start)
+    };
+    open([&first, &second], &Start::Fresh).unwrap().run(Limits { steps: Some(1), time: None }, &mut |_| ()).unwrap();
+    write_scenes_of(&moved, 1, 12, 2);
+    let error = open([&first, &moved], &Start::Resume).unwrap_err().to_string();
+    let expected = "training data: data[1].source.dataset: expected samples in steps.jsonl to compare the data at another path";
+    assert!(error.starts_with(expected), "{error}");
+    open([&second, &second], &Start::Resume).unwrap();
+}
+
 /// Of a longer list, a draw is of another scene: those of the training and of the evaluation are compared, each under its field.
 #[test]
 fn a_run_resumes_on_no_other_scenes() {

@@ -111,6 +111,10 @@ fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
     assert!((0..50).all(|number| !straight.sample(id(number)).unwrap().name.contains("mirrored")));
     let repeating = mixture(true, Some(3));
     assert!(same(&repeating.sample(id(1)).unwrap(), &repeating.sample(id(7)).unwrap()));
+    for (number, name) in (0..).zip(&names) {
+        assert_eq!(flipping.source_of(id(number)), usize::from(name.contains("test")), "{name}");
+        assert_eq!(repeating.source_of(id(number)), flipping.source_of(id(number % 3)), "{number}");
+    }
     assert!(Mixture::new(Vec::new(), false, None).is_err());
     assert!(Mixture::new(vec![(0.0, Box::new(rooms(1, "")))], false, None).is_err());
 }
