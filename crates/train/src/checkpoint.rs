@@ -11,8 +11,8 @@ use atsplat_files::entries_if_exists;
 use atsplat_model::weights::TensorFile;
 
 pub use file::CheckpointFile;
-pub(crate) use settings::{ChangedSettings, MovedData};
 use settings::check_settings;
+pub(crate) use settings::{ChangedSettings, MovedData};
 pub use state::{InitialWeights, State};
 use state::{ReadBackbone, WHAT};
 

@@ -102,10 +102,7 @@ fn moved(recorded: &TrainConfig, config: &TrainConfig) -> MovedData {
     let evaluation = |config: &TrainConfig| config.evaluation.as_ref().map(|evaluation| paths(&evaluation.source));
     let sources = recorded.data.iter().zip(&config.data).enumerate();
     let training = sources.filter(|(_, (recorded, data))| paths(&recorded.source) != paths(&data.source));
-    MovedData {
-        training: training.map(|(at, _)| at).collect(),
-        evaluation: evaluation(recorded) != evaluation(config),
-    }
+    MovedData { training: training.map(|(at, _)| at).collect(), evaluation: evaluation(recorded) != evaluation(config) }
 }
 
 #[cfg(test)]

@@ -86,8 +86,9 @@ impl RunLogs<'_> {
                 numbers(config, step).any(|number| source.source_of(id(number)) == *at)
             };
             let Some(latest) = known.iter().find(|(step, _)| is_of(*step)) else {
-                let expected =
-                    format!("samples in {STEPS} to compare the data at another path with, or the path of the run so far");
+                let expected = format!(
+                    "samples in {STEPS} to compare the data at another path with, or the path of the run so far"
+                );
                 let field = format!("data[{at}].source.dataset");
                 return Err(TrainError::malformed(Purpose::Training.data(), field, expected, "none"));
             };

@@ -192,7 +192,8 @@ fn a_source_that_was_never_drawn_from_cannot_move() {
     open([&first, &second], &Start::Fresh).unwrap().run(Limits { steps: Some(1), time: None }, &mut |_| ()).unwrap();
     write_scenes_of(&moved, 1, 12, 2);
     let error = open([&first, &moved], &Start::Resume).unwrap_err().to_string();
-    let expected = "training data: data[1].source.dataset: expected samples in steps.jsonl to compare the data at another path";
+    let expected =
+        "training data: data[1].source.dataset: expected samples in steps.jsonl to compare the data at another path";
     assert!(error.starts_with(expected), "{error}");
     open([&second, &second], &Start::Resume).unwrap();
 }
