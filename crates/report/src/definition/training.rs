@@ -30,17 +30,24 @@ const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 const BEFORE: &str = "; before: ";
 /// Between the sources of one training.
 const AND: &str = " + ";
+/// Between the folder of a source and the preset that its images are prepared by, which may have any name.
+const UNDER: &str = " under ";
 
 /// The ids of the datasets that a network was trained on; empty unless every source in its description names a known one: the
-/// network may have seen anything in the others.
+/// network may have seen anything in the others. A folder is known by its name, not by that of the preset beside it.
 fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
     let description = record.training.as_ref().map_or("", |training| training.data.as_str());
     let sources = description.split(BEFORE).flat_map(|training| training.split(AND));
-    let of_sources: Vec<BTreeSet<&'static str>> = sources.map(datasets_in).collect();
-    if of_sources.iter().any(BTreeSet::is_empty) {
+    let sources: Vec<&str> = sources.collect();
+    if sources.iter().any(|source| datasets_in(data_of(source)).is_empty()) {
         return BTreeSet::new();
     }
-    of_sources.into_iter().flatten().collect()
+    sources.into_iter().flat_map(datasets_in).collect()
+}
+
+/// The data of a source, without its preset.
+fn data_of(source: &str) -> &str {
+    source.split_once(UNDER).map_or(source, |(data, _)| data)
 }
 
 fn datasets_in(description: &str) -> BTreeSet<&'static str> {
@@ -130,6 +137,9 @@ mod tests {
             format!("{own} + {rooms}"),
         ] {
             assert_eq!(note(&data), None, "{data}");
+        }
+        for preset in ["dl3dv-128.toml", "rooms-2v-128"] {
+            assert_eq!(note(&format!("1 × ch under {preset} (2 views); before: {before}")), None, "{preset}");
         }
         let yards = note(&format!("{rooms} + 2 × yards train 0 to 9 at 64x112; before: {before}"));
         assert_eq!(yards.as_deref(), Some("zero-shot: not trained on RE10K"));
