@@ -28,6 +28,10 @@ impl Fit {
         }
         let most = self.config.max_gaussians;
         let left = self.schedule.density_changes(strategy, step);
+        if left == 0 {
+            // Of a resumed run: nothing about its number of Gaussians is to come.
+            return None;
+        }
         let reached = self.reached(count, left);
         if reached < self.limit {
             return Some(format!(
