@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_files::Sha256Digest;
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_numeric::SplitMix64;
+use atsplat_numeric::{SplitMix64, counted};
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
@@ -168,7 +168,7 @@ impl DatasetSource {
         let keys: Vec<String> = keys.cloned().collect();
         if keys.is_empty() {
             let place = config.path.display().to_string();
-            let found = format!("{} scenes, all of them excluded", dataset.keys().len());
+            let found = format!("{}, all excluded", counted(dataset.keys().len() as u64, "scene"));
             return Err(TrainError::malformed(
                 Purpose::Training.data(),
                 place,
