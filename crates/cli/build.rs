@@ -10,7 +10,9 @@ const SOURCES: [&str; 4] = [":(glob)crates/*/src/**", "eval", "Cargo.toml", "Car
 pub(crate) fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     // In another repository, the commits are not of this project.
-    let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().ok();
+    // Not `env!`: a script that another checkout has built with the same target folder is run here too.
+    let Some(manifest) = std::env::var_os("CARGO_MANIFEST_DIR") else { return };
+    let ours = Path::new(&manifest).join("../..").canonicalize().ok();
     let top = git(&["rev-parse", "--show-toplevel"]).and_then(|top| Path::new(&top).canonicalize().ok());
     let Some(top) = top.filter(|top| ours.as_ref() == Some(top)) else { return };
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).is_file()) {
