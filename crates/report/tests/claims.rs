@@ -208,21 +208,30 @@ fn numbers_of_direct_positions_are_those_of_the_store() {
 #[test]
 fn trials_of_the_recipe_are_those_of_the_store() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
-    let results = Results::read(&folder().join("recipe/store")).unwrap();
-    let expected = [
+    let parts = [
         ("averaged weights", "recipe-average-1"),
         ("mirrored samples", "recipe-flips-1"),
         ("narrow windows first", "recipe-curriculum-1"),
         ("anchors pulled to exact distances", "recipe-distances-1"),
         ("more D-SSIM in the last quarter", "recipe-late-d-ssim-1"),
         ("all five", "recipe-all-1"),
-    ]
-    .map(|(part, row)| {
-        let difference =
-            |metric, decimals| difference([(&results, row), (&results, "recipe-plain-1")], metric, decimals);
-        format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4))
-    });
-    require_lines(expected.to_vec(), |line| readme.contains(line));
+    ];
+    let rates_and_targets = [
+        ("half the peak", "recipe-half-rate-1"),
+        ("twice the peak", "recipe-double-rate-1"),
+        ("half the peak throughout, averaged weights", "recipe-constant-rate-1"),
+        ("targets between the context views only", "recipe-targets-inside-1"),
+        ("targets up to 45 frames outside", "recipe-targets-outside-1"),
+    ];
+    for (store, rows) in [("recipe", &parts[..]), ("recipe-generation-2", &rates_and_targets[..])] {
+        let results = Results::read(&folder().join(store).join("store")).unwrap();
+        let line = |(part, row): &(&str, &str)| {
+            let difference =
+                |metric, decimals| difference([(&results, *row), (&results, "recipe-plain-1")], metric, decimals);
+            format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4))
+        };
+        require_lines(rows.iter().map(line).collect(), |line| readme.contains(line));
+    }
 }
 
 const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
