@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_model::weights::training_data;
+
 use crate::checkpoint::{InitialWeights, State};
 use crate::{TrainConfig, TrainError};
 
@@ -44,7 +46,7 @@ pub(crate) fn provenance(
     }
     let data = match &state.initial_weights {
         None => vec![("data", samples)],
-        Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{samples}; before: {before}"))],
+        Some(InitialWeights { data: Some(before), .. }) => vec![("data", training_data::continued(&samples, before))],
         // From `data`, readers conclude what the network never saw.
         Some(InitialWeights { data: None, .. }) => {
             vec![("data-of-this-run", samples), ("data-before", "not stated".to_owned())]

@@ -12,6 +12,7 @@ mod key_map;
 mod known_files;
 mod model_weights;
 mod report;
+pub mod training_data;
 mod verification;
 
 pub use atsplat_tensors::{DType, StoredTensor, StoredTensors, TensorError, TensorFile};

@@ -12,6 +12,15 @@ pub enum Aggregation {
     AllImages,
 }
 
+impl Aggregation {
+    /// The one by which several protocols aggregate; `None` if they disagree, and without any.
+    pub fn common(aggregations: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let mut aggregations = aggregations.into_iter();
+        let first = aggregations.next()?;
+        aggregations.all(|other| other == first).then_some(first)
+    }
+}
+
 /// Which definitions of PSNR, SSIM and LPIPS a protocol uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -67,4 +76,16 @@ pub enum PixelValues {
     /// Clipped, multiplied by 255 and truncated to bytes, through PNG files (pixelSplat's published path,
     /// `src/misc/image_io.py`).
     TruncatedToBytes,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Aggregation::{self, AllImages, SceneMeans};
+
+    #[test]
+    fn the_common_aggregation_is_that_of_all() {
+        assert_eq!(Aggregation::common([AllImages, AllImages, AllImages]), Some(AllImages));
+        assert_eq!(Aggregation::common([SceneMeans, AllImages, SceneMeans]), None);
+        assert_eq!(Aggregation::common([]), None);
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use atsplat_model::weights::training_data;
 use atsplat_results::MethodRecord;
 
 /// A dataset that tables name.
@@ -26,10 +27,6 @@ const SIMULATED: [&str; 2] = ["rooms", "yards"];
 /// The pairs of datasets that a unified network is trained on: the paper's, and its stand-in.
 const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 
-/// Precedes the data of the weights from which a training began.
-const BEFORE: &str = "; before: ";
-/// Between the sources of one training.
-const AND: &str = " + ";
 /// Between the folder of a source and the preset that its images are prepared by, which may have any name.
 const UNDER: &str = " under ";
 
@@ -37,8 +34,7 @@ const UNDER: &str = " under ";
 /// network may have seen anything in the others. A folder is known by its name, not by that of the preset beside it.
 fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
     let description = record.training.as_ref().map_or("", |training| training.data.as_str());
-    let sources = description.split(BEFORE).flat_map(|training| training.split(AND));
-    let sources: Vec<&str> = sources.collect();
+    let sources: Vec<&str> = training_data::sources(description).collect();
     if sources.iter().any(|source| datasets_in(data_of(source)).is_empty()) {
         return BTreeSet::new();
     }
@@ -73,7 +69,7 @@ pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<Str
 pub(crate) fn is_unified(record: &MethodRecord) -> bool {
     let stated = record.parameters.get("variant").and_then(serde_json::Value::as_str) == Some("unified");
     // A network that was fine-tuned on the second dataset is not one for both.
-    let last = record.training.as_ref().and_then(|training| training.data.split(BEFORE).next());
+    let last = record.training.as_ref().and_then(|training| training_data::trainings(&training.data).next());
     let datasets = last.map_or_else(BTreeSet::new, datasets_in);
     stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| datasets.contains(id)))
 }

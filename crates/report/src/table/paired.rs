@@ -33,7 +33,9 @@ pub(super) fn difference(
     leaked: Leaked,
 ) -> Option<Difference> {
     let [one, other] = trainings;
-    let aggregation = common_aggregation(trainings);
+    let aggregations = trainings.into_iter().flatten().map(|run| run.part.protocol.aggregation);
+    // Protocols disagree only in a table that was forced.
+    let aggregation = Aggregation::common(aggregations).unwrap_or(Aggregation::SceneMeans);
     if let ([first], [second]) = (one, other) {
         let [a, b] = [first, second].map(|run| (run.results(), run.query(metric, leaked)));
         let Paired { difference, interval, scenes, targets, unpaired, .. } =
@@ -47,13 +49,6 @@ pub(super) fn difference(
     let means_of_other = means.split_off(one.len());
     let Seeds { mean, interval, scenes, .. } = difference_of_seeds(&means, &means_of_other)?;
     Some(Difference { value: mean, interval, scenes, targets, unpaired: 0 })
-}
-
-/// How the protocols of all these results average targets; scene means if they disagree, as in a table that was forced.
-fn common_aggregation(trainings: [&[MethodRun<'_>]; 2]) -> Aggregation {
-    let mut aggregations = trainings.into_iter().flatten().map(|run| run.part.protocol.aggregation);
-    let first = aggregations.next().unwrap_or(Aggregation::SceneMeans);
-    if aggregations.all(|other| other == first) { first } else { Aggregation::SceneMeans }
 }
 
 /// Adds the differences to the chosen method, if there is one; returns notes on these, and on undecided leads.

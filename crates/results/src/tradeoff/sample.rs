@@ -118,12 +118,10 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
             all.push(setting);
         }
     }
-    aggregations.dedup();
-    let (aggregation, note) = match aggregations[..] {
-        [] => (Aggregation::SceneMeans, None),
-        [common] => (common, None),
-        _ => (Aggregation::SceneMeans, Some(Note { label: None, text: DIFFERENT_AGGREGATIONS.to_owned() })),
-    };
+    let common = Aggregation::common(aggregations);
+    let note = (common.is_none() && !presets.is_empty())
+        .then(|| Note { label: None, text: DIFFERENT_AGGREGATIONS.to_owned() });
+    let aggregation = common.unwrap_or(Aggregation::SceneMeans);
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().collect();
     let mut tradeoff = of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);

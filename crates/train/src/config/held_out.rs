@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use atsplat_camera::PoseNormalisation;
+use atsplat_model::weights::training_data;
 use atsplat_rooms::{SceneKind, Split};
 use atsplat_scene::Warnings;
 
@@ -27,8 +28,7 @@ impl TrainConfig {
 /// Whether a source's scenes are none of those that given weights were trained on, by their record.
 fn is_unseen(source: &SourceConfig, weights: &InitialWeights) -> bool {
     let (SourceConfig::Rooms(rooms), Some(data)) = (source, &weights.data) else { return false };
-    let trainings = data.split("; before: ");
-    let mut sources = trainings.flat_map(|training| training.split(" + ")).flat_map(|source| source.split(" and "));
+    let mut sources = training_data::sources(data).flat_map(|source| source.split(" and "));
     sources.all(|source| RecordedScenes::parse(source).is_some_and(|recorded| recorded.are_others_than(rooms)))
 }
 

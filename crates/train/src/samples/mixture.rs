@@ -1,4 +1,5 @@
 use atsplat_files::Sha256Digest;
+use atsplat_model::weights::training_data;
 use atsplat_numeric::SplitMix64;
 
 use super::{DataWarnings, ReplacedDraws, Sample, SampleId, Source, mirrored};
@@ -54,7 +55,7 @@ impl Mixture {
 
 /// The description of a mixture, from the shares and descriptions of its sources.
 pub(crate) fn description_of(sources: impl Iterator<Item = (f64, String)>) -> String {
-    sources.map(|(share, source)| format!("{share} × {source}")).collect::<Vec<_>>().join(" + ")
+    training_data::of_sources(sources.map(|(share, source)| format!("{share} × {source}")))
 }
 
 impl Source for Mixture {

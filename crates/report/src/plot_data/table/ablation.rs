@@ -74,8 +74,8 @@ fn gap(sources: &[Source<'_>], metric: &Definition, variant: &Row, reference: &R
     let ((a, first), (b, second)) = (measured_from(sources, variant)?, measured_from(sources, reference)?);
     let (leaked, identical) = (Leaked::Included, Identical::Excluded);
     let query = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked, identical };
-    let [one, other] = [aggregation_of(a, first)?, aggregation_of(b, second)?];
-    let aggregation = if one == other { one } else { Aggregation::SceneMeans };
+    let aggregations = [aggregation_of(a, first)?, aggregation_of(b, second)?];
+    let aggregation = Aggregation::common(aggregations).unwrap_or(Aggregation::SceneMeans);
     let first = query(first, variant.method.as_deref()?);
     let second = query(second, reference.method.as_deref()?);
     let pair = paired_between((a, &first), (b, &second), aggregation)?;
