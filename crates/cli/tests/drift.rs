@@ -164,6 +164,33 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     assert!(text.contains("the first numbers") && text.contains("a better decoder"), "{text}");
 }
 
+/// Of the recipe that is given as of the baseline's own.
+#[test]
+fn a_probe_that_cannot_be_run_is_an_error_and_no_drift() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    succeed(at, &["drift", "accept", "then", "--baseline", "quick.json", "--why", "the first numbers"]);
+    let args = ["drift", "then", "--baseline", "quick.json"];
+    let fails = |more: &[&str], message: &str| {
+        let outcome = atsplat(at, &[&args[..], more].concat());
+        let is_error = outcome.code == 1 && outcome.stdout.is_empty() && outcome.stderr.contains(message);
+        assert!(is_error, "{more:?}: {} {} {}", outcome.code, outcome.stdout, outcome.stderr);
+    };
+    std::fs::write(at.join("unknown.toml"), "model = 'nope'").unwrap();
+    fails(&["--probe", "unknown.toml"], "--probe unknown.toml: the probe's stage model: ");
+    // The stages can be made, but the network's patches do not divide such images.
+    let odd = "preprocessing = { steps = [{ step = \"rescale-and-crop\", height = 65, width = 63 }] }";
+    std::fs::write(at.join("odd.toml"), odd).unwrap();
+    fails(&["--probe", "odd.toml"], "--probe odd.toml: the probe's stage ");
+    let text = std::fs::read_to_string(at.join("quick.json")).unwrap();
+    let renamed = text.replacen("\"model\": \"nano\"", "\"model\": \"nope\"", 1);
+    assert_ne!(text, renamed);
+    std::fs::write(at.join("quick.json"), renamed).unwrap();
+    fails(&[], "the baseline's probe (--no-probe compares rows alone): the probe's stage model: ");
+    assert!(succeed(at, &[&args[..], &["--no-probe"]].concat()).ends_with("Verdict: same\n"));
+}
+
 /// A changed image is reported by scene and frame, missing rows as missing, and a comparison without numbers fails.
 #[test]
 fn distinguishes_changed_data_losses_and_missing_numbers() {

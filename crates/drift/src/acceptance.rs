@@ -42,7 +42,7 @@ pub fn acceptable(results: &Results) -> Result<(), DriftError> {
 
 /// What an old baseline guards, and the results that were compared with it do not: targets without a row, and scores that are no
 /// longer computed. A line for each protocol, method and kind, with a count and the first case.
-pub fn no_longer_guarded(report: &DriftReport) -> Vec<String> {
+fn no_longer_guarded(report: &DriftReport) -> Vec<String> {
     let line = |finding: &Finding| {
         let by = match finding.kind {
             FindingKind::Missing => "",
@@ -122,6 +122,11 @@ impl AcceptanceReport {
             limits: baseline.limits,
             probe: baseline.probe.map(|probe| probe.recipe),
         }
+    }
+
+    /// What the old baseline guards and this one does not, a line for each protocol, method and kind; nothing without an old one.
+    pub fn no_longer_guarded(&self) -> &[String] {
+        &self.no_longer_guarded
     }
 }
 

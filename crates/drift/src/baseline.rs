@@ -257,6 +257,14 @@ impl Baseline {
         Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
     }
 
+    /// [`Self::read`], or `None` if there is no file.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    pub fn read_if_exists(path: &Path) -> Result<Option<Self>, DriftError> {
+        path.exists().then(|| Self::read(path)).transpose()
+    }
+
     /// Writes the baseline atomically. If it has no probe, that of an older baseline at the same path is removed.
     ///
     /// # Errors

@@ -180,7 +180,7 @@ impl DriftReport {
         let empty: Vec<&str> =
             stages.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
         match &self.attribution {
-            None if self.not_attributed.is_some() => format!("{data}; the probe could not be run."),
+            None if self.not_attributed.is_some() => format!("{data}; a stage of the probe failed."),
             None => format!("{data}; no probe was run."),
             Some(_) if empty.is_empty() => format!("{data}; no stage of the probe changed."),
             Some(_) => format!("{data}; the probe had nothing to compare for: {}.", empty.join(", ")),

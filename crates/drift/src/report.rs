@@ -4,8 +4,8 @@ use atsplat_metrics::Direction;
 use atsplat_results::statistics::{Paired, direction};
 use serde::{Deserialize, Serialize};
 
-use super::probe::{Attribution, StageVerdict};
-use super::{Change, DataComparison, Difference};
+use super::probe::{Attribution, Outputs, StageVerdict, Stages, attribute};
+use super::{Change, DataComparison, Difference, DriftError};
 
 /// Comparison of results with a baseline.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,7 +25,7 @@ pub struct DriftReport {
     pub changes: Vec<Change>,
     /// Which stage changed a probe's numbers; `None` if no probe was run.
     pub attribution: Option<Attribution>,
-    /// Why there is no attribution although the baseline has a probe.
+    /// Which stage of the probe failed, and why; there is no attribution then.
     pub not_attributed: Option<String>,
 }
 
@@ -197,22 +197,37 @@ impl DriftReport {
         self.verdict == DriftVerdict::Nothing && self.comparisons.iter().all(is_nothing)
     }
 
+    /// Runs the stages on the outputs of the baseline's probe, which they gave for its recipe, and adds what changed. A stage that fails
+    /// now has changed, since it did not fail for the baseline.
+    #[must_use]
+    pub fn with_probe(self, stages: &dyn Stages, outputs: &Outputs, same_machine: bool) -> Self {
+        match attribute(stages, outputs, same_machine) {
+            Ok(attribution) => self.with_attribution(attribution),
+            Err(error) => self.with_failed_stage(&error),
+        }
+    }
+
     /// Adds the attribution of a probe. Where nothing was compared, its verdict stays: the baseline may be that of another run.
     #[must_use]
-    pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
-        let at_most = if self.compared_nothing() { DriftVerdict::Nothing } else { DriftVerdict::Drifted };
-        match attribution {
-            Ok(attribution) => {
-                let found = attribution.stages.iter().map(|stage| match stage.verdict {
-                    StageVerdict::Same => DriftVerdict::Same,
-                    StageVerdict::Empty => DriftVerdict::Nothing,
-                    StageVerdict::Changed => DriftVerdict::Drifted,
-                });
-                let verdict = found.fold(self.verdict, DriftVerdict::max).min(at_most);
-                let changes = self.changes_with(&attribution);
-                Self { verdict, changes, attribution: Some(attribution), ..self }
-            }
-            Err(error) => Self { verdict: at_most, not_attributed: Some(error.to_string()), ..self },
-        }
+    pub fn with_attribution(self, attribution: Attribution) -> Self {
+        let found = attribution.stages.iter().map(|stage| match stage.verdict {
+            StageVerdict::Same => DriftVerdict::Same,
+            StageVerdict::Empty => DriftVerdict::Nothing,
+            StageVerdict::Changed => DriftVerdict::Drifted,
+        });
+        let verdict = found.fold(self.verdict, DriftVerdict::max).min(self.worst_of_probe());
+        let changes = self.changes_with(&attribution);
+        Self { verdict, changes, attribution: Some(attribution), ..self }
+    }
+
+    /// Adds that a stage of the baseline's probe fails.
+    #[must_use]
+    pub(super) fn with_failed_stage(self, error: &DriftError) -> Self {
+        Self { verdict: self.worst_of_probe(), not_attributed: Some(error.to_string()), ..self }
+    }
+
+    /// The worst verdict that a probe can give.
+    fn worst_of_probe(&self) -> DriftVerdict {
+        if self.compared_nothing() { DriftVerdict::Nothing } else { DriftVerdict::Drifted }
     }
 }

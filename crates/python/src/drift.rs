@@ -1,13 +1,11 @@
 //! Compares stores with baselines.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use atsplat_drift::probe::{Pipeline, attribute};
-use atsplat_drift::{Acceptance, Baseline, acceptable, compare, no_longer_guarded};
+use atsplat_drift::probe::Pipeline;
+use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, compare};
 use atsplat_eval::runner::current_provenance;
-use atsplat_files::date;
-use atsplat_results::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
+use atsplat_results::Results;
 use pyo3::prelude::*;
 
 use crate::error::Failure;
@@ -29,54 +27,21 @@ pub(crate) fn compare_with_baseline(
     work_with_stores(py, || {
         let accepted = Baseline::read(&baseline)?;
         let recorded = if probe { accepted.read_probe(&baseline)? } else { None };
+        // A recipe whose stages cannot be made is an error, and no drift.
+        let stages = recorded.map(|(recipe, outputs)| Pipeline::of(&recipe).map(|stages| (stages, outputs)));
+        let stages = stages.transpose()?;
         let results = Results::read(&store)?;
         let mut report = compare(&results, &accepted);
-        if let Some((recipe, outputs)) = recorded {
+        if let Some((stages, outputs)) = stages {
             let same = accepted.was_probed_on(&current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()));
-            report =
-                report.with_attribution(Pipeline::of(&recipe).and_then(|stages| attribute(&stages, &outputs, same)));
+            report = report.with_probe(&stages, &outputs, same);
         }
-        Ok((json(&report)?, report.to_string(), report.drifted(), lost(&accepted, &results)))
+        Ok((json(&report)?, report.to_string(), report.drifted(), accepted.lost_targets(&results)))
     })
 }
 
-/// Targets with a score in the baseline that failed in the results, have samples that are not finite, or are not there although they
-/// were requested.
-fn lost(baseline: &Baseline, results: &Results) -> Vec<String> {
-    let now: BTreeMap<(&TrialKey, u32), _> =
-        results.targets.iter().map(|row| ((&row.key, row.target), (row.status, row.detail.as_deref()))).collect();
-    let had_score = |status| matches!(status, TargetStatus::Scored | TargetStatus::Identical);
-    let described = baseline.targets.iter().filter(|then| had_score(then.status)).filter_map(|then| {
-        let why = match now.get(&(&then.key, then.target)) {
-            Some((status, _)) if had_score(*status) => return None,
-            Some((_, detail)) => detail.unwrap_or("no reason recorded").to_owned(),
-            None => vanished(&then.key, baseline, results)?,
-        };
-        Some(format!("{}, frame {}: {why}", then.key, then.frame))
-    });
-    described.collect()
-}
-
-/// Why a trial of the baseline has no rows although it was requested: it was skipped, or its scene is not in the data. `None` if another
-/// method, protocol, index or part of it was run.
-fn vanished(key: &TrialKey, baseline: &Baseline, results: &Results) -> Option<String> {
-    let (then, now) = (&baseline.provenance, &results.provenance);
-    now.methods.iter().find(|method| method.name == key.method)?;
-    let preset = now.presets.iter().find(|preset| preset.name == key.preset)?;
-    let is_skipped = |one: &&SkippedEntry| {
-        (&one.preset, &one.scene, one.entry) == (&key.preset, &key.scene, key.entry) && one.concerns(&key.method)
-    };
-    if let Some(skipped) = now.skipped.iter().find(is_skipped) {
-        return Some(format!("skipped, {}: {}", skipped.reason, skipped.detail));
-    }
-    let has_same_index = |other: &PresetRecord| other.name == preset.name && other.index_sha256 == preset.index_sha256;
-    let is_same_part = now.limit == then.limit && now.shard == then.shard && then.presets.iter().any(has_same_index);
-    let is_there = |row: &TrialRow| (&row.key.preset, &row.key.scene) == (&key.preset, &key.scene);
-    (is_same_part && !results.trials.iter().any(is_there)).then(|| "the scene was not evaluated".to_owned())
-}
-
 /// Makes the results of a store the baseline, and records why; says what the old baseline guards and the new one does not. The probe
-/// of the old baseline, if it has one, is run again.
+/// of the old baseline, or the smallest one, is run.
 #[pyfunction]
 pub(crate) fn accept_baseline(
     py: Python<'_>,
@@ -85,27 +50,13 @@ pub(crate) fn accept_baseline(
     why: String,
 ) -> Result<Vec<String>, Failure> {
     work_with_stores(py, || {
-        if why.trim().is_empty() {
-            return Err(Failure::invalid("why", "expected a reason why these numbers are correct, found none"));
-        }
+        let before = Baseline::read_if_exists(&baseline)?;
         let results = Results::read(&store)?;
-        acceptable(&results).map_err(|error| Failure::invalid("store", error))?;
-        let (version, commit) = (results.provenance.atsplat.clone(), results.provenance.commit.clone());
-        let now = current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()).started;
-        let acceptance = Acceptance { date: date(now), reason: why, atsplat: version, commit };
-        let before = if baseline.exists() { Some(Baseline::read(&baseline)?) } else { None };
-        let accepted = match &before {
-            Some(before) => before.accept(&results, &[], acceptance),
-            None => Baseline::new(&results, &[], acceptance),
-        };
-        let unguarded = before.as_ref().map_or_else(Vec::new, |before| no_longer_guarded(&compare(&results, before)));
-        match before.and_then(|before| before.probe) {
-            None => accepted.write(&baseline)?,
-            Some(probe) => {
-                let (probed, values) = accepted.probed(probe.recipe)?;
-                probed.write_with_probe(&baseline, &values)?;
-            }
-        }
-        Ok(unguarded)
+        let accepting = Accepting { results: &results, repeats: &[], limits: &[], why: &why, probe: ProbeChoice::Kept };
+        let accepted = accepting.write(&baseline, before.as_ref()).map_err(|error| match error {
+            DriftError::Unacceptable { .. } => Failure::invalid("store", error),
+            error => error.into(),
+        })?;
+        Ok(accepted.no_longer_guarded().to_vec())
     })
 }

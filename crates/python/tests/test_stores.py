@@ -179,3 +179,11 @@ def test_the_probe_of_a_baseline_is_kept(store, binary, tmp_path):
     accepted = json.loads(baseline.read_text())
     assert accepted["probe"]["recipe"] == recipe and len(accepted["history"]) == 2
     assert len(atsplat.drift(store, baseline, probe=True).report["attribution"]["stages"]) == 5
+
+
+def test_the_first_baseline_has_the_probe_that_the_binary_gives_it(store, binary, tmp_path):
+    ours, theirs = tmp_path / "ours.json", tmp_path / "theirs.json"
+    atsplat.accept_baseline(store, ours, why="first results")
+    binary("drift", "accept", store.path, "--baseline", theirs, "--why", "first results")
+    assert json.loads(ours.read_text())["probe"] == json.loads(theirs.read_text())["probe"]
+    assert (tmp_path / "ours.probe.safetensors").read_bytes() == (tmp_path / "theirs.probe.safetensors").read_bytes()

@@ -1,8 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use atsplat_drift::{Acceptance, AcceptanceReport, Baseline, acceptable, check_repetition, compare};
-use atsplat_files::date;
+use atsplat_drift::{Accepting, Baseline, ProbeChoice, acceptable, check_repetition};
 use atsplat_results::Results;
 use clap::builder::NonEmptyStringValueParser;
 
@@ -11,7 +10,6 @@ use crate::exit::Exit;
 use crate::objects::CacheArgs;
 use crate::parse::{self, once, usage_error};
 use crate::print::{print_report, warn};
-use crate::provenance;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
@@ -60,8 +58,12 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let limited: Vec<String> = args.limit.iter().map(|(metric, _)| metric.clone()).collect();
     once("--limit", &limited).map_err(usage_error)?;
-    let requested = args.probe.as_deref().map(recipe).transpose()?;
-    let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
+    let probe = match &args.probe {
+        _ if args.no_probe => ProbeChoice::None,
+        Some(path) => ProbeChoice::Recipe(recipe(path)?),
+        None => ProbeChoice::Kept,
+    };
+    let before = Baseline::read_if_exists(&args.baseline)?;
     let (place, results) = read(&args.store, &args.cache)?;
     acceptable(&results).with_context(|| args.store.display().to_string())?;
     let gaps = if args.strict { results.gaps() } else { Vec::new() };
@@ -73,31 +75,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         return Ok(Exit::Skipped);
     }
     let repeats = repeats(args, place, &results)?;
-    let now = provenance();
-    let acceptance = Acceptance {
-        date: date(now.started),
-        reason: args.why.clone(),
-        atsplat: results.provenance.atsplat.clone(),
-        commit: results.provenance.commit.clone(),
-    };
-    let report = before.as_ref().map(|before| compare(&results, before));
-    let mut baseline = match &before {
-        Some(before) => before.accept(&results, &repeats, acceptance.clone()),
-        None => Baseline::new(&results, &repeats, acceptance.clone()),
-    };
-    for (metric, limit) in &args.limit {
-        baseline = baseline.with_limit(metric, *limit).context("--limit")?;
-    }
-    let recipe = requested.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
-    if args.no_probe {
-        baseline.write(&args.baseline)?;
-    } else {
-        let (probed, values) = baseline.probed(recipe)?;
-        probed.write_with_probe(&args.baseline, &values)?;
-        baseline = probed;
-    }
-    let accepted = AcceptanceReport::new(&args.baseline, baseline, acceptance, &results, report.as_ref());
-    print_report(&accepted, args.json)?;
+    let (limits, why) = (args.limit.as_slice(), args.why.as_str());
+    let accepting = Accepting { results: &results, repeats: &repeats, limits, why, probe };
+    print_report(&accepting.write(&args.baseline, before.as_ref())?, args.json)?;
     Ok(Exit::Done)
 }
 

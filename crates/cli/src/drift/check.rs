@@ -1,6 +1,7 @@
 use std::path::Path;
 
-use atsplat_drift::probe::{Outputs, Pipeline, Recipe, attribute};
+use anyhow::Context as _;
+use atsplat_drift::probe::{Outputs, Pipeline, attribute};
 use atsplat_drift::{Baseline, DriftReport, DriftVerdict, compare};
 use atsplat_results::Results;
 
@@ -10,21 +11,19 @@ use crate::print::{print_report, warn};
 use crate::provenance;
 
 pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Result<Exit> {
-    let requested = args.probe.as_deref().map(recipe).transpose()?;
     let (file, of) = (baseline_path.display(), store.display());
     anyhow::ensure!(
         baseline_path.exists(),
         "--baseline: expected a baseline, found no file; `atsplat drift accept {of} --baseline {file} --why REASON` makes one"
     );
     let baseline = Baseline::read(baseline_path)?;
-    let probe = if args.no_probe { None } else { baseline.read_probe(baseline_path)? };
-    anyhow::ensure!(requested.is_none() || probe.is_some(), "--probe: the baseline has no probe; accept one first");
+    let probe = Probe::read(args, &baseline, baseline_path)?;
     let plot = args.history.open()?;
     let results = Results::read(&args.cache.store(store)?)?;
     let report = compare(&results, &baseline);
     let report = match probe {
         None => report,
-        Some((recipe, outputs)) => with_probe(report, &baseline, &requested.unwrap_or(recipe), &outputs),
+        Some(probe) => probe.run(report, &baseline)?,
     };
     print_report(&report, args.json)?;
     if args.github {
@@ -44,8 +43,43 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     Ok(exit)
 }
 
-/// Runs the stages on this machine, regardless of the machine of the results.
-fn with_probe(report: DriftReport, baseline: &Baseline, recipe: &Recipe, outputs: &Outputs) -> DriftReport {
-    let same = baseline.was_probed_on(&provenance());
-    report.with_attribution(Pipeline::of(recipe).and_then(|stages| attribute(&stages, outputs, same)))
+/// The baseline's probe, with the stages of its recipe or of another one.
+struct Probe<'a> {
+    stages: Pipeline,
+    outputs: Outputs,
+    /// The file of the recipe, if it is not the baseline's.
+    requested: Option<&'a Path>,
+}
+
+impl<'a> Probe<'a> {
+    /// The probe of a baseline, if it has one and it is to be run. A recipe whose stages cannot be made is an error, and no drift.
+    fn read(args: &'a Args, baseline: &Baseline, path: &Path) -> anyhow::Result<Option<Self>> {
+        let requested = args.probe.as_deref();
+        let given = requested.map(recipe).transpose()?;
+        let recorded = if args.no_probe { None } else { baseline.read_probe(path)? };
+        let Some((recorded, outputs)) = recorded else {
+            anyhow::ensure!(given.is_none(), "--probe: the baseline has no probe; accept one first");
+            return Ok(None);
+        };
+        let stages = Pipeline::of(&given.unwrap_or(recorded)).with_context(|| origin(requested))?;
+        Ok(Some(Self { stages, outputs, requested }))
+    }
+
+    /// Runs the stages on this machine, regardless of the machine of the results.
+    fn run(&self, report: DriftReport, baseline: &Baseline) -> anyhow::Result<DriftReport> {
+        let Self { stages, outputs, requested } = self;
+        let same = baseline.was_probed_on(&provenance());
+        if requested.is_none() {
+            return Ok(report.with_probe(stages, outputs, same));
+        }
+        // Nobody knows whether these stages ran when the baseline was accepted: a failure is no drift.
+        let attribution = attribute(stages, outputs, same).with_context(|| origin(*requested))?;
+        Ok(report.with_attribution(attribution))
+    }
+}
+
+/// Where a recipe is from.
+fn origin(requested: Option<&Path>) -> String {
+    let of_baseline = || "the baseline's probe (--no-probe compares rows alone)".to_owned();
+    requested.map_or_else(of_baseline, |path| format!("--probe {}", path.display()))
 }

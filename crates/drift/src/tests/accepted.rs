@@ -112,3 +112,42 @@ fn a_run_that_was_killed_while_it_added_a_metric_cannot_become_a_baseline() {
     let error = acceptable(&results).unwrap_err().to_string();
     assert!(error.contains("a store is not done: 2 of 4 entries of sampled under m with l1"), "{error}");
 }
+
+/// The first baseline of a file has the smallest probe, whichever program accepts it; without one, later ones get it too.
+#[test]
+fn a_baseline_has_the_probe_of_the_old_one_or_the_smallest() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("b.json");
+    let results = store(true, 4, 0.0, 1);
+    let accept = |probe: ProbeChoice| {
+        let before = Baseline::read_if_exists(&path).unwrap();
+        let accepting = Accepting { results: &results, repeats: &[], limits: &[], why: "right", probe };
+        accepting.write(&path, before.as_ref()).unwrap();
+        let written = Baseline::read(&path).unwrap();
+        (written.history.len(), written.read_probe(&path).unwrap().map(|(recipe, _)| recipe))
+    };
+    let other = Recipe { background: [0.25, 0.5, 1.0], ..Recipe::default() };
+    assert_eq!(accept(ProbeChoice::Kept), (1, Some(Recipe::default())));
+    assert_eq!(accept(ProbeChoice::Recipe(other.clone())), (2, Some(other.clone())));
+    assert_eq!(accept(ProbeChoice::Kept), (3, Some(other)));
+    assert_eq!(accept(ProbeChoice::None), (4, None));
+    assert_eq!(accept(ProbeChoice::Kept), (5, Some(Recipe::default())));
+}
+
+#[test]
+fn what_cannot_be_accepted_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("b.json");
+    let (calm, mut unfinished) = (store(true, 4, 0.0, 1), store(true, 4, 0.0, 1));
+    unfinished.provenance.presets[0].entries = 5;
+    let limits = [("psnr".to_owned(), 0.05)];
+    let error = |results: &Results, limits: &[(String, f64)], why: &str| {
+        let accepting = Accepting { results, repeats: &[], limits, why, probe: ProbeChoice::None };
+        let error = accepting.write(&path, None).unwrap_err().to_string();
+        assert!(Baseline::read_if_exists(&path).unwrap().is_none(), "{error}");
+        error
+    };
+    assert_eq!(error(&calm, &[], " "), "why: expected a reason why these numbers are correct, found none");
+    assert!(error(&unfinished, &[], "right").starts_with("expected a finished run, found "));
+    assert!(error(&calm, &limits, "right").contains("expected a method that is not deterministic, found none"));
+}

@@ -66,7 +66,7 @@ fn a_metric_with_other_weights_is_named_as_the_cause() {
     };
     let baseline = Baseline::new(&with("a", 0.0, 0.0), &[], acceptance("first"));
     let unchanged = probe::Attribution { stages: Vec::new(), metrics: Vec::new() };
-    let said = |run: &Results| compare(run, &baseline).with_attribution(Ok(unchanged.clone())).to_string();
+    let said = |run: &Results| compare(run, &baseline).with_attribution(unchanged.clone()).to_string();
     let (cause, elsewhere) = ("the weights file of lpips is not the baseline's", "the method's files");
     let weights = said(&with("b", 0.03, 0.0));
     assert!(weights.contains(cause) && !weights.contains(elsewhere), "{weights}");

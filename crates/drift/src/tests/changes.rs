@@ -31,7 +31,7 @@ fn report_of(change: fn(&mut Results), of_older_version: bool) -> DriftReport {
     let mut now = base();
     now.targets[7].scores.values_mut().for_each(|score| *score -= 1.0);
     change(&mut now);
-    compare(&now, &baseline).with_attribution(Ok(Attribution { stages: Vec::new(), metrics: Vec::new() }))
+    compare(&now, &baseline).with_attribution(Attribution { stages: Vec::new(), metrics: Vec::new() })
 }
 
 fn found(report: &DriftReport) -> Vec<(Cause, &str)> {
@@ -316,14 +316,14 @@ fn without_a_common_target_nothing_was_compared() {
         assert_eq!(report.verdict, DriftVerdict::Nothing, "{report}");
         assert!(report.to_string().contains("\nNothing could be compared: "), "{report}");
         // Nor does a probe say anything about another run's numbers.
-        let probed = report.clone().with_attribution(Ok(data::probed(&[Stage::Renderer])));
+        let probed = report.clone().with_attribution(data::probed(&[Stage::Renderer]));
         assert_eq!((probed.verdict, probed.first_change()), (DriftVerdict::Nothing, Some(Cause::Renderer)), "{probed}");
         let said = probed.to_string();
         assert!(said.contains("may be that of another run. The first change is in the renderer: "), "{said}");
         let error = DriftError::Unacceptable { expected: "a probe", found: "none".to_owned() };
-        assert_eq!(report.with_attribution(Err(error)).verdict, DriftVerdict::Nothing);
+        assert_eq!(report.with_failed_stage(&error).verdict, DriftVerdict::Nothing);
     }
-    let same = compare(&base(), &baseline).with_attribution(Ok(data::probed(&[Stage::Renderer])));
+    let same = compare(&base(), &baseline).with_attribution(data::probed(&[Stage::Renderer]));
     assert_eq!(same.verdict, DriftVerdict::Drifted, "{same}");
     // A method that fails everywhere has drifted.
     let mut failed = base();

@@ -131,7 +131,7 @@ fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     let mut now = base.clone();
     now.trials[0].context_hashes[1] = "other".to_owned();
     let first = |now: &Results, changed: &[Stage]| {
-        let report = compare(now, &baseline).with_attribution(Ok(probed(changed)));
+        let report = compare(now, &baseline).with_attribution(probed(changed));
         assert_eq!(report.verdict == DriftVerdict::Same, changed.is_empty() && report.data.changed.is_empty());
         report.first_change()
     };
@@ -153,7 +153,7 @@ fn a_stage_without_values_is_not_the_same() {
     let mut attribution = probed(&[]);
     attribution.stages[4].verdict = StageVerdict::Empty;
     let baseline = Baseline::new(&base, &[], acceptance("first"));
-    let report = compare(&base, &baseline).with_attribution(Ok(attribution));
+    let report = compare(&base, &baseline).with_attribution(attribution);
     assert_eq!((report.verdict, report.first_change()), (DriftVerdict::Nothing, None));
     assert!(report.to_string().contains("the probe had nothing to compare for: metric."), "{report}");
 }

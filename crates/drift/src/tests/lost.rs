@@ -1,10 +1,12 @@
 //! What explains nothing, and what has no number to move: renders, methods, metrics and parts of a run that are lost.
 
+use atsplat_results::SkippedEntry;
+
 use super::*;
 
 /// Compares, with a probe of which no stage changed.
 fn report(then: &Results, now: &Results) -> DriftReport {
-    compare(now, &Baseline::new(then, &[], acceptance("first"))).with_attribution(Ok(data::probed(&[])))
+    compare(now, &Baseline::new(then, &[], acceptance("first"))).with_attribution(data::probed(&[]))
 }
 
 fn found(report: &DriftReport) -> Vec<(Cause, &str)> {
@@ -70,6 +72,39 @@ fn a_lost_render_and_one_that_is_the_truth_have_a_cause() {
     let report = report(&then, &identical);
     let [(Cause::Outside, detail)] = &found(&report)[..] else { panic!("{report}") };
     assert!(detail.ends_with(&format!("{of_status}identical")), "{detail}");
+}
+
+/// Of four scenes with three targets each.
+#[test]
+fn targets_are_lost_if_they_failed_or_were_requested_and_are_not_there() {
+    let then = store(true, 4, 0.0, 1);
+    let baseline = Baseline::new(&then, &[], acceptance("first"));
+    let mut failed = then.clone();
+    lose(&mut failed, 7);
+    let of = format!("m on {PRESET}, scene \"scene 002\", entry 0, frame ");
+    assert_eq!(baseline.lost_targets(&failed), [format!("{of}1: no file for frame 1\nbelow renders")]);
+    let mut gone = then.clone();
+    gone.trials.retain(|row| row.key.scene != "scene 002");
+    gone.targets.retain(|row| row.key.scene != "scene 002");
+    let reasons = |reason: &str| (0..3).map(|frame| format!("{of}{frame}: {reason}")).collect::<Vec<_>>();
+    assert_eq!(baseline.lost_targets(&gone), reasons("the scene was not evaluated"));
+    let skipped = SkippedEntry {
+        preset: PRESET.to_owned(),
+        scene: "scene 002".to_owned(),
+        reason: "missing-frame".to_owned(),
+        detail: "frame 7".to_owned(),
+        ..SkippedEntry::default()
+    };
+    let mut skips = gone.clone();
+    skips.provenance.skipped.push(skipped);
+    assert_eq!(baseline.lost_targets(&skips), reasons("skipped, missing-frame: frame 7"));
+    // Nothing is lost that nobody asked for.
+    let mut limited = gone.clone();
+    limited.provenance.limit = Some(3);
+    gone.provenance.methods[0].name = "n".to_owned();
+    for other in [&then, &limited, &gone] {
+        assert!(baseline.lost_targets(other).is_empty());
+    }
 }
 
 /// The methods `m` and `n`, of four scenes each.

@@ -41,7 +41,7 @@ fn a_probe_is_judged_by_the_machine_that_ran_it() {
     let (of_rows, _) = Baseline::new(&base, &[], acceptance("first")).with_probe(Recipe::default(), &outputs).unwrap();
     let judged = |baseline: &Baseline| {
         let report = compare(&base, baseline);
-        let report = report.with_attribution(attribute(&pipeline, &outputs, baseline.was_probed_on(&here)));
+        let report = report.with_probe(&pipeline, &outputs, baseline.was_probed_on(&here));
         (report.verdict, report.first_change())
     };
     let probed_on = |baseline: &Baseline, processor: &str| {

@@ -2,7 +2,7 @@ use atsplat_files::date;
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_results::{MethodRecord, MetricRecord, PresetRecord, Results, TargetStatus, TrialStatus};
 
-use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, attribute, run};
+use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, run};
 use super::*;
 use sample_rows::{PRESET, results};
 
@@ -414,11 +414,11 @@ fn a_changed_number_is_traced_to_its_stage() {
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
     let mut pipeline = Pipeline::of(&recipe).unwrap();
-    let unchanged = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    let unchanged = compare(&rows(&pipeline).0, &baseline).with_probe(&pipeline, &probe, true);
     assert_eq!(unchanged.verdict, DriftVerdict::Same, "{unchanged}");
 
     pipeline.options.constants.blur *= 1.001;
-    let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    let report = compare(&rows(&pipeline).0, &baseline).with_probe(&pipeline, &probe, true);
     let attribution = report.attribution.as_ref().unwrap();
     assert_eq!((report.verdict, attribution.first()), (DriftVerdict::Drifted, Some(Stage::Renderer)), "{report}");
     let effect = attribution.metrics.iter().find(|metric| metric.metric == "psnr").unwrap();

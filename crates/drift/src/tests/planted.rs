@@ -105,7 +105,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
             Some(Stage::Data) => rows(&run(&planted, &other_files(&pipeline, &[2], amount)).unwrap()),
             _ => rows(&run(&planted, &inputs).unwrap()),
         };
-        compare(&rows, &baseline).with_attribution(attribute(&planted, &then, true))
+        compare(&rows, &baseline).with_probe(&planted, &then, true)
     };
     for stage in std::iter::once(Stage::Data).chain(Stage::PROBED) {
         let mut directions = BTreeSet::new();
@@ -139,9 +139,47 @@ fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
     let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));
     for (views, frames) in [(&[0][..], &[4][..]), (&[1], &[9]), (&[2], &[6]), (&[0, 1, 2], &[4, 6, 9])] {
         let now = run(&pipeline, &other_files(&pipeline, views, 0.02)).unwrap();
-        let report = compare(&rows(&now), &baseline).with_attribution(attribute(&pipeline, &then, true));
+        let report = compare(&rows(&now), &baseline).with_probe(&pipeline, &then, true);
         let found: Vec<u64> = report.data.changed.iter().map(|image| image.frame).collect();
         assert_eq!((found, report.first_change()), (frames.to_vec(), Some(Cause::Data)), "{report}");
         assert_eq!(report.attribution.as_ref().unwrap().first(), None, "{report}");
+    }
+}
+
+/// The stages, of which the renderer fails.
+struct Failing<'a>(&'a Pipeline);
+
+impl Stages for Failing<'_> {
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError> {
+        self.0.decode(bytes)
+    }
+
+    fn resize(&self, view: &View) -> Result<View, DriftError> {
+        self.0.resize(view)
+    }
+
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
+        self.0.model(context)
+    }
+
+    fn splat(&self, _: &Gaussians, _: &View) -> Result<Image, DriftError> {
+        Err(DriftError::Stage { stage: Stage::Renderer.name(), reason: "no images".to_owned() })
+    }
+
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
+        self.0.score(render, truth)
+    }
+}
+
+#[test]
+fn a_stage_that_fails_where_it_did_not_for_the_baseline_has_changed() {
+    let pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    let then = run(&pipeline, &inputs()).unwrap();
+    let same = compare(&rows(&then), &Baseline::new(&rows(&then), &[], acceptance("first")));
+    let report = same.clone().with_probe(&Failing(&pipeline), &then, true);
+    assert_eq!((same.verdict, report.verdict), (DriftVerdict::Same, DriftVerdict::Drifted), "{report}");
+    let said = report.to_string();
+    for part in ["No attribution: the probe's stage renderer: no images\n", "; a stage of the probe failed.\n"] {
+        assert!(said.contains(part), "{part}: {said}");
     }
 }

@@ -62,8 +62,8 @@ def drift(store: Path | Store, baseline: Path, *, probe: bool = False) -> Drift:
 
 
 def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
-    """Makes results the baseline; ``why`` is kept in its history. The probe of the old baseline is run again on this machine;
-    ``atsplat drift accept`` stores the first one.
+    """Makes results the baseline; ``why`` is kept in its history. As with ``atsplat drift accept``, the probe of the old baseline,
+    or the smallest one if it has none, is run on this machine and stored next to the file.
 
     Raises:
         InvalidError: if no result has scores, or if the run is unfinished.
