@@ -96,7 +96,7 @@ impl State {
 
     /// Number of skipped steps.
     pub const fn skipped(&self) -> u64 {
-        self.step - self.updates
+        self.step.saturating_sub(self.updates)
     }
 
     /// The state as tensors and metadata.
@@ -186,13 +186,11 @@ impl State {
                 average.push(values(AVERAGE, parameter)?);
             }
         }
-        let skipped_in_a_row = u32::try_from(number(stored, "faults-in-a-row")?)
-            .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
+        let (step, updates, skipped_in_a_row) = progress(stored)?;
         let [sha256, data, differences, adapter, processor] =
             [INITIAL_WEIGHTS, INITIAL_DATA, INITIAL_DIFFERENCES, ADAPTER, PROCESSOR]
                 .map(|key| stored.metadata.get(key).cloned());
         let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data, differences });
-        let (step, updates) = (number(stored, "step")?, number(stored, "updates")?);
         let replaced = if stored.metadata.contains_key(REPLACED) {
             ReplacedCount { count: number(stored, REPLACED)?, since: number(stored, REPLACED_SINCE)? }
         } else {
@@ -230,6 +228,21 @@ pub(super) fn check_digests(stored: &StoredTensors) -> Result<(), TrainError> {
         expect(METADATA_DIGEST, &stored.metadata_digest(METADATA_DIGEST), "the hash of the metadata")?;
     }
     Ok(())
+}
+
+/// The steps that were done, those of them that updated the weights, and how many of the latest were skipped in a row. Checkpoints of
+/// earlier versions have no hash of these numbers.
+fn progress(stored: &StoredTensors) -> Result<(u64, u64, u32), TrainError> {
+    let at_most = |key: &str, most: u64, what: &str| match number(stored, key)? {
+        found if found <= most => Ok(found),
+        found => Err(TrainError::malformed(WHAT, format!("metadata {key}"), format!("at most {most}, {what}"), found)),
+    };
+    let step = number(stored, "step")?;
+    let updates = at_most("updates", step, "the number of steps")?;
+    let in_a_row = at_most("faults-in-a-row", step - updates, "the number of steps without an update")?;
+    let in_a_row = u32::try_from(in_a_row)
+        .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
+    Ok((step, updates, in_a_row))
 }
 
 fn number(stored: &StoredTensors, key: &str) -> Result<u64, TrainError> {
@@ -299,6 +312,31 @@ mod tests {
             damaged.metadata.insert(key.to_owned(), "1".to_owned());
             let error = read(&damaged).unwrap_err().to_string();
             assert!(error.contains("metadata metadata-sha256: expected the hash of the metadata"), "{key}: {error}");
+        }
+    }
+
+    /// Without a hash of the metadata, as in checkpoints of earlier versions.
+    #[test]
+    fn numbers_of_steps_that_contradict_each_other_are_an_error() {
+        let (config, resolved) = (TrainConfig::shortest(), Resolved::default());
+        let mut stored = with_one_number(3, 1.0).stored(&config, &resolved).unwrap();
+        stored.metadata.remove(METADATA_DIGEST);
+        let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
+        let read = |updates: &str, in_a_row: &str| {
+            let mut stored = stored.clone();
+            for (key, value) in [("updates", updates), ("faults-in-a-row", in_a_row)] {
+                stored.metadata.insert(key.to_owned(), value.to_owned());
+            }
+            let read = State::from_stored(&stored, &config, &with_one_number(0, 7.0).parameters, &backbone);
+            read.map(|(state, _)| (state.skipped(), state.skipped_in_a_row)).map_err(|error| error.to_string())
+        };
+        assert_eq!(read("1", "2"), Ok((2, 2)));
+        for (updates, in_a_row, message) in [
+            ("7", "0", "metadata updates: expected at most 3, the number of steps, found 7"),
+            ("1", "3", "metadata faults-in-a-row: expected at most 2, the number of steps without an update, found 3"),
+        ] {
+            let error = read(updates, in_a_row).unwrap_err();
+            assert!(error.contains(message), "{error}");
         }
     }
 
