@@ -113,6 +113,29 @@ fn the_uncertainty_loss_reaches_only_the_score_heads() {
     }
 }
 
+/// The loss of one of two renderings has an infinite derivative at one pixel of its second view.
+#[test]
+fn a_backward_pass_that_fails_says_why() {
+    let config = config();
+    let network = network(&config, &generated(&parameters(&config), 3), &Device::flex().autodiff());
+    let views = Views::new(SIZE, noise("pictures", 2 * 64 * 64 * 3), vec![camera(0.0), camera(0.5)]).unwrap();
+    let gaussians = network.forward(&[views], 0).unwrap().gaussians;
+    let size = atsplat_camera::ImageSize { width: 8, height: 4 };
+    let targets = [View { camera: camera(0.2), size }, View { camera: camera(0.4), size }];
+    let render = || gaussians.render(0, &targets, &RenderOptions::default(), None).unwrap();
+    let (whole, broken) = (render(), render());
+    let mut weights = vec![1.0f32; 2 * 4 * 8 * 3];
+    weights[3 * (32 + 13) + 1] = f32::INFINITY;
+    let weights = Tensor::<1>::from_floats(weights.as_slice(), &network.device()).reshape([2, 4, 8, 3]);
+    let loss = whole.rgb.sum() + (broken.rgb * weights).sum();
+    assert_eq!(broken.backward.failure(), None, "it has not run");
+    let reached = network.gradients(&loss.backward());
+    assert!(reached.values().flatten().any(|number| number.is_nan()), "as the graph shows it");
+    let failure = broken.backward.failure();
+    let expected = "rgb gradient: expected finite numbers, found inf at pixel 13";
+    assert_eq!((whole.backward.failure(), failure.as_deref()), (None, Some(expected)));
+}
+
 #[test]
 fn gradients_agree_with_central_differences() {
     let config = config();

@@ -40,7 +40,7 @@ pub use gaussians::GaussianTensors;
 pub use patch_frame::PatchFrames;
 pub use processor::Processor;
 pub use reconstruction::{BlockOutcome, EncodedScene, Reconstruction};
-pub use render::RenderedTensors;
+pub use render::{BackwardPass, RenderedTensors};
 pub use trace::Trace;
 pub use views::Views;
 

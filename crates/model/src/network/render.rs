@@ -24,14 +24,27 @@ pub struct RenderedTensors {
     pub scalar: Option<Tensor<3>>,
     /// Counts of drawn and skipped Gaussians: by view, or of all views together if they were rendered at once.
     pub counts: Vec<GaussianCounts>,
+    /// Says whether the backward pass failed.
+    pub backward: BackwardPass,
+}
+
+/// The backward pass of a rendering; the graph that it is part of can show a failure only as NaN.
+#[derive(Clone, Debug)]
+pub struct BackwardPass(Arc<Request>);
+
+impl BackwardPass {
+    /// Why it failed; `None` if it did not, or has not run.
+    pub fn failure(&self) -> Option<String> {
+        self.0.backward_failure()
+    }
 }
 
 impl GaussianTensors {
     /// Renders one scene of the batch to views of one size, on the tensors' device: see [`Processor::renders`].
     ///
     /// `scalars`, `[Gaussians]`, are composited in the channel `scalar`, e.g. the uncertainty of the tokens;
-    /// [`atsplat_splat::StoppedGradients`] says how far its gradient reaches. If the backward pass of a rendering runs out of
-    /// memory, gradients are NaN.
+    /// [`atsplat_splat::StoppedGradients`] says how far its gradient reaches. If the backward pass of a rendering fails, as
+    /// without enough memory, gradients are NaN, and [`BackwardPass::failure`] says why.
     ///
     /// # Errors
     /// [`ModelError::Splat`] for errors of the renderer; [`ModelError::Malformed`] if there is no such scene or no view,
@@ -103,7 +116,8 @@ impl GaussianTensors {
         let alpha = image();
         let depth = options.channels.depth.then(&mut image);
         let scalar = options.channels.scalar.then(image);
-        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, counts })
+        let backward = BackwardPass(request);
+        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, counts, backward })
     }
 
     /// Some scenes of the batch.

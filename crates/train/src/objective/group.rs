@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use atsplat_model::network::f32_values;
+use atsplat_model::network::{BackwardPass, f32_values};
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 
@@ -20,6 +20,8 @@ pub(super) struct Group<'a> {
     device: Device,
     /// Once a loss in the graph needed them.
     runs: Vec<Run>,
+    /// Those of the renderings so far.
+    pub(super) renderings: Vec<BackwardPass>,
     /// Losses that are part of the graph and have not been read.
     unread: Vec<GraphLoss>,
     /// What the backward pass starts from. A loss that is computed outside the graph enters as `weight · image · gradient`, whose
@@ -65,7 +67,17 @@ impl Run {
 impl<'a> Group<'a> {
     pub(super) fn new(samples: &'a [Sample], seconds: PartSeconds, clock: Clock, device: Device) -> Self {
         let terms = vec![Terms::default(); samples.len()];
-        Self { samples, terms, seconds, clock, device, runs: Vec::new(), unread: Vec::new(), sum: None }
+        Self {
+            samples,
+            terms,
+            seconds,
+            clock,
+            device,
+            runs: Vec::new(),
+            renderings: Vec::new(),
+            unread: Vec::new(),
+            sum: None,
+        }
     }
 
     /// The samples by runs, whose targets are copied to the device when they are first asked for.

@@ -4,7 +4,7 @@ mod group;
 mod images;
 mod terms;
 
-use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, Views};
+use atsplat_model::network::{BackwardPass, GaussianTensors, Network, RenderedTensors, Views};
 use atsplat_splat::{Channels, RenderOptions, StoppedGradients, View};
 use burn::Tensor;
 use burn::tensor::{Device, Gradients};
@@ -159,21 +159,27 @@ impl Objective {
             group.add_distances(forward.initial.depths.as_ref(), weight, self.in_graph)?;
         }
         self.add_final(&forward.gaussians, self.config.perceptual_weight_at(progress), &mut group)?;
-        for pair in forward.blocks.windows(2) {
-            let [block, next] = pair else { continue };
+        for (block, next) in forward.blocks.iter().zip(forward.blocks.iter().skip(1)) {
             let gaussians = network.gaussians(&block.tokens);
             let scores = next.expanded.as_ref().and_then(|expanded| expanded.scores.clone());
             self.add_intermediate(&gaussians, scores, &mut group)?;
         }
         group.read();
         group.seconds.losses += group.clock.lap();
-        let Group { terms, seconds, clock, sum, .. } = group;
+        let Group { terms, seconds, clock, renderings, sum, .. } = group;
         for (sample, terms) in samples.iter().zip(&terms) {
             if let Some((name, _)) = terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
                 return Err(sample.failure(FailureReason::NonFiniteTerm(name)));
             }
         }
-        Ok(Differentiated { terms, seconds, clock, gradients: sum.map(|sum| sum.backward()) })
+        let gradients = sum.map(|sum| sum.backward());
+        match renderings.iter().find_map(BackwardPass::failure) {
+            Some(why) => {
+                let reason = FailureReason::Error(format!("the backward pass of a rendering: {why}"));
+                Err(SampleFailure { sample: names(samples), reason })
+            }
+            None => Ok(Differentiated { terms, seconds, clock, gradients }),
+        }
     }
 
     /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
@@ -181,6 +187,7 @@ impl Objective {
         if self.in_graph {
             for run in group.runs() {
                 let images = self.render_run(gaussians, group.samples, (&run, run.stack.views), None)?;
+                group.renderings.push(images.backward.clone());
                 group.seconds.splat += group.clock.lap();
                 self.compare_final_in_graph(images, &run, weight, group);
                 group.seconds.losses += group.clock.lap();
@@ -190,6 +197,7 @@ impl Objective {
         for (at, sample) in group.samples.iter().enumerate() {
             let stack = sample.targets.stack();
             let images = self.render(gaussians, group, at, stack, None)?;
+            group.renderings.push(images.backward.clone());
             group.seconds.splat += group.clock.lap();
             self.compare_final(&images, at, stack, weight, group);
             group.seconds.losses += group.clock.lap();
@@ -214,6 +222,7 @@ impl Objective {
             for run in group.runs() {
                 let views = views_of(run.stack);
                 let images = self.render_run(gaussians, group.samples, (&run, views), scores.as_ref())?;
+                group.renderings.push(images.backward.clone());
                 group.seconds.splat += group.clock.lap();
                 self.compare_intermediate_in_graph(images, (&run, views), group);
                 group.seconds.losses += group.clock.lap();
@@ -224,6 +233,7 @@ impl Objective {
             let all = sample.targets.stack();
             let stack = Stack { views: views_of(all), ..all };
             let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
+            group.renderings.push(images.backward.clone());
             group.seconds.splat += group.clock.lap();
             self.compare_intermediate(&images, at, stack, group);
             group.seconds.losses += group.clock.lap();

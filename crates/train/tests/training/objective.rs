@@ -61,6 +61,15 @@ fn every_parameter_has_a_gradient_and_the_total_is_the_weighted_sum() {
     assert!(terms.named().iter().all(|(name, value)| *value > 0.0 || *name == "distance"), "{terms:?}");
 }
 
+/// The loss is finite in f64; its gradients, which are f32, are not.
+#[test]
+fn a_backward_pass_that_fails_is_the_reason() {
+    let losses = LossConfig { intermediate_weight: 1e300, ..NOTHING };
+    let Err(FailureReason::Error(why)) = gradients(losses, &sample(1)) else { panic!("an error of the renderer") };
+    let expected = "the backward pass of a rendering: rgb gradient: expected finite numbers, found ";
+    assert!(why.starts_with(expected), "{why}");
+}
+
 /// Paper, "Learning uncertainty in 2D space": "this loss updates only" the score heads. If renders equal the ground truth,
 /// MSE has no gradient and only the uncertainty loss is left.
 #[test]

@@ -80,34 +80,47 @@ pub(super) fn differentiate<B: Backend>(
     request: &Request,
 ) -> Inputs<B> {
     let device = images.device();
-    let pixels = numbers::<B>(images);
     let mut recordings = recorded.lock().unwrap_or_else(PoisonError::into_inner);
-    let per_view = request.shape().iter().skip(1).product::<usize>().max(1);
+    let mut gradients = gradients(&mut recordings, numbers::<B>(images), request)
+        .inspect_err(|reason| request.set_backward_failure(reason.clone()));
+    std::array::from_fn(|input| {
+        let shape = shapes[input].clone();
+        let numbers = match &mut gradients {
+            Err(_) => vec![f32::NAN; shape.num_elements()],
+            // No scalars were rendered, so nothing depends on them.
+            Ok(all) if all[input].is_empty() => vec![0.0; shape.num_elements()],
+            Ok(all) => std::mem::take(&mut all[input]),
+        };
+        B::float_from_data(TensorData::new(numbers, shape), &device)
+    })
+}
+
+/// Gradients with respect to each input, or why there are none; `pixels` are those with respect to the images.
+fn gradients(
+    recordings: &mut [Recording<Arc<Gaussians>>],
+    pixels: Option<Vec<f32>>,
+    request: &Request,
+) -> Result<[Vec<f32>; INPUTS], String> {
+    let pixels = pixels.ok_or("the gradients of the images cannot be read from their device")?;
+    let [images, height, width, channels] = request.shape();
+    let per_image = height * width * channels;
+    let (recorded, given) = (recordings.len(), pixels.len());
+    if recorded != images || given != images * per_image {
+        let expected = format!("{images} images of {per_image} numbers");
+        return Err(format!("gradients of images: expected {expected}, found {recorded} images and {given} numbers"));
+    }
+    let mut recorded = recordings.iter_mut().zip(pixels.chunks_exact(per_image.max(1)));
     let mut all: [Vec<f32>; INPUTS] = Default::default();
-    let mut failed = recordings.is_empty() || pixels.is_none();
-    let pixels = pixels.unwrap_or_default();
-    let mut recorded_views = recordings.iter_mut().zip(pixels.chunks_exact(per_view));
     for views in request.views_by_scene() {
         let mut sums: [Vec<f32>; INPUTS] = Default::default();
         // Views are summed in their order.
-        for (recording, pixels) in recorded_views.by_ref().take(views.len()) {
-            match recording.backward(&request.image_gradients(pixels)) {
-                Ok(gradients) => add(&mut sums, gradients),
-                Err(_) => failed = true,
-            }
+        for (recording, pixels) in recorded.by_ref().take(views.len()) {
+            let gradients = recording.backward(&request.image_gradients(pixels));
+            add(&mut sums, gradients.map_err(|error| error.to_string())?);
         }
         all.iter_mut().zip(sums).for_each(|(all, sum)| all.extend(sum));
     }
-    std::array::from_fn(|input| {
-        let (shape, all) = (shapes[input].clone(), std::mem::take(&mut all[input]));
-        let all = match (failed, all.is_empty()) {
-            (true, _) => vec![f32::NAN; shape.num_elements()],
-            // No scalars were rendered, so nothing depends on them.
-            (false, true) => vec![0.0; shape.num_elements()],
-            (false, false) => all,
-        };
-        B::float_from_data(TensorData::new(all, shape), &device)
-    })
+    Ok(all)
 }
 
 /// The Gaussians of each scene in the format of the CPU renderer, checked.

@@ -51,7 +51,8 @@ pub(super) trait RenderBackend: Backend {
     /// Renders images and records what the backward pass needs.
     fn record(inputs: Inputs<Self>, request: &Request) -> (Self::Recorded, FloatTensor<Self>);
 
-    /// Gradients with respect to inputs of these shapes from those with respect to images; NaN if they cannot be computed.
+    /// Gradients with respect to inputs of these shapes from those with respect to images; NaN if they cannot be computed, of which
+    /// the request keeps the reason.
     fn differentiate(
         recorded: Self::Recorded,
         images: FloatTensor<Self>,
@@ -60,7 +61,7 @@ pub(super) trait RenderBackend: Backend {
     ) -> Inputs<Self>;
 }
 
-/// What to render, and the outcome, since an operation can return only a tensor.
+/// What to render, and the outcomes, since an operation can return only tensors.
 #[derive(Debug)]
 pub(super) struct Request {
     /// The same number for every scene, those of the first scene first.
@@ -69,11 +70,14 @@ pub(super) struct Request {
     options: RenderOptions,
     sh_degree: u8,
     outcome: Mutex<Option<Result<Vec<GaussianCounts>, SplatError>>>,
+    /// Why the backward pass failed.
+    backward_failure: Mutex<Option<String>>,
 }
 
 impl Request {
     pub(super) const fn new(views: Vec<View>, scenes: usize, options: RenderOptions, sh_degree: u8) -> Self {
-        Self { views, scenes, options, sh_degree, outcome: Mutex::new(None) }
+        let (outcome, backward_failure) = (Mutex::new(None), Mutex::new(None));
+        Self { views, scenes, options, sh_degree, outcome, backward_failure }
     }
 
     /// The views of each scene.
@@ -89,6 +93,15 @@ impl Request {
 
     fn set_outcome(&self, outcome: Result<Vec<GaussianCounts>, SplatError>) {
         *self.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+    }
+
+    /// Why the backward pass failed, if it has run and did.
+    pub(super) fn backward_failure(&self) -> Option<String> {
+        self.backward_failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set_backward_failure(&self, reason: String) {
+        *self.backward_failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(reason);
     }
 
     /// Number of channels: colour, alpha, then depth and scalar if requested.

@@ -88,12 +88,18 @@ impl RenderBackend for Cube {
             Recorded::Host(recorded) => return host::differentiate::<Self>(&recorded, images, shapes, request),
             Recorded::Device(scenes) => scenes,
         };
-        let gradients = scenes.zip(renderer_of(&images)).and_then(|(scenes, mut renderer)| {
-            let gradients = backward::gradients(&mut renderer, &scenes, &images, shapes, request);
-            gradients.inspect_err(|error| tracing::error!(%error, "no gradients of a rendering")).ok()
-        });
+        let gradients = match scenes.zip(renderer_of(&images)) {
+            Some((scenes, mut renderer)) => {
+                backward::gradients(&mut renderer, &scenes, &images, shapes, request).map_err(|error| error.to_string())
+            }
+            None => Err("the images were not rendered on their device".to_owned()),
+        };
         let unknown = |shape: &Shape| Self::float_full(shape.clone(), f32::NAN.into(), &device, FloatDType::F32);
-        gradients.unwrap_or_else(|| shapes.each_ref().map(unknown))
+        gradients.unwrap_or_else(|reason| {
+            tracing::error!(%reason, "no gradients of a rendering");
+            request.set_backward_failure(reason);
+            shapes.each_ref().map(unknown)
+        })
     }
 }
 
