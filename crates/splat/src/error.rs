@@ -141,14 +141,6 @@ pub enum SplatError {
         /// The value found.
         found: f64,
     },
-    /// A scalar that cannot be composited.
-    #[error("scalars: Gaussian {position}: expected a number within ±{:e}, found {found}", crate::LARGEST_CHANNEL)]
-    Scalar {
-        /// Index of the Gaussian.
-        position: usize,
-        /// The value found.
-        found: f32,
-    },
     /// The lens is invalid.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),

@@ -194,12 +194,6 @@ impl ModelConfig {
         given.at_scale_of(trained_at, self.coarse.patch_size.saturating_mul(self.coarse.image_downscale))
     }
 
-    /// Number of fine patches along a coarse patch: 2, and 4 at high resolution.
-    pub const fn fine_to_coarse_ratio(&self) -> usize {
-        let coarse = self.coarse.patch_size.saturating_mul(self.coarse.image_downscale);
-        coarse / self.fine.patch_size.saturating_mul(self.fine.image_downscale)
-    }
-
     /// The same network, expanding every token whose uncertainty exceeds its block's threshold (paper, supplement, "Dynamic
     /// Gaussian Budgets"): one threshold for each expanding block, in order.
     ///

@@ -32,9 +32,9 @@ fn the_papers_configurations_have_its_dimensions() {
     assert_eq!((config.coarse.layers, config.fine.layers), (12, 2));
     let layers: Vec<usize> = config.decoder.blocks.iter().map(|block| block.layers).collect();
     assert_eq!(layers, [1, 1, 2, 2]);
-    assert_eq!(config.fine_to_coarse_ratio(), 2);
+    assert_eq!(config.coarse_grid(config.resolution).unwrap(), Grid { rows: 16, columns: 16 });
+    assert_eq!(config.fine_grid(config.resolution).unwrap(), Grid { rows: 32, columns: 32 });
     let high_resolution = ModelConfig::named("paper-dl3dv-hr").unwrap();
-    assert_eq!(high_resolution.fine_to_coarse_ratio(), 4);
     assert_eq!(high_resolution.coarse_grid(high_resolution.resolution).unwrap(), Grid { rows: 16, columns: 30 });
     assert_eq!(high_resolution.fine_grid(high_resolution.resolution).unwrap(), Grid { rows: 64, columns: 120 });
 }

@@ -49,11 +49,6 @@ impl Reconstruction {
             .iter()
             .fold(initial, |origins: Vec<usize>, block| block.parents.iter().map(|&parent| origins[parent]).collect())
     }
-
-    /// The final token that a Gaussian belongs to.
-    pub const fn token_of(&self, gaussian: usize) -> usize {
-        gaussian / (self.budget.gaussians / self.budget.final_tokens)
-    }
 }
 
 /// Everything before token expansion of one scene: the same for networks with the same weights that differ in expansion alone

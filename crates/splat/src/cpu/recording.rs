@@ -12,7 +12,6 @@ use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
 use super::scaled::Scaled;
 use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
-use crate::constants::LARGEST_CHANNEL;
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
@@ -86,38 +85,6 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// The images.
     pub const fn rendering(&self) -> &Rendering<f32> {
         &self.rendering
-    }
-
-    /// Recomposites with other scalars, one per Gaussian: bit for bit the images of recording the Gaussians with these
-    /// scalars, at the cost of compositing alone. Any number of channels can thus be rendered and differentiated in
-    /// turn; gradients of shared parameters add up. The recorded Gaussians must have scalars, and the scalar image must
-    /// be one of the recorded channels. A Gaussian that was culled for its recorded scalar stays culled.
-    ///
-    /// # Errors
-    /// [`SplatError::Length`] if the number of scalars differs from that of the Gaussians, or nothing was recorded for
-    /// scalars; [`SplatError::Scalar`] for a value that cannot be composited.
-    pub fn composite_scalars(&mut self, scalars: &[f32]) -> Result<(), SplatError> {
-        let gaussians = self.gaussians.borrow();
-        let has_scalars = self.options.channels.scalar && gaussians.parts().scalars.is_some();
-        let expected = if has_scalars { gaussians.len() } else { 0 };
-        if scalars.len() != expected {
-            return Err(SplatError::Length { field: "scalars", expected, found: scalars.len() });
-        }
-        let beyond = |scalar: &f32| !(f64::from(scalar.abs()) <= LARGEST_CHANNEL);
-        if let Some((position, found)) = scalars.iter().enumerate().find(|(_, scalar)| beyond(scalar)) {
-            return Err(SplatError::Scalar { position, found: *found });
-        }
-        let Frame { splats, runs, .. } = &mut self.frame;
-        for (splats, run) in splats.chunks_mut(bins::RUN).zip(runs) {
-            for (splat, position) in splats.iter_mut().zip(&run.positions) {
-                splat.scalar = scalars[*position as usize];
-            }
-        }
-        let params = RasterParams::new(&self.view, &self.options);
-        self.frame.composite(self.cpu.simd, &params);
-        self.frame.write(&params, &self.view, &mut self.rendering);
-        self.options.expose(&mut self.rendering, saturated);
-        Ok(())
     }
 
     /// Gradients of a loss with respect to every input, from its gradients with respect to the images.

@@ -112,34 +112,6 @@ fn culled_gaussians_do_not_affect_gradients() {
     }
 }
 
-/// One recording renders and differentiates several scalar channels in turn.
-#[test]
-fn exchanging_scalars_equals_recording_anew() {
-    let (gaussians, view) = (cloud(900, 1, 41), view(61, 47));
-    let scalars: Vec<f32> = (0..900u16).map(|at| f32::from(at % 37) - 11.5).collect();
-    let mut parts = gaussians.clone().into_parts();
-    parts.scalars = Some(scalars.clone());
-    let (others, images) = (Gaussians::new(parts).unwrap(), narrow(&image_gradients(&view)));
-    let mut renderer = CpuRenderer::default();
-    let mut expected = renderer.record(&others, &view, &everything()).unwrap();
-    let mut found = renderer.record(&gaussians, &view, &everything()).unwrap();
-    let (first, before) = (found.rendering().clone(), found.backward(&images).unwrap());
-    assert!(first.scalar != expected.rendering().scalar);
-    found.composite_scalars(&scalars).unwrap();
-    assert!(found.rendering() == expected.rendering());
-    assert!(found.backward(&images).unwrap() == expected.backward(&images).unwrap());
-    found.composite_scalars(gaussians.parts().scalars.as_ref().unwrap()).unwrap();
-    assert!(*found.rendering() == first && found.backward(&images).unwrap() == before);
-
-    let short = found.composite_scalars(&scalars[1..]);
-    assert!(matches!(short, Err(SplatError::Length { expected: 900, found: 899, .. })), "{short:?}");
-    let mut broken = scalars;
-    broken[3] = f32::NAN;
-    let broken = found.composite_scalars(&broken);
-    assert!(matches!(broken, Err(SplatError::Scalar { position: 3, .. })), "{broken:?}");
-    assert!(*found.rendering() == first);
-}
-
 /// Gaussians behind opaque walls have no effect, wherever they are in the list.
 #[test]
 fn occluded_gaussians_change_nothing() {
