@@ -8,7 +8,7 @@ use atsplat_report::definition::{Choice, Quantity, TableDefinition};
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, agreement};
-use atsplat_report::{Report, ReportError, Request, Written, counted, store_labels};
+use atsplat_report::{PAGE_MEGABYTES, Report, ReportError, Request, Written, counted, store_labels};
 use atsplat_results::Results;
 use serde_json::json;
 
@@ -123,7 +123,7 @@ pub(crate) const TITLE: &str = "Measured results next to the paper's";
 pub(crate) struct PageArgs {
     /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
     /// worst, typical and best first.
-    #[arg(long = "page-size", value_name = "MB", default_value_t = 8)]
+    #[arg(long = "page-size", value_name = "MB", default_value_t = PAGE_MEGABYTES)]
     megabytes: u16,
 }
 

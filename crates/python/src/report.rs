@@ -6,7 +6,7 @@ use atsplat_report::definition::{Choice, TableDefinition};
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, table_html};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables as tables_of};
-use atsplat_report::{Report, Request, store_labels};
+use atsplat_report::{PAGE_MEGABYTES, Report, Request, store_labels};
 use atsplat_results::Results;
 use pyo3::prelude::*;
 
@@ -54,7 +54,7 @@ pub(crate) fn write_report(
             formats: TableFormat::ALL.to_vec(),
             mixing: mixing(force),
             choice: Choice::default(),
-            max_bytes: 8_000_000,
+            max_bytes: usize::from(PAGE_MEGABYTES) * 1_000_000,
             sections: Vec::new(),
             live: Vec::new(),
         };

@@ -30,4 +30,4 @@ pub mod table;
 pub use atsplat_numeric::counted;
 pub use error::ReportError;
 pub use file_list::Written;
-pub use report::{Report, Request, store_labels};
+pub use report::{PAGE_MEGABYTES, Report, Request, store_labels};

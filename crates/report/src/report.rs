@@ -11,6 +11,9 @@ use crate::plot_data::{frontier_plots, optimisation_section, store_plots, table_
 use crate::table::{Mixing, Source, Table, chosen_protocol_tables, tables};
 use crate::{ReportError, file_list, page};
 
+/// Size of a page if none is requested, in megabytes of 10⁶ bytes.
+pub const PAGE_MEGABYTES: u16 = 8;
+
 /// What a report contains.
 #[derive(Clone, Debug)]
 pub struct Request {
