@@ -5,11 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_results::{PresetRecord, Provenance};
 
 use super::change::Change;
+use super::provenance::{OF_RECORD, TEXT};
 use super::rows::{EntryId, Frames, Group, Rewriting, Rows};
-use super::{Cause, Difference, DriftVerdict, Finding, FindingKind};
+use super::{Cause, Difference, DriftVerdict, Finding, FindingKind, Setting};
 
-/// Fields of a [`PresetRecord`] that are not of its protocol.
-const OF_RECORD: [&str; 4] = ["hash", "index-sha256", "data", "entries"];
 /// Parts of a protocol that the hashes of its trials contain.
 const OF_TRIALS: [&str; 5] = ["preprocessing", "lens-distortion", "pose-normalisation", "near-far", "methods"];
 
@@ -25,8 +24,9 @@ impl<'a> SharedPreset<'a> {
     pub(super) fn all(then: &'a Provenance, now: &'a Provenance, differences: &'a [Difference]) -> Vec<Self> {
         let shared = |then: &'a PresetRecord| {
             let field = |difference: &'a Difference| {
-                let field = difference.field_of("preset", &then.name)?;
-                (!OF_RECORD.contains(&field)).then_some((field, difference))
+                let Difference { of: Setting::Preset(name), field: Some(field), .. } = difference else { return None };
+                let is_of_protocol = *name == then.name && !OF_RECORD.contains(&field.as_str());
+                is_of_protocol.then_some((field.as_str(), difference))
             };
             let fields = differences.iter().filter_map(field).collect();
             Some(Self { then, now: now.preset(&then.name)?, fields })
@@ -34,9 +34,10 @@ impl<'a> SharedPreset<'a> {
         then.presets.iter().filter_map(shared).collect()
     }
 
-    /// Its name if it crops or resizes images differently than in the baseline, so that they cannot be compared.
+    /// Its name if it crops or resizes images differently than in the baseline, or nobody knows, so that they cannot be compared.
     pub(super) fn of_other_images(&self) -> Option<&'a str> {
-        self.differs_in("preprocessing").then_some(self.then.name.as_str())
+        let may_be_other = self.differs_in("preprocessing") || self.differs_in(TEXT);
+        may_be_other.then_some(self.then.name.as_str())
     }
 
     /// Its findings, and what they say about the cause.
@@ -79,7 +80,7 @@ impl<'a> SharedPreset<'a> {
     /// Whether its trials have other hashes on the same data.
     fn has_other_trials(&self) -> bool {
         // The fields of a text that is no TOML of this version are unknown.
-        let is_unknown = self.fields.is_empty() && self.then.hash != self.now.hash;
+        let is_unknown = self.then.hash != self.now.hash && (self.fields.is_empty() || self.differs_in(TEXT));
         is_unknown || OF_TRIALS.iter().any(|part| self.differs_in(part))
     }
 

@@ -40,6 +40,6 @@ pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;
 pub use history::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use limits::{Limit, least_limit, metric_bound, scene_limit};
-pub use provenance::{Difference, same_machine};
+pub use provenance::{Difference, Setting, same_machine};
 pub use repetition::check_repetition;
 pub use report::{Basis, Comparison, DriftReport, DriftVerdict, Finding, FindingKind, SceneChange};

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::change::Change;
 use super::provenance::is_of_network;
-use super::{Cause, Comparison, Difference, DriftReport, DriftVerdict, Finding, FindingKind};
+use super::{Cause, Comparison, Difference, DriftReport, DriftVerdict, Finding, FindingKind, Setting};
 
 /// Where a number moved, or a target has no score any more, although nothing that is recorded changed.
 const OF_METHOD: &str = "outside atsplat's pipeline: the method's files, such as renders or weights, or its code";
@@ -41,17 +41,19 @@ pub(super) fn of_drifted(comparisons: &[Comparison], findings: &[Finding], diffe
 /// What differs about how a metric is measured, if something does.
 fn measured_differently(metric: &str, differences: &[Difference]) -> Option<&'static str> {
     const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-    let differs =
-        |field: &str| differences.iter().any(|difference| difference.field_of("metric", metric) == Some(field));
+    let of = Setting::Metric(metric.to_owned());
+    let is_field =
+        |difference: &Difference, field: &str| difference.of == of && difference.field.as_deref() == Some(field);
+    let differs = |field: &str| differences.iter().any(|difference| is_field(difference, field));
     FIELDS.into_iter().find(|&(field, _)| differs(field)).map(|(_, what)| what)
 }
 
 /// Whether it says that a metric was computed for the baseline, and no longer is.
 fn is_lost_metric(difference: &Difference) -> bool {
-    let Some(of) = difference.what.strip_prefix("metric ") else { return false };
-    match of.split_once(", ") {
-        None => difference.now.as_deref() == Some("absent"),
-        Some((_, field)) => field == "absent" && difference.baseline.is_none(),
+    let Difference { of: Setting::Metric(_), field, baseline, now } = difference else { return false };
+    match field.as_deref() {
+        None => now.as_deref() == Some("absent"),
+        Some(field) => field == "absent" && baseline.is_none(),
     }
 }
 
@@ -68,19 +70,16 @@ fn is_moved(finding: &Finding, differences: &[Difference]) -> bool {
 
 /// The settings of a method that differ: its weights first, then its network. Whether it was run at all is one of them.
 fn settings_of<'a>(method: &str, differences: &'a [Difference]) -> Vec<&'a Difference> {
-    let whole = format!("method {method}");
-    let rank = |difference: &Difference| {
-        if difference.what == whole {
-            return Some(0);
-        }
-        match difference.field_of("method", method)? {
-            // The same renders may be in another folder.
-            "folder" => None,
-            field if WEIGHTS.contains(&field) => Some(1),
-            field if NETWORK.contains(&field) => Some(2),
-            field if is_of_network(field) => Some(3),
-            _ => Some(4),
-        }
+    let of = Setting::Method(method.to_owned());
+    let rank = |difference: &Difference| match difference.field.as_deref() {
+        _ if difference.of != of => None,
+        None => Some(0),
+        // The same renders may be in another folder.
+        Some("folder") => None,
+        Some(field) if WEIGHTS.contains(&field) => Some(1),
+        Some(field) if NETWORK.contains(&field) => Some(2),
+        Some(field) if is_of_network(field) => Some(3),
+        Some(_) => Some(4),
     };
     let mut found: Vec<(u8, &Difference)> =
         differences.iter().filter_map(|difference| Some((rank(difference)?, difference))).collect();

@@ -2,14 +2,28 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use atsplat_results::{PresetRecord, Provenance, excerpts};
-use serde::Serialize;
+use serde::ser::{Serialize, SerializeStruct as _, Serializer};
+
+/// What a setting is of, by name.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Setting {
+    /// The run.
+    Run,
+    /// A method.
+    Method(String),
+    /// A metric, by its id.
+    Metric(String),
+    /// A preset.
+    Preset(String),
+}
 
 /// A setting that differs from the baseline's.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// Which setting, such as `method atsplat, weights-sha256`.
-    pub what: String,
+    /// What it is a setting of.
+    pub of: Setting,
+    /// The field; `None` for the presence of all of a method, metric or preset.
+    pub field: Option<String>,
     /// The baseline's value, if any.
     pub baseline: Option<String>,
     /// The results' value, if any.
@@ -17,9 +31,16 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// The field, if it is one of a preset, method or metric of this name.
-    pub(super) fn field_of(&self, kind: &str, name: &str) -> Option<&str> {
-        self.what.strip_prefix(kind)?.strip_prefix(' ')?.strip_prefix(name)?.strip_prefix(", ")
+    /// Which setting, such as `method atsplat, weights-sha256`.
+    pub fn what(&self) -> String {
+        let (kind, name) = match &self.of {
+            Setting::Run => return self.field.clone().unwrap_or_default(),
+            Setting::Method(name) => ("method", name),
+            Setting::Metric(name) => ("metric", name),
+            Setting::Preset(name) => ("preset", name),
+        };
+        let field = self.field.as_ref().map_or_else(String::new, |field| format!(", {field}"));
+        format!("{kind} {name}{field}")
     }
 
     /// `was 0.3, is now 0.1`: at most 48 characters of each value, as those of configurations are long.
@@ -32,12 +53,28 @@ impl Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.what, self.values())
+        write!(f, "{}: {}", self.what(), self.values())
+    }
+}
+
+impl Serialize for Difference {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_struct("Difference", 3)?;
+        fields.serialize_field("what", &self.what())?;
+        fields.serialize_field("baseline", &self.baseline)?;
+        fields.serialize_field("now", &self.now)?;
+        fields.end()
     }
 }
 
 /// Values of settings by name.
 type Fields = BTreeMap<String, String>;
+
+/// Fields of a [`PresetRecord`] that are not of its protocol.
+pub(super) const OF_RECORD: [&str; 4] = ["hash", "index-sha256", "data", "entries"];
+/// Whether the text of a protocol can be read; the other fields of one that cannot are unknown.
+pub(super) const TEXT: &str = "toml";
+const READABLE: &str = "readable";
 
 /// Fields of presets that change no number, as [`atsplat_protocol::Preset::hash`] leaves them out.
 const PROSE: [&str; 6] = ["name", "title", "notes", "inferred", "sources", "stands-for"];
@@ -61,18 +98,22 @@ pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Differ
             found.extend(differing_fields(of, then, now));
         } else {
             let presence =
-                |all: &BTreeMap<String, Fields>| if all.contains_key(of) { "present" } else { "absent" }.to_owned();
-            found.push(Difference { what: of.clone(), baseline: Some(presence(&then)), now: Some(presence(&now)) });
+                |all: &BTreeMap<Setting, Fields>| if all.contains_key(of) { "present" } else { "absent" }.to_owned();
+            let (baseline, now) = (Some(presence(&then)), Some(presence(&now)));
+            found.push(Difference { of: of.clone(), field: None, baseline, now });
         }
     }
     found
 }
 
-fn differing_fields(of: &str, then: &Fields, now: &Fields) -> Vec<Difference> {
+fn differing_fields(of: &Setting, then: &Fields, now: &Fields) -> Vec<Difference> {
+    let is_unreadable = |fields: &Fields| fields.get(TEXT).is_some_and(|text| text != READABLE);
+    let are_known = !matches!(of, Setting::Preset(_)) || !(is_unreadable(then) || is_unreadable(now));
+    let is_known = |field: &str| are_known || field == TEXT || OF_RECORD.contains(&field);
     let difference = |field: &String| {
         let [baseline, now] = [then, now].map(|fields| fields.get(field).cloned());
-        let what = if of.is_empty() { field.clone() } else { format!("{of}, {field}") };
-        (baseline != now).then_some(Difference { what, baseline, now })
+        let is_different = baseline != now && is_known(field);
+        is_different.then(|| Difference { of: of.clone(), field: Some(field.clone()), baseline, now })
     };
     then.keys().chain(now.keys()).collect::<BTreeSet<_>>().into_iter().filter_map(difference).collect()
 }
@@ -83,9 +124,8 @@ pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
     a.processors().count() <= 1 && a.platform == b.platform && a.processor == b.processor
 }
 
-/// All settings of a provenance that affect numbers, by what they are of (nothing for those of the run) and name; absent ones have no
-/// entry. Of presets, protocols are among them for those whose names are in `others`.
-fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String, Fields> {
+/// All settings of a provenance that affect numbers, by what they are of and name; absent ones have no entry. Of presets, protocols are among them for those whose names are in `others`.
+fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<Setting, Fields> {
     let Provenance { atsplat, commit, platform, processor, adapter, presets, methods, metrics, .. } = provenance;
     let of_run = fields([
         ("atsplat", Some(atsplat.clone())),
@@ -94,7 +134,7 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
         ("processor", Some(processor.clone())),
         ("adapter", adapter.clone()),
     ]);
-    let mut settings = BTreeMap::from([(String::new(), of_run)]);
+    let mut settings = BTreeMap::from([(Setting::Run, of_run)]);
     for preset in presets {
         let is_other = others.contains(preset.name.as_str());
         let mut of_preset = if is_other { protocol(&preset.toml) } else { Fields::new() };
@@ -105,7 +145,7 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
             ("data", Some(preset.dataset.clone())),
             ("entries", Some(preset.entries.to_string())),
         ]));
-        settings.insert(format!("preset {}", preset.name), of_preset);
+        settings.insert(Setting::Preset(preset.name.clone()), of_preset);
     }
     for method in methods {
         let mut of_method = fields([
@@ -121,7 +161,7 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
             each_field(name, value, &mut of_method);
         }
         of_method.retain(|field, _| field_of_network(field).is_none_or(|field| !PROSE_OF_NETWORK.contains(&field)));
-        settings.insert(format!("method {}", method.name), of_method);
+        settings.insert(Setting::Method(method.name.clone()), of_method);
     }
     for metric in metrics {
         let of_metric = fields([
@@ -129,7 +169,7 @@ fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<String
             ("weights-sha256", metric.weights_sha256.clone()),
             ("absent", metric.reason_of_absence().map(str::to_owned)),
         ]);
-        settings.insert(format!("metric {}", metric.id), of_metric);
+        settings.insert(Setting::Metric(metric.id.clone()), of_metric);
     }
     settings
 }
@@ -149,10 +189,17 @@ fn fields<const N: usize>(all: [(&str, Option<String>); N]) -> Fields {
     all.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
 }
 
-/// The fields of a preset's TOML that can change a number; none if it is no TOML.
+/// The fields of a preset's TOML that can change a number, and whether it is TOML.
 fn protocol(text: &str) -> Fields {
-    let mut fields = Fields::new();
-    for (name, value) in text.parse::<toml::Table>().unwrap_or_default() {
+    let table = match text.parse::<toml::Table>() {
+        Ok(table) => table,
+        Err(error) => {
+            let why = error.message().lines().next().unwrap_or_default();
+            return fields([(TEXT, Some(format!("unreadable: {why}")))]);
+        }
+    };
+    let mut fields = fields([(TEXT, Some(READABLE.to_owned()))]);
+    for (name, value) in table {
         if let Ok(value) = serde_json::to_value(value)
             && !PROSE.contains(&name.as_str())
         {

@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_results::{Results, TrialKey};
 
 use super::provenance::differences;
-use super::{Difference, DriftError, acceptable};
+use super::{Difference, DriftError, Setting, acceptable};
 
 /// Checks that results are a repetition of a run, so that nothing but repeating it makes their numbers differ: a finished run of
 /// the same protocols, methods and metrics on the same targets and data.
@@ -14,9 +14,10 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
     acceptable(repeat)?;
     let unacceptable = |found| Err(DriftError::Unacceptable { expected: "a repetition of the run", found });
     let differences = differences(&run.provenance, &repeat.provenance);
-    if let Some(Difference { what, baseline, now }) = differences.into_iter().find(is_of_plan) {
-        let [of_run, of_repeat] = [baseline, now].map(|value| value.unwrap_or_else(|| "none".to_owned()));
-        return unacceptable(format!("{what}: {of_repeat} instead of {of_run}"));
+    if let Some(difference) = differences.into_iter().find(is_of_plan) {
+        let values = [&difference.baseline, &difference.now];
+        let [of_run, of_repeat] = values.map(|value| value.as_deref().unwrap_or("none"));
+        return unacceptable(format!("{}: {of_repeat} instead of {of_run}", difference.what()));
     }
     let [expected, found] = [run, repeat].map(targets);
     if let Some((key, target)) = expected.difference(&found).next() {
@@ -37,10 +38,10 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
 /// Whether a difference is one of protocols, methods or metrics; the same data may be elsewhere, and so may the files that another
 /// run of a method wrote.
 fn is_of_plan(difference: &Difference) -> bool {
-    let what = difference.what.as_str();
-    let places = [("preset ", ", data"), ("method ", ", folder")];
-    let is_place = places.iter().any(|(kind, field)| what.starts_with(kind) && what.ends_with(field));
-    !is_place && ["preset ", "method ", "metric "].iter().any(|kind| what.starts_with(kind))
+    let Difference { of, field, .. } = difference;
+    let is_place =
+        matches!((of, field.as_deref()), (Setting::Preset(_), Some("data")) | (Setting::Method(_), Some("folder")));
+    *of != Setting::Run && !is_place
 }
 
 fn targets(results: &Results) -> BTreeSet<(&TrialKey, u32)> {

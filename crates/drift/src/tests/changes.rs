@@ -349,6 +349,25 @@ fn a_method_of_one_run_alone_is_one_difference() {
     assert_eq!(differences(&two, &one), ["method n: was present, is now absent"]);
 }
 
+/// Its fields are unknown; they are not all different.
+#[test]
+fn a_protocol_that_is_no_toml_is_the_difference() {
+    let baseline = Baseline::new(&base(), &[], acceptance("first"));
+    let mut now = base();
+    let record = &mut now.provenance.presets[0];
+    (record.hash, record.toml) = ("other".to_owned(), "views = [".to_owned());
+    let report = compare(&now, &baseline);
+    let whats: Vec<String> = report.differences.iter().map(Difference::what).collect();
+    assert_eq!(whats, ["hash", "toml"].map(|field| format!("preset {PRESET}, {field}")));
+    let [finding] = &report.findings[..] else { panic!("{report}") };
+    let example = "toml: was readable, is now unreadable: ";
+    assert!(finding.kind == FindingKind::Protocol && finding.example.starts_with(example), "{report}");
+    assert_eq!(report.data.compared, 0, "the preset may crop images differently");
+    let json = serde_json::to_value(&report.differences[0]).unwrap();
+    let hash = &baseline.provenance.presets[0].hash;
+    assert_eq!(json, serde_json::json!({ "what": whats[0], "baseline": hash, "now": "other" }));
+}
+
 #[test]
 fn the_counts_that_differ_are_named_with_both_values() {
     let mut base = store(true, 4, 0.0, 1);

@@ -164,7 +164,7 @@ fn another_machine_is_compared_by_bound_and_limit() {
         let report = report(by);
         assert_eq!((report.verdict, report.comparisons[0].basis), (expected, Basis::Bound), "{by}: {report}");
     }
-    assert_eq!(report(0.0).differences[0].what, "processor");
+    assert_eq!(report(0.0).differences[0].what(), "processor");
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn changes_other_than_scores_are_found() {
         (FindingKind::NewScore, DriftVerdict::Within, 1),
     ];
     assert_eq!(kinds(&report), expected, "{report}");
-    assert!(report.differences.iter().any(|difference| difference.what == format!("preset {PRESET}, hash")));
+    assert!(report.differences.iter().any(|difference| difference.what() == format!("preset {PRESET}, hash")));
     let nothing = compare(&Results::default(), &baseline);
     assert_eq!(kinds(&nothing), [(FindingKind::Missing, DriftVerdict::Drifted, 12)]);
     assert!(nothing.verdict == DriftVerdict::Nothing && nothing.comparisons[0].paired.is_none(), "{nothing}");
