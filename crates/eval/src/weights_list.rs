@@ -24,8 +24,23 @@ struct Entry {
     /// The protocols that it is for; `None` for all.
     presets: Option<BTreeSet<String>>,
     variant: Option<String>,
-    /// How specific the entry is: of several that fit, the one with the highest number is used.
-    conditions: u8,
+    names_preset: bool,
+    names_table: bool,
+}
+
+/// How specific an entry is for a protocol: of several that fit, the one with the highest is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Specificity {
+    Any,
+    Table,
+    /// It names the protocol that this one imitates, with or without its table.
+    Imitated {
+        names_table: bool,
+    },
+    /// It names this protocol, with or without its table.
+    Own {
+        names_table: bool,
+    },
 }
 
 /// The file: `[[weights]]` entries.
@@ -47,7 +62,7 @@ struct EntryToml {
 impl WeightsList {
     /// The same weights for everything.
     pub fn one(file: PathBuf) -> Self {
-        Self { entries: vec![Entry { file, presets: None, variant: None, conditions: 0 }] }
+        Self { entries: vec![Entry { file, presets: None, variant: None, names_preset: false, names_table: false }] }
     }
 
     /// Reads a list.
@@ -89,8 +104,7 @@ impl WeightsList {
                 Malformed::new(WHAT, format!("weights entry {}, {field}", at + 1), expected, format!("{found:?}"))
             };
             let entry = Entry::of(stated, folder, tables, embedded).map_err(malformed)?;
-            let condition = |entry: &Entry| (entry.presets.clone(), entry.variant.clone(), entry.conditions);
-            if let Some(first) = entries.iter().position(|known| condition(known) == condition(&entry)) {
+            if let Some(first) = entries.iter().position(|known| known.has_conditions_of(&entry)) {
                 let expected = "one entry for each protocol and variant".to_owned();
                 let found = format!("the same as entry {}", first + 1);
                 return Err(malformed(WrongField { field: "file", expected, found }));
@@ -116,16 +130,14 @@ impl WeightsList {
     }
 
     fn best(&self, preset: &Preset, variant: Option<&str>) -> Option<&Path> {
-        let names = [Some(&preset.name), preset.stands_for.as_ref()];
-        let is_listed = |presets: &BTreeSet<String>| names.iter().flatten().any(|name| presets.contains(*name));
-        let fits = |entry: &&Entry| entry.presets.as_ref().is_none_or(is_listed) && entry.variant.as_deref() == variant;
-        let mut found: Option<&Entry> = None;
-        for entry in self.entries.iter().filter(fits) {
-            if found.is_none_or(|best| entry.conditions > best.conditions) {
-                found = Some(entry);
+        let mut found: Option<(Specificity, &Entry)> = None;
+        for entry in self.entries.iter().filter(|entry| entry.variant.as_deref() == variant) {
+            let Some(specificity) = entry.specificity(preset) else { continue };
+            if found.is_none_or(|(best, _)| specificity > best) {
+                found = Some((specificity, entry));
             }
         }
-        found.map(|entry| entry.file.as_path())
+        found.map(|(_, entry)| entry.file.as_path())
     }
 }
 
@@ -151,8 +163,29 @@ impl Entry {
         }
         let is_embedded = file.to_str().is_some_and(|name| embedded.contains(&name));
         let file = if is_embedded { file } else { folder.join(file) };
-        let conditions = u8::from(preset.is_some()) * 2 + u8::from(table.is_some());
-        Ok(Self { file, presets, variant, conditions })
+        Ok(Self { file, presets, variant, names_preset: preset.is_some(), names_table: table.is_some() })
+    }
+
+    /// How specific it is for a protocol; `None` if it is not for it.
+    fn specificity(&self, preset: &Preset) -> Option<Specificity> {
+        let Some(presets) = &self.presets else { return Some(Specificity::Any) };
+        let is_own = presets.contains(&preset.name);
+        if !is_own && !preset.stands_for.as_ref().is_some_and(|published| presets.contains(published)) {
+            return None;
+        }
+        let names_table = self.names_table;
+        Some(match (self.names_preset, is_own) {
+            (false, _) => Specificity::Table,
+            (true, false) => Specificity::Imitated { names_table },
+            (true, true) => Specificity::Own { names_table },
+        })
+    }
+
+    /// Whether both are for the same protocols and variant, named in the same way.
+    fn has_conditions_of(&self, other: &Self) -> bool {
+        let Self { file: _, presets, variant, names_preset, names_table } = self;
+        (presets, variant, names_preset, names_table)
+            == (&other.presets, &other.variant, &other.names_preset, &other.names_table)
     }
 }
 
@@ -232,6 +265,30 @@ mod tests {
         assert_eq!(named.network(&Preset::named("re10k-2v-256").unwrap()), Some(Path::new("runs/preset")));
         let only = parse("[[weights]]\nfile = 'a'\npreset = 'acid-2v-256'").unwrap();
         assert_eq!(only.network(&Preset::named("re10k-2v-256").unwrap()), None);
+    }
+
+    #[test]
+    fn a_protocol_prefers_its_own_name_to_the_one_that_it_imitates() {
+        let own = "[[weights]]\nfile = 'own'\npreset = 'rooms-2v-128'\n";
+        let imitated = "[[weights]]\nfile = 'imitated'\npreset = 're10k-2v-256'\n";
+        let with_table = "[[weights]]\nfile = 'with-table'\npreset = 're10k-2v-256'\ntable = 're10k'\n";
+        let table = "[[weights]]\nfile = 'table'\ntable = 're10k'\n";
+        let weights = |text: String| {
+            let list = parse(&text).unwrap();
+            let of = |preset: &str| list.network(&Preset::named(preset).unwrap()).map(Path::to_owned);
+            ["rooms-2v-128", "re10k-2v-256"].map(|preset| of(preset).map(|path| path.display().to_string()))
+        };
+        let expected = |rooms: &str, published: &str| [rooms, published].map(|name| Some(format!("runs/{name}")));
+        for (first, second, found) in [
+            (own, imitated, expected("own", "imitated")),
+            (own, with_table, expected("own", "with-table")),
+            (imitated, with_table, expected("with-table", "with-table")),
+            (imitated, table, expected("imitated", "imitated")),
+            (own, table, expected("own", "table")),
+        ] {
+            assert_eq!(weights(format!("{first}{second}")), found, "{first}{second}");
+            assert_eq!(weights(format!("{second}{first}")), found, "{second}{first}");
+        }
     }
 
     #[test]

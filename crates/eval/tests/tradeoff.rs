@@ -108,6 +108,7 @@ fn every_override_changes_what_it_should() {
 fn an_index_with_fewer_views_knows_the_published_one() {
     let mut dataset = dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])]);
     dataset.index.name = Some("depthsplat-dl3dv-12v".to_owned());
+    let whole = dataset.index.clone();
     let overrides = ["views = 2", "views = 3", "steps = 2"]
         .map(|overrides| format!("[[settings]]\nlabel = '{overrides}'\noverrides = {{ {overrides} }}\n"));
     let parts = parts(&sweep(&overrides.concat()), &swept(), &[dataset]).unwrap();
@@ -118,6 +119,12 @@ fn an_index_with_fewer_views_knows_the_published_one() {
         .collect();
     let published = Some("depthsplat-dl3dv-12v");
     assert_eq!(names, [[None, published], [published, None], [published, None]]);
+    let reduced = &parts[0].datasets[0].index;
+    assert_ne!(reduced.sha256, whole.sha256);
+    assert_eq!(reduced.description, "made for a test, fewer context views");
+    for part in &parts[1..] {
+        assert_eq!(part.datasets[0].index, whole, "all of its views are the published index, with its SHA-256");
+    }
 }
 
 #[test]

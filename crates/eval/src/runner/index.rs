@@ -102,6 +102,17 @@ impl PlannedIndex {
         Self { notices, ..Self::generated(split.index, description, self.name) }
     }
 
+    /// With entries that leave context views out, which is not the published index any more; the same if none leaves any out.
+    #[must_use]
+    pub(crate) fn reduced_to(self, index: EvaluationIndex) -> Self {
+        if index == self.index {
+            return self;
+        }
+        let description = format!("{}, fewer context views", self.description);
+        let Self { name, reduced_from, left_out, notices, .. } = self;
+        Self { reduced_from: name.or(reduced_from), left_out, notices, ..Self::generated(index, description, None) }
+    }
+
     /// Entries of the file, whichever of them `index` has.
     pub fn entries_of_file(&self) -> u64 {
         self.index.entries().count() as u64 + self.left_out

@@ -1,11 +1,9 @@
 use std::sync::Arc;
 
-use atsplat_files::Sha256Digest;
 use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_protocol::IndexLayout;
 use atsplat_results::TRAINED_POSES;
 use atsplat_results::TrainingRecord;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
@@ -14,7 +12,7 @@ use super::{Overrides, Setting, Sweep};
 use crate::method::{
     AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
 };
-use crate::runner::{Dataset, PlannedIndex};
+use crate::runner::Dataset;
 use crate::{ComputeDevice, EvalError};
 
 /// The base setting of a sweep, before any override is applied.
@@ -176,20 +174,7 @@ fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<S
 /// The dataset with the overrides' resolution and views.
 fn modified(dataset: &Dataset, overrides: &Overrides) -> Result<Dataset, EvalError> {
     let Dataset { name, preset, source, description, index } = dataset;
-    let reduced = overrides.index(&index.index, name)?;
-    let index = match overrides.views {
-        None => index.clone(),
-        Some(_) => PlannedIndex {
-            sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
-            description: format!("{}, fewer context views", index.description),
-            // With fewer views, it is not the published index.
-            name: index.name.clone().filter(|_| reduced == index.index),
-            reduced_from: index.name.clone().filter(|_| reduced != index.index),
-            left_out: index.left_out,
-            index: reduced,
-            notices: index.notices.clone(),
-        },
-    };
+    let index = index.clone().reduced_to(overrides.index(&index.index, name)?);
     let views = overrides.views.map(|views| format!("-{views}-views"));
     let resolution = overrides.resolution.map(|[height, width]| format!("-{height}x{width}"));
     let name = [Some(name.clone()), views, resolution].into_iter().flatten().collect();
