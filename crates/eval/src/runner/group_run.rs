@@ -6,7 +6,7 @@ use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, Targ
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::store::images;
 use atsplat_results::warning_kinds::FAILED_AGAIN;
-use atsplat_results::{Store, TargetRow, TrialKey, TrialRow};
+use atsplat_results::{ResultsError, Store, TargetRow, TrialKey, TrialRow};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
@@ -142,7 +142,7 @@ impl GroupRun<'_> {
                     let data = trial.data_hash(&targets, self.store.digests()).to_string();
                     outdated.check_trial(&trial, &data);
                     state.trials += 1;
-                    state.is_incomplete |= !self.missing(&trial, &data).is_empty();
+                    state.is_incomplete |= !self.missing(&trial, &data)?.is_empty();
                 }
                 Err(skipped) => {
                     outdated.check_skipped(&skipped, &names);
@@ -234,16 +234,19 @@ impl GroupRun<'_> {
 
     /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run or has no
     /// images that are to be kept, each with the hash of its input files.
-    fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
+    fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<(&Arc<dyn Method>, Option<String>)>, ResultsError> {
         let hash = trial.hash().to_string();
-        let missing = |method: &Arc<dyn Method>| {
+        let mut missing = Vec::new();
+        for method in &self.methods {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            let is_complete = !self.store.known().lacks_metric(&key) && !self.images_and_times.lacks_images(&key);
-            (!is_known || !is_complete).then_some(input_hash)
-        };
-        self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
+            let is_complete = is_known && !self.store.known().lacks_metric(&key);
+            if !is_complete || self.images_and_times.lacks_images(&key)? {
+                missing.push((method, input_hash));
+            }
+        }
+        Ok(missing)
     }
 
     /// Trials that are evaluated concurrently. Networks need too much memory for more than one.
@@ -262,7 +265,7 @@ impl GroupRun<'_> {
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
         self.images_and_times.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
-        let missing = self.missing(&decoded.trial, &decoded.data_hash);
+        let missing = self.missing(&decoded.trial, &decoded.data_hash)?;
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
         let resumed = (self.methods.len() - missing.len()) as u64;
         (0..resumed).for_each(|_| (self.step)());

@@ -35,11 +35,13 @@ impl<'a> ImagesAndTimes<'a> {
     }
 
     /// Whether the run keeps all images, and the store has a result without one of its images, or with another result's.
-    pub(super) fn lacks_images(&self, key: &TrialKey) -> bool {
-        let is_stored = |StoredImage { key, frame, hash }: &StoredImage| {
-            images::is_stored(self.store.folder(), key, *frame, hash.as_deref())
-        };
-        self.kept.get(key).is_some_and(|images| !images.iter().all(is_stored))
+    pub(super) fn lacks_images(&self, key: &TrialKey) -> Result<bool, ResultsError> {
+        for StoredImage { key, frame, hash } in self.kept.get(key).into_iter().flatten() {
+            if !images::is_stored(self.store.folder(), key, *frame, hash.as_deref())? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Removes the images of a trial's results that were computed from other data, and the images of that data.

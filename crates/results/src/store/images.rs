@@ -51,20 +51,35 @@ fn stated_hash(png: &[u8]) -> Option<&[u8]> {
 }
 
 /// Whether a store has the whole image of a row with this hash.
-pub fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
-    is_whole_image_of(&image_path(store, key, frame), hash).unwrap_or(false)
+///
+/// # Errors
+/// [`ResultsError::Io`] for a file that cannot be read: it may be the image.
+pub fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> Result<bool, ResultsError> {
+    is_whole_image_of(&image_path(store, key, frame), hash)
 }
 
-/// Whether a file is the image of a row with this hash, and has its end: images are not waited for, so that a power failure may
-/// leave a file that is empty or cut. An error for one that is too short to be an image.
-fn is_whole_image_of(path: &Path, hash: Option<&str>) -> io::Result<bool> {
-    /// The beginning of a file, with its hash.
+/// Whether a file is the whole image of a row with this hash.
+fn is_whole_image_of(path: &Path, hash: Option<&str>) -> Result<bool, ResultsError> {
+    let start = start_of_whole(path).map_err(ResultsError::io("reading an image", path))?;
+    Ok(start.is_some_and(|start| is_image_of(&start, hash)))
+}
+
+/// The first bytes of an image's file, with the hash that it states. `None` if there is no such file, or one without an image's
+/// beginning or end: images are not waited for, so that a power failure may leave a file that is empty or cut.
+fn start_of_whole(path: &Path) -> io::Result<Option<Vec<u8>>> {
     const BEGINNING: u64 = 256;
-    let (mut file, mut start, mut end) = (File::open(path)?, Vec::new(), Vec::new());
+    let mut file = match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        opened => opened?,
+    };
+    let (mut start, mut end) = (Vec::new(), Vec::new());
     file.by_ref().take(BEGINNING).read_to_end(&mut start)?;
+    if start.len() < END.len() {
+        return Ok(None);
+    }
     file.seek(SeekFrom::End(-12))?;
     file.read_to_end(&mut end)?;
-    Ok(start.starts_with(SIGNATURE) && end == END && is_image_of(&start, hash))
+    Ok((start.starts_with(SIGNATURE) && end == END).then_some(start))
 }
 
 /// Folder of a trial's images.
@@ -143,7 +158,7 @@ pub fn settle(store: &Store) -> Result<(), ResultsError> {
     for path in unfinished {
         let name = path.with_extension("");
         let hash = hash_by_path.get(&name).and_then(Option::as_deref);
-        if hash.is_some() && is_whole_image_of(&path, hash).unwrap_or(false) {
+        if hash.is_some() && is_whole_image_of(&path, hash)? {
             fs::rename(&path, &name).map_err(ResultsError::io("storing an image", &path))?;
         } else {
             fs::remove_file(&path).map_err(ResultsError::io("removing an unfinished image", &path))?;
@@ -184,21 +199,30 @@ pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
 /// # Errors
 /// [`ResultsError::Io`].
 pub fn remove_others(store: &Path, key: &TrialKey, rows: &[TargetRow]) -> Result<(), ResultsError> {
-    let is_of = |row: &TargetRow, path: &Path| {
-        let hash = row.render_hash.as_deref();
-        image_path(store, key, row.frame) == path && is_whole_image_of(path, hash).unwrap_or(false)
-    };
-    let images = disk::files(&folder(store, key))?.into_iter().filter(|path| is_named(path));
-    let mut others = images.filter(|path| !rows.iter().any(|row| is_of(row, path)));
-    others.try_for_each(|path| disk::remove(&path))
+    for path in disk::files(&folder(store, key))?.into_iter().filter(|path| is_named(path)) {
+        let mut is_of_row = false;
+        for row in rows.iter().filter(|row| image_path(store, key, row.frame) == path) {
+            is_of_row |= is_whole_image_of(&path, row.render_hash.as_deref())?;
+        }
+        if !is_of_row {
+            disk::remove(&path)?;
+        }
+    }
+    Ok(())
 }
 
-/// Stores an 8-bit image.
+/// Stores an 8-bit image, unless the store has a file that says to be this image: all methods share a trial's ground truth and
+/// context, and each one asks for them. A file that cannot be read is replaced.
 ///
 /// # Errors
 /// [`ResultsError::Io`].
 pub fn write_image(store: &Path, key: &TrialKey, frame: u64, image: &ImageU8) -> Result<(), ResultsError> {
-    write(&image_path(store, key, frame), image, Some(&hash_of_bytes(image)))
+    let (path, hash) = (image_path(store, key, frame), hash_of_bytes(image));
+    let stored = start_of_whole(&path).ok().flatten();
+    if stored.is_some_and(|start| stated_hash(&start) == Some(hash.as_bytes())) {
+        return Ok(());
+    }
+    write(&path, image, Some(&hash))
 }
 
 fn write(path: &Path, image: &ImageU8, hash: Option<&str>) -> Result<(), ResultsError> {
@@ -239,14 +263,14 @@ mod tests {
         let png = fs::read(image_path(root.path(), &key, 4)).unwrap();
         assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), image);
         let stated = hash_of_bytes(&image);
-        let is_of = |hash: Option<&str>| (is_image_of(&png, hash), is_stored(root.path(), &key, 4, hash));
+        let is_of = |hash: Option<&str>| (is_image_of(&png, hash), is_stored(root.path(), &key, 4, hash).unwrap());
         assert_eq!(is_of(Some(&stated)), (true, true));
         assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
-        assert!(!is_stored(root.path(), &key, 5, Some(&stated)));
+        assert!(!is_stored(root.path(), &key, 5, Some(&stated)).unwrap());
         let older = encode_png(&image).unwrap();
         assert!(is_image_of(&older, Some("another")), "older versions do not say it");
         fs::write(image_path(root.path(), &key, 4), &older).unwrap();
-        assert!(is_stored(root.path(), &key, 4, Some("another")));
+        assert!(is_stored(root.path(), &key, 4, Some("another")).unwrap());
     }
 
     /// As a power failure leaves it: with the hash, or without.
@@ -263,12 +287,67 @@ mod tests {
         assert!(png.len() > 600, "more than what says the hash");
         for length in [0, 7, 20, HEADER, png.len() / 2, png.len() - 1] {
             fs::write(&path, &png[..length]).unwrap();
-            assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "{length}");
+            assert!(!is_stored(root.path(), &key, 4, Some(&hash)).unwrap(), "{length}");
         }
         fs::write(&path, [&png[..300], &vec![0; png.len() - 300][..]].concat()).unwrap();
-        assert!(!is_stored(root.path(), &key, 4, Some(&hash)), "zeros");
+        assert!(!is_stored(root.path(), &key, 4, Some(&hash)).unwrap(), "zeros");
         fs::write(&path, &png).unwrap();
-        assert!(is_stored(root.path(), &key, 4, Some(&hash)));
+        assert!(is_stored(root.path(), &key, 4, Some(&hash)).unwrap());
+    }
+
+    /// Each method asks for the ground truth; the samples between the stated hash and the end tell whether it was written again.
+    #[test]
+    fn an_image_is_encoded_once() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key(TRUTH, "x", 0);
+        let [image, other] = [9, 200].map(|sample| ImageU8::new(40, 30, vec![sample; 40 * 30 * 3]).unwrap());
+        let path = image_path(root.path(), &key, 4);
+        let write_again = |stored: &[u8], image: &ImageU8| {
+            fs::write(&path, stored).unwrap();
+            write_image(root.path(), &key, 4, image).unwrap();
+            fs::read(&path).unwrap()
+        };
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let png = fs::read(&path).unwrap();
+        let mut marked = png.clone();
+        let at = png.len() - END.len() - 1;
+        marked[at] ^= 1;
+        assert_eq!(write_again(&marked, &image), marked, "the store has it");
+        assert_eq!(write_again(&png[..png.len() - 1], &image), png, "without its end");
+        let older = encode_png(&image).unwrap();
+        assert_eq!(write_again(&older, &image), png, "without its hash");
+        assert_ne!(write_again(&png, &other), png, "another image");
+    }
+
+    /// A link to itself cannot be opened, and could be removed.
+    #[cfg(unix)]
+    #[test]
+    fn an_image_that_cannot_be_read_is_an_error_and_stays() {
+        let root = tempfile::tempdir().unwrap();
+        let row = |frame: u64| TargetRow {
+            frame,
+            render_hash: Some("render".to_owned()),
+            ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0)
+        };
+        let key = row(7).key;
+        let store = Store::create(root.path(), crate::Provenance::default()).unwrap();
+        store.append(&sample_rows::trial("m", "x", 0, 1), &[row(7)]).unwrap();
+        let named = image_path(root.path(), &key, 7);
+        let unnamed = named.with_extension(format!("png.{PARTIAL}"));
+        fs::create_dir_all(named.parent().unwrap()).unwrap();
+        for path in [&named, &unnamed] {
+            std::os::unix::fs::symlink(path, path).unwrap();
+        }
+        for result in [
+            is_stored(root.path(), &key, 7, Some("render")).map(|_| ()),
+            remove_others(root.path(), &key, &[row(7)]),
+            settle(&store),
+        ] {
+            assert!(matches!(result, Err(ResultsError::Io(_))), "{result:?}");
+        }
+        assert!(named.is_symlink() && unnamed.is_symlink());
+        remove_others(root.path(), &key, &[row(8)]).unwrap();
+        assert!(!named.is_symlink(), "the image of no row");
     }
 
     /// Killed after the row of scene x was stored, and before that of y.
@@ -291,7 +370,7 @@ mod tests {
         store.append(&sample_rows::trial("m", "x", 0, 1), std::slice::from_ref(&of_x)).unwrap();
         assert!(!has_images(root.path(), &of_x.key).unwrap(), "they have no names yet");
         settle(&store).unwrap();
-        assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")));
+        assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")).unwrap());
         assert!(has_images(root.path(), &of_x.key).unwrap() && !has_images(root.path(), &of_y.key).unwrap());
         assert_eq!(unfinished(root.path()).unwrap(), [] as [PathBuf; 0]);
     }
