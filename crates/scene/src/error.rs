@@ -6,6 +6,7 @@ use atsplat_pixels::PixelError;
 use thiserror::Error;
 
 use crate::ImageMismatch;
+use crate::preprocess::PreprocessError;
 use crate::torch::TorchError;
 
 /// Why a scene cannot be read. The message says where, what was expected and what was found; the path comes last.
@@ -69,6 +70,9 @@ pub enum SceneError {
     /// An image does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     ImageMismatch { scene: String, frame: usize, source: ImageMismatch },
+    /// A frame's camera cannot be preprocessed.
+    #[error("frame {frame} of scene {scene:?}: {source}")]
+    Preprocess { scene: String, frame: usize, source: Box<PreprocessError> },
     /// A file is a Git LFS pointer: the content was not fetched.
     #[error(
         "{action}: found a Git LFS pointer instead of the file: run `git lfs pull` in its repository ({})", path.display()

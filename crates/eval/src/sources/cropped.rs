@@ -55,10 +55,11 @@ impl SceneSource for AlreadyCropped {
             if frame.stated_size.is_some() && !frame.mismatch(output).is_some_and(|mismatch| mismatch.is_fatal()) {
                 continue;
             }
-            let cropped = self
-                .plan
-                .camera(&frame.camera)
-                .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
+            let cropped = self.plan.camera(&frame.camera);
+            let cropped = cropped.map_err(|error| {
+                let (scene, source) = (key.to_owned(), Box::new(error));
+                SceneError::Preprocess { scene, frame: at, source }
+            })?;
             if frame.stated_size.is_some() || self.is_of_whole((key, at), [&frame.camera, &cropped], warnings) {
                 frame.camera = cropped;
                 // The stated size is that of the whole image; the crop is checked by its pixels' shape.
@@ -185,6 +186,17 @@ mod tests {
         // Between both: pixels are 0.8 % too wide or too narrow.
         let (_, warnings) = loaded([crop[0], crop[1] * 1.008]);
         assert_eq!(warnings, 1);
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_cropped_is_an_error_about_its_frame() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let size = ImageSize { width: 256, height: 256 };
+        let source: Arc<dyn SceneSource> = Arc::new(OneFrame(vec!["a".to_owned()], size, [1.5e308, 0.9]));
+        let (cropped, _) = AlreadyCropped::of(&source, &preset).unwrap();
+        let error = cropped.load("a", &mut Warnings::new()).unwrap_err();
+        assert!(matches!(error, SceneError::Preprocess { frame: 0, .. }), "{error}");
+        assert!(error.to_string().starts_with("frame 0 of scene \"a\": "), "{error}");
     }
 
     #[test]

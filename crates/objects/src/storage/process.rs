@@ -2,17 +2,21 @@
 
 use std::collections::HashMap;
 use std::ffi::OsString;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{self, BufRead as _, BufReader, ErrorKind, Read, Write as _};
 use std::path::PathBuf;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+
+use atsplat_files::quoted;
 
 use super::{Answer, Call, Content, Done, Download, Object, Request, Storage, Traffic, Upload, Version};
 use crate::ObjectError;
 
 const PROGRAM: &str = "atsplat-objects";
+
+const NO_ANSWER: &str = "it ended without an answer";
 
 /// The program's path, where it is neither next to this one nor on PATH.
 const VARIABLE: &str = "ATSPLAT_OBJECTS";
@@ -37,8 +41,8 @@ struct Input {
 struct Shared {
     waiting: HashMap<u64, Sender<Content>>,
     traffic: Traffic,
-    /// Whether the program has closed its output.
-    ended: bool,
+    /// Why the program gives no more answers, once it gives none.
+    ended: Option<String>,
 }
 
 impl Process {
@@ -53,7 +57,7 @@ impl Process {
                 let (program, detail) = (program.to_string_lossy().into_owned(), error.to_string());
                 ObjectError::NotStarted { url: url.clone(), program, detail }
             }
-            (None, std::io::ErrorKind::NotFound) => ObjectError::NotInstalled { url: url.clone() },
+            (None, ErrorKind::NotFound) => ObjectError::NotInstalled { url: url.clone() },
             (None, _) => request_error(&url, "starting atsplat-objects", &error.to_string()),
         })?;
         let (input, output) = (child.stdin.take(), child.stdout.take());
@@ -77,7 +81,7 @@ impl Process {
         // Until the end also after an error of `each`, so that nothing is under way any more.
         let mut failed = None;
         loop {
-            let content = answers.recv().map_err(|_closed| self.ended("it ended without an answer"))?;
+            let content = answers.recv().map_err(|_closed| self.ended(&self.why_ended()))?;
             let is_last = !matches!(content, Content::Each(..));
             match (content, failed.take()) {
                 (Content::Failed(error), earlier) => return Err(earlier.unwrap_or(error)),
@@ -93,15 +97,15 @@ impl Process {
         }
     }
 
-    fn send(&self, call: Call) -> std::io::Result<Receiver<Content>> {
-        let closed = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+    fn send(&self, call: Call) -> io::Result<Receiver<Content>> {
+        let closed = || io::Error::from(ErrorKind::BrokenPipe);
         let mut input = self.input.as_ref().ok_or_else(closed)?.lock().unwrap_or_else(PoisonError::into_inner);
         let (id, (sender, receiver)) = (input.next, channel());
         input.next += 1;
         {
             let mut shared = lock(&self.shared);
-            if shared.ended {
-                return Err(closed());
+            if let Some(why) = &shared.ended {
+                return Err(io::Error::new(ErrorKind::BrokenPipe, why.clone()));
             }
             shared.waiting.insert(id, sender);
         }
@@ -109,6 +113,11 @@ impl Process {
         line.push(b'\n');
         input.pipe.write_all(&line)?;
         Ok(receiver)
+    }
+
+    /// Why the channel of an answer is closed before its end.
+    fn why_ended(&self) -> String {
+        lock(&self.shared).ended.clone().unwrap_or_else(|| NO_ANSWER.to_owned())
     }
 
     fn ended(&self, detail: &str) -> ObjectError {
@@ -167,11 +176,16 @@ impl Drop for Process {
     }
 }
 
-/// Passes answers on until the program closes its output.
-fn read(output: ChildStdout, shared: &Mutex<Shared>) {
-    for line in BufReader::new(output).lines() {
-        let Ok(Ok(Answer { id, traffic, content })) = line.map(|line| serde_json::from_str::<Answer>(&line)) else {
-            break;
+/// Passes answers on until the program closes its output, or something else than an answer is read.
+fn read(output: impl Read, shared: &Mutex<Shared>) {
+    let mut why = NO_ANSWER.to_owned();
+    for answer in BufReader::new(output).lines().map(parse) {
+        let Answer { id, traffic, content } = match answer {
+            Ok(answer) => answer,
+            Err(detail) => {
+                why = detail;
+                break;
+            }
         };
         let mut shared = lock(shared);
         shared.traffic = traffic;
@@ -184,9 +198,15 @@ fn read(output: ChildStdout, shared: &Mutex<Shared>) {
         }
     }
     let mut shared = lock(shared);
-    shared.ended = true;
+    shared.ended = Some(why);
     // Whoever waits finds the channel closed.
     shared.waiting.clear();
+}
+
+fn parse(line: io::Result<String>) -> Result<Answer, String> {
+    let line = line.map_err(|error| format!("reading its answers: {error}"))?;
+    serde_json::from_str(&line)
+        .map_err(|error| format!("expected an answer, found {}: {error}", quoted(line.as_bytes())))
 }
 
 fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
@@ -205,4 +225,31 @@ fn program() -> OsString {
         path.is_file().then_some(path)
     };
     neighbour().map_or_else(|| PROGRAM.into(), PathBuf::into_os_string)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a call with the number 3 gets, and why there are no more answers.
+    fn outcome(output: &[u8]) -> (usize, String) {
+        let (shared, (sender, answers)) = (Mutex::<Shared>::default(), channel());
+        lock(&shared).waiting.insert(3, sender);
+        read(output, &shared);
+        let why = lock(&shared).ended.clone().unwrap();
+        (answers.iter().count(), why)
+    }
+
+    #[test]
+    fn what_is_no_answer_is_named() {
+        let content = Content::Text(None);
+        let answer = serde_json::to_string(&Answer { id: 3, traffic: Traffic::default(), content }).unwrap();
+        let with = |more: &[u8]| outcome(&[answer.as_bytes(), b"\n", more].concat());
+        assert_eq!(with(b""), (1, NO_ANSWER.to_owned()));
+        assert_eq!(outcome(b""), (0, NO_ANSWER.to_owned()));
+        let (count, why) = with(b"warning: no region\n");
+        assert!(count == 1 && why.starts_with("expected an answer, found \"warning: no region\": "), "{why}");
+        let (count, why) = outcome(b"\xff\xfe\n");
+        assert!(count == 0 && why.starts_with("reading its answers: ") && why.contains("UTF-8"), "{why}");
+    }
 }
