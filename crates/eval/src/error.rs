@@ -27,6 +27,9 @@ pub enum EvalError {
         /// Name of the rule that chooses frames as the protocol does.
         sampler: Option<String>,
     },
+    /// A folder without the protocol's published index.
+    #[error("evaluation index: expected {expected}, found {found}")]
+    NoPublishedIndex { expected: String, found: String },
     /// A command that does not start a method.
     #[error("method exec: the command {command:?}: {why}")]
     NoMethod { command: String, why: String },

@@ -386,15 +386,15 @@ fn rejects_duplicate_names_and_invalid_shards() {
 fn a_sampled_index_contains_only_existing_images() {
     let walls = Walls { gaps: true, ..Walls::new(1, 60) };
     let rule = SamplingRule::resolve("dl3dv-6v").unwrap();
-    let index = PlannedIndex::sampled("dl3dv-6v", &rule, &walls, &mut Warnings::new());
+    let index = PlannedIndex::sampled("dl3dv-6v", &rule, &walls, &mut Warnings::new()).unwrap();
     let entry = &index.index.scenes["wall-0"][0];
     assert_eq!((entry.context.len(), entry.target.len()), (6, 50));
     assert!(entry.context.iter().chain(&entry.target).all(|frame| frame % 7 != 3), "{entry:?}");
     assert_eq!(entry.target.last(), Some(&57), "50 images reach beyond frame 49");
-    let whole = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(1, 60), &mut Warnings::new());
+    let whole = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(1, 60), &mut Warnings::new()).unwrap();
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
     assert_eq!(whole.description, "sampled by dl3dv-6v");
-    let none = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(2, 5), &mut Warnings::new());
+    let none = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(2, 5), &mut Warnings::new()).unwrap();
     assert_eq!(none.description, "sampled by dl3dv-6v; scenes without an entry: 2 too-few-frames");
 }
 

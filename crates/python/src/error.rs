@@ -251,6 +251,7 @@ fn of_evaluation(error: &EvalError) -> Place {
         EvalError::Malformed(error) => of_malformed(error),
         EvalError::NoIndex { data, .. } => Place::file(data).at("index"),
         EvalError::Unknown { what, .. } | EvalError::Settings { what, .. } => Place::field(what),
+        EvalError::NoPublishedIndex { .. } => Place::field("evaluation index"),
         EvalError::Protocol(error) => of_protocol(error),
         _ => Place::default(),
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::name_of;
+use atsplat_files::{FileError, name_of};
 use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
 use atsplat_scene::{
     Format, Frame, ImageFolder, NerfstudioOptions, OpenOptions, SceneError, SceneSource, WarningKind, Warnings,
@@ -228,8 +228,7 @@ fn index(
                 return Ok(index);
             }
         }
-        // The folder has no published index.
-        Err(EvalError::Settings { .. }) => {}
+        Err(EvalError::NoPublishedIndex { .. }) => {}
         Err(broken) => return Err(broken.to_string()),
     }
     // RE10K's protocols apply only to the official scenes; DL3DV's sampling rule applies to any capture in its layout. Chunks do
@@ -248,9 +247,10 @@ fn sampled(
 ) -> Result<PlannedIndex, String> {
     let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampling rule".to_owned()) };
     let rule = SamplingRule::resolve(sampler).map_err(|error| error.to_string())?;
-    let mut planned = PlannedIndex::sampled(sampler, &rule, source, warnings);
+    let unfetched = |error: FileError| error.to_string();
+    let mut planned = PlannedIndex::sampled(sampler, &rule, source, warnings).map_err(unfetched)?;
     if let Some(derivation) = preset.index.derivation {
-        planned = planned.split(derivation, source, warnings);
+        planned = planned.split(derivation, source, warnings).map_err(unfetched)?;
     }
     planned.note_unread(&dataset.opening);
     if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }

@@ -32,7 +32,7 @@ impl Dataset {
     ///
     /// # Errors
     /// [`EvalError::Settings`] if `data` is an evaluation index, [`EvalError::NoIndex`] without an index next to the data, and the
-    /// errors of [`PlannedIndex::read`].
+    /// errors of [`PlannedIndex::read`] and [`PlannedIndex::sampled`].
     pub fn new(
         mut preset: Preset,
         mut source: Arc<dyn SceneSource>,
@@ -56,9 +56,9 @@ impl Dataset {
         }
         let index = match index {
             IndexChoice::Sampled(name, rule) => {
-                let sampled = PlannedIndex::sampled(name, rule, source.as_ref(), warnings);
+                let sampled = PlannedIndex::sampled(name, rule, source.as_ref(), warnings)?;
                 match preset.index.derivation {
-                    Some(derivation) => sampled.split(derivation, source.as_ref(), warnings),
+                    Some(derivation) => sampled.split(derivation, source.as_ref(), warnings)?,
                     None => sampled,
                 }
             }

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Sha256Digest};
 use atsplat_protocol::extrapolation::{Extrapolation, scene_frames, scene_lengths};
 use atsplat_protocol::{Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, Preset, SamplingRule};
 use atsplat_results::SAMPLED_BY;
@@ -38,7 +38,7 @@ impl PlannedIndex {
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a file that is not an index or has conflicting entries for a scene, [`EvalError::Io`],
-    /// [`EvalError::Settings`] for a folder without the preset's index.
+    /// [`EvalError::NoPublishedIndex`] for a folder without the preset's index.
     pub fn read(
         path: &Path,
         preset: &Preset,
@@ -63,10 +63,10 @@ impl PlannedIndex {
         let index = file.into_unambiguous().map_err(|error| error.in_file(path))?;
         let description = path.display().to_string();
         let read = Self { index, description, sha256, name, reduced_from: None, left_out: 0, notices };
-        Ok(match preset.index.derivation.filter(|_| underived) {
-            None => read,
-            Some(derivation) => read.split(derivation, source, warnings),
-        })
+        match preset.index.derivation.filter(|_| underived) {
+            None => Ok(read),
+            Some(derivation) => Ok(read.split(derivation, source, warnings)?),
+        }
     }
 
     /// Reads the preset's index among the files of a folder, as [`Self::read`] does.
@@ -84,7 +84,15 @@ impl PlannedIndex {
 
     /// The split that a preset derives from this index, for the scenes of a dataset; from a sampled one, among the frames that have an
     /// image. Entries that it drops are noticed.
-    pub(crate) fn split(self, derivation: Derivation, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
+    ///
+    /// # Errors
+    /// Why a scene could not be fetched: it would count as missing.
+    pub(crate) fn split(
+        self,
+        derivation: Derivation,
+        source: &dyn SceneSource,
+        warnings: &mut Warnings,
+    ) -> Result<Self, FileError> {
         let keys = source.keys();
         let present = self.index.scenes.iter().filter(|(key, _)| keys.contains(key));
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
@@ -96,10 +104,11 @@ impl PlannedIndex {
             let frames = scene_frames(&present, source, &|| (), &mut Warnings::new());
             rule.split_among(&self.index, &frames)
         };
+        source.check_fetched()?;
         let mut notices = self.notices;
         notices.extend(index_notices::of_split(&split, self.name.is_some()));
         let description = format!("{}, its windows with frames before and after them", self.description);
-        Self { notices, ..Self::generated(split.index, description, self.name) }
+        Ok(Self { notices, ..Self::generated(split.index, description, self.name) })
     }
 
     /// With entries that leave context views out, which is not the published index any more; the same if none leaves any out.
@@ -119,9 +128,18 @@ impl PlannedIndex {
     }
 
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
-    pub fn sampled(name: &str, rule: &SamplingRule, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
+    ///
+    /// # Errors
+    /// Why a scene could not be fetched: it would count as unreadable.
+    pub fn sampled(
+        name: &str,
+        rule: &SamplingRule,
+        source: &dyn SceneSource,
+        warnings: &mut Warnings,
+    ) -> Result<Self, FileError> {
         let mut found = Warnings::new();
         let built = rule.build(source, &|| (), &mut found);
+        source.check_fetched()?;
         let unreadable = found.count(WarningKind::UnreadableImage);
         warnings.merge(found);
         let mut description = format!("{SAMPLED_BY}{name}");
@@ -129,7 +147,7 @@ impl PlannedIndex {
             description = format!("{description}; scenes without an entry: {}", index_notices::reasons(&built));
         }
         let notices = index_notices::of_sampling(&built, unreadable, name);
-        Self { notices, ..Self::generated(built.index, description, None) }
+        Ok(Self { notices, ..Self::generated(built.index, description, None) })
     }
 
     /// Notes the scenes of a sampled index's data that were not read when the data were opened, by the warnings of opening: the
@@ -231,7 +249,7 @@ mod tests {
     fn scenes_that_a_sampler_leaves_out_are_counted_by_reason() {
         let rule = SamplingRule::resolve("dl3dv-6v").unwrap();
         let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
-        let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
+        let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new()).unwrap();
         let mut opening = Warnings::new();
         opening.push(WarningKind::IgnoredScene, "f", "contains images, but no cameras");
         opening.push(WarningKind::SceneNotFound, "g", "index.json lists it in 000001.torch, which is missing");
@@ -268,7 +286,7 @@ mod tests {
         let derived = |name: Option<&str>| {
             let index = EvaluationIndex { scenes: scenes.clone().into_iter().collect() };
             let planned = PlannedIndex::generated(index, "index".to_owned(), name.map(str::to_owned));
-            planned.split(Derivation::ShiftedWindow { margin: Margin::TEN }, &source, &mut Warnings::new())
+            planned.split(Derivation::ShiftedWindow { margin: Margin::TEN }, &source, &mut Warnings::new()).unwrap()
         };
         let published = derived(Some("published"));
         let expected = [("frames outside the scene", 1, "out"), ("scene too short", 2, "short")];
@@ -288,6 +306,35 @@ mod tests {
             .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Missing::Nothing))
             .collect();
         assert_eq!(notices_of(&sampled), noticed);
+    }
+
+    /// Scenes of which some could not be fetched.
+    struct Unfetched(Lengths);
+
+    impl SceneSource for Unfetched {
+        fn keys(&self) -> &[String] {
+            self.0.keys()
+        }
+
+        fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+            self.0.load(key, warnings)
+        }
+
+        fn check_fetched(&self) -> Result<(), FileError> {
+            Err(FileError::during("fetching a scene", "data")(std::io::ErrorKind::TimedOut.into()))
+        }
+    }
+
+    #[test]
+    fn scenes_that_could_not_be_fetched_are_not_left_out() {
+        let source = Unfetched(Lengths::of(&[("a", 60), ("b", 5)]));
+        let rule = SamplingRule::resolve("dl3dv-6v").unwrap();
+        let error = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new()).unwrap_err();
+        assert!(error.to_string().starts_with("fetching a scene: "), "{error}");
+        let sampled = PlannedIndex::sampled("dl3dv-6v", &rule, &source.0, &mut Warnings::new()).unwrap();
+        let derivation = Derivation::ShiftedWindow { margin: Margin::TEN };
+        assert!(sampled.clone().split(derivation, &source, &mut Warnings::new()).is_err());
+        assert!(sampled.split(derivation, &source.0, &mut Warnings::new()).is_ok());
     }
 
     #[test]

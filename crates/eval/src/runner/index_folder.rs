@@ -53,7 +53,7 @@ impl IndexFolder {
     /// The first of a preset's accepted indices that is there, in any subfolder and under any name.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] if none is.
+    /// [`EvalError::NoPublishedIndex`] if none is.
     pub fn published(&self, preset: &Preset) -> Result<&Path, EvalError> {
         let accepted = &preset.index.accepted;
         let by_hash = |sha256: &Sha256Digest| self.files.iter().find(|(hash, _)| hash == sha256);
@@ -65,8 +65,7 @@ impl IndexFolder {
             let count = self.not_searched.len();
             format!(", and {count} files or folders that were not searched, such as {} ({why})", first.display())
         });
-        Err(EvalError::Settings {
-            what: "evaluation index",
+        Err(EvalError::NoPublishedIndex {
             expected: format!("the file of {} for the preset {}", names.join(" or "), preset.name),
             found: format!("{} other .json files below {}{not_searched}", self.files.len(), self.folder.display()),
         })
@@ -135,8 +134,11 @@ mod tests {
             assert_eq!(index.name.as_deref(), Some(name), "{preset}");
             assert!(index.description.ends_with(copy), "{}", index.description);
         }
-        let missing = index_of("yards-2v-128x224").unwrap_err().to_string();
-        assert!(missing.contains("found 3 other .json files below "), "{missing}");
+        let missing = index_of("yards-2v-128x224").unwrap_err();
+        let text = missing.to_string();
+        assert!(text.starts_with("evaluation index: expected the file of yards-2v"), "{text}");
+        assert!(text.contains("found 3 other .json files below "), "{text}");
+        assert!(matches!(missing, EvalError::NoPublishedIndex { .. }), "no wrong setting: {text}");
     }
 
     /// One index is six folders deep, the other in a hidden folder.

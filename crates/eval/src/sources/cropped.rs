@@ -1,8 +1,11 @@
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
+use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
+use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
 use atsplat_scene::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings, ratio_of_focal_lengths};
 
@@ -72,6 +75,22 @@ impl SceneSource for AlreadyCropped {
     fn times(&self) -> TimestampSource {
         self.inner.times()
     }
+
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.inner.files(key)
+    }
+
+    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.inner.images_for_sizes(key)
+    }
+
+    fn check_fetched(&self) -> Result<(), FileError> {
+        self.inner.check_fetched()
+    }
+
+    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        self.inner.applied_transform(key)
+    }
 }
 
 impl AlreadyCropped {
@@ -135,6 +154,51 @@ mod tests {
             };
             Ok(Scene { key: key.to_owned(), url: None, frames: vec![frame] })
         }
+    }
+
+    /// A dataset elsewhere, of which nothing can be fetched any more.
+    struct Elsewhere(OneFrame);
+
+    impl SceneSource for Elsewhere {
+        fn keys(&self) -> &[String] {
+            self.0.keys()
+        }
+
+        fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+            self.0.load(key, warnings)
+        }
+
+        fn times(&self) -> TimestampSource {
+            TimestampSource::FromNames
+        }
+
+        fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+            Ok(vec![format!("{key}.txt").into()])
+        }
+
+        fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+            Ok(vec![format!("{key}/0.png").into()])
+        }
+
+        fn check_fetched(&self) -> Result<(), FileError> {
+            Err(FileError::during("fetching a scene", "data")(std::io::ErrorKind::TimedOut.into()))
+        }
+
+        fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+            Err(SceneError::UnknownScene { key: key.to_owned(), path: "data".into() })
+        }
+    }
+
+    #[test]
+    fn what_the_dataset_says_about_itself_is_passed_on() {
+        let size = ImageSize { width: 256, height: 256 };
+        let source: Arc<dyn SceneSource> = Arc::new(Elsewhere(OneFrame(vec!["a".to_owned()], size, [0.5, 0.9])));
+        let (cropped, _) = AlreadyCropped::of(&source, &Preset::named("re10k-2v-256").unwrap()).unwrap();
+        assert_eq!(cropped.times(), TimestampSource::FromNames);
+        assert_eq!(cropped.files("a").unwrap(), [PathBuf::from("a.txt")]);
+        assert_eq!(cropped.images_for_sizes("a").unwrap(), [PathBuf::from("a/0.png")]);
+        assert!(cropped.check_fetched().unwrap_err().to_string().starts_with("fetching a scene: "));
+        assert!(matches!(cropped.applied_transform("a"), Err(SceneError::UnknownScene { .. })));
     }
 
     fn source(width: u32, height: u32) -> Arc<dyn SceneSource> {

@@ -121,7 +121,8 @@ impl PresetRecord {
 pub struct MethodRecord {
     /// Name in the rows: `atsplat`, `nearest-view`, a folder's name for imported renders.
     pub name: String,
-    /// `atsplat`, `renders`, `ply`, `exec`, `python`, `nearest-view` or `warp`.
+    /// `atsplat`, `atsplat+refine`, `renders`, `ply`, `exec`, `python`, `nearest-view` or `warp`, or the strategy of an optimisation
+    /// from scratch: `3dgs`, `mip-splatting`, `mcmc` or `fixed`.
     pub kind: String,
     /// Title in tables.
     pub title: String,
