@@ -1,5 +1,7 @@
 //! The report's section on token expansion and its live view: two scenes, block by block.
 
+use std::collections::BTreeSet;
+
 use atsplat_eval::discovery::NotRun;
 use atsplat_eval::expansion::{ExpansionScene, study_trial};
 use atsplat_eval::runner::Dataset;
@@ -105,7 +107,8 @@ fn section(dataset: &Dataset, trained: &TrainedNetwork, scenes: &[ExpansionScene
 
 /// The first trial of each of the first scenes.
 fn first_trials(dataset: &Dataset) -> EvaluationIndex {
-    let present = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
+    let keys: BTreeSet<&String> = dataset.source.keys().iter().collect();
+    let present = dataset.index.index.scenes.iter().filter(|(key, _)| keys.contains(key));
     let first = present.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
     EvaluationIndex { scenes: first.take(CANDIDATES).collect() }
 }

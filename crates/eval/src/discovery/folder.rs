@@ -1,5 +1,6 @@
 //! Finds every dataset in a folder, and every protocol that fits it.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -223,7 +224,8 @@ fn index(
 ) -> Result<PlannedIndex, String> {
     match PlannedIndex::published(indices, preset, source, warnings) {
         Ok(index) => {
-            let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
+            let keys: BTreeSet<&String> = source.keys().iter().collect();
+            let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && keys.contains(key);
             if index.index.scenes.iter().any(is_available) {
                 return Ok(index);
             }

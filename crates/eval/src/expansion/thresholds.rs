@@ -3,6 +3,8 @@
 //! The paper's thresholds are values of the uncertainty of the paper's networks. A network at another scale has other scores, and
 //! all of the paper's thresholds may expand the same tokens; the same quantiles of this network's scores give different budgets.
 
+use std::collections::BTreeSet;
+
 use atsplat_model::network::Network;
 use atsplat_numeric::quantile;
 use atsplat_protocol::EvaluationIndex;
@@ -25,8 +27,9 @@ const TRIALS: usize = 4;
 /// # Errors
 /// [`EvalError::Settings`] if one of them cannot be read, or there is none; the errors of the network.
 pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, EvalError> {
+    let keys: BTreeSet<&String> = dataset.source.keys().iter().collect();
     let first = dataset.index.index.scenes.iter().filter_map(|(key, entries)| {
-        let present = dataset.source.keys().contains(key);
+        let present = keys.contains(key);
         Some((key.clone(), vec![entries.first().filter(|_| present)?.clone()]))
     });
     let index = EvaluationIndex { scenes: first.take(TRIALS).collect() };

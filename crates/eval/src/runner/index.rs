@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Sha256Digest};
@@ -93,7 +93,7 @@ impl PlannedIndex {
         source: &dyn SceneSource,
         warnings: &mut Warnings,
     ) -> Result<Self, FileError> {
-        let keys = source.keys();
+        let keys: BTreeSet<&String> = source.keys().iter().collect();
         let present = self.index.scenes.iter().filter(|(key, _)| keys.contains(key));
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
         let rule = Extrapolation::from(derivation);

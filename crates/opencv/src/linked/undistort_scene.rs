@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::AtomicFile;
@@ -38,7 +39,7 @@ pub fn undistort_scene(
     let list_file = AtomicFile::create(&list).map_err(OpenCvError::io("writing cameras", &list))?;
     // An earlier list must not stand next to images that are replaced one by one.
     atsplat_files::remove_if_exists(&list).map_err(OpenCvError::io("removing earlier cameras", &list))?;
-    let mut previous: Option<LensMap> = None;
+    let mut recent = RecentMaps::default();
     let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
         progress();
@@ -49,11 +50,7 @@ pub fn undistort_scene(
             count.skipped += 1;
             continue;
         };
-        // Frames with the same lens share a map.
-        let map = match previous.take().filter(|map| map.fits(&frame.camera, size)) {
-            Some(map) => map,
-            None => LensMap::new(frame.camera, size, mode)?,
-        };
+        let map = recent.map(frame.camera, size, mode)?;
         let mut name = format!("{}.png", unique_name(frame, position, &mut names));
         if let Some(image) = image {
             name = format!("images/{name}");
@@ -66,7 +63,6 @@ pub fn undistort_scene(
             count.skipped += 1;
         }
         frames.push(frame_json(frame, &name, size, &map.undistorter));
-        previous = Some(map);
     }
     let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
     let outcome = serde_json::to_writer_pretty(list_file.writer(), &transforms).map_err(std::io::Error::from);
@@ -96,6 +92,26 @@ impl LensMap {
 
     fn fits(&self, camera: &Camera, size: ImageSize) -> bool {
         self.camera.intrinsics == camera.intrinsics && self.camera.distortion == camera.distortion && self.size == size
+    }
+}
+
+/// The maps of the lenses of the frames before, the last one first: frames with the same lens share a map, and the cameras of a rig
+/// take turns.
+#[derive(Default)]
+struct RecentMaps(Vec<Rc<LensMap>>);
+
+impl RecentMaps {
+    /// A map is as large as several images, and each frame may have a lens of its own.
+    const MOST: usize = 4;
+
+    fn map(&mut self, camera: Camera, size: ImageSize, mode: UndistortMode) -> Result<Rc<LensMap>, OpenCvError> {
+        let map = match self.0.iter().position(|map| map.fits(&camera, size)) {
+            Some(at) => self.0.remove(at),
+            None => Rc::new(LensMap::new(camera, size, mode)?),
+        };
+        self.0.truncate(Self::MOST - 1);
+        self.0.insert(0, Rc::clone(&map));
+        Ok(map)
     }
 }
 
@@ -189,6 +205,25 @@ mod tests {
             assert!(centres[0].distance(centres[1]) < 1e-9, "{centres:?}");
             assert!((read.camera.intrinsics.fx - original.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
         }
+    }
+
+    #[test]
+    fn lenses_that_take_turns_keep_their_maps() {
+        let (mode, size) = (UndistortMode::KeepK, ImageSize { width: 16, height: 16 });
+        let lens = |k1: f64| {
+            let distortion = Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+            Camera { distortion, ..frame(0, FrameImage::Absent).camera }
+        };
+        let mut recent = RecentMaps::default();
+        let [left, right, again] = [0.01, 0.02, 0.01].map(|k1| recent.map(lens(k1), size, mode).unwrap());
+        assert!(Rc::ptr_eq(&left, &again) && !Rc::ptr_eq(&left, &right));
+        let other_size = recent.map(lens(0.01), ImageSize { width: 16, height: 8 }, mode).unwrap();
+        assert!(!Rc::ptr_eq(&left, &other_size));
+        for k1 in [0.03, 0.04, 0.05, 0.06] {
+            recent.map(lens(k1), size, mode).unwrap();
+        }
+        assert_eq!(recent.0.len(), RecentMaps::MOST, "a lens for each frame");
+        assert!(!Rc::ptr_eq(&left, &recent.map(lens(0.01), size, mode).unwrap()));
     }
 
     /// The second lens has no new camera matrix.

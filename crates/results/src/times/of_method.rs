@@ -87,8 +87,12 @@ pub(crate) fn times_on(
             .filter(|times| machine == Some(&times.machine))
             .ok_or_else(|| stated_elsewhere(stated, machine));
     }
+    // The trial of a row, if it is still the one that was evaluated; other images make it another trial.
+    let trials = results.trials_of(preset, method).map(|trial| ((&trial.key, trial.trial_hash.as_str()), trial));
+    let trials: BTreeMap<(&TrialKey, &str), &TrialRow> = trials.collect();
     let of_method = results.timings.iter().filter(|row| row.key.is_of(preset, method));
-    let all: Vec<TimedTrial<'_>> = of_method.filter_map(|row| Some((row, current_trial(results, row)?))).collect();
+    let timed = of_method.filter_map(|row| Some((row, *trials.get(&(&row.key, row.trial_hash.as_str()))?)));
+    let all: Vec<TimedTrial<'_>> = timed.collect();
     let Some(machine) = machine else { return Err(untimed(results, method, &all)) };
     let on_machine = |(row, _): &TimedTrial<'_>| row.is_timed() && row.machine == *machine;
     let on_machine = last_of_each_trial(all.iter().copied().filter(on_machine));
@@ -214,11 +218,6 @@ fn most_frequent(machines: impl Iterator<Item = Machine>) -> Option<Machine> {
     }
     let most = counts.values().copied().max()?;
     counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
-}
-
-/// The trial of a row, if it is still the one that was evaluated; other images make it another trial.
-fn current_trial<'a>(results: &'a Results, row: &TimingRow) -> Option<&'a TrialRow> {
-    results.trials.iter().find(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
 }
 
 fn untimed(results: &Results, method: &str, all: &[TimedTrial<'_>]) -> String {
