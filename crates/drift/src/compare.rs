@@ -2,9 +2,7 @@ use std::collections::BTreeSet;
 
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
-use atsplat_results::statistics::{
-    Paired, SelectedTarget, direction, paired_of, scene_differences, score_of, summary_of,
-};
+use atsplat_results::statistics::{Paired, SelectedTarget, direction, mean_of, paired_of, scene_differences, score_of};
 use atsplat_results::{Results, TargetStatus};
 
 use super::change::Change;
@@ -136,7 +134,7 @@ impl Group {
             Basis::Bound if beyond == 0 => DriftVerdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
-        let [baseline, now] = [&then, &today].map(|selected| summary_of(selected, Aggregation::SceneMeans).mean);
+        let [baseline, now] = [&then, &today].map(|selected| mean_of(selected, Aggregation::SceneMeans));
         Comparison {
             preset: preset.to_owned(),
             method: method.to_owned(),

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_numeric::{Extremes as _, Tolerance, mean};
 use atsplat_protocol::Aggregation;
-use atsplat_results::statistics::{SelectedTarget, scene_differences, score_of, student_quantile, summary_of};
+use atsplat_results::statistics::{SelectedTarget, mean_of, scene_differences, score_of, student_quantile};
 use atsplat_results::{Results, TargetRow, TargetStatus};
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +122,7 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
     let limit = |(preset, method, metric): (&str, &str, &str)| {
         let scores = compared_scores(runs, preset, method, metric);
         let compared: Vec<Vec<SelectedTarget>> = scores.iter().map(selected).collect();
-        let means: Vec<f64> = compared.iter().filter_map(|run| summary_of(run, Aggregation::SceneMeans).mean).collect();
+        let means: Vec<f64> = compared.iter().filter_map(|run| mean_of(run, Aggregation::SceneMeans)).collect();
         let least = least_limit(metric);
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
         let scene = largest_of_scene(&compared).map(|largest| MOST_DIFFERENCES * largest);

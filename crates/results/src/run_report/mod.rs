@@ -8,10 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_metrics::definition;
-use atsplat_protocol::{DropReason, Preset};
+use atsplat_protocol::{Aggregation, DropReason, Preset};
 use serde::Serialize;
 
-use crate::statistics::{Identical, Leaked, MetricQuery, summary};
+use crate::statistics::{Identical, Leaked, MetricQuery, mean_of, select};
 use crate::times::{Times, times};
 use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
 pub use counts::RunCounts;
@@ -90,10 +90,11 @@ impl RunReport {
         let provenance = &results.provenance;
         let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
         for preset in &provenance.presets {
+            let aggregation = protocol(preset).aggregation;
             for method in &provenance.methods {
                 let targets: Vec<&TargetRow> = results.targets_of(&preset.name, &method.name).collect();
                 if !targets.is_empty() {
-                    rows.push(Row::of(results, preset, method, &targets));
+                    rows.push(Row::of(results, preset, aggregation, method, &targets));
                     of_methods.push(MethodTimes::of(results, preset, method));
                 }
             }
@@ -126,9 +127,21 @@ impl RunReport {
 }
 
 impl Row {
-    fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
+    fn of(
+        results: &Results,
+        preset: &PresetRecord,
+        aggregation: Aggregation,
+        method: &MethodRecord,
+        targets: &[&TargetRow],
+    ) -> Self {
+        // As in tables and frontiers, without renders that are identical to the truth.
+        let mean = |metric: &str| {
+            let (preset, method, leaked) = (preset.name.as_str(), method.name.as_str(), Leaked::Included);
+            let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
+            mean_of(&select(results, &query), aggregation)
+        };
         let ids = results.provenance.metrics.iter().map(|metric| &metric.id);
-        let means = ids.filter_map(|id| Some((id.clone(), mean(results, preset, &method.name, id)?)));
+        let means = ids.filter_map(|id| Some((id.clone(), mean(id)?)));
         let unsupported_trials = results.unsupported();
         let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
             targets.iter().copied().partition(|row| unsupported_trials.contains(&row.key));
@@ -151,13 +164,6 @@ impl Row {
             means: means.collect(),
         }
     }
-}
-
-/// The protocol's mean, without renders that are identical to the truth, as in tables and frontiers.
-fn mean(results: &Results, preset: &PresetRecord, method: &str, metric: &str) -> Option<f64> {
-    let aggregation = protocol(preset).aggregation;
-    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
-    summary(results, &MetricQuery { preset: &preset.name, method, metric, leaked, identical }, aggregation).mean
 }
 
 #[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]

@@ -24,18 +24,19 @@ pub use breakdown::{Binned, by_distance_steps, by_overlap, within_distances};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
-pub use paired::{Paired, of_selected as paired_of, paired, paired_between, paired_scene_means, scene_differences};
+pub use paired::{Paired, paired, paired_between, paired_of, paired_scene_means, scene_differences};
 pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
 pub use seeds::{Seeds, difference_of_seeds, of_seeds};
 pub use selection::{SelectedTarget, is_psnr, score_of};
 pub use significance::{sign_test, student_quantile};
-pub use summary::{Summary, of_selected as summary_of, summary};
+pub use summary::{Summary, mean_of, summary, summary_of};
 pub use trend::{
     NoTrend, Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap,
 };
 
 pub(crate) use contrast::contrast;
 pub(crate) use selection::select;
+pub(crate) use summary::summary_without_interval;
 
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

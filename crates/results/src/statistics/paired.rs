@@ -47,7 +47,7 @@ pub fn paired_between(
     b: (&Results, &MetricQuery),
     aggregation: Aggregation,
 ) -> Option<Paired> {
-    let found = of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric), aggregation)?;
+    let found = paired_of(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric), aggregation)?;
     Some(Paired { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found })
 }
 
@@ -69,7 +69,7 @@ pub fn paired_scene_means(
 }
 
 /// Like [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.
-pub fn of_selected(
+pub fn paired_of(
     a: &[SelectedTarget],
     b: &[SelectedTarget],
     direction: Direction,

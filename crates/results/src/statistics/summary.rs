@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::MetricQuery;
 use super::bootstrap::{MIN_SCENES, interval_of_mean};
-use super::scene_means::{clusters, mean_of_clusters};
+use super::scene_means::{Cluster, clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
@@ -54,17 +54,35 @@ pub fn summary(results: &Results, query: &MetricQuery, aggregation: Aggregation)
 
 /// Like [`summary`], of targets that are already selected and ordered.
 pub(super) fn to_publish(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
-    let found = of_selected(selected, aggregation);
-    Summary { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found }
+    with_interval(selected, aggregation, MIN_SCENES)
 }
 
 /// Like [`summary`], of targets that are already selected and ordered, with an interval from two scenes on.
-pub fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
-    let clusters = clusters(selected, aggregation);
-    let (mean, parts) = mean_of_clusters(&clusters);
+pub fn summary_of(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+    with_interval(selected, aggregation, 0)
+}
+
+/// [`Summary::mean`] alone, of targets that are already selected and ordered: nothing is resampled.
+pub fn mean_of(selected: &[SelectedTarget], aggregation: Aggregation) -> Option<f64> {
+    mean_of_clusters(&clusters(selected, aggregation)).0
+}
+
+/// Like [`summary_of`], without an interval: nothing is resampled.
+pub(crate) fn summary_without_interval(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+    of_clusters(selected, &clusters(selected, aggregation)).0
+}
+
+fn with_interval(selected: &[SelectedTarget], aggregation: Aggregation, least_scenes: u64) -> Summary {
+    let (summary, parts) = of_clusters(selected, &clusters(selected, aggregation));
+    let has_interval = summary.mean.is_some() && summary.scenes >= least_scenes;
+    Summary { interval: has_interval.then(|| interval_of_mean(&parts)).flatten(), ..summary }
+}
+
+/// Everything but the interval, and the parts to resample.
+fn of_clusters(selected: &[SelectedTarget], clusters: &[Cluster<'_>]) -> (Summary, Vec<[f64; 2]>) {
+    let (mean, parts) = mean_of_clusters(clusters);
     let mut summary = Summary {
         mean,
-        interval: mean.and_then(|_| interval_of_mean(&parts)),
         scenes: clusters.len() as u64,
         targets: clusters.iter().map(|cluster| cluster.targets).sum(),
         identical: clusters.iter().map(|cluster| cluster.identical).sum(),
@@ -84,5 +102,5 @@ pub fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Sum
             }
         }
     }
-    summary
+    (summary, parts)
 }

@@ -7,7 +7,7 @@ use atsplat_protocol::Aggregation;
 
 use super::unscored::why_unscored;
 use super::{Counts, Note, Sample};
-use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_of};
+use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_without_interval};
 use crate::times::{GAUSSIANS_UNTIMED, Machine, times_on};
 use crate::{MethodRecord, Results, TrialKey, TrialRow, TrialStatus};
 
@@ -48,7 +48,7 @@ pub(super) fn scored<'a>(
         let cost = cost(results, preset, method);
         let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
         let selected = select(results, &query);
-        let summary = summary_of(&selected, aggregation);
+        let summary = summary_without_interval(&selected, aggregation);
         let sample = Sample {
             label: method.to_owned(),
             quality: summary.mean,

@@ -83,3 +83,26 @@ fn means_of_a_scene_are_over_entries_or_over_targets() {
         Tolerance::F64.assert(means.into_iter().flat_map(|(_, means)| means), [expected; 2], "a scene");
     }
 }
+
+/// Five and six scenes, of one to six targets.
+#[test]
+fn a_mean_without_an_interval_has_the_same_bits() {
+    let scenes: Vec<(&str, u32, Vec<f64>)> = ["a", "b", "c", "d", "e", "f"]
+        .into_iter()
+        .zip(1u8..)
+        .map(|(scene, targets)| (scene, 0, (0..targets).map(|at| f64::from(targets * 7 + at) / 3.0).collect()))
+        .collect();
+    for (count, is_published) in [(5, false), (6, true)] {
+        let store = psnr(&scenes[..count]);
+        for aggregation in [Aggregation::SceneMeans, Aggregation::AllImages] {
+            let selected = select(&store, &query("m"));
+            let (published, whole) = (summary(&store, &query("m"), aggregation), summary_of(&selected, aggregation));
+            let without = Summary { interval: None, ..whole.clone() };
+            assert_eq!(summary_without_interval(&selected, aggregation), without);
+            let interval = whole.interval.filter(|_| is_published);
+            assert!(whole.interval.is_some());
+            assert_eq!(published, Summary { interval, ..whole });
+            assert_eq!(mean_of(&selected, aggregation), without.mean);
+        }
+    }
+}
