@@ -28,9 +28,9 @@ pub use file_name::file_name;
 pub use gaps::{Gap, GapKind};
 pub use rows::difference::{differences, excerpts};
 pub use rows::{
-    AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, Moved, PresetRecord, Provenance, Results, SAMPLED_BY,
-    SkippedEntry, StatedCost, StatedSeconds, TRAINED_POSES, TargetRow, TargetStatus, TrainingRecord, TrialKey,
-    TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
+    AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, Moved, PresetRecord, Provenance, RecordKind, Results,
+    SAMPLED_BY, SkippedEntry, StatedCost, StatedSeconds, TRAINED_POSES, TargetRow, TargetStatus, TrainingRecord,
+    TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
 };
 pub use run_report::{RunCounts, RunReport};
 pub use shard::{InvalidShard, Shard};

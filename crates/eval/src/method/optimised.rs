@@ -236,7 +236,7 @@ mod tests {
     use atsplat_model::{ImageSize, ModelConfig};
     use atsplat_pixels::ImageU8;
     use atsplat_protocol::Preset;
-    use atsplat_results::AdapterRecord;
+    use atsplat_results::{AdapterRecord, RecordKind};
     use atsplat_splat::Renderer;
     use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
 
@@ -280,6 +280,15 @@ mod tests {
         assert_eq!(of(3, 0), None);
         let expected = "the PSNR on the context views leaves out 1 of 3, whose render was equal to the image";
         assert_eq!(of(2, 1).as_deref(), Some(expected));
+    }
+
+    #[test]
+    fn records_name_known_kinds() {
+        for strategy in Strategy::ALL {
+            let method =
+                Optimised::from_scratch(None, strategy, Budget::Steps(1), 400, 0, Splatting::default()).record();
+            assert_eq!(method.record_kind(), RecordKind::Optimised, "{}", method.kind);
+        }
     }
 
     #[test]

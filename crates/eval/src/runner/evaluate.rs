@@ -12,7 +12,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 use atsplat_results::store::images::{self, CONTEXT, TRUTH, hash_of_bytes};
-use atsplat_results::{MethodRecord, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use atsplat_results::{MethodRecord, RecordKind, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -75,9 +75,11 @@ impl Evaluation<'_> {
         if let Some(store) = self.images.all() {
             write_inputs(store, &key, decoded)?;
         }
+        let record = method.record();
         let mut result = TrialResult { input_hash, rows: unscored.collect(), ..TrialResult::default() };
         // A panic in a method fails this trial only.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.evaluate(&key, &mut result, decoded, method)));
+        let outcome =
+            catch_unwind(AssertUnwindSafe(|| self.evaluate(&key, &mut result, decoded, method, record.record_kind())));
         let error = match outcome {
             Ok(Ok(())) => None,
             Ok(Err(Failure::Method(error))) => Some(error),
@@ -91,7 +93,7 @@ impl Evaluation<'_> {
             let unfinished = result.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
             unfinished.for_each(|row| row.detail = Some(error.to_string()));
         }
-        Ok(result.into_rows(key, decoded, &method.record(), error))
+        Ok(result.into_rows(key, decoded, &record, error))
     }
 
     fn evaluate(
@@ -100,6 +102,7 @@ impl Evaluation<'_> {
         result: &mut TrialResult,
         decoded: &DecodedTrial,
         method: &dyn Method,
+        kind: RecordKind,
     ) -> Result<(), Failure> {
         let context = decoded.context.as_ref();
         let images = context.map_err(|detail| MethodError::Failed(format!("a context image: {detail}")))?;
@@ -112,8 +115,7 @@ impl Evaluation<'_> {
         result.cost = prediction.cost();
         let rows = result.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();
-        let is_checked = resemblance::is_checked(&method.record().kind);
-        let batch = |targets: &[usize]| self.score_batch(prediction, targets, &rows, decoded, is_checked);
+        let batch = |targets: &[usize]| self.score_batch(prediction, targets, &rows, decoded, kind.is_from_outside());
         // All batches first, so that the error of the first one is reported whatever the number of threads.
         let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
         let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -277,7 +279,7 @@ impl TrialResult {
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
-        let resemblance = resemblance::note(&compared, &rows, &record.kind, !suspicious.is_empty());
+        let resemblance = resemblance::note(&compared, &rows, record.record_kind(), !suspicious.is_empty());
         let suspicious = suspicious::notes(&suspicious, rows.len(), cost.gaussians);
         let (context_psnr, exact) = match cost.context_psnr {
             Some(psnr) if !psnr.is_finite() => (None, Some(format!("the PSNR on the context views is {psnr}"))),

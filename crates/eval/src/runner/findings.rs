@@ -150,7 +150,7 @@ impl Findings {
     /// Adds what the store recorded before this run and is still true: about other protocols, and about other methods, whose rows
     /// are still there. Sorted and without duplicates: independent of how the work was divided.
     pub(super) fn with_earlier(mut self, plan: &Plan<'_>, earlier: &Provenance) -> Self {
-        let methods: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();
+        let methods = plan.method_names();
         let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
         // With this run's protocols alone, files are not compared with those of the store's others.
         let has_others = earlier.presets.iter().any(|record| !is_run(&record.name));

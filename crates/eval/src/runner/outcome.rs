@@ -1,6 +1,6 @@
 //! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use atsplat_numeric::spread;
@@ -58,21 +58,23 @@ impl Plan<'_> {
             DropReason::SceneMissing.name(),
         ];
         self.selection.shard.is_some()
-            && !results.targets.iter().any(|row| self.requests(row))
+            && !results.targets.iter().any(self.requests())
             && !results.provenance.skipped.iter().any(|entry| unreadable.contains(&entry.reason.as_str()))
             && self.datasets.iter().any(has_scenes)
     }
 
     /// Whether a row is of a protocol and a method of this plan.
-    fn requests(&self, row: &TargetRow) -> bool {
-        self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
-            && self.methods.iter().any(|method| method.record().name == row.key.method)
+    fn requests(&self) -> impl Fn(&TargetRow) -> bool {
+        let presets: BTreeSet<&str> = self.datasets.iter().map(|dataset| dataset.name.as_str()).collect();
+        let methods = self.method_names();
+        move |row| presets.contains(row.key.preset.as_str()) && methods.contains(&row.key.method)
     }
 
     /// Why `results` have no scored target of this plan; `None` if they have one, and if the methods do not support any of the
     /// trials.
     pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
-        let requested: Vec<&TargetRow> = results.targets.iter().filter(|row| self.requests(row)).collect();
+        let is_requested = self.requests();
+        let requested: Vec<&TargetRow> = results.targets.iter().filter(|row| is_requested(row)).collect();
         if requested.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }
@@ -101,8 +103,8 @@ impl Plan<'_> {
             return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.count);
         }
         let mut reasons: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
-        let concerns =
-            |skipped: &&SkippedEntry| self.methods.iter().any(|method| skipped.concerns(&method.record().name));
+        let methods = self.method_names();
+        let concerns = |skipped: &&SkippedEntry| methods.iter().any(|method| skipped.concerns(method));
         for skipped in results.provenance.skipped.iter().filter(|skipped| skipped.preset == *name).filter(concerns) {
             reasons.entry(&skipped.reason).or_insert((0, &skipped.detail)).0 += 1;
         }

@@ -72,6 +72,11 @@ impl Plan<'_> {
         self.results() + timed as u64
     }
 
+    /// The names of its methods.
+    pub(super) fn method_names(&self) -> BTreeSet<String> {
+        self.methods.iter().map(|method| method.record().name).collect()
+    }
+
     /// The provenance record of this run; `here` is the part about this machine, see [`current_provenance`].
     ///
     /// # Errors

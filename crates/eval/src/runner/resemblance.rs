@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_pixels::{Image, ImageU8};
-use atsplat_results::{TargetRow, TargetStatus};
+use atsplat_results::{RecordKind, TargetRow, TargetStatus};
 
 use crate::suspicious_notes::{FLAT, REPEATED, RESEMBLES};
 
@@ -214,19 +214,14 @@ fn change(compared: &[Compared], targets: usize) -> Option<(Change, usize)> {
     best.map(|(change, (count, _))| (change, count))
 }
 
-/// Whether a method's images come from files or another program, which may have written others than it meant.
-pub(super) fn is_checked(kind: &str) -> bool {
-    ["renders", "ply", "exec", "python"].contains(&kind)
-}
-
 /// The note on a trial with these rows of a method of this kind, of which `compared` are the scored ones. With `are_noted`, its
 /// renders are known to be suspicious for another reason.
-pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: &str, are_noted: bool) -> Option<String> {
+pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: RecordKind, are_noted: bool) -> Option<String> {
     let targets = rows.len();
     if let Some((change, count)) = change(compared, targets) {
         return Some(format!("{RESEMBLES}{}: {count} of {targets}", change.text()));
     }
-    if kind == "renders" && is_one_image(rows) {
+    if kind == RecordKind::Renders && is_one_image(rows) {
         return Some(format!("{REPEATED}{targets} of {targets} renders are equal, and the ground truth differs"));
     }
     let is_flat =
@@ -283,7 +278,7 @@ mod tests {
         let compared: Vec<Compared> =
             images.iter().map(|(render, truth, leaked)| Compared::of(render, truth, *leaked)).collect();
         let rows: Vec<TargetRow> = (0u32..).zip(images).map(|(at, _)| row(at, &at.to_string())).collect();
-        note(&compared, &rows, "renders", are_noted).unwrap_or_default()
+        note(&compared, &rows, RecordKind::Renders, are_noted).unwrap_or_default()
     }
 
     fn of_all(change: impl Fn(&Image) -> Image) -> String {
@@ -346,12 +341,12 @@ mod tests {
     fn one_file_for_all_targets_is_noted_for_imported_images() {
         let rows = [row(0, "x"), row(1, "x"), row(2, "x")];
         let said = "one image for all targets: 3 of 3 renders are equal, and the ground truth differs";
-        assert_eq!(note(&[], &rows, "renders", false).as_deref(), Some(said));
-        assert_eq!(note(&[], &rows, "exec", false), None, "the nearest view, for example");
-        assert_eq!(note(&[], &[row(0, "x"), row(1, "x"), row(2, "y")], "renders", false), None);
+        assert_eq!(note(&[], &rows, RecordKind::Renders, false).as_deref(), Some(said));
+        assert_eq!(note(&[], &rows, RecordKind::Exec, false), None, "the nearest view, for example");
+        assert_eq!(note(&[], &[row(0, "x"), row(1, "x"), row(2, "y")], RecordKind::Renders, false), None);
         let still = TargetRow { truth_hash: rows[0].truth_hash.clone(), ..row(1, "x") };
-        assert_eq!(note(&[], &[row(0, "x"), still], "renders", false), None, "a camera that does not move");
-        assert_eq!(note(&[], &rows[..1], "renders", false), None);
+        assert_eq!(note(&[], &[row(0, "x"), still], RecordKind::Renders, false), None, "a camera that does not move");
+        assert_eq!(note(&[], &rows[..1], RecordKind::Renders, false), None);
     }
 
     #[test]

@@ -15,11 +15,10 @@ impl Findings {
     pub(super) fn add_shared_files(&mut self, plan: &Plan<'_>, dataset: &Dataset, index: &EvaluationIndex) {
         for record in plan.methods.iter().map(|method| method.record()) {
             // A file of Gaussians holds all frames.
-            let is_of_frames = match record.kind.as_str() {
-                "renders" => true,
-                "ply" => false,
-                _ => continue,
-            };
+            if !record.record_kind().imports_files() {
+                continue;
+            }
+            let is_of_frames = record.has_finished_images();
             let others = || plan.datasets.iter().filter(|other| other.name != dataset.name);
             let of_scene = |(scene, entries): (&String, &Vec<IndexEntry>)| {
                 others().find_map(|other| {

@@ -134,7 +134,7 @@ impl MethodRecord {
             self.stated.insert(preset.clone(), cost.clone().or(earlier));
         }
         let later = Self { stated: self.stated.clone(), ..later };
-        if !later.imports_files() {
+        if !later.record_kind().imports_files() {
             return later;
         }
         if later.title != later.name {

@@ -6,6 +6,7 @@ pub(crate) mod difference;
 mod join;
 mod place;
 mod provenance;
+mod record_kind;
 mod stated_cost;
 mod target;
 mod trial;
@@ -22,6 +23,7 @@ pub use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
 };
+pub use record_kind::RecordKind;
 pub use stated_cost::{StatedCost, StatedSeconds};
 pub(crate) use target::ADDED_LATER;
 pub use target::{IDENTICAL, TargetRow, TargetStatus, WEIGHTS_ABSENT};

@@ -6,7 +6,7 @@ use atsplat_metrics::{Measure, definition};
 use atsplat_protocol::Preset;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{AdapterRecord, StatedCost};
+use super::{AdapterRecord, RecordKind, StatedCost};
 use crate::{ResultsError, Shard};
 
 /// What was run, how and where: one record per store.
@@ -207,19 +207,19 @@ impl Provenance {
 }
 
 impl MethodRecord {
+    /// What it is, by [`Self::kind`].
+    pub fn record_kind(&self) -> RecordKind {
+        RecordKind::of(&self.kind)
+    }
+
     /// Whether it ran as a separate process, whose timed answers include reading and writing of files.
     pub fn is_process(&self) -> bool {
-        self.kind == "exec"
+        self.record_kind() == RecordKind::Exec
     }
 
     /// Whether its images were imported finished, so that nothing of it can be timed.
     pub fn has_finished_images(&self) -> bool {
-        self.kind == "renders"
-    }
-
-    /// Whether it imports files of another program: images or Gaussians.
-    pub(crate) fn imports_files(&self) -> bool {
-        self.has_finished_images() || self.kind == "ply"
+        self.record_kind() == RecordKind::Renders
     }
 
     /// Records where its network runs: on this adapter, or on the CPU.

@@ -2,10 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::{MethodRecord, MetricRecord, Provenance, Results, ResultsError, TargetRow, TrialKey, TrialRow};
-
-/// The kind of methods that are Python callables.
-const PYTHON: &str = "python";
+use crate::{MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow};
 
 /// Preset, scene and entry: a trial without its method.
 type TrialId = (String, String, u32);
@@ -36,12 +33,13 @@ impl KnownResults {
         methods: &[MethodRecord],
         metrics: &[MetricRecord],
     ) -> Self {
-        let is_python = |name: &str| methods.iter().any(|method| method.name == name && method.kind == PYTHON);
+        let python = methods.iter().filter(|method| method.record_kind() == RecordKind::Python);
+        let python: BTreeSet<&str> = python.map(|method| method.name.as_str()).collect();
         let mut known = Self::default();
         for (row, rows_of_targets) in rows {
             let TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } = row;
             let lacks_metric = rows_of_targets.iter().any(|target| metrics.iter().any(|metric| target.lacks(metric)));
-            let retried = status.is_incomplete() && is_python(&key.method);
+            let retried = status.is_incomplete() && python.contains(key.method.as_str());
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
             let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();

@@ -8,7 +8,7 @@ use atsplat_protocol::{Aggregation, Preset};
 use atsplat_results::statistics::{
     Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
 };
-use atsplat_results::{MethodRecord, PresetRecord, Results};
+use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results};
 
 use super::first_metric;
 use super::subject::{leaked_targets, subject, title_of, unfinished};
@@ -110,7 +110,7 @@ impl<'a> ProtocolResults<'a> {
     fn scatter(&self, metric: &'static Definition) -> Option<Drawing> {
         const NAMED: usize = 3;
         let methods: Vec<&MethodRecord> = self.methods().collect();
-        let first = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
+        let first = methods.iter().find(|method| method.record_kind() == RecordKind::Network).or(methods.first())?;
         let aggregation = self.protocol.aggregation;
         let against = |other: &&'a MethodRecord| {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
