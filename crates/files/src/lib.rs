@@ -31,6 +31,11 @@ pub use markdown::escaped_markdown;
 pub use panic::panic_message;
 pub use toml_error::{malformed_toml, toml_problem};
 
+/// Text without the byte order mark of UTF-8 at its beginning, which some editors write.
+pub fn without_byte_order_mark(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}
+
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
@@ -41,4 +46,16 @@ pub fn name_of(path: &std::path::Path) -> String {
 /// `a?`, or give it a meaning of its own, as it does `CON`.
 pub fn is_plain_name(name: &str) -> bool {
     !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_mark_at_the_beginning_is_left_out() {
+        for (text, expected) in [("\u{feff}\u{feff}a", "\u{feff}a"), ("a\u{feff}", "a\u{feff}"), ("", "")] {
+            assert_eq!(without_byte_order_mark(text.as_bytes()), expected.as_bytes());
+        }
+    }
 }

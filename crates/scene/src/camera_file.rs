@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{
     Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
-use atsplat_files::FileError;
+use atsplat_files::{FileError, without_byte_order_mark};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -177,7 +177,7 @@ pub fn read(
 /// Parses the file if it looks like JSON.
 fn parse_if_json(path: &Path) -> Result<Option<Value>, CameraFileError> {
     let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let text = without_byte_order_mark(&bytes);
     if !matches!(text.trim_ascii_start().first(), Some(b'[' | b'{')) {
         return Ok(None);
     }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::quoted;
+use atsplat_files::{quoted, without_byte_order_mark};
 use glam::DVec3;
 
 use super::source::UNIT;
@@ -164,7 +164,7 @@ pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scene
 
 /// Lines with their numbers, from 1.
 fn numbered_lines(text: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    let text = without_byte_order_mark(text);
     text.split(|byte| *byte == b'\n').enumerate().map(|(index, line)| (index + 1, line))
 }
 

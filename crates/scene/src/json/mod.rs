@@ -8,6 +8,7 @@ mod describe;
 use std::fmt;
 use std::marker::PhantomData;
 
+use atsplat_files::without_byte_order_mark;
 use indexmap::IndexMap;
 use indexmap::map::Entry;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
@@ -26,17 +27,12 @@ const SHOWN: usize = 20;
 /// # Errors
 /// For invalid JSON and for a repeated key in an object, with line and column.
 pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
-    serde_json::from_slice(without_mark(text)).map(|Unique(value)| value)
-}
-
-/// Text without a byte order mark, which some editors write.
-fn without_mark(text: &[u8]) -> &[u8] {
-    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+    serde_json::from_slice(without_byte_order_mark(text)).map(|Unique(value)| value)
 }
 
 /// Whether text starts with this bracket, after an optional byte order mark and white space.
 pub(crate) fn starts_with_bracket(text: &[u8], bracket: u8) -> bool {
-    without_mark(text).trim_ascii_start().first() == Some(&bracket)
+    without_byte_order_mark(text).trim_ascii_start().first() == Some(&bracket)
 }
 
 /// Parses a JSON object with values of type `V`, in the file's order.
@@ -44,7 +40,7 @@ pub(crate) fn starts_with_bracket(text: &[u8], bracket: u8) -> bool {
 /// # Errors
 /// Those of [`parse`], and for a value that is not a `V`.
 pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
-    serde_json::from_slice(without_mark(text)).map(|Object(entries)| entries)
+    serde_json::from_slice(without_byte_order_mark(text)).map(|Object(entries)| entries)
 }
 
 /// The numbers that Python's `json` writes, although they are not JSON.

@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use atsplat_camera::{CameraError, WorldFromCamera};
+use atsplat_files::without_byte_order_mark;
 use serde_json::{Map, Value};
 
 use super::LensFields;
@@ -57,7 +58,7 @@ pub struct ListedFrame {
 /// for a wrong value, and for instant-ngp's scenes of Mitsuba and pairs of poses, whose cameras are other ones;
 /// [`SceneError::UnsupportedCameraModel`].
 pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneError> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    let text = without_byte_order_mark(text);
     match crate::json::parse(text) {
         Ok(value) => read(&value, path),
         Err(error) => read_with_non_finite(text, path).ok_or_else(|| {

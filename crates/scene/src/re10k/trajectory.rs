@@ -2,7 +2,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
-use atsplat_files::quoted;
+use atsplat_files::{quoted, without_byte_order_mark};
 
 use crate::checks::unposed::unknown_pose;
 use crate::files::read_file;
@@ -76,7 +76,7 @@ pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneErr
 }
 
 fn parse_partly_posed(text: &[u8], path: &Path) -> Result<PartlyPosed, SceneError> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    let text = without_byte_order_mark(text);
     let (mut trajectory, mut unposed) = (Trajectory { header: None, rows: Vec::new() }, Vec::new());
     for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
         if index == 0 && is_header(line) {
@@ -135,7 +135,7 @@ impl Trajectory {
 
 /// Whether the first or second line that is not blank is a row of 19 numbers.
 pub(crate) fn starts_like_a_trajectory(start: &[u8]) -> bool {
-    let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+    let start = without_byte_order_mark(start);
     let lines = start.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
     lines.take(2).any(|line| split_row(line).is_ok_and(|row| row.iter().all(|column| parse_f64(column).is_some())))
 }
