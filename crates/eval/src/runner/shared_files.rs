@@ -14,10 +14,10 @@ impl Findings {
     /// the method had to make them from other context views.
     pub(super) fn add_shared_files(&mut self, plan: &Plan<'_>, dataset: &Dataset, index: &EvaluationIndex) {
         for record in plan.methods.iter().map(|method| method.record()) {
-            // A file of Gaussians holds all frames.
             if !record.record_kind().imports_files() {
                 continue;
             }
+            // A file of Gaussians holds all frames.
             let is_of_frames = record.has_finished_images();
             let others = || plan.datasets.iter().filter(|other| other.name != dataset.name);
             let of_scene = |(scene, entries): (&String, &Vec<IndexEntry>)| {
