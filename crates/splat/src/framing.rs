@@ -1,11 +1,14 @@
 //! The part of a scene that an overview shows.
 
 use atsplat_camera::Sphere;
+use atsplat_numeric::logit;
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::{Gaussians, LOG_SCALE_LIMIT};
 
-/// Gaussians with a smaller opacity logit are ignored.
+/// Gaussians with a smaller opacity are drawn nowhere, with the constants of published rasterizers.
+const LEAST_OPACITY: f64 = 1.0 / 255.0;
+/// Gaussians with a smaller opacity logit are ignored, if the others have most of the opacity.
 const VISIBLE_LOGIT: f32 = -2.0;
 /// Extent of a Gaussian in standard deviations.
 const SIGMAS: f64 = 2.0;
@@ -14,14 +17,18 @@ const SHARE: f64 = 0.98;
 /// Factor on the radius.
 const MARGIN: f64 = 1.1;
 
-/// A sphere in scene units around the bulk of the visible Gaussians; `None` if there are none.
+/// A sphere in scene units around the bulk of the visible Gaussians; `None` if no opacity is at least 1/255.
+///
+/// Faint Gaussians are left out of a scene whose opaque ones have at least half of the opacity that is drawn.
 pub fn visible_bulk(gaussians: &Gaussians) -> Option<Sphere> {
     let parts = gaussians.parts();
+    let least = least_logit(gaussians);
     let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
-    let visible = parts.means.iter().zip(shapes).filter(|(_, ((_, log_scales), logit))| {
-        // Renderers cull wider ones as invalid.
-        **logit > VISIBLE_LOGIT && log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT)
-    });
+    let visible = parts
+        .means
+        .iter()
+        .zip(shapes)
+        .filter(|(_, ((_, log_scales), logit))| **logit >= least && can_be_drawn(log_scales));
     let ends = visible.flat_map(|(mean, ((quaternion, log_scales), _))| {
         let mean = DVec3::from_array(mean.map(f64::from));
         let [w, x, y, z] = quaternion.map(f64::from);
@@ -32,6 +39,26 @@ pub fn visible_bulk(gaussians: &Gaussians) -> Option<Sphere> {
     });
     let sphere = Sphere::around_bulk(ends, SHARE).filter(|sphere| sphere.radius > 0.0)?;
     Some(Sphere { radius: MARGIN * sphere.radius, ..sphere })
+}
+
+/// The smallest opacity logit of the Gaussians that are framed.
+fn least_logit(gaussians: &Gaussians) -> f32 {
+    let parts = gaussians.parts();
+    let drawn_at_all = logit(LEAST_OPACITY);
+    let (mut all, mut visible) = (0.0, 0.0);
+    for (log_scales, logit) in parts.log_scales.iter().zip(&parts.opacity_logits) {
+        if *logit >= drawn_at_all && can_be_drawn(log_scales) {
+            let opacity = 1.0 / (1.0 + (-f64::from(*logit)).exp());
+            all += opacity;
+            visible += if *logit >= VISIBLE_LOGIT { opacity } else { 0.0 };
+        }
+    }
+    if visible >= 0.5 * all { VISIBLE_LOGIT } else { drawn_at_all }
+}
+
+/// Renderers cull wider ones as invalid.
+fn can_be_drawn(log_scales: &[f32; 3]) -> bool {
+    log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT)
 }
 
 #[cfg(test)]
@@ -65,6 +92,31 @@ mod tests {
         assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
         assert_eq!(visible_bulk(&scene(-6.0)), None);
         assert_eq!(visible_bulk(&Gaussians::default()), None);
+    }
+
+    /// As at the start of an optimisation: logits of −2.1 are drawn too.
+    #[test]
+    fn a_faint_scene_is_framed() {
+        let sphere = visible_bulk(&scene(-2.1)).unwrap();
+        Tolerance::absolute(0.05).assert(sphere.centre.to_array(), [2.0; 3], "the centre of the grid");
+        assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
+        // 1/255 is a logit of −5.54.
+        assert!(visible_bulk(&scene(-5.5)).is_some());
+        assert_eq!(visible_bulk(&scene(-5.6)), None);
+    }
+
+    /// One opaque Gaussian in a faint grid is no scene; twenty of 125 are, because they have more opacity than the others.
+    #[test]
+    fn the_opaque_part_is_framed_only_if_it_has_most_of_the_opacity() {
+        let radius = |opaque: usize| {
+            let mut parts = scene(-3.0).into_parts();
+            for (mean, logit) in parts.means.iter_mut().zip(&mut parts.opacity_logits).take(opaque) {
+                (*mean, *logit) = ([4.0, 0.0, 4.0], 5.0);
+            }
+            visible_bulk(&Gaussians::new(parts).unwrap()).unwrap().radius
+        };
+        assert!(radius(1) > 2.0, "{}", radius(1));
+        assert!(radius(20) < 0.5, "{}", radius(20));
     }
 
     #[test]

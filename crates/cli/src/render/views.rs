@@ -239,7 +239,8 @@ pub(super) fn same_aspect_ratio(a: ImageSize, b: ImageSize) -> bool {
 fn nothing_to_orbit(record: &SceneFileRecord) -> String {
     let record = record.to_string();
     let found: Vec<&str> = record.lines().map(str::trim).collect();
-    format!("the scene has no visible Gaussian to orbit: {}", found.join("; "))
+    let expected = "one with an opacity of at least 1/255 and log-scales of at most 43.5";
+    format!("the scene has no visible Gaussian to orbit: expected {expected}, found {}", found.join("; "))
 }
 
 fn radians(degrees: f64) -> f64 {
