@@ -22,7 +22,7 @@ pub(crate) fn constants_named(name: &str) -> Result<RendererConstants, Failure> 
 }
 
 /// Images of views of one size (colour N × H × W × 3, alpha and, if requested, composited depth N × H × W), the most Gaussians that one of
-/// the views leaves out as invalid, and a remark on spherical harmonics that the constants do not evaluate.
+/// the views leaves out as invalid, and a remark on spherical harmonics that the constants do not evaluate, or not as published.
 type Rendered<'py> = (Vec<Bound<'py, PyAny>>, u64, Option<String>);
 
 /// Renders Gaussians from cameras.
@@ -62,5 +62,7 @@ pub(crate) fn render<'py>(
         images.push(floats(py, &plane, composited, same)?);
     }
     let invalid = renderings.iter().map(|rendering| rendering.counts.invalid).max();
-    Ok((images, invalid.unwrap_or(0), options.ignored_harmonics(&gaussians.0)))
+    let remarks = [options.ignored_harmonics(&gaussians.0), options.differing_harmonics(&gaussians.0)];
+    let remarks: Vec<String> = remarks.into_iter().flatten().collect();
+    Ok((images, invalid.unwrap_or(0), (!remarks.is_empty()).then(|| remarks.join("; "))))
 }

@@ -106,7 +106,8 @@ pub enum PrincipalPoint {
 pub enum ShAxes {
     /// 3DGS's: (x, y, z).
     Standard,
-    /// e3nn's order, (z, x, y), in the rasterizer of pixelSplat, MVSplat and DepthSplat.
+    /// e3nn's order, (z, x, y), in the rasterizer of pixelSplat, MVSplat and DepthSplat. Its forward pass differs in one function of
+    /// degree 3: [`RenderOptions::differing_harmonics`](crate::RenderOptions::differing_harmonics).
     E3nn,
 }
 

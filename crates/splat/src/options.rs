@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Exposure, Gaussians, PackedHarmonics, RendererConstants, SplatError, sh_coefficients};
+use crate::{Exposure, Gaussians, PackedHarmonics, RendererConstants, ShAxes, SplatError, sh_coefficients};
 
 /// What to render and how, apart from the Gaussians and the view.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,6 +70,26 @@ impl RenderOptions {
             format!(
                 "{count} of {all} Gaussians have spherical harmonics above degree {most}, which the constants {name} do not \
                  evaluate"
+            )
+        })
+    }
+
+    /// A remark on Gaussians with a coefficient that is evaluated otherwise than in the rasterizer of [`ShAxes::E3nn`]; `None` if
+    /// there are none. Its forward pass has z(zz − xx) as the basis function of coefficient 14. The permuted basis has
+    /// y(zz − xx), and so has its backward pass.
+    pub fn differing_harmonics(&self, gaussians: &Gaussians) -> Option<String> {
+        const DIFFERING: usize = 14;
+        let (parts, RendererConstants { name, sh_axes, .. }) = (gaussians.parts(), &self.constants);
+        if *sh_axes == ShAxes::Standard || self.sh_degree(parts.sh_degree) < 3 {
+            return None;
+        }
+        let is_set = |sh: &&[[f32; 3]]| sh.get(DIFFERING).is_some_and(|rgb| rgb.iter().any(|value| value.abs() > 0.0));
+        let count = parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)).filter(is_set).count();
+        (count > 0).then(|| {
+            let all = gaussians.len();
+            format!(
+                "{count} of {all} Gaussians have a coefficient {DIFFERING} of spherical harmonics, which the constants {name} \
+                 evaluate as y(zz - xx), as the published rasterizer's backward pass does; its forward pass has z(zz - xx)"
             )
         })
     }

@@ -113,3 +113,24 @@ fn ignored_degrees_are_remarked_on() {
     assert_eq!(options("inria", 4).ignored_harmonics(&gaussians.with_sh_degree(3)), None);
     assert_eq!(options("inria", 4).ignored_harmonics(&gaussians.with_sh_degree(3).with_sh_degree(4)), None, "zeros");
 }
+
+#[test]
+fn the_harmonic_that_the_published_rasterizer_evaluates_otherwise_is_remarked_on() {
+    let options = |preset: &str, max_sh_degree| {
+        let constants = RendererConstants::named(preset).unwrap();
+        RenderOptions { constants, max_sh_degree, ..RenderOptions::default() }
+    };
+    let mut parts = cloud(5, 3, 3).into_parts();
+    for without in [1, 4] {
+        parts.sh[without * 16 + 14] = [0.0, -0.0, 0.0];
+    }
+    let gaussians = Gaussians::new(parts).unwrap();
+    let found = options("pixelsplat-family", 4).differing_harmonics(&gaussians).unwrap();
+    assert!(found.starts_with("3 of 5 Gaussians have a coefficient 14 of spherical harmonics, "), "{found}");
+    for (preset, degree) in [("pixelsplat-family", 2), ("inria", 4), ("exact", 4)] {
+        assert_eq!(options(preset, degree).differing_harmonics(&gaussians), None, "{preset}, degree {degree}");
+    }
+    let lower = gaussians.with_sh_degree(2);
+    assert_eq!(options("pixelsplat-family", 4).differing_harmonics(&lower), None);
+    assert_eq!(options("pixelsplat-family", 4).differing_harmonics(&lower.with_sh_degree(3)), None, "zeros");
+}

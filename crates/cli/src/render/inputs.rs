@@ -79,6 +79,7 @@ impl Inputs {
         notes.extend(args.settings.warning(&gaussians, settings.options.mode).map(str::to_owned));
         notes.extend(ignored_principal_points(&settings.options.constants, &requests));
         notes.extend(settings.options.ignored_harmonics(&gaussians));
+        notes.extend(settings.options.differing_harmonics(&gaussians));
         Ok((Self { gaussians, requests, settings, reading_secs }, Origin { scene: record, path, notes }))
     }
 }

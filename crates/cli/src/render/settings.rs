@@ -12,11 +12,13 @@ use crate::parse;
 #[derive(Debug, clap::Args)]
 pub(crate) struct RenderSettingsArgs {
     /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, mip-splatting (with
-    /// --mode antialiased), or a .toml.
+    /// --mode antialiased), or a .toml. With pixelsplat-family, see --near; coefficient 14 of harmonics is evaluated as in its
+    /// rasterizer's backward pass, which its forward pass contradicts.
     #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
     constants: String,
 
-    /// Near plane in scene units, instead of the preset's.
+    /// Near plane in scene units, instead of the preset's. The code of pixelsplat-family divides scenes by their dataset's near
+    /// plane and culls at 0.2: give 0.2 times the dataset's near plane (for DepthSplat, 0.1).
     #[arg(long, value_name = "DEPTH", value_parser = parse::positive)]
     near: Option<f64>,
 
