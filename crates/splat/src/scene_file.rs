@@ -29,7 +29,7 @@ pub struct SceneFileRecord {
     /// Whether stored opacities were read as opacities, not logits.
     pub opacities_as_stored: bool,
     /// Problems found on import: NaN is removed, infinite opacity logits become ±20. With the policy [`Cleaning::Reject`], all
-    /// that a PLY file has are removed.
+    /// Gaussians with problems are removed.
     pub import: Validation,
     /// Problems found by the policy after import, in rows of the file too.
     pub cleaning: CleaningRecord,
@@ -64,7 +64,7 @@ pub struct SceneFile {
 
 impl SceneFile {
     /// Reads, hashes and cleans the Gaussians of a file. [`Cleaning::Reject`] rejects infinite opacity logits of a PLY file too;
-    /// in the other formats they are opacities of 0 and 1, which are valid.
+    /// the other formats store opacities, of which 0 and 1 are valid.
     ///
     /// # Errors
     /// [`SplatError`] if the file cannot be read or breaks its format; as [`files::interpret`].
@@ -250,8 +250,12 @@ mod tests {
         let path = folder.path().join("scene.spz");
         let opaque = Gaussians::new(parts(vec![2.0, f32::INFINITY], -3.0)).unwrap();
         files::write(&path, &opaque, Output::Spz3 { antialiased: false }).unwrap();
-        let scene = SceneFile::read(&path, Cleaning::Reject, false).unwrap();
-        assert_eq!((scene.gaussians.len(), scene.gaussians.parts().opacity_logits[1]), (2, 20.0));
+        for policy in [Cleaning::Import, Cleaning::Repair, Cleaning::Reject] {
+            let scene = SceneFile::read(&path, policy, false).unwrap();
+            assert_eq!((scene.gaussians.len(), scene.gaussians.parts().opacity_logits[1]), (2, 20.0), "{policy:?}");
+            let text = scene.record.to_string();
+            assert!(!text.contains("problems"), "{policy:?}: {text}");
+        }
     }
 
     #[test]

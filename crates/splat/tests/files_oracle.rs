@@ -148,11 +148,11 @@ fn integers_among_the_properties_are_suspicious() {
     );
 }
 
-/// Opacities 0 and 1 have infinite logits.
+/// Opacities of 0 and 1 are bytes like any others, though their logits are infinite.
 #[test]
-fn infinite_logits_are_clamped_and_counted() {
+fn stored_opacities_of_0_and_1_are_no_problem() {
     let (gaussians, import) = imported("rows.splat");
-    assert_eq!(import.validation.count(Field::OpacityLogits, Problem::Infinite), 2);
-    assert_eq!(import.validation.repaired, 2);
+    assert_eq!(import.validation.count(Field::OpacityLogits, Problem::Infinite), 0);
+    assert_eq!(import.validation.repaired, 0);
     assert_eq!(gaussians.parts().opacity_logits[..2], [-20.0, 20.0]);
 }

@@ -21,12 +21,13 @@ use std::io;
 use std::path::Path;
 
 use atsplat_files::{FileError, Writer};
+use atsplat_numeric::logit;
 use serde::Serialize;
 
 pub use opacities::interpret;
 
 use crate::sh::C0;
-use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
+use crate::{Cleaning, GaussianParts, Gaussians, LOGIT_OF_INFINITY, SplatError, Validation};
 
 /// How the suspicion of [`interpret`] about opacities begins.
 pub const SUSPICIOUS_OPACITIES: &str = "every opacity of the file lies in [0, 1]";
@@ -94,7 +95,7 @@ pub struct ImportReport {
     /// The file's format.
     pub format: Format,
     /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
-    /// ([`Cleaning::Import`]). Opacities of 0 and 1, which formats without logits can store, count as infinite logits.
+    /// ([`Cleaning::Import`]). Opacities of 0 and 1 are none in the formats that store opacities: their logits are ±20.
     pub validation: Validation,
     /// Ignored contents of the file: properties, elements, extensions.
     pub unused: Vec<String>,
@@ -189,8 +190,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, ImportReport), Spl
     parse_cleaned(bytes, path, Cleaning::Import)
 }
 
-/// As [`parse`], but with [`Cleaning::Reject`] infinite logits of a PLY file are rejected instead of repaired. In the other
-/// formats they are opacities of 0 and 1, with which nothing is wrong.
+/// As [`parse`], but with [`Cleaning::Reject`] Gaussians with infinite logits are rejected instead of repaired.
 pub(crate) fn parse_cleaned(
     bytes: &[u8],
     path: &Path,
@@ -202,7 +202,7 @@ pub(crate) fn parse_cleaned(
     let Stored { parts, format, unused, integers, antialiased } =
         read_stored(bytes, path).map_err(|malformed| malformed.in_file(path))?;
     let is_ply = matches!(format, Format::Ply(_));
-    let policy = if is_ply && policy == Cleaning::Reject { policy } else { Cleaning::Import };
+    let policy = if policy == Cleaning::Reject { policy } else { Cleaning::Import };
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(policy);
     let GaussianParts { opacity_logits, log_scales, sh_degree, sh, .. } = gaussians.parts();
     let may_be_suspicious = is_ply && !gaussians.is_empty();
@@ -303,6 +303,11 @@ impl Malformed {
 #[expect(clippy::cast_possible_truncation, reason = "coefficients are stored as f32")]
 fn dc(colour: f64) -> f32 {
     ((colour - 0.5) / C0) as f32
+}
+
+/// The logit of a stored opacity in [0, 1]; finite at both ends, which are valid.
+fn finite_logit(opacity: f64) -> f32 {
+    logit(opacity).clamp(-LOGIT_OF_INFINITY, LOGIT_OF_INFINITY)
 }
 
 /// A unit quaternion from the index of its largest component, which is not stored, and the other three.

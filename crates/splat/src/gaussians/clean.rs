@@ -198,6 +198,23 @@ mod tests {
         assert_eq!(left.parts().quaternions, [[0.0, 0.0, -1.0, 0.0]]);
     }
 
+    /// SPZ would clamp them to colours that can be seen. 1e12 is the largest channel that is drawn.
+    #[test]
+    fn coefficients_and_scalars_that_no_renderer_draws_are_problems() {
+        let mut parts = six().select(&[0; 4]).unwrap().into_parts();
+        parts.sh = vec![[0.25, 1e12, -1e12], [0.0, 3e38, 0.0], [-1.1e12, 0.0, f32::NAN], [0.5; 3]];
+        parts.scalars = Some(vec![1e12, 0.0, 0.0, -1e13]);
+        let large = Gaussians::new(parts).unwrap();
+        let validation = large.validate();
+        assert_eq!(validation.count(Field::Sh, Problem::OutOfRange), 1);
+        assert_eq!(validation.count(Field::Sh, Problem::NotANumber), 1);
+        assert_eq!(validation.count(Field::Scalars, Problem::OutOfRange), 1);
+        assert_eq!(large.cleaned(Cleaning::Import).0, large.select(&[0, 1, 3]).unwrap());
+        for policy in [Cleaning::Repair, Cleaning::Reject] {
+            assert_eq!(large.cleaned(policy).0, large.select(&[0]).unwrap(), "{policy:?}");
+        }
+    }
+
     /// Renderers accept every quaternion but zero, so a tiny one is neither a problem nor replaced.
     #[test]
     fn tiny_quaternions_are_valid() {

@@ -5,10 +5,11 @@
 
 use std::fmt;
 
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, narrowed};
 use serde::Serialize;
 
 use super::{GaussianParts, Gaussians, sh_coefficients};
+use crate::LARGEST_CHANNEL;
 
 /// Largest magnitude of a log-scale `s` whose variance `exp(2 s)` is a normal f32.
 pub const LOG_SCALE_LIMIT: f32 = 43.5;
@@ -46,7 +47,7 @@ pub enum Problem {
     /// A zero quaternion; any other can be normalised in f64, as renderers do.
     ZeroNorm,
     /// A log-scale beyond ±[`LOG_SCALE_LIMIT`], a logit beyond ±[`LOGIT_LIMIT`], a quaternion whose squared norm
-    /// overflows f32, a negative filter.
+    /// overflows f32, a coefficient of spherical harmonics or a scalar beyond ±[`LARGEST_CHANNEL`], a negative filter.
     OutOfRange,
 }
 
@@ -166,8 +167,8 @@ pub(super) fn each_problem(parts: &GaussianParts, position: usize, mut found: im
         (Field::Quaternions, parts.quaternions.get(position).and_then(quaternion_problem)),
         (Field::LogScales, parts.log_scales.get(position).and_then(|s| problem(s, beyond(LOG_SCALE_LIMIT)))),
         (Field::OpacityLogits, parts.opacity_logits.get(position).and_then(|o| problem(&[*o], beyond(LOGIT_LIMIT)))),
-        (Field::Sh, non_finite(sh.as_flattened())),
-        (Field::Scalars, optional(&parts.scalars).and_then(|value| non_finite(&[value]))),
+        (Field::Sh, channels_problem(sh.as_flattened())),
+        (Field::Scalars, optional(&parts.scalars).and_then(|value| channels_problem(&[value]))),
         (Field::Filter3d, optional(&parts.filter_3d).and_then(|value| problem(&[value], |filter| *filter < 0.0))),
     ];
     for (field, problem) in fields {
@@ -184,6 +185,14 @@ fn non_finite(values: &[f32]) -> Option<Problem> {
     }
     let nan = values.iter().any(|value| value.is_nan());
     Some(if nan { Problem::NotANumber } else { Problem::Infinite })
+}
+
+/// Of what is composited: renderers cull Gaussians with a larger channel.
+fn channels_problem(values: &[f32]) -> Option<Problem> {
+    const LARGEST: f32 = narrowed(LARGEST_CHANNEL);
+    // Without a branch for each value.
+    let is_beyond = values.iter().fold(false, |any, value| any | (value.abs() > LARGEST));
+    non_finite(values).or(is_beyond.then_some(Problem::OutOfRange))
 }
 
 fn problem(values: &[f32], is_out_of_range: impl FnMut(&f32) -> bool) -> Option<Problem> {

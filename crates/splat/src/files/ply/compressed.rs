@@ -6,13 +6,11 @@
 //! the chunk's minimum and maximum (older files: [0, 1]) and 8 bits of opacity. Element `sh` holds `f_rest` as bytes
 //! over ±4.
 
-use atsplat_numeric::logit;
-
 use super::gaussians::sh_degree;
 use super::header::{Element, Header, Kind, Scalar};
 use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::GaussianParts;
-use crate::files::{dc, with_largest_component};
+use crate::files::{dc, finite_logit, with_largest_component};
 
 const CHUNK: u64 = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
@@ -155,7 +153,7 @@ impl Chunk {
         parts.quaternions.push(quaternion(rotation).map(narrow));
         let [red, green, blue, opacity] = [24, 16, 8, 0].map(|shift| fraction(colour >> shift, 8));
         parts.sh.push(self.colours.between([red, green, blue]).map(dc));
-        parts.opacity_logits.push(logit(opacity));
+        parts.opacity_logits.push(finite_logit(opacity));
     }
 }
 

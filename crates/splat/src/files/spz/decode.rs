@@ -1,8 +1,7 @@
-use atsplat_numeric::logit;
-
 use super::COLOUR_SCALE;
 use super::header::Header;
 use super::quaternions::{from_four_bytes, from_three_bytes};
+use crate::files::finite_logit;
 use crate::{GaussianParts, sh_coefficients};
 
 /// Decodes Gaussians, in the stored axes.
@@ -30,7 +29,7 @@ pub(super) fn decode(header: &Header, attributes: &[Vec<u8>; 6]) -> GaussianPart
             quaternions.as_chunks().0.iter().map(|bytes| wxyz(from_three_bytes(*bytes))).collect()
         },
         log_scales: log_scales.as_chunks().0.iter().map(|three| three.map(log_scale)).collect(),
-        opacity_logits: opacities.iter().map(|byte| logit(unit(*byte))).collect(),
+        opacity_logits: opacities.iter().map(|byte| finite_logit(unit(*byte))).collect(),
         sh_degree: header.sh_degree,
         sh,
         scalars: None,
