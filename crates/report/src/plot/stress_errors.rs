@@ -47,8 +47,11 @@ impl StressErrors<'_> {
         let cases = distinct(self.errors.iter().map(|error| error.case));
         let renderers = distinct(self.errors.iter().map(|error| error.renderer));
         let failed = self.errors.iter().filter(|error| !error.passes).count();
+        let is_shown = |error: &&StressError<'_>| PANELS.iter().any(|(kind, _)| *kind == error.kind);
+        let unbounded = self.errors.iter().filter(is_shown).filter(|error| !error.bound.is_finite()).count();
+        let unbounded = if unbounded > 0 { format!(", {unbounded} without a bound") } else { String::new() };
         let subtitle = format!(
-            "{} hard cases on {} renderers; relative errors, {failed} beyond their bounds",
+            "{} hard cases on {} renderers; relative errors, {failed} beyond their bounds{unbounded}",
             cases.len(),
             renderers.len()
         );
@@ -157,6 +160,25 @@ mod tests {
         };
         assert_eq!((of_renderer("reference"), of_renderer("cpu")), ((4, 4), (2, 2)), "dots and bounds");
         assert_eq!(drawing.faults(), []);
+    }
+
+    /// Large errors without a bound are not failures, which only the count explains.
+    #[test]
+    fn errors_without_a_bound_are_counted() {
+        let mut errors = errors();
+        let subtitle = |errors: &[StressError<'_>]| {
+            let drawing = StressErrors { errors }.draw();
+            let mut found = drawing.texts().filter(|text| text.contains("beyond their bounds"));
+            found.next().map(str::to_owned)
+        };
+        let before = "2 hard cases on 2 renderers; relative errors, 2 beyond their bounds";
+        assert_eq!(subtitle(&errors).as_deref(), Some(before));
+        for error in errors.iter_mut().filter(|error| error.kind == "gradient" && error.passes) {
+            (error.relative, error.bound) = (7.0, f64::INFINITY);
+        }
+        let unseen = StressError { kind: "another", bound: f64::INFINITY, ..errors[0] };
+        errors.push(unseen);
+        assert_eq!(subtitle(&errors), Some(format!("{before}, 2 without a bound")));
     }
 
     #[test]
