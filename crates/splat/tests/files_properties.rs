@@ -332,7 +332,7 @@ fn rejects_rows_after_the_last() {
     parse(text(&(row.repeat(2) + "\n \r\n")).as_bytes(), Path::new("f.ply")).unwrap();
     assert_eq!(
         error_of(text(&(row.repeat(2) + "\n" + &row.repeat(3))).as_bytes(), "f.ply"),
-        "f.ply: line 22: expected the end of the file after the 2 rows of the header, found 3 more"
+        "f.ply: line 22: expected the end of the file after the 2 rows of element \"vertex\", found 3 more"
     );
     let header = ply_header("binary_little_endian");
     let binary = |bytes: usize| [header.as_bytes(), &vec![0; bytes]].concat();
@@ -340,7 +340,7 @@ fn rejects_rows_after_the_last() {
     for (bytes, found) in [(3 * 56 + 5, "61 bytes, enough for 1 more"), (2 * 56 + 1, "1 bytes")] {
         assert_eq!(
             error_of(&binary(bytes), "f.ply"),
-            format!("f.ply: byte {at}: expected the end of the file after the 2 rows of the header, found {found}")
+            format!("f.ply: byte {at}: expected the end of the file after the 2 rows of element \"vertex\", found {found}")
         );
     }
 }

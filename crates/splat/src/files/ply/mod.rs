@@ -70,13 +70,14 @@ impl<'a> Body<'a> {
     /// Rejects data after the last row, which would be rows missing from the header's count. Blank text lines are
     /// allowed.
     fn finish(&self, header: &Header<'_>) -> Result<(), Malformed> {
-        let rows = header.elements.last().map_or(0, |element| element.count);
+        let is_stored = |element: &&Element<'_>| element.count > 0 && !element.properties.is_empty();
+        let last = header.elements.iter().rev().find(is_stored).or(header.elements.last());
         let trailing = match self {
             Self::Ascii(text) => {
                 text.trailing_rows().map(|(line, rows)| (format!("line {line}"), format!("{rows} more")))
             }
             Self::Binary(binary) => binary.trailing_bytes().map(|(byte, remaining)| {
-                let row = header.elements.last().map_or(0, Binary::smallest_row);
+                let row = last.map_or(0, Binary::smallest_row);
                 let more = remaining.checked_div(row).filter(|more| *more > 0);
                 let more = more.map_or_else(String::new, |more| format!(", enough for {more} more"));
                 (format!("byte {byte}"), format!("{remaining} bytes{more}"))
@@ -85,7 +86,11 @@ impl<'a> Body<'a> {
         match trailing {
             None => Ok(()),
             Some((location, found)) => {
-                Err(Malformed::new(location, format!("the end of the file after the {rows} rows of the header"), found))
+                let rows = |Element { name, count, .. }: &Element<'_>| {
+                    format!("the {count} rows of element {}", quoted(name.as_bytes()))
+                };
+                let rows = last.map_or_else(|| "the header".to_owned(), rows);
+                Err(Malformed::new(location, format!("the end of the file after {rows}"), found))
             }
         }
     }
@@ -106,5 +111,26 @@ impl<'a> Body<'a> {
         }
         // The rows are in memory, so their count fits a usize.
         Ok(if row == 0 { 0 } else { usize::try_from(element.count).unwrap_or(remaining) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An element without rows, or whose rows have no bytes, is not where the file should have ended.
+    #[test]
+    fn data_after_the_end_names_the_last_element_with_rows() {
+        let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+        let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+        let empty = "element face 0\nproperty list uchar int vertex_indices\nelement void 3\nend_header\n";
+        let header =
+            format!("ply\nformat binary_little_endian 1.0\nelement vertex 2\n{properties}{empty}").into_bytes();
+        let of = |more: usize| read(&[header.clone(), vec![0; 2 * 56 + more]].concat()).err();
+        assert!(of(0).is_none());
+        let error = of(1).unwrap();
+        assert_eq!(error.location, format!("byte {}", header.len() + 2 * 56));
+        assert_eq!(error.expected, "the end of the file after the 2 rows of element \"vertex\"");
+        assert_eq!(error.found, "1 bytes");
     }
 }

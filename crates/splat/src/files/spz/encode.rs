@@ -61,7 +61,9 @@ pub(in super::super) fn encode(
         }
     }
     let centres = coarser(parts.means.as_flattened(), header.fractional_bits);
-    Ok((payload, ExportReport { centres, ..clamped(&parts) }))
+    // As the reference warns.
+    let degree_is_unknown = version < 3 && parts.sh_degree > 3;
+    Ok((payload, ExportReport { centres, degree_is_unknown, ..clamped(&parts) }))
 }
 
 /// The step of coefficient `k`, above degree 0.
@@ -182,8 +184,30 @@ mod tests {
         let mut beyond = within;
         beyond.log_scales = vec![[f32::NEG_INFINITY, 0.0, 5.98]];
         beyond.sh = vec![[3.5, -3.4, -9.0], [1.03, 1.03, -1.03], [0.0; 3], [0.0; 3]];
-        let expected = ExportReport { log_scales: 2, colours: 3, coefficients: 1, centres: 0 };
+        let expected = ExportReport { log_scales: 2, colours: 3, coefficients: 1, ..ExportReport::default() };
         assert_eq!(encode(&beyond, 2, true).unwrap().1, expected);
+    }
+
+    #[test]
+    fn degree_4_in_version_2_is_told() {
+        let of = |version: u32, sh_degree: u8| {
+            let parts = GaussianParts {
+                means: vec![[0.0; 3]],
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+                log_scales: vec![[0.0; 3]],
+                opacity_logits: vec![0.0],
+                sh_degree,
+                sh: vec![[0.0; 3]; sh_coefficients(sh_degree)],
+                ..GaussianParts::default()
+            };
+            encode(&parts, version, false).unwrap().1.warnings()
+        };
+        let told =
+            "spherical harmonics of degree 4 in SPZ 2: programs that read no later version will not load the file";
+        assert_eq!(of(2, 4), [told]);
+        for (version, degree) in [(2, 3), (3, 4)] {
+            assert_eq!(of(version, degree), [""; 0], "SPZ {version}, degree {degree}");
+        }
     }
 
     /// Coordinates that coarser steps store as well are not.
