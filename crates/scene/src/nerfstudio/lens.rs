@@ -4,7 +4,7 @@ use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use serde_json::Value;
 
-use super::transforms::Object;
+use super::transforms::{FORMAT, Object};
 use super::unread_fields::require_no_other_coefficients;
 use crate::SceneError;
 
@@ -179,7 +179,7 @@ impl LensFields {
     /// The camera's lens.
     pub(super) fn resolve(&self, location: &str, path: &Path) -> Result<ResolvedLens, SceneError> {
         let malformed = |field: &str, expected: &str, found: &str| {
-            SceneError::malformed("transforms.json", path, format!("{location}{field}"), expected, found)
+            SceneError::malformed(FORMAT, path, format!("{location}{field}"), expected, found)
         };
         let (width, height) = match (self.w, self.h) {
             (Some(width), Some(height)) => (width, height),

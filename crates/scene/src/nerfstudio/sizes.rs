@@ -4,6 +4,7 @@ use atsplat_camera::ImageSize;
 use rayon::prelude::*;
 
 use super::lens::LensFields;
+use super::transforms::FORMAT;
 use super::{FoundImage, Transforms};
 use crate::scene::{in_frame, size_of_file};
 use crate::{FrameImage, SceneError};
@@ -84,7 +85,7 @@ fn require_one_size(
     let place = images.get(first).map(|image| image.image.place()).unwrap_or_default();
     let expected = "the size that lengths in pixels are stated for, because images have several sizes";
     let found = format!("neither, and images of {size} in frame {first} ({place}) and {other}");
-    Err(SceneError::malformed("transforms.json", file, "w, h", expected, found))
+    Err(SceneError::malformed(FORMAT, file, "w, h", expected, found))
 }
 
 /// Size of the image of the frame at `position`; `None` if it is not where the file lists it.

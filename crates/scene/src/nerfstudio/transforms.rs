@@ -8,7 +8,8 @@ use super::LensFields;
 use super::unread_fields::{TEST_FRAMES, require_one_pose, require_opengl_axes, unread_fields};
 use crate::SceneError;
 
-const FORMAT: &str = "transforms.json";
+/// What errors call the format: a file may have any name, which they state too.
+pub(super) const FORMAT: &str = "nerfstudio cameras";
 
 /// A parsed `transforms.json`.
 #[derive(Clone, Debug, PartialEq)]

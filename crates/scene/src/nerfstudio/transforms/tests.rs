@@ -29,6 +29,14 @@ fn message(root: &Value) -> String {
     parse(root).unwrap_err().to_string()
 }
 
+#[test]
+fn errors_name_the_file_that_was_read() {
+    let broken = transforms(|root| root["frames"][0]["w"] = json!(0)).to_string();
+    let error = parse_transforms(broken.as_bytes(), Path::new("b2.json")).unwrap_err().to_string();
+    let expected = "nerfstudio cameras: frames[0].w: expected an image size in pixels, found 0 (b2.json)";
+    assert_eq!(error, expected);
+}
+
 /// Loads `root` as a scene in a folder with `files`.
 fn load(root: &Value, files: &[&str], images: ImageFolder) -> Result<(Scene, Warnings), SceneError> {
     let folder = tempfile::tempdir().unwrap();
