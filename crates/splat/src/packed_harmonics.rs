@@ -55,11 +55,10 @@ impl PackedHarmonics {
     pub fn pack(gaussians: &Gaussians, max_degree: u8, tolerance: f64) -> Option<Self> {
         let parts = gaussians.parts();
         let stored = sh_coefficients(parts.sh_degree);
-        let used = sh_coefficients(parts.sh_degree.min(max_degree));
         let of_chunk = |sh: &[[f32; 3]]| {
             let mut packed = Self::with_capacity(CHUNK);
             for of_gaussian in sh.chunks_exact(stored) {
-                packed.push(of_gaussian.get(..used).unwrap_or(of_gaussian), tolerance);
+                packed.push(up_to_degree(of_gaussian, max_degree), tolerance);
             }
             packed
         };
@@ -77,10 +76,9 @@ impl PackedHarmonics {
         const STRIDE: usize = 61;
         let parts = gaussians.parts();
         let stored = sh_coefficients(parts.sh_degree);
-        let used = sh_coefficients(parts.sh_degree.min(max_degree));
         let sample = parts.sh.chunks_exact(stored).step_by(STRIDE);
         let (bytes, all) = sample.fold((0, 0), |(bytes, all), sh| {
-            let (degree, _) = needed(sh.get(..used).unwrap_or(sh), tolerance);
+            let (degree, _) = needed(up_to_degree(sh, max_degree), tolerance);
             let upper = (sh_coefficients(degree) - 1) * size_of::<[f32; 3]>();
             (bytes + size_of::<Head>() + upper, all + size_of_val(sh))
         });
@@ -150,6 +148,11 @@ impl PackedHarmonics {
     }
 }
 
+/// A Gaussian's coefficients up to a degree: all of them, if it has none above.
+pub(crate) fn up_to_degree(sh: &[[f32; 3]], degree: u8) -> &[[f32; 3]] {
+    sh.split_at(sh.len().min(sh_coefficients(degree))).0
+}
+
 /// The lowest degree that changes no colour by more than the tolerance, and the bound on that change, which is finite.
 fn needed(sh: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
     let bounds = band_bounds(sh);
@@ -185,4 +188,17 @@ pub(crate) fn band_bounds(sh: &[[f32; 3]]) -> BandBounds {
         bounds.iter_mut().take(sh.len().isqrt()).for_each(|slot| *slot = f64::INFINITY);
     }
     bounds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degrees_that_are_not_stored_change_nothing() {
+        let sh: Vec<[f32; 3]> = (0..9u8).map(|k| [f32::from(k), 0.5, -1.0]).collect();
+        for (degree, count) in [(0, 1), (1, 4), (2, 9), (4, 9)] {
+            assert_eq!(up_to_degree(&sh, degree), &sh[..count], "degree {degree}");
+        }
+    }
 }

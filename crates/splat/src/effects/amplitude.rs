@@ -9,11 +9,11 @@ use crate::{Gaussians, sh_coefficients};
 pub(super) fn band_bounds(gaussians: &Gaussians, degree: u8) -> BandBounds {
     const CHUNK: usize = 4096;
     let parts = gaussians.parts();
-    let (stored, used) = (sh_coefficients(parts.sh_degree), sh_coefficients(degree));
+    let stored = sh_coefficients(parts.sh_degree);
     let of_chunk = |chunk: &[[f32; 3]]| {
         chunk
             .chunks_exact(stored)
-            .map(|sh| packed_harmonics::band_bounds(sh.get(..used).unwrap_or(sh)))
+            .map(|sh| packed_harmonics::band_bounds(packed_harmonics::up_to_degree(sh, degree)))
             .fold(BandBounds::default(), larger)
     };
     let chunks: Vec<BandBounds> = parts.sh.par_chunks(CHUNK * stored).map(of_chunk).collect();
