@@ -11,7 +11,9 @@
 //! converted. Any input gives Gaussians or a typed error, with memory bounded by a constant multiple of what a file of
 //! its size can hold.
 
-mod opacities;
+mod export;
+mod format;
+mod import;
 mod ply;
 mod splat;
 mod spz;
@@ -22,152 +24,16 @@ use std::path::Path;
 
 use atsplat_files::{FileError, Writer};
 use atsplat_numeric::logit;
-use serde::Serialize;
 
-pub use opacities::interpret;
+pub use export::ExportReport;
+pub use format::{EXTENSIONS, Encoding, Format, Output};
+pub use import::{ImportReport, SUSPICIOUS_COLOURS, SUSPICIOUS_LOG_SCALES, SUSPICIOUS_OPACITIES, interpret};
 
 use crate::sh::C0;
-use crate::{Cleaning, GaussianParts, Gaussians, LOGIT_OF_INFINITY, SplatError, Validation};
-
-/// How the suspicion of [`interpret`] about opacities begins.
-pub const SUSPICIOUS_OPACITIES: &str = "every opacity of the file lies in [0, 1]";
-/// How that of [`ImportReport::suspicions`] about scales begins.
-pub const SUSPICIOUS_LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
-/// How that of [`ImportReport::suspicions`] about colours begins.
-pub const SUSPICIOUS_COLOURS: &str = "every coefficient of the file lies in [0, 1]";
+use crate::{Cleaning, GaussianParts, Gaussians, LOGIT_OF_INFINITY, SplatError};
 
 /// First bytes of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
-
-/// Number encoding of a PLY file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Encoding {
-    /// Decimal text, one row per line.
-    Ascii,
-    /// Least significant byte first, as every 3DGS tool writes it.
-    BinaryLittleEndian,
-    /// Most significant byte first.
-    BinaryBigEndian,
-}
-
-/// The detected format of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Format {
-    /// 3DGS' PLY.
-    Ply(Encoding),
-    /// PlayCanvas' compressed PLY.
-    CompressedPly,
-    /// SPZ of this version.
-    Spz(u32),
-    /// antimatter15's rows of 32 bytes.
-    Splat,
-}
-
-/// The extensions of files of Gaussians, in the order in which they are looked for.
-pub const EXTENSIONS: [&str; 3] = ["ply", "spz", "splat"];
-
-/// A format to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Output {
-    /// 3DGS' PLY; lossless except that infinite opacity logits become ±20.
-    Ply(Encoding),
-    /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units within ±2047, log-scales to 1/16
-    /// within [−10, 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or
-    /// 1/8 within [−1, 1). Beyond these ranges, all centres get coarser steps, and other values become the nearest
-    /// within, which [`ExportReport`] counts.
-    Spz2 {
-        /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
-        antialiased: bool,
-    },
-    /// SPZ 3: as SPZ 2, with quaternions in 4 bytes.
-    Spz3 {
-        /// As for SPZ 2.
-        antialiased: bool,
-    },
-}
-
-/// Report of reading a file.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct ImportReport {
-    /// The file's format.
-    pub format: Format,
-    /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
-    /// ([`Cleaning::Import`]). Opacities of 0 and 1 are none in the formats that store opacities: their logits are ±20.
-    pub validation: Validation,
-    /// Ignored contents of the file: properties, elements, extensions.
-    pub unused: Vec<String>,
-    /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
-    pub antialiased: Option<bool>,
-    /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
-    /// where all others write logits, without marking the file. [`interpret`] converts them.
-    pub opacities_look_linear: bool,
-    /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
-    /// are negative, so that these may be scales without their logarithm.
-    pub scales_look_linear: bool,
-    /// Whether all coefficients of a PLY file without view dependence are in [0, 1], and are not all equal: as coefficients,
-    /// they are samples from 0.5 to 0.78 alone, so that these may be colours themselves.
-    pub harmonics_look_like_colours: bool,
-    /// Properties of a PLY file that are integers, where 3DGS has floats, by type, as in "opacity is stored as uchar". They
-    /// are read as they are, though they may stand for fractions of a range.
-    pub integers: Vec<String>,
-}
-
-impl ImportReport {
-    /// What may be stored in another way than it was read, in words. Opacities are not among it, because a caller may know
-    /// how they are stored.
-    pub fn suspicions(&self) -> Vec<String> {
-        let scales = format!("{SUSPICIOUS_LOG_SCALES}: they may be scales without their logarithm");
-        let colours = format!(
-            "{SUSPICIOUS_COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
-        );
-        let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
-        self.scales_look_linear
-            .then_some(scales)
-            .into_iter()
-            .chain(self.harmonics_look_like_colours.then_some(colours))
-            .chain(self.integers.iter().map(integer))
-            .collect()
-    }
-}
-
-/// Report of writing a file: how many values a format's ranges changed by more than its usual rounding does, by kind, and
-/// whether readers may reject it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ExportReport {
-    /// Log-scales, of three per Gaussian.
-    pub log_scales: u64,
-    /// SH coefficients of degree 0, of three per Gaussian.
-    pub colours: u64,
-    /// SH coefficients of higher degrees.
-    pub coefficients: u64,
-    /// Coordinates of centres, of three per Gaussian; one beyond the range of the usual steps makes all steps coarser.
-    pub centres: u64,
-    /// Whether the degree of the harmonics is too high for readers that know only the version written: nothing before SPZ 3 has
-    /// degree 4.
-    pub degree_is_unknown: bool,
-}
-
-impl ExportReport {
-    /// What was clamped or rounded more coarsely than usual, and what readers may not load, in words; nothing if all is well.
-    pub fn warnings(&self) -> Vec<String> {
-        let kinds = [
-            (self.log_scales, "log-scales", "[-10, 5.9375]"),
-            (self.colours, "SH coefficients of degree 0", "±10/3"),
-            (self.coefficients, "SH coefficients of higher degrees", "[-1, 1)"),
-        ];
-        let clamped = kinds.into_iter().filter(|(count, ..)| *count > 0);
-        let clamped = clamped.map(|(count, what, range)| format!("{what} clamped to SPZ's range {range}: {count}"));
-        let coarser =
-            "coordinates of centres rounded more coarsely than SPZ's usual 1/4096, because one is beyond ±2047";
-        let centres = (self.centres > 0).then(|| format!("{coarser}: {}", self.centres));
-        let degree =
-            "spherical harmonics of degree 4 in SPZ 2: programs that read no later version will not load the file";
-        clamped.chain(centres).chain(self.degree_is_unknown.then(|| degree.to_owned())).collect()
-    }
-}
 
 /// Contents of a file, as a format's reader returns them.
 struct Stored {

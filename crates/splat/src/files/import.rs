@@ -1,8 +1,61 @@
-use std::fmt;
 use std::path::Path;
 
-use super::{Encoding, Format, ImportReport, SUSPICIOUS_OPACITIES};
-use crate::{Gaussians, SplatError};
+use serde::Serialize;
+
+use super::Format;
+use crate::{Gaussians, SplatError, Validation};
+
+/// How the suspicion of [`interpret`] about opacities begins.
+pub const SUSPICIOUS_OPACITIES: &str = "every opacity of the file lies in [0, 1]";
+/// How that of [`ImportReport::suspicions`] about scales begins.
+pub const SUSPICIOUS_LOG_SCALES: &str = "every log-scale of the file lies in (0, 1]";
+/// How that of [`ImportReport::suspicions`] about colours begins.
+pub const SUSPICIOUS_COLOURS: &str = "every coefficient of the file lies in [0, 1]";
+
+/// Report of reading a file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ImportReport {
+    /// The file's format.
+    pub format: Format,
+    /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
+    /// ([`Cleaning::Import`](crate::Cleaning::Import)). Opacities of 0 and 1 are none in the formats that store opacities: their
+    /// logits are ±20.
+    pub validation: Validation,
+    /// Ignored contents of the file: properties, elements, extensions.
+    pub unused: Vec<String>,
+    /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
+    pub antialiased: Option<bool>,
+    /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
+    /// where all others write logits, without marking the file. [`interpret`] converts them.
+    pub opacities_look_linear: bool,
+    /// Whether all log-scales of a PLY file are in (0, 1]: scenes have Gaussians below one unit of length, whose log-scales
+    /// are negative, so that these may be scales without their logarithm.
+    pub scales_look_linear: bool,
+    /// Whether all coefficients of a PLY file without view dependence are in [0, 1], and are not all equal: as coefficients,
+    /// they are samples from 0.5 to 0.78 alone, so that these may be colours themselves.
+    pub harmonics_look_like_colours: bool,
+    /// Properties of a PLY file that are integers, where 3DGS has floats, by type, as in "opacity is stored as uchar". They
+    /// are read as they are, though they may stand for fractions of a range.
+    pub integers: Vec<String>,
+}
+
+impl ImportReport {
+    /// What may be stored in another way than it was read, in words. Opacities are not among it, because a caller may know
+    /// how they are stored.
+    pub fn suspicions(&self) -> Vec<String> {
+        let scales = format!("{SUSPICIOUS_LOG_SCALES}: they may be scales without their logarithm");
+        let colours = format!(
+            "{SUSPICIOUS_COLOURS}, without view dependence: they may be colours, of which (colour - 0.5) / 0.282 is the coefficient"
+        );
+        let integer = |integer: &String| format!("{integer}: read as these integers, not as fractions of a range");
+        self.scales_look_linear
+            .then_some(scales)
+            .into_iter()
+            .chain(self.harmonics_look_like_colours.then_some(colours))
+            .chain(self.integers.iter().map(integer))
+            .collect()
+    }
+}
 
 /// The Gaussians that were read from a file, and what may be stored in it in another way than it was read, in words. With
 /// `opacities_as_stored`, a PLY file contains opacities where others contain logits, as pixelSplat's and NoPoSplat's exporters
@@ -53,35 +106,10 @@ fn converted(
     Ok((gaussians.with_linear_opacities(), (outside > 0).then_some(warning)))
 }
 
-impl Format {
-    /// The extension of its files, one of [`EXTENSIONS`](super::EXTENSIONS).
-    pub const fn extension(self) -> &'static str {
-        match self {
-            Self::Ply(_) | Self::CompressedPly => "ply",
-            Self::Spz(_) => "spz",
-            Self::Splat => "splat",
-        }
-    }
-}
-
-/// A readable name.
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Ply(Encoding::Ascii) => f.write_str("PLY in ASCII"),
-            Self::Ply(Encoding::BinaryLittleEndian) => f.write_str("PLY"),
-            Self::Ply(Encoding::BinaryBigEndian) => f.write_str("PLY, big-endian"),
-            Self::CompressedPly => f.write_str("compressed PLY"),
-            Self::Spz(version) => write!(f, "SPZ {version}"),
-            Self::Splat => f.write_str(".splat"),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::{EXTENSIONS, Output, read, write};
+    use crate::files::{EXTENSIONS, Encoding, Output, read, write};
     use crate::{Field, Problem};
 
     #[test]
