@@ -76,8 +76,7 @@ pub(super) struct Request {
 
 impl Request {
     pub(super) const fn new(views: Vec<View>, scenes: usize, options: RenderOptions, sh_degree: u8) -> Self {
-        let (outcome, backward_failure) = (Mutex::new(None), Mutex::new(None));
-        Self { views, scenes, options, sh_degree, outcome, backward_failure }
+        Self { views, scenes, options, sh_degree, outcome: Mutex::new(None), backward_failure: Mutex::new(None) }
     }
 
     /// The views of each scene.
