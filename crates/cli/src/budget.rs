@@ -22,7 +22,7 @@ pub(crate) struct Args {
     views: Option<u16>,
 
     /// Image size; by default that of the configuration. Width comes first, as in every command; the papers write 448x256
-    /// as 256x448.
+    /// as 256x448. The counts are those of weights that were trained at this size; `run` shows others their training's scale.
     #[arg(long, value_name = "WxH", requires = "model")]
     size: Option<CameraSize>,
 

@@ -63,6 +63,20 @@ fn other_settings_are_not_compared_with_published_rows() {
     assert!(rows(&["--thresholds", "1,1,1"]).iter().all(|row| row["published"].is_null()));
 }
 
+/// As `run yards-6v-112 --weights micro-yards` does.
+#[test]
+fn another_size_than_that_of_the_weights_has_the_counts_of_a_run_too() {
+    let budget = ["budget", "--model", "micro", "--views", "6", "--size"];
+    let text = succeed(Path::new("."), &[&budget[..], &["112x112"]].concat());
+    let expected = "micro: assumes weights that were trained at 112x112; the network of weights trained at 128x128 sees these images \
+                    at 128x128: 1536 > 4320 tokens, 69120 Gaussians";
+    assert!(text.contains("52928") && text.lines().any(|line| line == expected), "{text}");
+    let text = succeed(Path::new("."), &[&budget[..], &["224x128"]].concat());
+    assert!(!text.contains("assumes"), "{text}");
+    let row = rows(&["--model", "micro", "--views", "6", "--size", "112x112"]).remove(0);
+    assert_eq!((&row["resized"]["seen-at"], &row["resized"]["max"]["gaussians"]), (&json!([128, 128]), &json!(69_120)));
+}
+
 #[test]
 fn the_network_agrees_with_the_formula() {
     for (args, gaussians) in [

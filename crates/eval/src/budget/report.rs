@@ -7,6 +7,7 @@ use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
 use super::{MeasuredBudget, PublishedBudget};
+use crate::method::HIGH_RESOLUTION;
 
 /// The table of budgets. [`Display`](fmt::Display) prints it, with the runs below.
 #[derive(Debug, Serialize)]
@@ -48,6 +49,9 @@ pub struct BudgetRow {
     published: Option<PublishedBudget>,
     #[serde(rename = "verdict")]
     agreement: PaperAgreement,
+    /// With weights of the configuration's size, if their network would see these images at another size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    resized: Option<Resized>,
     #[serde(flatten)]
     memory: MemoryEstimate,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -61,6 +65,18 @@ struct Tokens {
     blocks: Vec<usize>,
     r#final: usize,
     gaussians: usize,
+}
+
+/// What a network does whose weights were trained at the configuration's size, as of a file of weights.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Resized {
+    /// The configuration's height and width.
+    trained_at: ImageSize,
+    /// Height and width at which the network sees the images.
+    seen_at: ImageSize,
+    min: Tokens,
+    max: Tokens,
 }
 
 /// Comparison of the formula with the paper.
@@ -105,6 +121,7 @@ impl BudgetRow {
         let BudgetCase { dataset, config, views, size, published } = case;
         let range: BudgetRange = budget(&config, views, size)?;
         let memory: MemoryEstimate = memory(&config, views, size)?;
+        let resized = Resized::new(&config, views, size);
         let model = config.name;
         let (min, max) = (Tokens::from(&range.min), Tokens::from(&range.max));
         let agreement = match (&published, range.fixed()) {
@@ -118,7 +135,22 @@ impl BudgetRow {
             let keeps_to_formula = tokens.is_between(&min, &max);
             Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), build_secs, peak_bytes }
         });
-        Ok(Self { dataset, model, views, size, min, max, published, agreement, memory, run })
+        Ok(Self { dataset, model, views, size, min, max, published, agreement, resized, memory, run })
+    }
+}
+
+impl Resized {
+    /// `None` if the network sees the images as they are, or takes the setting for large images, which sees them at half size.
+    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
+        let trained_at = config.resolution;
+        let seen_at = config.context_size(size, trained_at);
+        let half = ImageSize::new(size.height / 2, size.width / 2);
+        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION;
+        if seen_at == size || (is_large && config.context_size(half, trained_at) == half) {
+            return None;
+        }
+        let range = budget(config, views, seen_at).ok()?;
+        Some(Self { trained_at, seen_at, min: (&range.min).into(), max: (&range.max).into() })
     }
 }
 
@@ -174,16 +206,14 @@ impl fmt::Display for BudgetReport {
                 row.write_run(f)?;
             }
         }
-        writeln!(f, "\nimage sizes are height x width, as in the papers; memory is estimated by formula")
+        writeln!(f, "\nimage sizes are height x width, as in the papers; memory is estimated by formula")?;
+        self.rows.iter().try_for_each(|row| row.write_resized(f))
     }
 }
 
 impl BudgetRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { dataset, model, views, min, max, published, agreement, .. } = self;
-        let range = |min: usize, max: usize| {
-            if min == max { max.to_string() } else { format!("{min} to {max}") }
-        };
         let tokens = format!("{} > {}", max.initial, range(min.r#final, max.r#final));
         let gaussians = range(min.gaussians, max.gaussians);
         let reported = published.as_ref().map_or_else(
@@ -206,6 +236,19 @@ impl BudgetRow {
         )
     }
 
+    /// What `run` does with weights of another size, whose counts are not those of the row.
+    fn write_resized(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { model, size, resized: Some(resized), .. } = self else { return Ok(()) };
+        let Resized { trained_at, seen_at, min, max } = resized;
+        let (tokens, gaussians) = (range(min.r#final, max.r#final), range(min.gaussians, max.gaussians));
+        writeln!(
+            f,
+            "{model}: assumes weights that were trained at {size}; the network of weights trained at {trained_at} sees these images at \
+             {seen_at}: {} > {tokens} tokens, {gaussians} Gaussians",
+            max.initial
+        )
+    }
+
     fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(run) = &self.run else { return Ok(()) };
         let tokens = format!("{} > {}", run.tokens.initial, run.tokens.r#final);
@@ -222,9 +265,29 @@ impl BudgetRow {
     }
 }
 
+/// `2520`, or `1000 to 2520`.
+fn range(min: usize, max: usize) -> String {
+    if min == max { max.to_string() } else { format!("{min} to {max}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Images of twice the size are seen as those of the training, and large ones are left to the setting for them.
+    #[test]
+    fn other_images_are_seen_at_the_scale_of_the_training() {
+        let resized = |model: &str, height, width| {
+            let config = ModelConfig::named(model).unwrap();
+            Resized::new(&config, 6, ImageSize::new(height, width)).map(|found| (found.seen_at, found.max.gaussians))
+        };
+        let square = ImageSize::new(128, 128);
+        assert_eq!(resized("micro", 112, 112), Some((square, 69_120)));
+        assert_eq!(resized("micro", 128, 128), None);
+        assert_eq!(resized("micro", 256, 256), Some((square, 69_120)));
+        assert_eq!(resized("micro", 128, 224), None);
+        assert_eq!(resized("paper-dl3dv", 512, 896), None);
+    }
 
     #[test]
     fn a_run_keeps_to_the_formula_within_both_bounds_of_every_count() {

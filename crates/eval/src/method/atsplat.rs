@@ -12,6 +12,9 @@ use crate::{EvalError, adapter_record};
 /// but not at 256×448.
 pub const HIGH_RESOLUTION: usize = 400_000;
 
+/// How the note of a trial begins whose network saw its context images at another size; then `images of 112x112 at 128x128`.
+pub const SAW_RESIZED: &str = "the network saw context ";
+
 /// ATSplat in any variant.
 #[derive(Debug)]
 pub struct AtSplat {
@@ -180,7 +183,7 @@ impl AtSplat {
         });
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let input_size = reconstruction.input_size;
-        let resized = (input_size != size).then(|| format!("the network saw context images of {size} at {input_size}"));
+        let resized = (input_size != size).then(|| format!("{SAW_RESIZED}images of {size} at {input_size}"));
         let other = other_poses(self.trained_poses.as_deref(), input, self.setting());
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }

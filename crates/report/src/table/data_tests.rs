@@ -2,7 +2,7 @@
 
 use atsplat_results::{PresetRecord, Results};
 
-use super::statement_tests::{built, measured, trained};
+use super::statement_tests::{built, measured, notes, trained};
 use super::*;
 use crate::definition::Choice;
 use crate::emit::TableFormat;
@@ -133,4 +133,28 @@ fn labels_with_the_published_data_and_views_show_those_that_were_measured() {
     let results = results(vec![elsewhere("dl3dv-6v-256x448", "captures/desk")], vec![atsplat("atsplat", |_| ())]);
     let table = built("budget", &with_context(results, &[&[0, 30]]));
     assert_eq!(measured(&table).next().unwrap().labels, ["unidentified data (desk)", "16×16", "2"]);
+}
+
+/// A network at another resolution has other tokens and Gaussians: the table says at which, in words of older stores too.
+#[test]
+fn a_network_that_saw_resized_images_says_so() {
+    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let resized = |results: &Results| {
+        let table = built("re10k", results);
+        notes(&table, NoteKind::Setting)
+            .lines()
+            .filter(|line| line.contains("saw"))
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    assert!(resized(&results).is_empty());
+    for (trial, note) in results.trials.iter_mut().zip([
+        "the network saw context images of 112x112 at 128x128",
+        "the network saw context pictures of 112x112 at 128x128",
+        "the network saw context images of 64x112 at 128x224",
+    ]) {
+        trial.notes.push(note.to_owned());
+    }
+    let expected = "ATSplat: the network saw 112x112 at 128x128 in 2 of 4 trials, 64x112 at 128x224 in 1 of 4 trials";
+    assert_eq!(resized(&results), [expected]);
 }

@@ -1,3 +1,4 @@
+use atsplat_eval::method::SAW_RESIZED;
 use atsplat_eval::suspicious_notes::SUSPICIOUS_NOTES;
 use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
@@ -64,6 +65,27 @@ impl Notes {
         }
     }
 
+    /// Trials whose network saw context images at another size than the protocol's, which decides its tokens and Gaussians.
+    pub(super) fn resized(&mut self, row: &Row, results: &ComparableResults<'_>) {
+        if row.without_leaked || row.is_over_trainings() {
+            return;
+        }
+        let trials = trials_of(row, results);
+        let mut sizes: Vec<(&str, usize)> = Vec::new();
+        for size in trials.iter().flat_map(|trial| &trial.notes).filter_map(|note| resized_sizes(note)) {
+            match sizes.iter_mut().find(|(known, _)| *known == size) {
+                Some((_, count)) => *count += 1,
+                None => sizes.push((size, 1)),
+            }
+        }
+        let all = trials.len();
+        let parts: Vec<String> =
+            sizes.into_iter().map(|(sizes, count)| format!("{sizes} in {count} of {all} trials")).collect();
+        if !parts.is_empty() {
+            self.add(NoteKind::Setting, format!("{}: the network saw {}", name(row), parts.join(", ")));
+        }
+    }
+
     /// Whether its number of Gaussians was stated: nobody could count them in images.
     pub(super) fn stated(&mut self, row: &Row) {
         if row.cells.iter().flatten().any(Cell::is_stated_count) {
@@ -127,6 +149,11 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
         text.push_str(", metrics over different targets");
     }
     Some(text)
+}
+
+/// `112x112 at 128x128` in the note of a network that saw context images at another size; older stores call them pictures.
+fn resized_sizes(note: &str) -> Option<&str> {
+    Some(note.strip_prefix(SAW_RESIZED)?.split_once(" of ")?.1)
 }
 
 /// The trials behind a row.

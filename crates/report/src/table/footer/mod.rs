@@ -54,6 +54,7 @@ impl Notes {
             self.counts(table, row);
             self.stated(row);
             self.suspicious(row, results);
+            self.resized(row, results);
             self.intervals(table, row);
         }
         self.few_scenes(table);
