@@ -2,10 +2,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_numeric::counted;
+use atsplat_numeric::{counted, mean};
 use atsplat_results::{TargetRow, TargetStatus, TrialKey, TrialStatus};
 
 use super::{BaselineTarget, BaselineTrial, Basis, DriftVerdict, Finding, FindingKind};
+
+/// By what share of the baseline's the mean number of Gaussians of a deterministic method may differ on another type of machine,
+/// where rounding may select other tokens.
+const MACHINE_COUNTS: f64 = 0.01;
+/// The same for any other method: an optimisation that ends after a time has more or fewer Gaussians each time.
+const ANY_COUNTS: f64 = 0.1;
 
 /// Rows by preset and method.
 pub(super) struct Rows(pub(super) BTreeMap<(String, String), Group>);
@@ -135,16 +141,37 @@ impl Group {
         for (id, row) in now.targets.iter().filter(|(id, _)| !self.targets.contains_key(*id)) {
             add(FindingKind::New, &|| format!("{} {} frame {}", id.0, id.1, row.frame));
         }
-        let finding = |(kind, (count, example))| {
+        let finding = |(kind, (count, mut example)): (FindingKind, (u64, String))| {
             let verdict = match kind {
                 FindingKind::New | FindingKind::NewScore => DriftVerdict::Within,
                 // Bits and counts are only guaranteed for deterministic methods on the same machine type.
-                FindingKind::Render | FindingKind::Count if basis != Basis::Exact => DriftVerdict::Within,
+                FindingKind::Render if basis != Basis::Exact => DriftVerdict::Within,
+                FindingKind::Count if basis != Basis::Exact => match self.change_of_mean_count(now, basis) {
+                    Some(change) => {
+                        example.push_str(&format!("; {change}"));
+                        DriftVerdict::Drifted
+                    }
+                    None => DriftVerdict::Within,
+                },
                 _ => DriftVerdict::Drifted,
             };
             Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
         };
         changes.into_iter().map(finding).collect()
+    }
+
+    /// How the mean number of Gaussians over the trials with one in both differs, if by more than it may on an inexact basis.
+    fn change_of_mean_count(&self, now: &Self, basis: Basis) -> Option<String> {
+        let both = |(id, then): (&EntryId, &BaselineTrial)| Some([then.gaussians?, now.trials.get(id)?.gaussians?]);
+        let counts: Vec<[u64; 2]> = self.trials.iter().filter_map(both).collect();
+        let [was, is] =
+            [mean(counts.iter().map(|[was, _]| *was as f64))?, mean(counts.iter().map(|[_, is]| *is as f64))?];
+        let most = if basis == Basis::Bound { MACHINE_COUNTS } else { ANY_COUNTS };
+        let is_beyond = (is - was).abs() > most * was;
+        is_beyond.then(|| {
+            let percent = most * 100.0;
+            format!("their mean number of Gaussians was {was:.0}, is now {is:.0}, and may vary by {percent:.0} %")
+        })
     }
 
     /// The name of a target's status, which says whether the method supports the trial at all.

@@ -386,3 +386,28 @@ fn the_counts_that_differ_are_named_with_both_values() {
     let gaussians = "Gaussians were 23040, are now 23041";
     assert_eq!(example(Some(23_041), Some(1441)), format!("scene 001 0: {gaussians}; {tokens}"));
 }
+
+/// Scores alone do not show that a method needs more Gaussians: 23000 by 200 in one of four trials is a mean of 0.2 %.
+#[test]
+fn a_mean_number_of_gaussians_beyond_its_limit_is_drift_on_every_basis() {
+    for (basis, more, expected) in [
+        (Basis::Exact, 1, DriftVerdict::Drifted),
+        (Basis::Bound, 200, DriftVerdict::Within),
+        (Basis::Bound, 2000, DriftVerdict::Drifted),
+        (Basis::Interval, 2000, DriftVerdict::Within),
+        (Basis::Interval, 10_000, DriftVerdict::Drifted),
+        (Basis::Interval, -10_000, DriftVerdict::Drifted),
+    ] {
+        let mut base = store(basis != Basis::Interval, 4, 0.0, 1);
+        base.trials.iter_mut().for_each(|trial| trial.gaussians = Some(23_000));
+        let mut now = base.clone();
+        now.trials[1].gaussians = Some(23_000_u64.saturating_add_signed(more));
+        if basis == Basis::Bound {
+            now.provenance.processor = "another".to_owned();
+        }
+        let report = compare(&now, &Baseline::new(&base, &[], acceptance("first")));
+        assert_eq!(kinds(&report), [(FindingKind::Count, expected, 1)], "{basis:?} by {more}: {report}");
+        let says_mean = report.findings[0].example.contains("; their mean number of Gaussians was 23000, is now ");
+        assert_eq!(says_mean, basis != Basis::Exact && expected == DriftVerdict::Drifted, "{report}");
+    }
+}
