@@ -131,9 +131,15 @@ pub(super) fn is_further_training(known: &[MethodRun<'_>], run: MethodRun<'_>) -
 
 /// Whether two methods are one network, trained on the same data from different seeds.
 fn differs_only_in_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
+    let data = |record: &MethodRecord| record.training.as_ref().map(|training| training.data.clone());
+    is_network_of_another_seed(a, b) && data(a) == data(b)
+}
+
+/// Whether two methods are one network, trained from different seeds, whatever is said of the data.
+pub(super) fn is_network_of_another_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
     let (Some(first), Some(second)) = (&a.training, &b.training) else { return false };
     let differ = a.weights_sha256 != b.weights_sha256 && first.seed != second.seed;
-    differ && first.data == second.data && a.kind == b.kind && a.parameters == b.parameters
+    differ && a.kind == b.kind && a.parameters == b.parameters
 }
 
 /// The order of two rows with these trainings; `published` is their published difference.

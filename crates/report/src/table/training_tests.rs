@@ -186,3 +186,21 @@ fn stores_without_a_training_record_claim_nothing() {
     assert_eq!(measured(&table).next().unwrap().printed_labels(), ["ATSplat"]);
     assert!(protocols(&store()).iter().all(Table::is_measured));
 }
+
+/// Seed 1 names its protocol by a path: nobody knows that it is the protocol of the others.
+#[test]
+fn trainings_whose_data_is_stated_differently_are_named() {
+    let lines = |data: [&str; 3], seeds: [&str; 3]| {
+        let name = |at: usize| format!("training {at}");
+        let methods = (0..3).map(|at| trained(&name(at), seeds[at], data[at])).chain([floor()]).collect();
+        let table = built("re10k", &results_over(vec![preset("rooms-2v-128")], methods, 7));
+        let said = notes(&table, NoteKind::Trainings);
+        said.lines().filter(|line| line.contains("same words")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let paths = ["rooms under presets/rooms.toml", "rooms under rooms", "rooms under rooms"];
+    let expected = "ATSplat: trainings are only averaged if their data is stated in the same words: training 0 on rooms under \
+                    presets/rooms.toml; training 1, training 2 on rooms under rooms";
+    assert_eq!(lines(paths, ["1", "2", "3"]), [expected]);
+    assert!(lines(["rooms under rooms"; 3], ["1", "2", "3"]).is_empty());
+    assert!(lines(paths, ["1"; 3]).is_empty(), "one seed is no further training");
+}

@@ -1,10 +1,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::{Definition, Measure};
+use atsplat_numeric::distinct;
 use atsplat_results::warning_kinds::MISSING_SCENES;
 
 use super::super::comparable::{ComparableResults, MethodRun, Part};
 use super::super::labels::{name, short};
+use super::super::orders::is_network_of_another_seed;
 use super::super::{Cell, Counts, NoteKind, Table, Value};
 use super::Notes;
 use crate::counted;
@@ -156,6 +158,45 @@ impl Notes {
             }
         }
     }
+
+    /// Trainings of one network from different seeds that are not averaged, because their data is not stated in the same words.
+    pub(super) fn apart_by_data(&mut self, table: &Table, results: &ComparableResults<'_>) {
+        let mut left = results.methods_in(table);
+        while let Some(first) = left.first().copied() {
+            let is_same = |run: &MethodRun<'_>| {
+                (&run.record.kind, &run.record.parameters) == (&first.record.kind, &first.record.parameters)
+            };
+            let (same, others) = left.into_iter().partition::<Vec<_>, _>(is_same);
+            left = others;
+            if let Some(trainings) = trainings_by_data(&same) {
+                let title = &first.record.title;
+                let text = format!(
+                    "{title}: trainings are only averaged if their data is stated in the same words: {trainings}"
+                );
+                self.add(NoteKind::Trainings, text);
+            }
+        }
+    }
+}
+
+/// `a on rooms; b, c on yards`: trainings of one network by the words for their data; `None` if these keep none of them apart.
+fn trainings_by_data(runs: &[MethodRun<'_>]) -> Option<String> {
+    let data = |run: &MethodRun<'_>| run.record.training.as_ref().map(|training| training.data.clone());
+    let is_apart =
+        |a: &MethodRun<'_>, b: &MethodRun<'_>| is_network_of_another_seed(a.record, b.record) && data(a) != data(b);
+    if !runs.iter().enumerate().any(|(at, a)| runs.iter().skip(at + 1).any(|b| is_apart(a, b))) {
+        return None;
+    }
+    let mut by_data: Vec<(String, Vec<&str>)> = Vec::new();
+    for run in runs {
+        let Some(data) = data(run) else { continue };
+        match by_data.iter_mut().find(|(known, _)| *known == data) {
+            Some((_, names)) => names.push(run.method()),
+            None => by_data.push((data, vec![run.method()])),
+        }
+    }
+    let of_data = |(data, names): (String, Vec<&str>)| format!("{} on {data}", distinct(names).join(", "));
+    Some(by_data.into_iter().map(of_data).collect::<Vec<_>>().join("; "))
 }
 
 /// `missing-frame 1, baseline 2`, in the order of their first occurrence.

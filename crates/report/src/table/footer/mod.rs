@@ -60,6 +60,7 @@ impl Notes {
         self.few_scenes(table);
         self.left_out(table);
         self.several_trainings(table);
+        self.apart_by_data(table, results);
         self.trend_over_gaussians(table, definition, results);
         self.trends_of_differences(table, definition, results);
         self.trained_on(table, results);
