@@ -24,7 +24,7 @@ pub(super) fn overlap_curves() -> OverlapCurves {
             OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
             OverlapBin { name: "large".to_owned(), edges: [0.55, 0.8], scenes: 1630 },
         ],
-        step: 0.062,
+        gap: 1.5 * 0.062,
         series: vec![
             series("ATSplat", 22.6, 9.0),
             series("imported: DepthSplat", 21.1, 9.8),

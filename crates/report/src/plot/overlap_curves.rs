@@ -19,8 +19,8 @@ pub struct OverlapCurves {
     pub quality: QualityMetric,
     /// The protocol's bins, shown behind the curves.
     pub bins: Vec<OverlapBin>,
-    /// Distance between neighbouring points; across a larger one a curve has a gap.
-    pub step: f64,
+    /// Points that are at least so far apart are not joined.
+    pub gap: f64,
     /// A curve per method.
     pub series: Vec<OverlapSeries>,
 }
@@ -77,8 +77,8 @@ impl OverlapCurves {
             points: series.points.clone(),
             colour: colour(at),
         });
-        let step = self.step;
-        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < 1.5 * step);
+        let gap = self.gap;
+        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < gap);
         let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
         let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
         drawing.end_at(bottom + 14.0);

@@ -1,15 +1,16 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::{Extremes as _, mean};
 use atsplat_protocol::{BinRule, OverlapBins};
 use atsplat_results::MethodRecord;
-use atsplat_results::statistics::{Binned, by_overlap};
+use atsplat_results::statistics::{Binned, Summary, by_overlap};
 
 use super::{ProtocolResults, estimate};
 use crate::plot::{Drawing, OverlapBin, OverlapCurves, OverlapSeries};
 use crate::{ReportError, counted};
 
-/// Points of a curve over the range of overlap.
+/// About how many points a curve has over the range of overlap.
 const STEPS: usize = 10;
 
 impl<'a> ProtocolResults<'a> {
@@ -25,16 +26,18 @@ impl<'a> ProtocolResults<'a> {
         let estimator = thirds.as_ref().and_then(OverlapBins::estimator);
         let by = estimator.map_or_else(String::new, |name| format!("; overlaps by {name}, a third in each bin"));
         let bins = thirds.unwrap_or(bins);
-        let (low, high) = (bins.edges()[0], bins.edges()[bins.names().len()]);
-        let edges: Vec<f64> = (0..=STEPS).map(|step| low + (high - low) * step as f64 / STEPS as f64).collect();
-        let names = (0..STEPS).map(|step| step.to_string()).collect();
-        let fine = OverlapBins::new(BinRule::Strict, names, edges.clone())?;
+        let edges = edges_of_steps(bins.edges());
+        let widest = edges.windows(2).fold(0.0, |widest: f64, pair| widest.maximum_of(pair[1] - pair[0]));
+        let names = (1..edges.len()).map(|step| step.to_string()).collect();
+        let fine = OverlapBins::new(BinRule::Strict, names, edges)?;
         let series = |method: &'a MethodRecord| {
             let binned = by_overlap(self.results, &self.query(&method.name, metric), &fine, aggregation);
-            let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
-            let points =
-                middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
-            OverlapSeries { label: self.title(method), points: points.collect() }
+            let overlaps = self.scored_overlaps(&method.name, metric);
+            let point = |(step, summary): &(String, Summary)| {
+                let of_step = overlaps.iter().copied().filter(|overlap| fine.name_of(*overlap) == Some(step.as_str()));
+                Some((mean(of_step)?, estimate(summary)?))
+            };
+            OverlapSeries { label: self.title(method), points: binned.bins.iter().filter_map(point).collect() }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         // Scenes with a score, of the method that has most of them; a scene may have several trials.
@@ -55,23 +58,81 @@ impl<'a> ProtocolResults<'a> {
         };
         let plot = OverlapCurves {
             title: format!("{} against overlap", metric.name),
-            subtitle: format!("{}; means over tenths of the range of overlap{by}{outside}", self.subject_of_means()),
+            subtitle: format!("{}; means over steps of overlap{by}{outside}", self.subject_of_means()),
             quality: metric.into(),
             bins: shown.collect(),
-            step: (high - low) / STEPS as f64,
+            // Means of trials in neighbouring steps are closer than two steps.
+            gap: 2.0 * widest,
             series,
         };
         Ok((!overlaps.is_empty() && !plot.series.is_empty()).then(|| plot.draw()))
     }
+
+    /// The overlap of each trial of a method that has a score.
+    fn scored_overlaps(&self, method: &str, metric: &Definition) -> Vec<f64> {
+        let targets = self.results.targets_of(&self.preset.name, method);
+        let scored = targets.filter(|row| row.scores.contains_key(metric.id));
+        let overlaps: BTreeMap<(&str, u32), f64> =
+            scored.filter_map(|row| Some(((row.key.scene.as_str(), row.key.entry), row.overlap?))).collect();
+        overlaps.into_values().collect()
+    }
+}
+
+/// The edges of steps of about equal width, of which none crosses an edge of a bin.
+fn edges_of_steps(bins: &[f64]) -> Vec<f64> {
+    let (Some(first), Some(last)) = (bins.first(), bins.last()) else { return Vec::new() };
+    let step = (last - first) / STEPS as f64;
+    let mut edges = Vec::new();
+    for pair in bins.windows(2) {
+        let (low, width) = (pair[0], pair[1] - pair[0]);
+        // The nearest whole number of steps.
+        let count = (1..=STEPS).take_while(|count| (*count as f64 - 0.5) * step <= width).count().max(1);
+        edges.extend((0..count).map(|at| low + width * at as f64 / count as f64));
+    }
+    edges.push(*last);
+    edges
 }
 
 #[cfg(test)]
 mod tests {
     use atsplat_results::{Results, TargetStatus};
 
+    use atsplat_numeric::Tolerance;
+
+    use super::edges_of_steps;
     use crate::plot_data::store_plots;
     use crate::sample::{HOSTILE, atsplat, floor, preset, results};
     use crate::table::Source;
+
+    /// A step of a tenth of the range would go from 0.5 to 0.575, over the edge at 0.55.
+    #[test]
+    fn no_step_crosses_an_edge_of_a_bin() {
+        let near = |found: &[f64], expected: &[f64]| {
+            assert_eq!(found.len(), expected.len(), "{found:?}");
+            Tolerance::absolute(1e-9).assert(found.iter().copied(), expected.iter().copied(), "edges");
+        };
+        let thirds = [0.05, 0.05 + 0.25 / 3.0, 0.05 + 0.5 / 3.0];
+        let expected: Vec<f64> =
+            [0.0, 0.25, 0.5].iter().flat_map(|by| thirds.map(|edge| edge + by)).chain([0.8]).collect();
+        near(&edges_of_steps(&[0.05, 0.3, 0.55, 0.8]), &expected);
+        // A narrow bin is one step.
+        near(&edges_of_steps(&[0.0, 0.01, 0.2, 1.0]), &[0.0, 0.01, 0.105, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]);
+    }
+
+    /// Two of four trials share a step of the bin of medium overlap; their point is at the mean of their overlaps.
+    #[test]
+    fn a_point_is_at_the_mean_overlap_of_its_trials() {
+        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+        for (scene, overlap) in [("bb22", 0.48), ("cc33", 0.548)] {
+            results.targets.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
+        }
+        let record = results.provenance.presets[0].clone();
+        let protocol =
+            super::ProtocolResults { results: &results, preset: &record, protocol: record.protocol().unwrap() };
+        let mut found = protocol.scored_overlaps("a", atsplat_metrics::definition("psnr").unwrap());
+        found.sort_unstable_by(f64::total_cmp);
+        Tolerance::EXACT.assert(found, [0.1, 0.48, 0.548, 0.7], "the overlaps of four trials, each once");
+    }
 
     fn said(results: &Results) -> String {
         let plots = store_plots(&Source { label: "run", results }).unwrap();
