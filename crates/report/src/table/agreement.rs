@@ -132,7 +132,7 @@ fn has_other_weights(column: &Column, cell: &Cell) -> bool {
     MetricRecord { id, weights_sha256, ..MetricRecord::default() }.unpublished().is_some()
 }
 
-/// The first metric that both have, or the first column.
+/// The first metric that both have; without any, their Gaussians, or the last column, to which the others lead.
 fn headline(table: &Table, paper: &Row, measured: &Row) -> Option<Headline> {
     let values = |index: CellIndex, column: &Column| {
         let print = |row: &Row| row.cell(index).value.number().map(|value| column.format(value));
@@ -140,7 +140,9 @@ fn headline(table: &Table, paper: &Row, measured: &Row) -> Option<Headline> {
     };
     let both: Vec<_> = table.columns().filter_map(|(index, column)| values(index, column)).collect();
     let is_metric = |quantity: Quantity| matches!(quantity, Quantity::Metric(_));
-    let (first, ..) = both.iter().find(|(quantity, ..)| is_metric(*quantity)).or(both.first())?;
+    let of_kind = |is_wanted: &dyn Fn(Quantity) -> bool| both.iter().find(|(quantity, ..)| is_wanted(*quantity));
+    let is_gaussians = |quantity: Quantity| quantity == Quantity::Gaussians;
+    let (first, ..) = of_kind(&is_metric).or_else(|| of_kind(&is_gaussians)).or(both.last())?;
     let of_first = both.iter().filter(|(quantity, ..)| quantity == first);
     let (measured, published) = of_first.map(|(_, measured, paper)| (measured.clone(), paper.clone())).unzip();
     Some(Headline { row: paper.names().join(" "), quantity: first.title(), measured, published })
@@ -219,6 +221,19 @@ mod tests {
     fn built(results: Option<&Results>) -> Table {
         let sources: Vec<Source<'_>> = results.map(|results| Source { label: "run", results }).into_iter().collect();
         tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0)
+    }
+
+    /// As many initial tokens as the paper, and other numbers of final ones and of Gaussians.
+    #[test]
+    fn the_headline_of_counts_is_the_number_of_gaussians() {
+        let mut results = store("397923af00");
+        results.trials.iter_mut().for_each(|trial| (trial.final_tokens, trial.gaussians) = (Some(1441), Some(23_056)));
+        let source = Source { label: "run", results: &results };
+        let definition = TableDefinition::named("budget").unwrap();
+        let table = tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0);
+        let headline = agreement(&table).headline.unwrap();
+        assert_eq!(headline.quantity, Quantity::Gaussians.title(), "{headline}");
+        assert_ne!(headline.measured, headline.published);
     }
 
     #[test]

@@ -83,8 +83,9 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
         for setting in &frontier.points {
             let name = title(&setting.label);
             let times = if is_time { times(&results, &preset.name, &setting.label).ok() } else { None };
-            if let Some(Times { machine, device, .. }) = &times {
+            if let Some(Times { machine, device, trials, trials_there, .. }) = &times {
                 timed.add(&name, machine, device.as_deref());
+                timed.trials(&name, [*trials, *trials_there]);
                 timed.mark(setting.whole_answer.then_some(WHOLE_ANSWER), setting.busy);
             }
             let whole_answer = setting.whole_answer.then_some(WHOLE_ANSWER.mark());

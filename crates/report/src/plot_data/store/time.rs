@@ -18,8 +18,9 @@ impl ProtocolResults<'_> {
         let mut timed = Timed::default();
         let row = |method: &MethodRecord| {
             let times = times(self.results, &self.preset.name, &method.name);
-            if let Ok(Times { machine, device, busy, .. }) = &times {
+            if let Ok(Times { machine, device, busy, trials, trials_there, .. }) = &times {
                 timed.add(&self.title(method), machine, device.as_deref());
+                timed.trials(&self.title(method), [*trials, *trials_there]);
                 timed.mark(None, *busy);
             }
             stage_time_row(self.title(method), method.is_process(), times)
@@ -153,5 +154,6 @@ mod tests {
         of_second.for_each(|row| row.renderer_adapter = Some("card".to_owned()));
         let said = texts(&results);
         assert!(said.contains("; timed on a processor") && said.contains("; ATSplat (b): renderer on card"), "{said}");
+        assert!(said.contains("; times of 3 of 4 trials"), "{said}");
     }
 }

@@ -47,6 +47,7 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
     for row in measured() {
         if let Some(timing) = &row.cell(cost).timing {
             timed.add(&name(row), &timing.machine, timing.device.as_deref());
+            timed.trials(&name(row), [timing.trials, timing.trials_there]);
             timed.mark(timing.scope, timing.busy);
         }
     }
