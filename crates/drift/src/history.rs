@@ -63,7 +63,8 @@ pub struct HistoricRun {
     pub verdict: Option<DriftVerdict>,
     /// Difference from that baseline's mean.
     pub moved: Option<f64>,
-    /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed.
+    /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed. Before it,
+    /// that one scene moved, if the mean drifted within its limits.
     pub why: Option<String>,
 }
 
@@ -141,34 +142,50 @@ fn history(
     let mut before: Option<&AcceptedNumber> = None;
     for number in &numbers {
         let accepted = baseline.history.get(number.acceptance);
+        let limits = before.map(|before| range(before.mean, before.limit));
         runs.push(HistoricRun {
             label: accepted.map_or_else(|| number.acceptance.to_string(), |accepted| accepted.date.clone()),
             mean: number.mean,
             interval: number.interval,
-            limits: before.map(|before| range(before.mean, before.limit)),
+            limits,
             verdict: number.verdict,
             moved: before.map(|before| number.mean - before.mean),
-            why: accepted.map(|accepted| accepted.reason.clone()),
+            why: why(
+                is_of_scene(number.verdict, number.mean, limits),
+                accepted.map(|accepted| accepted.reason.clone()),
+            ),
         });
         before = Some(number);
     }
     let unknown = baseline.history.len().saturating_sub(runs.len());
     if let Some((mean, interval)) = now.get(&(preset.clone(), method.clone(), metric.clone())) {
+        let limits = before.map(|before| range(before.mean, comparison.limit));
+        let cause =
+            finding.map(|finding| finding.kind.description()).or_else(|| report.first_change().map(Cause::name));
         runs.push(HistoricRun {
             label: "now".to_owned(),
             mean: *mean,
             interval: *interval,
-            limits: before.map(|before| range(before.mean, comparison.limit)),
+            limits,
             verdict: Some(verdict),
             moved: before.map(|before| mean - before.mean),
-            why: finding
-                .map(|finding| finding.kind.description())
-                .or_else(|| report.first_change().map(Cause::name))
-                .map(str::to_owned),
+            why: why(is_of_scene(Some(comparison.verdict), *mean, limits), cause.map(str::to_owned)),
         });
     }
     let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());
     NumberHistory { preset, method, metric, runs, unknown, verdict, of_run: report.verdict }
+}
+
+/// Whether a number drifted although its mean is within limits: then that of a scene is not.
+fn is_of_scene(verdict: Option<DriftVerdict>, mean: f64, limits: Option<[f64; 2]>) -> bool {
+    let is_within = |[low, high]: [f64; 2]| low < high && (low..=high).contains(&mean);
+    verdict == Some(DriftVerdict::Drifted) && limits.is_some_and(is_within)
+}
+
+fn why(is_of_scene: bool, cause: Option<String>) -> Option<String> {
+    let scene = is_of_scene.then(|| "one scene moved".to_owned());
+    let parts: Vec<String> = scene.into_iter().chain(cause).collect();
+    (!parts.is_empty()).then(|| parts.join(": "))
 }
 
 /// The first change other than of scores that is drift of a number's preset and method, if the number itself did not drift.

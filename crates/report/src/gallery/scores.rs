@@ -103,7 +103,7 @@ pub(super) fn drift_history() -> DriftHistory {
         let moved = if at >= 13 { -0.09 } else { 0.0 };
         DriftRun {
             label: format!("{:07x}", (at + 3) * 7_919_317 % 0xfff_ffff),
-            quality: around(27.4 + 0.012 * (noise(at) - 0.5) + moved, 0.02),
+            mean: 27.4 + 0.012 * (noise(at) - 0.5) + moved,
             limits: Some(if at >= 15 { [27.27, 27.35] } else { [27.36, 27.44] }),
             drift: (13..15).contains(&at).then(|| if at == 13 { "renderer: −0.09 dB" } else { "" }.to_owned()),
         }

@@ -30,7 +30,7 @@ pub struct BudgetSeries {
 const COLUMNS: usize = 48;
 
 impl BudgetHistogram {
-    /// Draws it: each column is as high as the number of scenes in it, the highest of a row as high as the row.
+    /// Draws it: each column is as high as the number of scenes in it, on one scale for all rows.
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 96.0;
         let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
@@ -55,22 +55,23 @@ impl BudgetHistogram {
         };
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let label = |count: f64, _: &[f64]| count_label(count);
-        let text = AxisText { title: "Gaussians per scene; columns: number of scenes", label: &label };
+        let rows: Vec<Vec<u64>> = self.series.iter().map(|series| histogram(&series.gaussians, axes.x)).collect();
+        let tallest = rows.iter().flatten().max().copied().unwrap_or(0).clamp(1, u64::MAX);
+        let title = format!("Gaussians per scene; columns: number of scenes, {tallest} in the highest");
+        let text = AxisText { title: &title, label: &label };
         let below = axes.draw_x(&mut drawing, &text);
         let mut upper = top;
-        for (at, (series, height)) in self.series.iter().zip(heights).enumerate() {
+        for (at, ((series, columns), height)) in self.series.iter().zip(&rows).zip(heights).enumerate() {
             let base = upper + height - 8.0;
             drawing.line([[axes.inside.left, base], [axes.inside.right, base]], Stroke::new(MUTED, 1.0));
             drawing.key(&series.label, |drawing| {
                 drawing.text(TextLine { at: [196.0, 0.0], ..name(series) }.below(upper + 8.0));
             });
-            let columns = histogram(&series.gaussians, axes.x);
-            let tallest = columns.iter().max().copied().unwrap_or(0).clamp(1, u64::MAX) as f64;
             let width = axes.inside.width() / COLUMNS as f64;
             drawing.data(&series.label, |drawing| {
                 for (column, count) in columns.iter().enumerate().filter(|(_, count)| **count > 0) {
                     let left = axes.inside.left + width * column as f64 + 0.5;
-                    let top = base - (ROW - 26.0) * *count as f64 / tallest;
+                    let top = base - (ROW - 26.0) * *count as f64 / tallest as f64;
                     drawing.rectangle(Extent::new(left, top, left + width - 1.0, base), Fill::solid(colour(at)));
                 }
             });
@@ -115,11 +116,39 @@ fn histogram(values: &[f64], scale: Scale) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::super::drawing::shape::{Role, Shape};
     use super::*;
 
     #[test]
     fn every_scene_is_in_one_column() {
         let columns = histogram(&[0.0, 0.1, 47.0, 48.0, f64::NAN], Scale::linear(0.0, 48.0));
         assert_eq!((columns[0], columns[47], columns.iter().sum::<u64>()), (2, 2, 4));
+    }
+
+    /// Four scenes in a column of one row, and one in that of the other.
+    #[test]
+    fn rows_share_a_scale_of_counts() {
+        let series =
+            |label: &str, gaussians: &[f64]| BudgetSeries { label: label.to_owned(), gaussians: gaussians.to_vec() };
+        let plot = BudgetHistogram {
+            title: String::new(),
+            subtitle: String::new(),
+            series: vec![series("a", &[100.0; 4]), series("b", &[200.0])],
+            fixed: None,
+        };
+        let drawing = plot.draw();
+        let height = |label: &str| {
+            let of_row = drawing.items.iter().filter(|item| item.role == Role::Data(label.into()));
+            let corners = of_row.filter_map(|item| match &item.shape {
+                Shape::Area { corners, .. } => Some(corners.clone()),
+                _ => None,
+            });
+            let (top, base) = bounds(corners.flatten().map(|[_, y]| y)).unwrap();
+            base - top
+        };
+        Tolerance::relative(1e-9).assert([height("a")], [4.0 * height("b")], "four scenes and one");
+        assert!(drawing.texts().any(|text| text.ends_with("number of scenes, 4 in the highest")));
     }
 }

@@ -3,7 +3,7 @@ use atsplat_numeric::Extremes as _;
 use super::drawing::axes::Axes;
 use super::drawing::labels::Labels;
 use super::drawing::scale::Scale;
-use super::drawing::series::{Estimate, QualityMetric, bars, note, number_axis, whisker};
+use super::drawing::series::{QualityMetric, number_axis};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{COLOURS, GREY};
 
@@ -28,8 +28,8 @@ pub struct DriftHistory {
 pub struct DriftRun {
     /// Commit, date, or another text that distinguishes runs.
     pub label: String,
-    /// The mean.
-    pub quality: Estimate,
+    /// The mean over scenes. Their interval is not drawn: it is how much scenes differ, which hides a change that all share.
+    pub mean: f64,
     /// The baseline's limits: low, high.
     pub limits: Option<[f64; 2]>,
     /// If drift was found: what moved the number, or an empty text if an earlier run states it.
@@ -50,7 +50,7 @@ impl DriftHistory {
             _ => drawing.swatch(place, Fill::faint(COLOURS[2], 0.3)),
         });
         let top = bottom + 34.0;
-        let values = self.runs.iter().flat_map(|run| run.quality.extent().chain(run.limits.into_iter().flatten()));
+        let values = self.runs.iter().flat_map(|run| [run.mean].into_iter().chain(run.limits.into_iter().flatten()));
         let axes = Axes {
             inside: Extent::new(72.0, top, 836.0, top + 280.0),
             x: Scale::linear(-0.5, self.runs.len() as f64 - 0.5),
@@ -60,7 +60,7 @@ impl DriftHistory {
         let Extent { left, right, bottom, .. } = axes.inside;
         self.draw_limits(&mut drawing, &axes);
         let places: Vec<[f64; 2]> =
-            self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
+            self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.mean)).collect();
         if places.len() > 1 {
             drawing.line(places.clone(), Stroke::new(GREY, 1.5));
         }
@@ -73,9 +73,6 @@ impl DriftHistory {
         for (at, (run, place)) in self.runs.iter().zip(&places).enumerate() {
             drawing.data(if run.drift.is_some() { MOVED } else { SAME }, |drawing| {
                 let (radius, colour) = if run.drift.is_some() { (7.0, COLOURS[1]) } else { (4.5, COLOURS[0]) };
-                if let Some(interval) = run.quality.interval {
-                    whisker(drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(colour, 1.5));
-                }
                 drawing.disc(*place, radius, Fill::solid(colour));
             });
             labels.avoid(*place, 8.0);
@@ -92,9 +89,7 @@ impl DriftHistory {
                 labels.place(&mut drawing, &text, *place);
             }
         }
-        let intervals = bars("Bars", self.runs.iter().map(|run| &run.quality), false);
-        let bottom = note(&mut drawing, below, &intervals);
-        drawing.end_at(bottom + 16.0);
+        drawing.end_at(below + 16.0);
         drawing
     }
 

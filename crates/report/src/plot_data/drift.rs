@@ -2,7 +2,7 @@ use atsplat_drift::{DriftVerdict, HistoricRun, NumberHistory};
 use atsplat_metrics::definition;
 
 use crate::counted;
-use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, QualityMetric};
+use crate::plot::{Drawing, DriftHistory, DriftRun, QualityMetric};
 
 /// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
 pub fn drift_plot(history: &NumberHistory) -> Option<Drawing> {
@@ -40,8 +40,39 @@ fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
     let reasons: Vec<String> = [moved, run.why.clone()].into_iter().flatten().collect();
     DriftRun {
         label: run.label.clone(),
-        quality: Estimate { value: run.mean, interval: run.interval },
+        mean: run.mean,
         limits: run.limits,
         drift: drifted.then(|| reasons.join(": ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Scenes differ by 7 dB, and means may by 0.24.
+    #[test]
+    fn the_axis_shows_limits_not_differences_between_scenes() {
+        let run = |label: &str, mean: f64| HistoricRun {
+            label: label.to_owned(),
+            mean,
+            interval: Some([mean - 3.7, mean + 3.7]),
+            limits: Some([21.88, 22.12]),
+            verdict: None,
+            moved: None,
+            why: None,
+        };
+        let plot = drift_plot(&NumberHistory {
+            preset: "p".to_owned(),
+            method: "m".to_owned(),
+            metric: "psnr".to_owned(),
+            runs: vec![run("first", 22.0), run("now", 22.05)],
+            unknown: 0,
+            verdict: DriftVerdict::Within,
+            of_run: DriftVerdict::Within,
+        });
+        let texts: Vec<String> = plot.unwrap().texts().map(str::to_owned).collect();
+        let ticks: Vec<f64> = texts.iter().filter_map(|text| text.parse().ok()).collect();
+        assert!(ticks.len() > 1 && ticks.iter().all(|tick| (21.5..22.5).contains(tick)), "{texts:?}");
     }
 }
