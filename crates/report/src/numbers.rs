@@ -10,6 +10,18 @@ pub(crate) fn signed(value: f64, decimals: usize) -> String {
     without_sign_of_zero(format!("{value:+.decimals$}"))
 }
 
+/// `decimals`, or as many as show that an interval does not contain 0, if both ends are on one side of it and one would print as 0.
+pub(crate) fn decimals_of(interval: Option<[f64; 2]>, decimals: usize) -> usize {
+    const MOST_MORE: usize = 6;
+    let nearest = match interval {
+        Some([low, _]) if low > 0.0 => low,
+        Some([_, high]) if high < 0.0 => high,
+        _ => return decimals,
+    };
+    let is_zero = |decimals: usize| fixed(nearest, decimals).chars().all(|letter| matches!(letter, '0' | '.'));
+    (decimals..=decimals + MOST_MORE).find(|decimals| !is_zero(*decimals)).unwrap_or(decimals)
+}
+
 fn without_sign_of_zero(text: String) -> String {
     match text.strip_prefix(['-', '+']) {
         Some(size) if size.chars().all(|letter| matches!(letter, '0' | '.')) => size.to_owned(),
@@ -20,6 +32,21 @@ fn without_sign_of_zero(text: String) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_interval_beside_zero_does_not_print_as_zero() {
+        for (interval, expected) in [
+            (Some([-0.0028, -0.00076]), 3),
+            (Some([0.000_04, 0.3]), 5),
+            (Some([0.006, 0.3]), 2),
+            (Some([-0.0028, 0.00076]), 2),
+            (Some([-0.0028, 0.0]), 2),
+            (Some([1e-300, 0.3]), 2),
+            (None, 2),
+        ] {
+            assert_eq!(decimals_of(interval, 2), expected, "{interval:?}");
+        }
+    }
 
     #[test]
     fn what_is_printed_as_zero_has_no_sign() {

@@ -3,7 +3,7 @@ use std::str::FromStr;
 use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::numbers::{fixed, signed};
+use crate::numbers::{decimals_of, fixed, signed};
 
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,11 +94,26 @@ impl Quantity {
             Self::Metric(metric) if metric.unit == "dB" => fixed(value, 2),
             Self::Metric(_) | Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
-            Self::Difference(metric) if metric.unit == "dB" => signed(value, 2),
-            Self::Slope(..) | Self::Difference(_) => signed(value, 3),
+            Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
             _ => format!("{:.0}K", (value / 1000.0).trunc()),
         }
+    }
+
+    /// A number and the ends of its interval, as [`Self::print`]; slopes and differences with more decimals if the interval excludes 0
+    /// and would not show it.
+    pub(crate) fn print_with_interval(self, value: f64, interval: [f64; 2], exact: bool) -> [String; 3] {
+        let [low, high] = interval;
+        [value, low, high].map(|number| match self {
+            Self::Slope(..) | Self::Difference(_) => self.print_signed(number, Some(interval)),
+            _ => self.print(number, exact),
+        })
+    }
+
+    /// A slope or difference.
+    fn print_signed(self, value: f64, interval: Option<[f64; 2]>) -> String {
+        let decimals = if matches!(self, Self::Difference(metric) if metric.unit == "dB") { 2 } else { 3 };
+        signed(value, decimals_of(interval, decimals))
     }
 
     /// Whether a choice of the other quantity includes it: a metric includes its slopes.
@@ -165,6 +180,10 @@ mod tests {
         let differences = [-0.004, 0.0004, 0.006].map(|value| difference("psnr").print(value, false));
         assert_eq!(differences, ["0.00", "0.00", "+0.01"]);
         assert_eq!([-0.0004, 0.0006].map(|value| difference("ssim").print(value, false)), ["0.000", "+0.001"]);
+        let decided = difference("psnr").print_with_interval(-0.0018, [-0.0028, -0.000_76], false);
+        assert_eq!(decided, ["-0.002", "-0.003", "-0.001"]);
+        let lpips = Quantity::from_str("lpips").unwrap().print_with_interval(0.1, [0.0001, 0.2], false);
+        assert_eq!(lpips, ["0.100", "0.000", "0.200"], "of no difference");
     }
 
     #[test]

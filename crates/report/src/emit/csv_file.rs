@@ -12,9 +12,13 @@ const TIME_SUFFIXES: [&str; 5] = ["mad", "machine", "busy", "scope", "device"];
 /// The ending of the name of the column that it also has after a number if some were stated: whether this one was.
 const STATED_SUFFIX: &str = "stated";
 
+/// The ending of the name of the column that it also has after a number if a paper printed another text somewhere: that text.
+const TEXT_SUFFIX: &str = "text";
+
 /// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
 /// scenes. Times also have their median absolute deviation, the machine, whether it was busy, what the time of a process covers,
-/// and what ran on a graphics adapter; a column with stated numbers is followed by which these are. Columns have the names that they have in `eval/published`.
+/// and what ran on a graphics adapter; a column with stated numbers is followed by which these are, and one where a paper printed
+/// another text by that text. Columns have the names that they have in `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     let about = ["from", "measured_on", "published_setting", "method_id", "store"];
@@ -27,6 +31,7 @@ pub(super) fn write(table: &Table) -> String {
             head.extend(TIME_SUFFIXES.map(|suffix| format!("{name}_{suffix}")));
         }
         head.extend(has_stated(table, index).then(|| format!("{name}_{STATED_SUFFIX}")));
+        head.extend(has_text(table, index).then(|| format!("{name}_{TEXT_SUFFIX}")));
     }
     let rows = table.rows.iter().map(|row| line(&record(table, row)));
     std::iter::once(line(&head)).chain(rows).collect()
@@ -47,8 +52,7 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
         let cell = row.cell(index);
         record.push(match &cell.value {
             Value::Number(number) => number.to_string(),
-            Value::Text(text) => text.clone(),
-            Value::Absent => String::new(),
+            Value::Text(_) | Value::Absent => String::new(),
         });
         record.extend(cell.interval.map_or_else(Default::default, |ends| ends.map(|end| end.to_string())));
         record.push(cell.counts.map_or_else(String::new, |counts| counts.scenes.to_string()));
@@ -56,6 +60,10 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
             record.extend(cell.timing.as_ref().map_or_else(Default::default, about_time));
         }
         record.extend(has_stated(table, index).then(|| cell.stated.to_string()));
+        record.extend(has_text(table, index).then(|| match &cell.value {
+            Value::Text(text) => text.clone(),
+            Value::Number(_) | Value::Absent => String::new(),
+        }));
     }
     record
 }
@@ -63,6 +71,11 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
 /// Whether a column has numbers that were stated.
 fn has_stated(table: &Table, index: CellIndex) -> bool {
     table.rows.iter().any(|row| row.cell(index).stated)
+}
+
+/// Whether a paper printed another text than a number in a column.
+fn has_text(table: &Table, index: CellIndex) -> bool {
+    table.rows.iter().any(|row| matches!(row.cell(index).value, Value::Text(_)))
 }
 
 /// What follows a time, in the order of [`TIME_SUFFIXES`].

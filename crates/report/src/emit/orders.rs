@@ -1,6 +1,6 @@
 use atsplat_files::escaped_markdown as escaped;
 
-use crate::numbers::signed;
+use crate::numbers::{decimals_of, signed};
 use crate::table::{Outcome, Table};
 
 /// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured,
@@ -24,8 +24,9 @@ fn section(table: &Table) -> String {
     );
     for order in &table.orders {
         let [first, second] = order.rows.each_ref().map(|row| escaped(row));
+        let decimals = decimals_of(order.interval, 3);
         let interval = match order.interval {
-            Some([low, high]) => format!("\\[{}, {}\\]", signed(low, 3), signed(high, 3)),
+            Some([low, high]) => format!("\\[{}, {}\\]", signed(low, decimals), signed(high, decimals)),
             None => "none: too few scenes".to_owned(),
         };
         let [one, other] = order.trainings;
@@ -38,7 +39,7 @@ fn section(table: &Table) -> String {
             "| {first} | {second} | {} | {} | {} | {interval} | {} | {one} and {other} | {outcome}{} |\n",
             escaped(order.quantity),
             signed(order.published, 3),
-            signed(order.measured, 3),
+            signed(order.measured, decimals),
             order.scenes,
             if order.inference_only { ", changed at inference only" } else { "" },
         ));

@@ -209,6 +209,33 @@ fn stated_costs_are_said_to_be_stated_in_every_format() {
     assert_eq!([&cells("nearest-view")[3]["stated"], &cells("a")[3]["stated"]], [&Value::Bool(true), &Value::Null]);
 }
 
+/// `52K`, `> 10 m` and `Diverged` have columns of their own; other tables do not have these columns.
+#[test]
+fn columns_of_numbers_have_no_other_text() {
+    for (name, column, texts) in [
+        ("budget", "gaussians", &["52K"][..]),
+        ("dl3dv_hr", "seconds", &["> 10 m"]),
+        ("ablation_anchor_dl3dv", "psnr", &["Diverged"]),
+        ("re10k", "psnr", &[]),
+    ] {
+        let records = crate::csv_text::parse(&TableFormat::Csv.write(&published(name)).unwrap()).unwrap();
+        let (head, rows) = records.split_first().unwrap();
+        let values = |column: &str| {
+            let at = head.iter().position(|known| known == column);
+            at.map(|at| rows.iter().map(|row| row[at].as_str()).filter(|value| !value.is_empty()).collect::<Vec<_>>())
+        };
+        let numbers = values(column).unwrap();
+        assert!(
+            !numbers.is_empty() && numbers.iter().all(|number| number.parse::<f64>().is_ok()),
+            "{name}: {numbers:?}"
+        );
+        let found = values(&format!("{column}_text"));
+        let mut distinct = found.clone().unwrap_or_default();
+        distinct.dedup();
+        assert_eq!((found.is_some(), &distinct[..]), (!texts.is_empty(), texts), "{name}");
+    }
+}
+
 /// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.
 #[test]
 fn labels_are_no_arguments_of_the_latex_above_them() {

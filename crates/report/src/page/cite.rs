@@ -25,10 +25,14 @@ pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[Pag
         protocols.map(|protocol| Measured::of(protocol, stores)).collect::<Option<_>>()?;
     let first = *measured.first()?;
     // Without the interval and the marks of its cell: they follow in words.
-    let mut text = format!("{} {}", column.title, column.format(number));
-    if let Some([low, high]) = cell.interval {
-        text.push_str(&format!(" [95 % {}, {}]", column.format(low), column.format(high)));
-    }
+    let number = match cell.interval {
+        Some(interval) => {
+            let [number, low, high] = column.format_with(number, interval);
+            format!("{number} [95 % {low}, {high}]")
+        }
+        None => column.format(number),
+    };
+    let mut text = format!("{} {number}", column.title);
     text.push_str(&behind(cell, column));
     if row.without_leaked {
         text.push_str(&format!(", {LEAKED_EXCLUDED}"));

@@ -123,7 +123,7 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
             None => printed,
         };
         let title = |what: &str, ends: [f64; 2]| {
-            let [low, high] = ends.map(|end| escaped(&column.format(end)));
+            let [_, low, high] = column.format_with(0.0, ends).map(|printed| escaped(&printed));
             format!(" title=\"{what} {low} to {high}\"")
         };
         let title = match (&cell.timing, cell.interval) {

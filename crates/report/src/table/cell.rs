@@ -137,8 +137,9 @@ impl Cell {
                 format!("{} {}", column.format(*number), self.marks())
             }
             (Value::Number(number), _) => match self.interval.filter(|_| column.intervals) {
-                Some([low, high]) => {
-                    format!("{} [{}, {}]", column.format(*number), column.format(low), column.format(high))
+                Some(interval) => {
+                    let [number, low, high] = column.format_with(*number, interval);
+                    format!("{number} [{low}, {high}]")
                 }
                 None => column.format(*number),
             },

@@ -50,6 +50,11 @@ impl Column {
         self.quantity.print(value, self.exact)
     }
 
+    /// Formats a number of the column with the ends of its interval.
+    pub(crate) fn format_with(&self, value: f64, interval: [f64; 2]) -> [String; 3] {
+        self.quantity.print_with_interval(value, interval, self.exact)
+    }
+
     /// The heading, with an arrow in the better direction.
     pub fn head(&self) -> String {
         match self.direction {

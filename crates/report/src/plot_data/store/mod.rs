@@ -13,7 +13,7 @@ use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results};
 use super::first_metric;
 use super::subject::{leaked_targets, subject, title_of, unfinished};
 use crate::file_names::plain;
-use crate::numbers::signed;
+use crate::numbers::{decimals_of, signed};
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, ScatterPanel, ScatterPoint, SceneScatter,
 };
@@ -115,7 +115,7 @@ impl<'a> ProtocolResults<'a> {
         let against = |other: &&'a MethodRecord| {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
             let pair = paired(self.results, &queries[0], &queries[1], aggregation)?;
-            let decimals = if metric.unit == "dB" { 2 } else { 3 };
+            let decimals = decimals_of(pair.interval, if metric.unit == "dB" { 2 } else { 3 });
             let signed = |value: f64| signed(value, decimals).replace('-', "−");
             let interval = pair.interval.map(|ends| ends.map(signed));
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));

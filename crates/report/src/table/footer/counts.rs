@@ -169,9 +169,9 @@ fn trials_of<'a>(row: &Row, results: &'a ComparableResults<'a>) -> Vec<&'a Trial
 
 /// `PSNR 21.25 [19.10, 23.40]`; `None` where there is no interval, or the cell prints it.
 fn interval_of(column: &Column, cell: &Cell) -> Option<String> {
-    let (Value::Number(_), Some(ends)) = (&cell.value, cell.interval.filter(|_| !column.intervals)) else {
+    let (Value::Number(number), Some(ends)) = (&cell.value, cell.interval.filter(|_| !column.intervals)) else {
         return None;
     };
-    let [low, high] = ends.map(|end| column.format(end));
+    let [_, low, high] = column.format_with(*number, ends);
     Some(format!("{} {} [{low}, {high}]", column.title, cell.print(column)))
 }

@@ -9,7 +9,7 @@ use super::super::{NoteKind, Row, Table};
 use super::Notes;
 use crate::counted;
 use crate::definition::{ColumnGroup, PlotKind, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
-use crate::numbers::signed;
+use crate::numbers::{decimals_of, signed};
 use crate::plot::Origin;
 
 impl Notes {
@@ -67,7 +67,7 @@ fn trend_over_gaussians(
     Some(format!(
         "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}",
         metric.name,
-        signed(slope, 3),
+        signed(slope, decimals_of(interval, 3)),
         interval_in_words(interval),
         settings.len(),
         counted(scenes, "scene")
@@ -106,8 +106,9 @@ fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, a
         SlopeOver::Distance => (lead_along_distance(pair.0, pair.1), 1.0, "frame outside"),
     };
     let Trend { slope, interval, scenes } = found.ok()?;
-    let interval = interval_in_words(interval.map(|ends| ends.map(|end| end * unit)));
-    let (slope, scenes) = (signed(slope * unit, 3), counted(scenes, "scene"));
+    let interval = interval.map(|ends| ends.map(|end| end * unit));
+    let (slope, scenes) = (signed(slope * unit, decimals_of(interval, 3)), counted(scenes, "scene"));
+    let interval = interval_in_words(interval);
     Some(format!("changes by {slope} {interval} per {per}, over {scenes}, leaked targets excluded"))
 }
 
@@ -119,7 +120,10 @@ fn measured(table: &Table) -> impl Iterator<Item = &Row> {
 /// The interval of a slope in a sentence.
 fn interval_in_words(interval: Option<[f64; 2]>) -> String {
     match interval {
-        Some([low, high]) => format!("[{}, {}]", signed(low, 3), signed(high, 3)),
+        Some(ends) => {
+            let [low, high] = ends.map(|end| signed(end, decimals_of(interval, 3)));
+            format!("[{low}, {high}]")
+        }
         None => "without an interval".to_owned(),
     }
 }
