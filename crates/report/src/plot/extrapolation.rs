@@ -69,3 +69,33 @@ impl ExtrapolationDecay {
         drawing
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::definition;
+
+    use super::super::drawing::shape::{Role, Shape};
+    use super::*;
+
+    /// Inside the window, three methods have the same mean.
+    #[test]
+    fn a_point_does_not_hide_another() {
+        let series = |label: &str, far: f64| ExtrapolationSeries {
+            label: label.to_owned(),
+            points: vec![(0.0, Estimate::exact(20.0)), (5.0, Estimate::exact(far))],
+        };
+        let drawing = ExtrapolationDecay {
+            title: String::new(),
+            subtitle: String::new(),
+            quality: definition("psnr").unwrap().into(),
+            step: 1.0,
+            series: vec![series("a", 19.0), series("b", 17.0), series("c", 18.0)],
+        }
+        .draw();
+        let rings = |label: &str| {
+            let of_method = drawing.items.iter().filter(|item| item.role == Role::Data(label.into()));
+            of_method.filter(|item| matches!(item.shape, Shape::Ring { .. })).count()
+        };
+        assert_eq!(["a", "b", "c"].map(rings), [0, 1, 1]);
+    }
+}

@@ -123,7 +123,7 @@ impl Frontiers {
             below = self.draw_panel(&mut drawing, (inside, y), (*cost, points), names, &mut crowded);
         }
         if !crowded.is_empty() {
-            below = note(&mut drawing, below, &format!("No room at its point: {}", crowded.join("; ")));
+            below = note(&mut drawing, below, &format!("No room for names at points: {}", crowded.join("; ")));
         }
         let has_times = all().any(|point| point.drawn_spread().is_some());
         let explained = bars("Bars", all().map(|point| &point.quality), has_times);
@@ -195,6 +195,7 @@ impl Frontiers {
                 drawing.data(name, |drawing| mark(drawing, at, origin, colour_of(origin)));
             }
         }
+        let mut without_room = Vec::new();
         for point in points {
             let undecided = if point.standing == Some(Standing::NotDistinguishable) { " ?" } else { "" };
             let text = TextLine::new(format!("{}{undecided}", point.label), [0.0, 0.0]).within(190.0);
@@ -202,15 +203,26 @@ impl Frontiers {
             let text = if bold { text.bold() } else { text };
             let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
             if !labels.place_if_free(drawing, &text, place(point.cost, point.quality.value)) {
-                let value = self.quality.print(point.quality.value);
-                let cost = match cost {
-                    CostAxis::Seconds => seconds_label(point.cost),
-                    CostAxis::Gaussians => count_label(point.cost),
-                };
-                crowded.push(format!("{} ({value}, {cost})", point.label));
+                without_room.push(*point);
             }
         }
+        for point in without_room {
+            let number = crowded.len() + 1;
+            let text = TextLine::new(number.to_string(), [0.0, 0.0]).small();
+            let has_number = labels.place_if_free(drawing, &text, place(point.cost, point.quality.value));
+            let words = self.in_words(point, cost);
+            crowded.push(if has_number { format!("{number} {words}") } else { words });
+        }
         bottom
+    }
+
+    /// `ATSplat (22.30, 0.26 s)`.
+    fn in_words(&self, point: &FrontierPoint, cost: CostAxis) -> String {
+        let cost = match cost {
+            CostAxis::Seconds => seconds_label(point.cost),
+            CostAxis::Gaussians => count_label(point.cost),
+        };
+        format!("{} ({}, {cost})", point.label, self.quality.print(point.quality.value))
     }
 
     /// The points of the frontier, cheapest first: those that were tested, or the ranked ones that no other ranked point
@@ -300,6 +312,27 @@ mod tests {
         assert!(low > 8.0 && high > 15.0, "{low} to {high}");
         let [low, high] = ends(Some([0.004, 0.015]));
         assert!(low < 4.0 && high > 15.0, "{low} to {high}");
+    }
+
+    /// Twenty settings with long names, of which some have no room.
+    #[test]
+    fn points_without_room_for_their_names_have_numbers() {
+        let name =
+            |at: u32| format!("setting {at} with a name that is much too long for the middle of a crowd of points");
+        let points =
+            (0..20).map(|at| point(&name(at), 1000.0 + 10.0 * f64::from(at), 20.0 + 0.01 * f64::from(at))).collect();
+        let drawing = Frontiers {
+            title: String::new(),
+            subtitle: String::new(),
+            quality: QualityMetric::from(definition("psnr").unwrap()),
+            panels: vec![(CostAxis::Gaussians, points), (CostAxis::Gaussians, vec![point("alone", 1000.0, 20.0)])],
+            note: String::new(),
+        }
+        .draw();
+        let texts: Vec<&str> = drawing.texts().collect();
+        let key = texts.iter().find_map(|text| text.strip_prefix("No room for names at points: ")).unwrap();
+        let numbered: Vec<&str> = key.split("; ").collect();
+        assert!(numbered[0].starts_with("1 setting ") && texts.contains(&"1"), "{key}");
     }
 
     #[test]

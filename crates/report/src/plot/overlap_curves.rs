@@ -2,7 +2,7 @@ use super::drawing::axes::Axes;
 use super::drawing::labels::names_above;
 use super::drawing::scale::Scale;
 use super::drawing::series::{
-    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves_with, height_of_names, note, number_axis, scale_of,
     sentences,
 };
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
@@ -78,8 +78,8 @@ impl OverlapCurves {
             colour: colour(at),
         });
         let gap = self.gap;
-        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < gap);
-        let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
+        let beyond = draw_curves_with(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < gap, false);
+        let intervals = bars("Bars", points().map(|(_, mean)| mean), false);
         let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
         drawing.end_at(bottom + 14.0);
         drawing

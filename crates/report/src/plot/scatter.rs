@@ -107,7 +107,7 @@ impl SceneScatter {
         let diagonal = [scale.low(), scale.high()].map(|value| axes.place(value, value));
         drawing.with(Role::Frame, |drawing| drawing.line(diagonal, Stroke::new(GREY, 1.5)));
         let mut labels = Labels::new(Extent { bottom: inside.bottom - 2.0, ..inside });
-        labels.avoid_line(&diagonal);
+        labels.divide(diagonal);
         for point in &panel.points {
             let (kind, place) = (self.kind(point), axes.place(point.x, point.y));
             drawing.data(&names[kind], |drawing| drawing.disc(place, 3.5, Fill::faint(KINDS[kind].1, 0.75)));

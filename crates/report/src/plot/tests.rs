@@ -35,7 +35,6 @@ fn bars_are_explained_where_they_are_drawn() {
         "extrapolation",
         "ablation",
         "k-scaling",
-        "drift-history",
     ];
     let with_times = ["frontiers", "frontier-seconds"];
     for (name, drawing) in gallery() {

@@ -11,6 +11,8 @@ pub(in crate::plot) struct Labels {
     taken: Vec<Extent>,
     /// Pieces of lines, which a connection may cross but no label.
     lines: Vec<Extent>,
+    /// Lines that a connection crosses only where there is no other room.
+    walls: Vec<[[f64; 2]; 2]>,
 }
 
 const GAPS: [f64; 10] = [11.0, 17.0, 28.0, 44.0, 64.0, 90.0, 120.0, 150.0, 190.0, 240.0];
@@ -18,10 +20,12 @@ const GAPS: [f64; 10] = [11.0, 17.0, 28.0, 44.0, 64.0, 90.0, 120.0, 150.0, 190.0
 const FREE: f64 = 0.5;
 /// A label farther than this from its mark gets a connecting line.
 const NEAR: f64 = 17.0;
+/// As how many pixels of distance a connection counts that crosses a wall.
+const WALL: f64 = 1000.0;
 
 impl Labels {
     pub(in crate::plot) const fn new(bounds: Extent) -> Self {
-        Self { bounds, taken: Vec::new(), lines: Vec::new() }
+        Self { bounds, taken: Vec::new(), lines: Vec::new(), walls: Vec::new() }
     }
 
     /// Keeps labels off a mark.
@@ -42,6 +46,13 @@ impl Labels {
                 step += 1.0;
             }
         }
+    }
+
+    /// Keeps labels off a straight line, and on the side of their marks where there is room: a connection across it looks like another
+    /// line of the plot.
+    pub(in crate::plot) fn divide(&mut self, line: [[f64; 2]; 2]) {
+        self.avoid_line(&line);
+        self.walls.push(line);
     }
 
     /// Draws a label as near to its mark as there is room; its position and side are replaced. A far label is connected to
@@ -69,9 +80,12 @@ impl Labels {
             let text = TextLine { at, side, ..text.clone() };
             let extent = text.extent();
             let covered: f64 = self.taken.iter().chain(&self.lines).map(|other| extent.shared(*other)).sum();
-            let crossed = if gap > NEAR { self.crossed(connection(mark, extent)) } else { 0.0 };
+            let line = connection(mark, extent);
+            let is_connected = gap > NEAR;
+            let crossed = if is_connected { self.crossed(line) } else { 0.0 };
             let outside = if self.bounds.contains(extent) { 0.0 } else { 1e4 };
-            (covered + crossed + outside, (gap, text))
+            let is_across = is_connected && self.walls.iter().any(|wall| intersect(line, *wall));
+            (covered + crossed + outside, (if is_across { gap + WALL } else { gap }, text))
         });
         let cost = |(covered, (gap, _)): &(f64, (f64, TextLine))| covered * 100.0 + gap;
         let best = placed.min_by(|a, b| cost(a).total_cmp(&cost(b)));
@@ -101,6 +115,15 @@ impl Labels {
         };
         (0..=48).map(step).sum()
     }
+}
+
+/// Whether two pieces of lines cross.
+fn intersect(one: [[f64; 2]; 2], other: [[f64; 2]; 2]) -> bool {
+    let side = |[from, to]: [[f64; 2]; 2], [x, y]: [f64; 2]| {
+        (to[0] - from[0]) * (y - from[1]) - (to[1] - from[1]) * (x - from[0])
+    };
+    let parts = |line: [[f64; 2]; 2], ends: [[f64; 2]; 2]| side(line, ends[0]) * side(line, ends[1]) < 0.0;
+    parts(one, other) && parts(other, one)
 }
 
 /// From a mark to the nearest place of a label.
@@ -185,6 +208,32 @@ mod tests {
             assert!(bounds.contains(*extent));
             assert!(names[at + 1..].iter().all(|other| extent.shared(*other) == 0.0), "{extent:?}");
         }
+    }
+
+    /// A mark near a diagonal, with room for its label only farther away: the first such place is beyond the diagonal.
+    #[test]
+    fn a_connection_stays_on_its_side_of_a_dividing_line() {
+        let diagonal = [[0.0, 200.0], [200.0, 0.0]];
+        let crosses = |divide: bool| {
+            let (mut labels, mut drawing) = (Labels::new(Extent::new(0.0, 0.0, 200.0, 200.0)), Drawing::new(200, 200));
+            if divide {
+                labels.divide(diagonal);
+            } else {
+                labels.avoid_line(&diagonal);
+            }
+            let mark = [90.0, 100.0];
+            for radius in [12.0, 17.0, 22.0, 27.0, 32.0, 37.0] {
+                let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
+                labels.avoid_line(&corners.map(|[x, y]| [mark[0] + radius * x, mark[1] + radius * y]));
+            }
+            assert!(labels.place_if_free(&mut drawing, &TextLine::new("a", [0.0, 0.0]), mark));
+            let mut lines = drawing.items.iter().filter_map(|item| match &item.shape {
+                super::super::shape::Shape::Line { points, .. } => Some([points[0], points[1]]),
+                _ => None,
+            });
+            intersect(lines.next().unwrap(), diagonal)
+        };
+        assert_eq!([false, true].map(crosses), [true, false]);
     }
 
     #[test]

@@ -128,21 +128,34 @@ fn name_of(name: &str) -> TextLine {
 }
 
 /// Draws curves with marks, the bands of their intervals, and names on the right. Lines and bands only join points that
-/// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. Returns what is beyond the scale,
-/// as text.
+/// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. A point at the place of another is a ring
+/// around it. Returns what is beyond the scale, as text.
 pub(in crate::plot) fn draw_curves(
     drawing: &mut Drawing,
     axes: &Axes,
     curves: &[Curve<'_>],
     joined: impl Fn(f64, f64) -> bool,
 ) -> Vec<String> {
+    draw_curves_with(drawing, axes, curves, joined, true)
+}
+
+/// Like [`draw_curves`]; without `bands`, every interval is an error bar, as of points at uneven steps: the check of plots takes a wide
+/// part of a band for one across a gap.
+pub(in crate::plot) fn draw_curves_with(
+    drawing: &mut Drawing,
+    axes: &Axes,
+    curves: &[Curve<'_>],
+    joined: impl Fn(f64, f64) -> bool,
+    bands: bool,
+) -> Vec<String> {
     let Extent { right, top, bottom, .. } = axes.inside;
     let kept = |y: f64| y.clamp(top, bottom);
     let is_shown = |mean: f64| (top - 0.5..=bottom + 0.5).contains(&axes.y_of(mean));
     let mut beyond = Vec::new();
+    let mut discs: Vec<[f64; 2]> = Vec::new();
     for Curve { points, colour, label } in curves {
         for part in points.chunk_by(|(a, _), (b, _)| joined(*a, *b)) {
-            for part in part.chunk_by(|(_, a), (_, b)| has_band(a, is_shown) && has_band(b, is_shown)) {
+            for part in part.chunk_by(|(_, a), (_, b)| bands && has_band(a, is_shown) && has_band(b, is_shown)) {
                 draw_intervals(drawing, axes, label, part, *colour);
             }
             let line: Vec<_> = part.iter().map(|(x, mean)| [axes.x_of(*x), kept(axes.y_of(mean.value))]).collect();
@@ -153,7 +166,12 @@ pub(in crate::plot) fn draw_curves(
         for (x, mean) in points {
             let at = [axes.x_of(*x), kept(axes.y_of(mean.value))];
             if is_shown(mean.value) {
-                drawing.data(label, |drawing| drawing.disc(at, 3.0, Fill::solid(*colour)));
+                let below = discs.iter().filter(|other| (at[0] - other[0]).hypot(at[1] - other[1]) < 2.0).count();
+                drawing.data(label, |drawing| match below {
+                    0 => drawing.disc(at, 3.0, Fill::solid(*colour)),
+                    below => drawing.ring(at, 3.0 + 2.5 * below as f64, Stroke::new(*colour, 1.5)),
+                });
+                discs.push(at);
             } else {
                 let tip = if at[1] <= top { -7.0 } else { 7.0 };
                 let corners = [[at[0] - 5.0, at[1] - tip], [at[0], at[1]], [at[0] + 5.0, at[1] - tip]];
