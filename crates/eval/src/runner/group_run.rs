@@ -71,6 +71,9 @@ pub(super) fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDige
 /// What [`Trials`] yields: a trial, or why an entry has none.
 type Outcome = Result<(Trial, TargetImages), Skipped>;
 
+/// A method that a trial lacks, and the hash of its input files.
+type Missing<'a> = (&'a Arc<dyn Method>, Option<String>);
+
 fn scene_of(outcome: &Outcome) -> &str {
     match outcome {
         Ok((trial, _)) => trial.scene(),
@@ -234,7 +237,7 @@ impl GroupRun<'_> {
 
     /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run or has no
     /// images that are to be kept, each with the hash of its input files.
-    fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<(&Arc<dyn Method>, Option<String>)>, ResultsError> {
+    fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<Missing<'_>>, ResultsError> {
         let hash = trial.hash().to_string();
         let mut missing = Vec::new();
         for method in &self.methods {
