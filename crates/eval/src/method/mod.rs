@@ -22,6 +22,7 @@ use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_files::FileError;
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
@@ -177,7 +178,7 @@ pub struct Rendered {
 }
 
 /// Why a method has no prediction for a trial.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[derive(Debug, Error)]
 pub enum MethodError {
     /// The method does not support this kind of trial.
     #[error("not applicable: {0}")]
@@ -185,6 +186,10 @@ pub enum MethodError {
     /// The method supports the trial but failed.
     #[error("{0}")]
     Failed(String),
+    /// The method was not asked, because a file for it cannot be written or its process cannot be started. That is no result of the
+    /// method: it stops the run.
+    #[error(transparent)]
+    Io(#[from] FileError),
 }
 
 /// Renders targets one by one; a position that the trial does not have is an error.

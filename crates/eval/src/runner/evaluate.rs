@@ -59,7 +59,7 @@ impl DecodedTrial {
 }
 
 impl Evaluation<'_> {
-    /// The rows of a trial, also if it fails. Only a store that cannot be written is an error.
+    /// The rows of a trial, also if it fails. Only a file that cannot be written, of the store or for the method, is an error.
     pub(super) fn rows(
         &self,
         key: TrialKey,
@@ -82,6 +82,7 @@ impl Evaluation<'_> {
             catch_unwind(AssertUnwindSafe(|| self.evaluate(&key, &mut result, decoded, method, record.record_kind())));
         let error = match outcome {
             Ok(Ok(())) => None,
+            Ok(Err(Failure::Method(MethodError::Io(error)))) => return Err(error.into()),
             Ok(Err(Failure::Method(error))) => Some(error),
             Ok(Err(Failure::Store(error))) => return Err(error),
             Err(panic) => {
@@ -268,7 +269,7 @@ impl TrialResult {
         let of_targets = || first.map(|first| format!("{failed} of {} targets failed: {first}", rows.len()));
         let (status, detail) = match error {
             Some(MethodError::NotApplicable(why)) => (TrialStatus::NotApplicable, Some(why)),
-            Some(MethodError::Failed(why)) => (TrialStatus::Failed, Some(why)),
+            Some(error) => (TrialStatus::Failed, Some(error.to_string())),
             None if failed == 0 => (TrialStatus::Done, None),
             None if failed == rows.len() => (TrialStatus::Failed, of_targets()),
             None => (TrialStatus::Partial, of_targets()),

@@ -15,7 +15,7 @@ use super::load::{CountedTime, LoadMonitor};
 use super::samples::{PreparedTrial, Samples};
 use super::this_machine;
 use crate::EvalError;
-use crate::method::Method;
+use crate::method::{Method, MethodError};
 use crate::runner::{Dataset, Plan, groups, key_of, recipe};
 
 /// How many trials are timed, and how often.
@@ -203,7 +203,7 @@ impl Pass<'_> {
             let (measured, load) = if timed.encoding || timed.rendering {
                 self.measured(&dataset.preset, prepared, method)
             } else {
-                (Err("it imports finished images".to_owned()), Load::default())
+                (Err(MethodError::Failed("it imports finished images".to_owned())), Load::default())
             };
             // A trial that was interrupted was not rejected.
             self.check_stop()?;
@@ -213,8 +213,9 @@ impl Pass<'_> {
                     let Samples { warm_up, encode, render, stages, held_bytes, peak_bytes, .. } = samples;
                     rows.push(TimingRow { warm_up, encode, render, stages, held_bytes, peak_bytes, ..row });
                 }
-                Err(detail) => {
-                    row.detail = Some(detail);
+                Err(MethodError::Io(error)) => return Err(error.into()),
+                Err(why) => {
+                    row.detail = Some(why.to_string());
                     rejected.push(row);
                 }
             }
@@ -233,7 +234,7 @@ impl Pass<'_> {
         preset: &Preset,
         prepared: &PreparedTrial,
         method: &dyn Method,
-    ) -> (Result<Samples, String>, Load) {
+    ) -> (Result<Samples, MethodError>, Load) {
         let record = method.record();
         let is_cpu = record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"));
         let counted = if is_cpu { CountedTime::Pool } else { CountedTime::Process };

@@ -10,7 +10,7 @@ use atsplat_results::times::rendered_targets;
 
 use super::load::LoadMonitor;
 use super::{TimingPlan, memory};
-use crate::method::{Method, Prediction, Timed, TrialInput};
+use crate::method::{Method, MethodError, Prediction, Timed, TrialInput};
 
 /// Short work is repeated for at least this long, so that the machine's load can be measured.
 const MIN_DURATION: Duration = LoadMonitor::SHORTEST;
@@ -49,15 +49,15 @@ impl Samples {
         preset: &Preset,
         prepared: &PreparedTrial,
         method: &dyn Method,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MethodError> {
         let preset = preset.rendered_for(method.setting());
         let input = TrialInput { preset: &preset, trial: &prepared.trial, images: &prepared.images };
         // A panic in the method costs its times only.
         let measured = catch_unwind(AssertUnwindSafe(|| Self::measured(plan, input, method)));
-        measured.unwrap_or_else(|_panic| Err("the method panicked".to_owned()))
+        measured.unwrap_or_else(|_panic| Err(MethodError::Failed("the method panicked".to_owned())))
     }
 
-    fn measured(plan: TimingPlan, input: TrialInput<'_>, method: &dyn Method) -> Result<Self, String> {
+    fn measured(plan: TimingPlan, input: TrialInput<'_>, method: &dyn Method) -> Result<Self, MethodError> {
         let targets = rendered_targets(input.trial.targets().len());
         let mut samples = Self::default();
         let is_peak_reset = memory::reset_peak();
@@ -97,7 +97,7 @@ impl Samples {
         if !timed.rendering {
             samples.render.clear();
         }
-        samples.check_stages()?;
+        samples.check_stages().map_err(MethodError::Failed)?;
         Ok(samples)
     }
 
@@ -120,9 +120,9 @@ impl Samples {
     }
 
     /// Runs the method once: from context images to a scene, then renders some targets. Returns the seconds of all of it.
-    fn repeat(&mut self, input: TrialInput<'_>, method: &dyn Method, targets: &[usize]) -> Result<f64, String> {
+    fn repeat(&mut self, input: TrialInput<'_>, method: &dyn Method, targets: &[usize]) -> Result<f64, MethodError> {
         let start = Instant::now();
-        let prediction = method.predict(input).map_err(|error| error.to_string())?;
+        let prediction = method.predict(input)?;
         self.encode.push(start.elapsed().as_secs_f64());
         let cost = prediction.cost();
         self.process_peak_bytes = cost.process_peak_bytes.or(self.process_peak_bytes);
@@ -130,7 +130,7 @@ impl Samples {
             self.stages.entry(name).or_default().push(secs);
         }
         for target in targets {
-            self.render.push(render_secs(prediction.as_ref(), *target)?);
+            self.render.push(render_secs(prediction.as_ref(), *target).map_err(MethodError::Failed)?);
         }
         Ok(start.elapsed().as_secs_f64())
     }

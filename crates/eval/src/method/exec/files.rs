@@ -1,14 +1,18 @@
 //! The files that atsplat and a method's process exchange for one trial, in a folder that is removed afterwards.
 
 use std::fs;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Component, MAIN_SEPARATOR, Path, PathBuf};
 
+use atsplat_files::FileError;
 use atsplat_pixels::Image;
 use atsplat_splat::{Gaussians, RasterMode};
 
 use super::npy;
 use crate::method::frame_files::FrameFiles;
-use crate::method::{TrialInput, ply, renders};
+use crate::method::{MethodError, TrialInput, ply, renders};
+
+/// How the name of a trial's folder begins; the number of its request follows.
+const PREFIX: &str = "request-";
 
 /// The folder of one trial, named by the number of its request.
 #[derive(Debug)]
@@ -16,14 +20,18 @@ pub(super) struct TrialFolder(PathBuf);
 
 impl TrialFolder {
     /// Writes the context images as `context-0.npy` and so on; also returns their paths.
-    pub(super) fn of(parent: &Path, request: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
-        let trial_folder = Self(parent.join(format!("request-{request}")));
-        let failed = |error: std::io::Error| format!("{}: {error}", trial_folder.0.display());
-        fs::create_dir_all(&trial_folder.0).map_err(failed)?;
+    ///
+    /// # Errors
+    /// [`MethodError::Io`] if they cannot be written.
+    pub(super) fn of(parent: &Path, request: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), MethodError> {
+        let trial_folder = Self(parent.join(format!("{PREFIX}{request}")));
+        fs::create_dir_all(&trial_folder.0)
+            .map_err(FileError::during::<MethodError>("creating a folder for a method's trial", &trial_folder.0))?;
         let mut paths = Vec::with_capacity(input.images.len());
         for (at, image) in input.images.iter().enumerate() {
             let path = trial_folder.0.join(format!("context-{at}.npy"));
-            fs::write(&path, npy::of_image(image)).map_err(failed)?;
+            fs::write(&path, npy::of_image(image))
+                .map_err(FileError::during::<MethodError>("writing a context image for a method", &path))?;
             paths.push(path.display().to_string());
         }
         Ok((trial_folder, paths))
@@ -86,6 +94,21 @@ impl TrialFolder {
     }
 }
 
+/// A message in which the folders of trials below `parent` have no names: those are others in every run, and rows of equal runs are
+/// equal. What is in a folder keeps its name in it.
+pub(super) fn without_folders(message: &str, parent: &Path) -> String {
+    let beginning = parent.join(PREFIX).display().to_string();
+    let mut parts = message.split(beginning.as_str());
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, part| {
+        let rest = part.trim_start_matches(|character: char| character.is_ascii_digit());
+        match rest.strip_prefix(MAIN_SEPARATOR) {
+            Some(inside) => text + inside,
+            None => text + "the trial's folder" + rest,
+        }
+    })
+}
+
 impl Drop for TrialFolder {
     fn drop(&mut self) {
         // If this fails, the folder is removed later with the folder of all trials.
@@ -110,6 +133,18 @@ mod tests {
             assert!(trial_folder.file(name).is_err_and(|why| why.contains("trial's folder")), "{name:?}");
         }
         assert!(trial_folder.file("missing").unwrap_err().contains("found none"));
+    }
+
+    #[test]
+    fn messages_name_files_as_they_are_called_in_a_trials_folder() {
+        let parent = Path::new("tmp").join("atsplat-method-x");
+        let folder = |number: u64| parent.join(format!("request-{number}"));
+        let [one, other] = [folder(1).join("renders").join("28.png"), folder(12).join("28.png")];
+        let message = format!("two files: {} and {} in {}: no", one.display(), other.display(), folder(1).display());
+        let renders = Path::new("renders").join("28.png");
+        let expected = format!("two files: {} and 28.png in the trial's folder: no", renders.display());
+        assert_eq!(without_folders(&message, &parent), expected);
+        assert_eq!(without_folders("out of memory", &parent), "out of memory");
     }
 
     #[test]

@@ -26,6 +26,12 @@ fn with_setpriv(command: &Command) -> Command {
     wrapped
 }
 
+/// A line of standard error as the program itself would say it: `setpriv` says that it cannot execute a program.
+pub(super) fn without_starter(line: &str) -> &str {
+    let [setpriv, ..] = SETPRIV;
+    line.strip_prefix(setpriv).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(line)
+}
+
 /// Whether `setpriv` knows the option; busybox's does not.
 fn has_setpriv() -> bool {
     static FOUND: OnceLock<bool> = OnceLock::new();
@@ -106,6 +112,13 @@ fn group_of(stat: &str) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_do_not_name_the_program_that_starts_another() {
+        let line = "setpriv: failed to execute /no/method: No such file or directory";
+        assert_eq!(without_starter(line), "failed to execute /no/method: No such file or directory");
+        assert_eq!(without_starter("error: setpriv: no"), "error: setpriv: no");
+    }
 
     #[test]
     fn reads_the_group_behind_any_name() {

@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use atsplat_files::FileError;
 use atsplat_pixels::Image;
 use atsplat_protocol::Preset;
 use atsplat_results::{MethodRecord, differences};
@@ -20,7 +21,7 @@ use atsplat_results::{MethodRecord, differences};
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, MethodSpec, Prediction, Rendered, Timed, TrialInput};
 use crate::EvalError;
-use files::TrialFolder;
+use files::{TrialFolder, without_folders};
 use pool::{Pool, Slot};
 use process::Process;
 use scratch::Scratch;
@@ -79,7 +80,9 @@ impl Exec {
         // Before the start: what is edited while the process loads is not what it runs.
         let files = command::files(&words)?;
         let no_method = |why| EvalError::NoMethod { command: command.clone(), why };
-        let (process, hello) = start(&words, 0, limit).map_err(no_method)?;
+        let process = Process::start(&words, 0)
+            .map_err(|error| no_method(format!("the method's process: it cannot be started: {error}")))?;
+        let (process, hello) = described(process, limit).map_err(no_method)?;
         let name = MethodSpec::name_of(name.as_deref().unwrap_or(&hello.name))
             .map_err(|error| no_method(format!("the method's name: {error}; NAME=exec:… gives it another")))?;
         let record = record(name, &command, &files, &hello, opacities_as_stored, &splatting);
@@ -93,7 +96,7 @@ impl Exec {
     /// Sends a request and waits for the answer on a channel: a rayon thread that stole another trial while it waits
     /// might wait for the same process.
     fn ask(&self, slot: &mut Slot, request: &Request<'_>) -> Result<(Answer, Cost), MethodError> {
-        let mut process = self.process_of(slot).map_err(MethodError::Failed)?;
+        let mut process = self.process_of(slot)?;
         let begin = Instant::now();
         let line = process.ask(request.line(), self.limit).map_err(|fault| fault.to_string());
         let secs = begin.elapsed().as_secs_f64();
@@ -112,10 +115,10 @@ impl Exec {
     }
 
     /// The slot's process, or a new one if it has ended; an error if it wrote a line that nobody asked for.
-    fn process_of(&self, slot: &mut Slot) -> Result<Process, String> {
+    fn process_of(&self, slot: &mut Slot) -> Result<Process, MethodError> {
         let Some(mut process) = slot.process.take() else { return self.restarted(slot.number) };
         if let Some(why) = process.extra_line() {
-            return Err(with_stderr_tail(&why, &process.kill()));
+            return Err(MethodError::Failed(with_stderr_tail(&why, &process.kill())));
         }
         if process.has_ended() {
             process.kill();
@@ -124,28 +127,59 @@ impl Exec {
         Ok(process)
     }
 
-    fn restarted(&self, number: usize) -> Result<Process, String> {
+    fn restarted(&self, number: usize) -> Result<Process, MethodError> {
+        let failed = |why: String| MethodError::Failed(format!("the method's process: {why}"));
         let names = self.files.keys().cloned();
-        let files = command::hashed(names).map_err(|error| format!("the method's process: {error}"))?;
+        let files = command::hashed(names).map_err(|error| failed(error.to_string()))?;
         if files != self.files {
             let differences = differences(&self.files, &files);
-            return Err(format!(
-                "the method's process: files of its command have changed since its first start: {differences}"
-            ));
+            return Err(failed(format!("files of its command have changed since its first start: {differences}")));
         }
-        let (process, hello) = start(&self.words, number, self.limit)?;
+        let program = self.words.first().map_or("", String::as_str);
+        let process = Process::start(&self.words, number)
+            .map_err(FileError::during::<MethodError>("starting a method's process again", program))?;
+        let (process, hello) = described(process, self.limit).map_err(MethodError::Failed)?;
         if hello == self.hello {
             return Ok(process);
         }
         let differences = differences(&self.hello, &hello);
-        Err(format!("the method's process: it describes itself differently after a restart: {differences}"))
+        Err(failed(format!("it describes itself differently after a restart: {differences}")))
+    }
+
+    /// What the process makes of a trial.
+    fn answered<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let number = self.requests.fetch_add(1, Ordering::Relaxed);
+        let (trial_folder, files) = TrialFolder::of(self.folder.path(), number, &input)?;
+        let request = Request::new(&input, trial_folder.path(), files);
+        let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
+        let why = match (answer, self.hello.gives) {
+            (Answer::Images(name), OutputKind::Images) => {
+                let images = trial_folder.images(&name, &input).map_err(MethodError::Failed)?.into_iter();
+                let images = images.map(|image| image.map_err(|why| self.without_folders(&why))).collect();
+                return Ok(Box::new(Images { images, cost }));
+            }
+            (Answer::Gaussians(name), OutputKind::Gaussians) => {
+                let read = trial_folder.gaussians(&name, self.opacities_as_stored, self.splatting.mode);
+                let (gaussians, notes) = read.map_err(MethodError::Failed)?;
+                let notes = notes.iter().map(|note| self.without_folders(note)).collect();
+                return Ok(self.splatting.predict(input, gaussians, Cost { notes, ..cost }));
+            }
+            (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),
+            (Answer::Error(why), _) => format!("the method says: {why}"),
+            (other, gives) => {
+                format!("expected {}, as announced at its start, found {}", gives.name(), other.name())
+            }
+        };
+        Err(MethodError::Failed(why))
+    }
+
+    fn without_folders(&self, message: &str) -> String {
+        without_folders(message, self.folder.path())
     }
 }
 
-/// Starts a process and reads the line in which it describes itself.
-fn start(words: &[String], number: usize, limit: Duration) -> Result<(Process, Hello), String> {
-    tracing::info!(?words, number, "starting a method's process");
-    let mut process = Process::start(words, number).map_err(|fault| format!("the method's process: {fault}"))?;
+/// Reads the line in which a process describes itself.
+fn described(mut process: Process, limit: Duration) -> Result<(Process, Hello), String> {
     let line = process.line(limit).map_err(|fault| fault.to_string());
     match line.and_then(|line| Hello::parse(&line)) {
         Ok(hello) => Ok((process, hello)),
@@ -156,7 +190,11 @@ fn start(words: &[String], number: usize, limit: Duration) -> Result<(Process, H
 fn with_stderr_tail(why: &str, lines: &[String]) -> String {
     match lines {
         [] => format!("the method's process: {why}; it wrote nothing to standard error"),
-        lines => format!("the method's process: {why}; its last lines on standard error: {}", lines.join(" | ")),
+        lines => {
+            // Of a program that is not there: the user has never heard of what starts it.
+            let lines: Vec<&str> = lines.iter().map(|line| group::without_starter(line)).collect();
+            format!("the method's process: {why}; its last lines on standard error: {}", lines.join(" | "))
+        }
     }
 }
 
@@ -215,27 +253,11 @@ impl Method for Exec {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        let number = self.requests.fetch_add(1, Ordering::Relaxed);
-        let (trial_folder, files) = TrialFolder::of(self.folder.path(), number, &input).map_err(MethodError::Failed)?;
-        let request = Request::new(&input, trial_folder.path(), files);
-        let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
-        let why = match (answer, self.hello.gives) {
-            (Answer::Images(name), OutputKind::Images) => {
-                let images = trial_folder.images(&name, &input).map_err(MethodError::Failed)?;
-                return Ok(Box::new(Images { images, cost }));
-            }
-            (Answer::Gaussians(name), OutputKind::Gaussians) => {
-                let read = trial_folder.gaussians(&name, self.opacities_as_stored, self.splatting.mode);
-                let (gaussians, notes) = read.map_err(MethodError::Failed)?;
-                return Ok(self.splatting.predict(input, gaussians, Cost { notes, ..cost }));
-            }
-            (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),
-            (Answer::Error(why), _) => format!("the method says: {why}"),
-            (other, gives) => {
-                format!("expected {}, as announced at its start, found {}", gives.name(), other.name())
-            }
-        };
-        Err(MethodError::Failed(why))
+        self.answered(input).map_err(|error| match error {
+            MethodError::NotApplicable(why) => MethodError::NotApplicable(self.without_folders(&why)),
+            MethodError::Failed(why) => MethodError::Failed(self.without_folders(&why)),
+            MethodError::Io(error) => MethodError::Io(error),
+        })
     }
 }
 

@@ -30,8 +30,6 @@ const NUMBER: &str = "ATSPLAT_PROCESS";
 /// Why there is no line from a process.
 #[derive(Debug, Error)]
 pub(super) enum Fault {
-    #[error("it cannot be started: {0}")]
-    Start(#[from] io::Error),
     #[error("it did not answer within {} s and was killed", limit.as_secs_f64())]
     TimedOut { limit: Duration },
     #[error("it ended with {0}")]
@@ -68,11 +66,12 @@ pub(super) struct Process {
 
 impl Process {
     /// Starts the program `words[0]` with the other words as its arguments.
-    pub(super) fn start(words: &[String], number: usize) -> Result<Self, Fault> {
+    pub(super) fn start(words: &[String], number: usize) -> io::Result<Self> {
         let (started, start) = channel();
         let (requests, for_child) = channel();
         let (alive, ending) = channel();
         let words = words.to_vec();
+        tracing::info!(?words, number, "starting a method's process");
         waiting_thread(move || spawn_and_write(command(&words, number), &started, &for_child, &ending));
         let mut child: Child = start.recv().unwrap_or_else(|_gone| Err(io::ErrorKind::Other.into()))?;
         let (sender, lines) = channel();

@@ -239,7 +239,8 @@ impl Answer {
     }
 }
 
-/// Rejects stages that take longer than their answer, which took `wall_secs`; they do not overlap.
+/// Rejects stages that take longer than their answer, which took `wall_secs`; they do not overlap. Measured seconds are logged and not in
+/// the message: rows of equal runs are equal.
 pub(super) fn check_seconds(stages: &BTreeMap<String, f64>, wall_secs: f64) -> Result<(), String> {
     let longest = wall_secs * (1.0 + CLOCK_TOLERANCE) + CLOCK_TOLERANCE_SECS;
     let (names, secs) = match stages.iter().find(|(_, secs)| **secs > longest) {
@@ -249,9 +250,10 @@ pub(super) fn check_seconds(stages: &BTreeMap<String, f64>, wall_secs: f64) -> R
     if secs <= longest {
         return Ok(());
     }
+    tracing::info!(%names, secs, wall_secs, "stages that are longer than their answer");
     Err(format!(
-        "{names}: expected at most the {wall_secs:.4} s that the answer took, found {secs} s: \"seconds\" are seconds, not \
-         milliseconds, of stages that do not overlap"
+        "{names}: expected at most the seconds that the answer took, found more: \"seconds\" are seconds, not milliseconds, of stages \
+         that do not overlap"
     ))
 }
 
@@ -339,14 +341,18 @@ mod tests {
         assert_eq!(check(&[("encode", 10.1)], 10.0), Ok(()), "one in a hundred");
         assert_eq!(check(&[("encode", 0.005)], 0.0041), Ok(()), "a millisecond");
         let refused = |stages: &[(&str, f64)], wall_secs: f64| check(stages, wall_secs).unwrap_err();
-        assert!(refused(&[("encode", 10.2)], 10.0).starts_with("encode: expected at most the 10.0000 s"));
-        assert!(refused(&[("encode", 0.0062)], 0.005).contains("found 0.0062 s"));
+        assert!(refused(&[("encode", 0.0062)], 0.005).starts_with("encode: expected at most "));
         assert_eq!(
             refused(&[("encode", 1000.0), ("render", 0.001)], 0.004_57),
-            "encode: expected at most the 0.0046 s that the answer took, found 1000 s: \"seconds\" are seconds, not milliseconds, \
-             of stages that do not overlap"
+            "encode: expected at most the seconds that the answer took, found more: \"seconds\" are seconds, not milliseconds, of \
+             stages that do not overlap"
         );
         let both = refused(&[("encode", 0.75), ("render", 0.5)], 1.0);
-        assert!(both.starts_with("encode + render: expected ") && both.contains("found 1.25 s"), "{both}");
+        assert!(both.starts_with("encode + render: expected "), "{both}");
+        assert_eq!(
+            refused(&[("encode", 10.2)], 10.0),
+            refused(&[("encode", 10.3)], 10.1),
+            "rows of two runs are equal"
+        );
     }
 }
