@@ -137,6 +137,10 @@ def test_wrong_arguments_of_rendering_are_named():
         with pytest.raises(atsplat.InvalidError) as raised:
             atsplat.render(*arguments, **options)
         assert raised.value.field == field
+    for background, hint in [((255, 128, 0), ": divide by 255"), ((-1, 0, 0), ""), ((0, float("nan"), 0), ""), ((0, 256, 0), "")]:
+        with pytest.raises(atsplat.InvalidError, match=r"background: expected red, green and blue in \[0, 1\]") as raised:
+            atsplat.render(gaussians(), cameras, background=background)
+        assert raised.value.field == "background" and str(raised.value).endswith(f"found {background!r}{hint}")
     for width in (3, None):
         assert atsplat.render(gaussians(), cameras, width=width).images.shape == (1, 8, width or 8, 3)
 

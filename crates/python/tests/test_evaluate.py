@@ -312,6 +312,8 @@ def test_settings_are_checked(rooms, tmp_path):
         ({"limit": -1}, "limit"),
         ({"limit": 0}, "limit"),
         ({"limit": 1.5}, "limit"),
+        ({"limit": 10**30}, "limit"),
+        *(({"title": title}, "title") for title in ("two\nlines", "a" * 81, " ", 3)),
         ({"shard": "1/2"}, "shard"),
         ({"shard": (3, 2)}, "shard"),
         ({"weights": "/nope"}, "weights"),
@@ -322,6 +324,7 @@ def test_settings_are_checked(rooms, tmp_path):
         ({"version": 1.5}, "version"),
         ({"constants": "gsplat"}, "constants"),
         ({"background": 0}, "background"),
+        ({"background": (-0.5, 0, 0)}, "background"),
         *(({"ray": ray}, "ray") for ray in (None, 2, {"workers": 0}, {"shards": 0}, {"retries": 1.5}, {"num_cpus": -1})),
     ]
     for options, field in wrong:

@@ -70,6 +70,24 @@ def test_what_differs_is_named(monkeypatch):
     assert identity(through_a_helper)["helper"] != before["helper"]
 
 
+def test_attributes_of_the_object_that_is_called_are_named():
+    class Counting:
+        def __init__(self):
+            self.calls, self.weights = 0, np.arange(3)
+
+        def __call__(self, images, context, target):
+            self.calls += 1
+            return images
+
+    counting = Counting()
+    for method in (counting, counting.__call__, functools.partial(counting)):
+        before = identity(method)
+        counting(1, 2, 3)
+        after = identity(method)
+        assert before.keys() == after.keys() >= {"method", "method.calls", "method.weights"}
+        assert {name for name in after if after[name] != before[name]} == {"method.calls"}
+
+
 def test_state_that_a_method_assigns_itself_is_no_part_of_it():
     calls = 0
 

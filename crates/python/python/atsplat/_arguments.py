@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import operator
+import unicodedata
 from os import PathLike, fspath, path
 from typing import Any
 
 from ._arrays import invalid
 
 
-def whole(value: Any, field: str, least: int = 1) -> int:
-    """An integer of any library from ``least``."""
+#: Most characters of a title in tables and plots.
+LONGEST_TITLE = 80
+
+
+def whole(value: Any, field: str, least: int = 1, most: int = 2**32 - 1) -> int:
+    """An integer of any library from ``least`` to ``most``."""
     if not isinstance(value, bool):
         try:
             number = operator.index(value)
         except TypeError:
             pass
         else:
+            if number > most:
+                raise invalid(field, f"expected an integer of at most {most}, found {value!r}")
             if number >= least:
                 return number
     raise invalid(field, f"expected an integer from {least}, found {value!r}")
@@ -24,7 +31,7 @@ def whole(value: Any, field: str, least: int = 1) -> int:
 
 def at_most(value: Any, field: str = "limit") -> int | None:
     """A number of scenes, or None for all of them."""
-    return None if value is None else whole(value, field)
+    return None if value is None else whole(value, field, most=2**64 - 1)
 
 
 def shard_of(value: Any) -> tuple[int, int] | None:
@@ -58,12 +65,25 @@ def folder_of_weights(value: Any) -> str | None:
     return folder
 
 
+def title_of(value: Any) -> str | None:
+    """A title in tables and plots, without the spaces around it."""
+    if value is None:
+        return None
+    line = value.strip() if isinstance(value, str) else ""
+    if not 0 < len(line) <= LONGEST_TITLE or any(unicodedata.category(character) == "Cc" for character in line):
+        raise invalid("title", f"expected a title in one line of at most {LONGEST_TITLE} characters, found {value!r}")
+    return line
+
+
 def colour(value: Any, field: str = "background") -> list[float]:
-    """RGB as three numbers."""
+    """RGB as three numbers in [0, 1]."""
     try:
         channels = [float(channel) for channel in value]
     except (TypeError, ValueError):
         channels = []
     if len(channels) != 3:
         raise invalid(field, f"expected three numbers, red, green and blue, found {value!r}")
+    if not all(0 <= channel <= 1 for channel in channels):
+        hint = ": divide by 255" if all(0 <= channel <= 255 for channel in channels) else ""
+        raise invalid(field, f"expected red, green and blue in [0, 1], found {value!r}{hint}")
     return channels

@@ -3,11 +3,12 @@
 A store keeps them, so that results of one method are never taken for those of another with its name. They are equal in every process:
 nothing depends on addresses, or on the order of sets and dicts.
 
-A part is the source of a function or class, the file of a module that a function imports, the value of a variable, or the version of an
-installed package. Followed are variables in closures and globals, defaults, what a method is bound to, the arguments of
-``functools.partial``, and what configurations are made of: items, attributes, members of enumerations, attributes of classes. Code of
-installed packages counts by name. Not followed are files, random generators, and objects of other libraries, which count by their type's
-name; :func:`examined` lists their types. Variables that one of the functions assigns are the method's state, not what it is.
+A part is the source of a function or class, the file of a module that a function imports, the value of a variable, the value of an
+attribute of the object that is called (``method.weights``), or the version of an installed package. Followed are variables in closures
+and globals, defaults, what a method is bound to, the arguments of ``functools.partial``, and what configurations are made of: items,
+attributes, members of enumerations, attributes of classes. Code of installed packages counts by name. Not followed are files, random
+generators, and objects of other libraries, which count by their type's name; :func:`examined` lists their types. Variables that one of
+the functions assigns are the method's state, not what it is.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ._contents import digest
 from ._walk import Walk
 
 #: Increase it whenever a method's hashes change although the method does not: then stores say why they differ.
-RULES = 2
+RULES = 3
 #: Parts that are listed in a record; further ones share a hash.
 LISTED = 48
 

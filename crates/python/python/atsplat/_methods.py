@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ._arguments import title_of
 from ._arrays import images, invalid
 from ._contents import attribute
 from ._identity import RULES, examined
@@ -66,6 +67,7 @@ def record(
         raise invalid("method", f"expected a callable, found {type(method).__name__}")
     if name in ("truth", "context") or not all(c.isalnum() or c in "-_.+ " for c in name) or not name.strip():
         raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
+    title = title_of(title)
     recorded = {name: _stated(name, value) for name, value in parameters.items()}
     if not isinstance(method, str):
         known_by: dict[str, Any] = {"identity": _identity(method, recorded)} if version is None else {"version": version}

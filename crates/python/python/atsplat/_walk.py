@@ -34,10 +34,12 @@ class Walk(Definitions):
         #: Hashes of arrays by address, with the arrays, which keep their addresses that way; for another walk of the same method.
         self.arrays: dict[int, tuple[Any, bytes]] = {} if arrays is None else arrays
         self._numbered = 0
+        #: The object whose attributes are parts of their own.
+        self._called: Any = None
 
     def method(self, method: Callable[..., Any]) -> Walk:
         """Goes through a method."""
-        called = _members.called(method)
+        called = self._called = _members.called(method)
         of = called if isinstance(called, (FunctionType, type)) else type(called)
         package = root(of.__module__ or "")
         self._package = "" if package == "torch" else package
@@ -134,7 +136,16 @@ class Walk(Definitions):
         return digest(b"subclass", content, self._attributes(value)) if adds else content
 
     def _attributes(self, value: Any) -> bytes:
-        return self._named(b"attributes", _members.attributes(value).items())
+        return self._held(value, _members.attributes(value))
+
+    def _held(self, value: Any, attributes: Mapping[str, Any]) -> bytes:
+        """The attributes of an object. Those of the method are parts, so that an error names the one that differs."""
+        if value is not self._called:
+            return self._named(b"attributes", attributes.items())
+        parts = []
+        for name in sorted(attributes):
+            parts += [name.encode(), *self._variable(f"method.{name}", attributes[name])]
+        return digest(b"attributes", *parts)
 
     def _named(self, kind: bytes, items: Iterable[tuple[Any, Any]]) -> bytes:
         ordered = sorted(items, key=lambda item: self._apart(item[0]))
@@ -173,7 +184,7 @@ class Walk(Definitions):
         of = type(module)
         held = _modules.attributes(module)
         if self._is_user_code(of):
-            return self._named(b"attributes", held.items())
+            return self._held(module, held)
         if _modules.is_generated(of):
             self._unseen(of)
         if _modules.is_generated(of) or _members.inner(module) is not None:

@@ -87,7 +87,7 @@ def evaluate(
         out: folder of the store.
         name: the method's name in the results; by default that of the function or class, of what wrappers wrap. A baseline has its own name, title,
             parameters and setting: others are an error.
-        title: its title in tables.
+        title: its title in tables and plots, one line of at most 80 characters.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
         resume: keep results that the store already has, if method, trial and data are unchanged, and try failed trials again; results
             without a metric that is requested now, or whose weights were not found then, are computed again. Otherwise the folder must
@@ -108,7 +108,7 @@ def evaluate(
         antialiased: render Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
             warning if they seem to be made for it.
         constants: a rasterizer whose constants Gaussians are rendered with, as for :func:`atsplat.render`, instead of the protocol's.
-        background: RGB behind Gaussians, instead of the protocol's.
+        background: RGB in [0, 1] behind Gaussians, instead of the protocol's.
         strict: raise if trials or targets failed, if entries of the index were skipped, if scenes or frames are missing, or if none of
             a trial's Gaussians is rendered; the store is complete apart from that.
         progress: called after each result; with ``ray``, for all of a shard when it has ended.

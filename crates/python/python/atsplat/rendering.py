@@ -45,7 +45,7 @@ def render(
         cameras: poses, intrinsics and lenses.
         height: in pixels; by default that of the cameras.
         width: in pixels; by default that of the cameras.
-        background: RGB behind all Gaussians.
+        background: RGB in [0, 1] behind all Gaussians.
         constants: thresholds and rules of a rasterizer: ``exact``, ``gsplat-1.5``, ``gsplat-1.6``, ``inria``,
             ``pixelsplat-family`` or ``mip-splatting`` (with ``antialiased``).
         antialiased: gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter.
