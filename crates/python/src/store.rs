@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use atsplat_results::store::repeated_store;
 use atsplat_results::{GapKind, Results, RunReport};
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -34,6 +35,7 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
 #[pyfunction]
 pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
     work_with_stores(py, || {
+        check_repeated(&stores)?;
         let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
         let merged = Results::merge(parts).map_err(|error| Failure::from(error).of_argument("stores"))?;
         let reasons = merged.why_incomplete();
@@ -43,6 +45,13 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
         }
         Ok(merged.results.write(&out)?)
     })
+}
+
+/// Rejects stores that are given twice.
+pub(crate) fn check_repeated(stores: &[PathBuf]) -> Result<(), Failure> {
+    let Some([store, first]) = repeated_store(stores) else { return Ok(()) };
+    let (store, first) = (store.display(), first.display());
+    Err(Failure::invalid("stores", format!("{store} is the same store as {first}: name each store once")))
 }
 
 pub(crate) fn json(value: &impl Serialize) -> Result<String, Failure> {

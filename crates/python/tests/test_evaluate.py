@@ -204,6 +204,8 @@ def test_shards_merge_into_the_whole(rooms, tmp_path):
     assert [len(part) for part in parts] == [3, 6]
     with pytest.raises(atsplat.InvalidError, match="missing"):
         atsplat.merge(parts[:1], tmp_path / "half")
+    with pytest.raises(atsplat.InvalidError, match="stores: .*part1 is the same store as .*part1: name each store once"):
+        atsplat.merge([*parts, tmp_path / "." / "part1" / ".." / "part1"], tmp_path / "twice")
     assert atsplat.merge(parts, tmp_path / "merged").rows() == whole.rows()
 
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use atsplat_results::store::Merged;
+use atsplat_results::store::{Merged, repeated_store};
 use atsplat_results::{Results, RunReport};
 use serde::Serialize;
 
@@ -79,15 +79,7 @@ fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {
 
 /// Rejects stores that are given twice, even by different paths.
 pub(crate) fn reject_duplicates(stores: &[PathBuf]) -> anyhow::Result<()> {
-    let mut seen: Vec<(PathBuf, &PathBuf)> = Vec::new();
-    for store in stores {
-        // A missing store is reported when it is read.
-        let place = store.canonicalize().unwrap_or_else(|_| store.clone());
-        if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
-            let (store, first) = (store.display(), first.display());
-            return Err(usage_error(format!("{store} is the same store as {first}: name each store once")).into());
-        }
-        seen.push((place, store));
-    }
-    Ok(())
+    let Some([store, first]) = repeated_store(stores) else { return Ok(()) };
+    let (store, first) = (store.display(), first.display());
+    Err(usage_error(format!("{store} is the same store as {first}: name each store once")).into())
 }

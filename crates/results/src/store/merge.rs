@@ -1,5 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -7,6 +8,20 @@ use super::SCHEMA_VERSION;
 use super::data::check_consistent;
 use crate::times::{TimingRow, merged};
 use crate::{MetricRecord, Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
+
+/// A store that is given twice, even by another path, and the name that it has first; `None` if there is none.
+pub fn repeated_store(stores: &[PathBuf]) -> Option<[&Path; 2]> {
+    let mut seen: Vec<(PathBuf, &Path)> = Vec::new();
+    for store in stores {
+        // A missing store is reported when it is read.
+        let place = store.canonicalize().unwrap_or_else(|_missing| store.clone());
+        if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
+            return Some([store.as_path(), *first]);
+        }
+        seen.push((place, store.as_path()));
+    }
+    None
+}
 
 /// Several stores merged into one.
 #[derive(Clone, Debug, PartialEq)]

@@ -39,7 +39,7 @@ use std::path::{Path, PathBuf};
 use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
 pub use data::KnownResults;
-pub use merge::{Merged, Unfinished};
+pub use merge::{Merged, Unfinished, repeated_store};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 

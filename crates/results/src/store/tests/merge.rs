@@ -26,6 +26,18 @@ fn warned_shard(number: u32, scenes: &[&str]) -> Results {
 }
 
 #[test]
+fn a_store_that_is_given_twice_is_found_under_another_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
+    fs::create_dir(&one).unwrap();
+    let again = one.join("..").join("one");
+    let missing = folder.path().join("missing");
+    assert_eq!(repeated_store(&[two.clone(), one.clone(), again.clone()]), Some([again.as_path(), one.as_path()]));
+    assert_eq!(repeated_store(&[two.clone(), one, missing.clone()]), None);
+    assert_eq!(repeated_store(&[missing.clone(), two, missing.clone()]), Some([missing.as_path(), missing.as_path()]));
+}
+
+#[test]
 fn shards_merge_into_one_run_and_missing_ones_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let whole = filled(folder.path(), &["a", "b", "c", "d"]).finish().unwrap();
