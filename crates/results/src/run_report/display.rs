@@ -91,9 +91,9 @@ impl RunReport {
     /// The times of the timing pass, or a line with the reason for having none.
     fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());
-        for MethodTimes { preset, method, times, .. } in &timed {
+        for MethodTimes { preset, method, times, is_process, .. } in &timed {
             let Some(times) = times else { continue };
-            writeln!(f, "{preset}, {method}: {}", times_text(times))?;
+            writeln!(f, "{preset}, {method}: {}", times_text(times, *is_process))?;
         }
         let mut machines: Vec<String> =
             timed.iter().filter_map(|row| Some(format!("timed on {}", row.times.as_ref()?.machine))).collect();
@@ -118,11 +118,18 @@ impl Row {
     }
 }
 
-fn times_text(times: &Times) -> String {
+/// The times of a method. The answers of a process include reading and writing of files, and its encoding is as it states it, if it does.
+fn times_text(times: &Times, is_process: bool) -> String {
     let Times { trials, repetitions, .. } = times;
-    let parts = [("encoding", times.encode), ("rendering", times.render)];
-    let parts: Vec<String> =
-        parts.iter().filter_map(|(what, spread)| Some(format!("{what} {}", milliseconds(&(*spread)?)))).collect();
+    let stated = times.stated_encode().filter(|_| is_process);
+    let parts = [
+        ("encoding", stated, " (as the method states)"),
+        (if is_process { "whole answer" } else { "encoding" }, times.encode, ""),
+        ("rendering", times.render, ""),
+    ];
+    let text =
+        |(what, spread, note): (&str, Option<Spread>, &str)| Some(format!("{what} {}{note}", milliseconds(&spread?)));
+    let parts: Vec<String> = parts.into_iter().filter_map(text).collect();
     let memory = times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
     let device = times.device.as_ref().map_or_else(String::new, |device| format!(", {device}"));
     let busy = if times.busy { ", on a busy machine: not reliable" } else { "" };
@@ -169,6 +176,24 @@ fn summary_text(summary: &RunCounts) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Results;
+    use crate::sample_rows::{PRESET, results, timing};
+    use crate::times::{TimingRow, times};
+
+    /// As tables have it, where marks stand for the words.
+    #[test]
+    fn times_of_a_process_say_what_they_cover() {
+        let text = |store: &Results, is_process| times_text(&times(store, PRESET, "a").unwrap(), is_process);
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+        let stages = [("encode".to_owned(), vec![0.125; 3])].into();
+        store.timings = vec![TimingRow { stages, ..timing("a", "x", &[0.25; 3], &[0.5; 3]) }];
+        let stated = "encoding 125.00 ms ± 0.00 (as the method states), whole answer 250.00 ms ± 0.00, rendering 500.00 ms ± 0.00, ";
+        assert!(text(&store, true).starts_with(stated), "{}", text(&store, true));
+        let own = "encoding 250.00 ms ± 0.00, rendering 500.00 ms ± 0.00, ";
+        assert!(text(&store, false).starts_with(own), "{}", text(&store, false));
+        store.timings[0].stages.clear();
+        assert!(text(&store, true).starts_with("whole answer 250.00 ms ± 0.00, rendering "), "{}", text(&store, true));
+    }
 
     #[test]
     fn what_is_counted_agrees_with_its_number() {

@@ -73,6 +73,9 @@ struct MethodTimes {
     times: Option<Times>,
     #[serde(skip_serializing_if = "Option::is_none")]
     absent: Option<String>,
+    /// Whether its encoding is the whole answer of a process.
+    #[serde(skip)]
+    is_process: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -177,7 +180,8 @@ impl MethodTimes {
             Ok(times) => (Some(times), None),
             Err(reason) => (None, Some(reason)),
         };
-        Self { preset: preset.name.clone(), method: method.name.clone(), times, absent }
+        let (preset, is_process, method) = (preset.name.clone(), method.is_process(), method.name.clone());
+        Self { preset, method, times, absent, is_process }
     }
 }
 
