@@ -190,6 +190,32 @@ fn a_scene_with_a_folder_that_cannot_be_read_fails_for_that_reason() {
     assert!(refused.ends_with(&format!("none of 1 scenes there that can be read: {why}")), "{refused}");
 }
 
+/// Of two iterations that 3DGS has saved, either may be meant.
+#[test]
+fn the_folder_of_3dgs_is_read_unless_it_has_several_iterations() {
+    let root = tempfile::tempdir().unwrap();
+    let gaussians = root.path().join("gaussians");
+    let path = |iteration: &str| gaussians.join("room/point_cloud").join(iteration).join("point_cloud.ply");
+    let write = |iteration: &str| {
+        std::fs::create_dir_all(path(iteration).parent().unwrap()).unwrap();
+        write_gaussian(&path(iteration));
+    };
+    let found = |store: &str| {
+        let ply = Ply::new(&gaussians, None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+        let run = run_of(&ROOMS[..1], Arc::new(ply));
+        let found = run.plan().find_imported_files().unwrap()[0].to_string();
+        let (results, _) = run.run(&root.path().join(store)).unwrap();
+        (found, results.trials[0].detail.clone())
+    };
+    write("iteration_7000");
+    let (files, detail) = found("one");
+    assert!(files.ends_with(": SCENE/point_cloud/iteration_7000/point_cloud.ply (1)"), "{files}");
+    assert_eq!(detail, None);
+    write("iteration_30000");
+    let [last, first] = ["iteration_30000", "iteration_7000"].map(|iteration| path(iteration).display().to_string());
+    assert_eq!(found("two").1, Some(format!("two files of Gaussians of scene room: {last} and {first}")));
+}
+
 /// None of the scenes that are looked for first has files.
 #[test]
 fn a_folder_with_one_of_many_scenes_is_accepted() {

@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 
-use super::below;
 use super::scene_names::SceneNames;
+use super::{below, is_absent};
 use crate::EvalError;
 
 /// Limit on the subfolders searched if the given folder contains no scene.
@@ -165,9 +165,17 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
     folders
 }
 
-/// What a message says that a folder contains: its first entries.
+/// What a message says that a folder contains: its first entries. One that is called as a file and is none says so.
 fn content(folder: &Path) -> String {
-    let name = |entry: io::Result<fs::DirEntry>| Ok(entry?.file_name().to_string_lossy().into_owned());
+    let name = |entry: io::Result<fs::DirEntry>| {
+        let path = entry?.path();
+        let kind = match path.metadata() {
+            Err(error) if is_absent(&error) => " (a link to nothing)",
+            Ok(found) if found.is_dir() && path.extension().is_some() => " (a folder)",
+            _ => "",
+        };
+        Ok(atsplat_files::name_of(&path) + kind)
+    };
     let names = fs::read_dir(folder).and_then(|entries| entries.map(name).collect::<io::Result<Vec<String>>>());
     match names {
         Ok(names) if names.is_empty() => "contains nothing".to_owned(),
@@ -219,6 +227,21 @@ mod tests {
         assert_eq!(why(&["c"], &many), jpegs);
         assert_eq!(why(&["b"], &[]), format!("{said}b-0 contains 0.png, 2.png"));
         assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder contains b-0, c");
+    }
+
+    /// Their names alone would be those that are asked for.
+    #[cfg(unix)]
+    #[test]
+    fn entries_that_are_no_files_say_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir_all(at("000028.png")).unwrap();
+        fs::create_dir_all(at("color")).unwrap();
+        fs::write(at("000030.png"), "").unwrap();
+        std::os::unix::fs::symlink("gone.png", at("000029.png")).unwrap();
+        std::os::unix::fs::symlink("000030.png", at("000031.png")).unwrap();
+        let expected = "contains 000028.png (a folder), 000029.png (a link to nothing), 000030.png, 000031.png, color";
+        assert_eq!(content(folder.path()), expected);
     }
 
     #[test]

@@ -1,6 +1,6 @@
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::{fs, io};
 
 use atsplat_protocol::trial::Trial;
 use atsplat_protocol::{EvaluationIndex, Preset};
@@ -12,16 +12,16 @@ use super::scene_names::SceneNames;
 use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
-    is_file,
+    is_absent, is_file,
 };
 use crate::{EvalError, GaussianFrame};
 
 /// Gaussians written by another program, one file per scene:
-/// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
-/// several entries of a scene, the file of the first is named `<scene>-0`, that of the second `<scene>-1`, and so on; that of an
-/// only entry `<scene>` or `<scene>-0`. The name of a scene of the index refers to that scene alone. A scene with two of these
-/// files that differ in more than their extension is a failed trial, and so is one where the system does not tell which of them
-/// there are.
+/// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`, or as 3DGS writes it
+/// `<scene>/point_cloud/iteration_30000/point_cloud.ply`. If an index has several entries of a scene, the file of the first is named
+/// `<scene>-0`, that of the second `<scene>-1`, and so on; that of an only entry `<scene>` or `<scene>-0`. The name of a scene of the
+/// index refers to that scene alone. A scene with two of these files that differ in more than their extension, such as those of two
+/// iterations, is a failed trial, and so is one where the system does not tell which of them there are.
 #[derive(Clone, Debug)]
 pub struct Ply {
     folder: PathBuf,
@@ -94,6 +94,10 @@ impl Ply {
                 found.push(path);
             }
         }
+        for name in &names {
+            let trained = trained(&self.folder, name, scene, &self.names)?;
+            found.extend(trained.into_iter().map(|(path, _)| path));
+        }
         let Some((first, others)) = found.split_first() else {
             let (folder, note) = (self.folder.display(), self.names.note(scene, entry));
             let (request, name) = (self.names.request(scene, entry), self.names.expected(scene, entry));
@@ -130,8 +134,9 @@ impl Ply {
     }
 }
 
-/// The files that [`candidates`] looks for, in words.
-const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
+/// The files that [`candidates`] and [`trained`] look for, in words.
+const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat, or \
+                        SCENE/point_cloud/iteration_30000/point_cloud.ply";
 
 /// Candidate files of a scene under one of its names in order of preference, each with what follows the name.
 fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> impl Iterator<Item = (PathBuf, String)> {
@@ -141,15 +146,47 @@ fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> imp
     endings.filter_map(move |ending| Some((below(folder, &format!("{name}{ending}"))?, ending)))
 }
 
+/// The files of each iteration that the trainer of 3DGS has saved, each with what follows the scene's name.
+///
+/// # Errors
+/// What the system says if nobody can tell.
+fn trained(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Result<Vec<(PathBuf, String)>, String> {
+    let Some(parent) = below(folder, &format!("{name}/point_cloud")) else { return Ok(Vec::new()) };
+    let failed = |error: io::Error| format!("{error} ({})", parent.display());
+    let entries = match fs::read_dir(&parent) {
+        Err(error) if is_absent(&error) => return Ok(Vec::new()),
+        entries => entries.map_err(failed)?,
+    };
+    let mut iterations = Vec::new();
+    for entry in entries {
+        let Ok(iteration) = entry.map_err(failed)?.file_name().into_string() else { continue };
+        let stem = format!("/point_cloud/{iteration}/point_cloud");
+        if iteration.starts_with("iteration_") && names.may_be_of(scene, &format!("{name}{stem}")) {
+            iterations.push((parent.join(iteration).join("point_cloud.ply"), format!("{stem}.ply")));
+        }
+    }
+    iterations.sort();
+    let mut found = Vec::new();
+    for (path, ending) in iterations {
+        if is_file(&path)? {
+            found.push((path, ending));
+        }
+    }
+    Ok(found)
+}
+
 /// How a scene's Gaussians are stored below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Result<Option<Layout>, String> {
     let scene = requested.scene;
     for name in names.of(scene, 0) {
+        let of = |ending: &str| Layout(format!("SCENE{}{ending}", if name == scene { "" } else { "-0" }));
         for (path, ending) in candidates(folder, &name, scene, names) {
             if is_file(&path)? {
-                let suffix = if name == scene { "" } else { "-0" };
-                return Ok(Some(Layout(format!("SCENE{suffix}{ending}"))));
+                return Ok(Some(of(&ending)));
             }
+        }
+        if let Some((_, ending)) = trained(folder, &name, scene, names)?.first() {
+            return Ok(Some(of(ending)));
         }
     }
     Ok(None)
