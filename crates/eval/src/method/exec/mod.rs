@@ -137,7 +137,7 @@ impl Exec {
         }
         let program = self.words.first().map_or("", String::as_str);
         let process = Process::start(&self.words, number)
-            .map_err(FileError::during::<MethodError>("starting a method's process again", program))?;
+            .map_err(FileError::during::<MethodError>("starting a method's process", program))?;
         let (process, hello) = described(process, self.limit).map_err(MethodError::Failed)?;
         if hello == self.hello {
             return Ok(process);
