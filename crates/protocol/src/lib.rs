@@ -21,7 +21,7 @@ pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use error::ProtocolError;
 pub use index::{
     AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, MISPLACED_TARGETS,
-    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, SingleEntryForm, Spacing,
+    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, SingleEntryForm, Spacing, UNKNOWN_ESTIMATOR,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use atsplat_numeric::counted;
-use atsplat_protocol::MISPLACED_TARGETS;
+use atsplat_protocol::{MISPLACED_TARGETS, UNKNOWN_ESTIMATOR};
 
 use crate::warning_kinds::{DROPPED_BY_SPLIT, FAILED_AGAIN, MISSING_SCENES, NOT_SAMPLED};
 use crate::{Results, TargetStatus};
@@ -37,6 +37,8 @@ pub enum GapKind {
     DroppedBySplit,
     /// Entries of an index that is none of the protocol's own, with targets of this kind, which the protocol does not have.
     MisplacedTargets(&'static str),
+    /// Entries of an index that is no published one, binned by an overlap that does not say how it was measured.
+    UnknownEstimator,
     /// Index entries that an interrupted run has not reached, or without a metric that others have.
     Unfinished,
     /// Index entries without a trial.
@@ -120,6 +122,9 @@ fn of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
     if let Some(misplaced) = MISPLACED_TARGETS.into_iter().find(|misplaced| *misplaced == kind) {
         return Some((GapKind::MisplacedTargets(misplaced), None));
     }
+    if kind == UNKNOWN_ESTIMATOR {
+        return Some((GapKind::UnknownEstimator, None));
+    }
     let not_sampled = NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix));
     not_sampled.map(|prefix| (GapKind::NotSampled(prefix), None))
 }
@@ -142,6 +147,7 @@ impl fmt::Display for Gap {
             GapKind::MissingShards => return write!(f, "{shards} of the run {are} missing: this is {first}"),
             GapKind::MissingScenes => write!(f, "{scenes} of the index {are} not in the data"),
             GapKind::NotSampled(kind) | GapKind::MisplacedTargets(kind) => write!(f, "{count} {kind}"),
+            GapKind::UnknownEstimator => write!(f, "{count} {UNKNOWN_ESTIMATOR}"),
             GapKind::DroppedBySplit => {
                 write!(f, "{entries} of the published index {are} dropped by the split derived from it")
             }
@@ -224,6 +230,13 @@ mod tests {
         let mut found = lines(&results);
         found.sort();
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn overlaps_of_unknown_origin_in_bins_are_a_gap() {
+        let mut results = Results::default();
+        results.provenance.warnings = vec![warning(UNKNOWN_ESTIMATOR, 3, "scene a, entry 1")];
+        assert_eq!(lines(&results), [format!("p: 3 {UNKNOWN_ESTIMATOR}: scene a, entry 1")]);
     }
 
     /// Its rows are whole, but lack what it should have been evaluated again for.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, IndexFile, IndexMismatch, Preset, SamplingRule};
+use atsplat_protocol::{EvaluationIndex, IndexFile, IndexMismatch, KnownIndex, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::RenderOptions;
 
@@ -82,11 +82,17 @@ impl Dataset {
     }
 
     /// Entries of an index, or of a part of it, that do not fit the protocol. In one of its own, or in such a one with fewer context
-    /// views, targets are where they were published.
+    /// views, targets and overlaps are as they were published.
     pub fn unfit_entries(&self, index: &EvaluationIndex) -> Vec<IndexMismatch> {
-        let is_its_own = self.index.name.is_some() || self.index.reduced_from.is_some();
-        let misplaced = if is_its_own { Vec::new() } else { self.preset.misplaced_targets(index) };
-        self.preset.unfit_entries(index).into_iter().chain(misplaced).collect()
+        let mut unfit = self.preset.unfit_entries(index);
+        if self.index.name.is_none() && self.index.reduced_from.is_none() {
+            unfit.extend(self.preset.misplaced_targets(index));
+            let whole = &self.index.index;
+            if KnownIndex::by_content(&whole.content_hash()).is_none() {
+                unfit.extend(self.preset.foreign_overlaps(index, &whole.overlap_estimators()));
+            }
+        }
+        unfit
     }
 
     /// How the protocol renders a trial.

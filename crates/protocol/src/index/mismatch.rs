@@ -31,7 +31,7 @@ pub struct IndexMismatch {
 }
 
 /// A kind of mismatch, and a check that describes what is wrong with an entry.
-type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
+pub(super) type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 /// On which side of the window the targets of a protocol lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,7 +155,7 @@ impl Preset {
 }
 
 /// The entries that a rule is about, with the first as the example; `None` if there is none.
-fn of_rule(index: &EvaluationIndex, (kind, wrong): &Rule<'_>) -> Option<IndexMismatch> {
+pub(super) fn of_rule(index: &EvaluationIndex, (kind, wrong): &Rule<'_>) -> Option<IndexMismatch> {
     let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
     let (scene, at, what) = found.next()?;
     let example = format!("scene {scene}, entry {at}, {what}");

@@ -10,6 +10,7 @@ mod embedded;
 mod file;
 mod layout;
 mod mismatch;
+mod overlap_mismatch;
 mod read;
 mod write;
 
@@ -21,6 +22,7 @@ use indexmap::IndexMap;
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, SingleEntryForm, Spacing};
 pub use mismatch::{IndexMismatch, MISPLACED_TARGETS};
+pub use overlap_mismatch::UNKNOWN_ESTIMATOR;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;

@@ -43,6 +43,9 @@ impl<'a> PresetMatch<'a> {
         if is_none_of_its_own(index) {
             mismatches.extend(preset.misplaced_targets(&file.index));
             mismatches.extend(preset.unusual_target_counts(&file.index));
+            if file.recognised().is_none() {
+                mismatches.extend(preset.foreign_overlaps(&file.index, &file.index.overlap_estimators()));
+            }
         }
         mismatches.extend(file.notices.unknown_fields_mismatch());
         Self { name: &preset.name, index, mismatches }

@@ -353,7 +353,8 @@ fn targets_outside_all_bins_are_counted() {
     let outside: Vec<&&str> = said.iter().filter(|text| text.contains("outside all bins")).collect();
     assert_eq!(outside.len(), 2, "with and without leaked targets: {said:?}");
     let expected = "ATSplat: Small: 2 scenes, 6 targets; Medium: 0 scenes, 0 targets; Large: 1 scene, 2 targets; \
-                    Average: 3 scenes, 8 targets; 4 targets outside all bins of overlap";
+                    Average: 3 scenes, 8 targets; 4 targets outside all bins of overlap: in the mean over all \
+                    targets, not in Average";
     assert_eq!(*outside[0], expected);
     assert_eq!(row_of(&table, "a").cell(CellIndex { group: 3, column: 0 }).counts.unwrap().outside_bins, 4);
 }

@@ -295,6 +295,8 @@ fn overlaps_of_another_estimator_are_not_binned_unless_forced() {
     assert!(row.cells[1..].iter().flatten().all(|cell| cell.value == Value::Absent && cell.not_computed.is_some()));
     let why = notes(&table, NoteKind::NotComputed).concat();
     assert!(why.contains("measured by epipolar-ray, the bins were published for roma"), "{why}");
+    assert!(why.contains("n/c PSNR by overlap: not computed: ") && !why.contains("n/c PSNR:"), "{why}");
+    assert!(why.contains("n/c LPIPS by overlap: not computed: "), "{why}");
 
     let forced = built("re10k_overlap", &[("run", &store)], Mixing::Forced).swap_remove(0);
     let cells = &row_of(&forced, "atsplat").cells[1..];

@@ -10,6 +10,7 @@ use super::unscored::Unscored;
 use super::{AlternativeIndex, MethodTimes, Row, RunReport, metric_name};
 use crate::RunCounts;
 use crate::WarningCount;
+use crate::statistics::outside_bins_in_words;
 use crate::times::{Spread, Times};
 
 /// Least width of a metric's column.
@@ -76,6 +77,9 @@ impl RunReport {
                 if count > 0 {
                     write!(f, "  {count} {what}")?;
                 }
+            }
+            if row.outside_bins > 0 {
+                write!(f, "  {}", outside_bins_in_words(row.outside_bins))?;
             }
             writeln!(f)?;
         }

@@ -59,6 +59,9 @@ struct Row {
     not_applicable: usize,
     non_finite: usize,
     identical: usize,
+    /// Scored targets that are in no bin, if the protocol puts the overlaps of its index in bins.
+    #[serde(skip_serializing_if = "is_zero")]
+    outside_bins: u64,
     /// The protocol's means; renders that are identical to the truth are left out.
     means: BTreeMap<String, f64>,
 }
@@ -164,9 +167,25 @@ impl Row {
             not_applicable: unsupported.len(),
             non_finite: count(TargetStatus::NonFinite),
             identical: count(TargetStatus::Identical),
+            outside_bins: outside_bins(preset, targets),
             means: means.collect(),
         }
     }
+}
+
+/// [`Row::outside_bins`].
+fn outside_bins(preset: &PresetRecord, targets: &[&TargetRow]) -> u64 {
+    let bins = protocol(preset).overlap_bins;
+    let Some(bins) = bins.filter(|bins| bins.mismatched_estimator(&preset.overlap_estimators).is_none()) else {
+        return 0;
+    };
+    let scored = targets.iter().filter(|row| row.status == TargetStatus::Scored);
+    scored.filter(|row| row.overlap.and_then(|overlap| bins.name_of(overlap)).is_none()).count() as u64
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 #[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
@@ -224,6 +243,36 @@ mod tests {
             (target.status, target.scores) = (TargetStatus::Failed, [].into());
         }
         assert_eq!(row(&results), ("sampled m 2 of 3 5 33.0000 3 failed".to_owned(), [3, 2]));
+    }
+
+    /// The published edges end at 0.8; the last scene has no overlap.
+    #[test]
+    fn targets_outside_all_bins_are_named() {
+        let scenes = [("a", 0, vec![20.0, 30.0, 10.0]), ("b", 0, vec![24.0]), ("c", 0, vec![40.0])];
+        let mut results = sample_rows::results("m", "psnr", &scenes);
+        for (row, overlap) in results.targets.iter_mut().zip([Some(0.9), Some(0.9), Some(0.9), Some(0.8), None]) {
+            row.overlap = overlap;
+        }
+        results.targets[1].status = TargetStatus::Failed;
+        results.provenance.methods.push(MethodRecord { name: "m".to_owned(), ..MethodRecord::default() });
+        let found = |preset: &str, estimators: &[&str]| {
+            let mut results = results.clone();
+            results.provenance.presets = vec![PresetRecord {
+                name: sample_rows::PRESET.to_owned(),
+                toml: Preset::named(preset).unwrap().to_toml().unwrap(),
+                overlap_estimators: estimators.iter().map(|name| (*name).to_owned()).collect(),
+                ..PresetRecord::default()
+            }];
+            let report = RunReport::of(&results, None, Path::new("store"));
+            let line = report.to_string().lines().nth(1).unwrap().to_owned();
+            (
+                report.rows[0].outside_bins,
+                line.contains("  3 targets outside all bins of overlap: in the mean over all"),
+            )
+        };
+        assert_eq!(found("re10k-overlap", &[]), (3, true));
+        assert_eq!(found("re10k-overlap", &["epipolar-ray"]), (0, false), "no overlap is in a bin");
+        assert_eq!(found("re10k-2v-256", &[]), (0, false), "without bins");
     }
 
     /// Both protocols accept a second file; only one was run on it.

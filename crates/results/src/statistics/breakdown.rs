@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use atsplat_numeric::counted;
 use atsplat_protocol::{Aggregation, OverlapBins};
 use serde::Serialize;
 
@@ -20,7 +21,7 @@ pub struct Binned {
     /// The "Average" column: the protocol's mean over all targets in a bin; not the mean of the bins
     /// (NoPoSplat `src/evaluation/metric_computer.py:116-158`).
     pub average: Summary,
-    /// Targets without an overlap or outside all bins; they count nowhere.
+    /// Targets without an overlap or outside all bins; they count only in the mean over all targets.
     pub ignored: u64,
 }
 
@@ -38,6 +39,11 @@ pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins, ag
         average: summary(&|bin| bin.is_some()),
         ignored: selected.iter().filter(|target| bin_of(target).is_none()).count() as u64,
     }
+}
+
+/// What readers of a mean over all targets and of one over bins must know about targets outside all bins.
+pub fn outside_bins_in_words(targets: u64) -> String {
+    format!("{} outside all bins of overlap: in the mean over all targets, not in Average", counted(targets, "target"))
 }
 
 /// The metric by signed distance from the window of context frames (negative before it, 0 inside, positive after), in

@@ -20,7 +20,7 @@ mod trend;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{CONFIDENCE, MIN_SCENES, interval_of_mean};
-pub use breakdown::{Binned, by_distance_steps, by_overlap, within_distances};
+pub use breakdown::{Binned, by_distance_steps, by_overlap, outside_bins_in_words, within_distances};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 

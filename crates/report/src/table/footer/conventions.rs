@@ -10,7 +10,7 @@ use super::super::orders::is_network_of_another_seed;
 use super::super::{Cell, Counts, NoteKind, Table, Value};
 use super::Notes;
 use crate::counted;
-use crate::definition::Quantity;
+use crate::definition::{Quantity, TableDefinition};
 
 /// The stores behind each hash of a learned metric's weights.
 type WeightsOfStores<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
@@ -96,7 +96,7 @@ impl Notes {
     }
 
     /// The convention of each metric with its learned weights, then the scores that were not computed.
-    pub(super) fn metrics(&mut self, table: &Table, results: &ComparableResults<'_>) {
+    pub(super) fn metrics(&mut self, table: &Table, definition: &TableDefinition, results: &ComparableResults<'_>) {
         for (_, column) in table.columns() {
             if let Quantity::Metric(metric) = column.quantity {
                 let weights = weights_of(metric, results);
@@ -106,7 +106,7 @@ impl Notes {
                 self.differing_weights(metric, &weights);
             }
         }
-        self.not_computed(table);
+        self.not_computed(table, definition);
     }
 
     /// Weights that are not the published ones, or not the same in all stores: a file of the published name may contain any.
@@ -132,8 +132,9 @@ impl Notes {
         }
     }
 
-    fn not_computed(&mut self, table: &Table) {
+    fn not_computed(&mut self, table: &Table, definition: &TableDefinition) {
         for (index, column) in table.columns() {
+            let is_of_bin = definition.groups.get(index.group).is_some_and(|group| group.bin.is_some());
             for row in &table.rows {
                 let Cell { value, counts, not_computed: Some(reason), .. } = row.cell(index) else { continue };
                 let text = match (value, counts) {
@@ -143,6 +144,8 @@ impl Notes {
                         name(row),
                         counted(targets + uncomputed, "target")
                     ),
+                    // The metric was computed, but not put in bins.
+                    (_, None) if is_of_bin => format!("n/c {} by overlap: not computed: {reason}", column.title),
                     _ => format!("n/c {}: not computed: {reason}", column.title),
                 };
                 self.add(NoteKind::NotComputed, text);

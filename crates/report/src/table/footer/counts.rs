@@ -2,13 +2,12 @@ use atsplat_eval::method::SAW_RESIZED;
 use atsplat_eval::suspicious_notes::SUSPICIOUS_NOTES;
 use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
-use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES};
+use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES, outside_bins_in_words};
 
 use super::super::comparable::ComparableResults;
 use super::super::labels::name;
 use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 use super::Notes;
-use crate::counted;
 use crate::definition::Quantity;
 
 impl Notes {
@@ -30,7 +29,7 @@ impl Notes {
         // The same for each bin.
         let outside = row.cells.iter().flatten().filter_map(|cell| cell.counts).map(|counts| counts.outside_bins).max();
         if let Some(outside) = outside.filter(|outside| *outside > 0) {
-            parts.push(format!("{} outside all bins of overlap", counted(outside, "target")));
+            parts.push(outside_bins_in_words(outside));
         }
         if !parts.is_empty() {
             self.add(NoteKind::Counts, format!("{}: {}", name(row), parts.join("; ")));

@@ -48,7 +48,7 @@ impl Notes {
     fn add_measured(&mut self, table: &Table, definition: &TableDefinition, results: &ComparableResults<'_>) {
         self.mixing(results);
         self.protocols(table, results);
-        self.metrics(table, results);
+        self.metrics(table, definition, results);
         self.times(table);
         for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
             self.counts(table, row);
