@@ -81,6 +81,8 @@ pub enum WarningKind {
     UnindexedChunk,
     /// A scene that the index does not list, or that has no key, in a chunk of which it lists others.
     UnindexedScene,
+    /// A scene that the chunks have, but that their index does not list. It is read, as in the published loaders.
+    SceneBeyondIndex,
     /// An image cannot be read: its header or, where it is decoded, its content; or it is cut short.
     UnreadableImage,
     /// A folder or file that a search for datasets and evaluation indices left out.

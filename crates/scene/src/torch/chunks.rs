@@ -18,8 +18,8 @@ const FORMAT: &str = "torch chunks";
 /// A folder of `.torch` chunks, with or without an `index.json` from scene keys to chunks (`real_estate_10k_tools`
 /// `src/generate_index.py`).
 ///
-/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order, or that of the `index.json`. The last
-/// few chunks stay parsed, so that loading scenes in this order parses each chunk once.
+/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order. The last few chunks stay parsed, so that
+/// loading scenes in this order parses each chunk once.
 #[derive(Debug)]
 pub struct TorchChunks {
     folder: PathBuf,
@@ -44,16 +44,27 @@ impl TorchChunks {
     /// because this toolkit evaluates) or `train`. An `index.json` next to these folders that names no existing file is not
     /// theirs, and is not read if they contain chunks.
     ///
-    /// Without an `index.json` every chunk's list is read, but no images. A scene whose chunk is missing, a chunk that
-    /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index lists
-    /// in another chunk, or in none, such as one without a key, is reported whenever the first listed scene of its
-    /// chunk is loaded: warnings depend on which scenes are loaded, not on their order.
+    /// Every chunk's list is read, but no images. The published loaders, too, go through all scenes of all chunks: scenes
+    /// that the `index.json` does not list are read with a warning, and a scene that several chunks have is read from the one
+    /// that the index says, or else from the first. Chunks that cannot be read and scenes of the index that are in no chunk are
+    /// skipped with a warning. Next to an index without scenes, which an interrupted export leaves, no chunk is read.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
     /// `index.json` is invalid or refers to another folder; for a single chunk, those of [`Chunk::open`].
     pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Self, SceneError> {
-        let path = path.as_ref();
+        Self::open_by(path.as_ref(), true, warnings)
+    }
+
+    /// Like [`Self::open`] for chunks that are not here yet: only the scenes of the `index.json` are read, if there is one, and each
+    /// chunk when a scene of it is loaded. A scene that the index lists in another chunk, or in none, such as one without a key, is
+    /// reported whenever the first listed scene of its chunk is loaded: warnings depend on which scenes are loaded, not on
+    /// their order.
+    pub(crate) fn open_by_index(path: &Path, warnings: &mut Warnings) -> Result<Self, SceneError> {
+        Self::open_by(path, false, warnings)
+    }
+
+    fn open_by(path: &Path, reads_all: bool, warnings: &mut Warnings) -> Result<Self, SceneError> {
         if path.is_file() {
             let chunk = Chunk::open(path, warnings)?;
             let keys = chunk.keys().iter().map(|key| (key.clone(), 0)).collect();
@@ -61,15 +72,23 @@ impl TorchChunks {
         }
         let folder = stage(path)?;
         let found = chunks_in(&folder)?;
-        let index = folder.join(INDEX);
-        if index.is_file() {
-            Self::indexed(folder, &index, &found, warnings)
-        } else {
-            Ok(Self::scanned(folder, found, warnings))
+        let path = folder.join(INDEX);
+        if !path.is_file() {
+            return Ok(Self::scanned(folder, found, &IndexMap::new(), warnings));
         }
+        let index = chunks_by_key(&folder, &path)?;
+        if !reads_all || index.is_empty() {
+            return Ok(Self::indexed(folder, index, &found, warnings));
+        }
+        // An index may name chunks in folders below.
+        let named = index.values().filter(|chunk| chunk.is_file()).cloned();
+        let chunks: BTreeSet<PathBuf> = found.into_iter().chain(named).collect();
+        let source = Self::scanned(folder, chunks.into_iter().collect(), &index, warnings);
+        source.compare_with(&index, warnings);
+        Ok(source)
     }
 
-    /// What [`Self::open`] reads in a folder: the indices that decide where its chunks are, or every chunk of a folder
+    /// What [`Self::open_by_index`] reads in a folder: the indices that decide where its chunks are, or every chunk of a folder
     /// without one. No file need be here yet.
     pub(crate) fn read_to_open(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
         let mut files = Vec::new();
@@ -96,24 +115,17 @@ impl TorchChunks {
         Self { folder, chunks, keys, chunk_of, reported, recent: Mutex::default() }
     }
 
-    fn indexed(folder: PathBuf, index: &Path, found: &[PathBuf], warnings: &mut Warnings) -> Result<Self, SceneError> {
-        let mut entries: Vec<(String, PathBuf)> = Vec::new();
-        for (key, chunk) in read_index(index)? {
-            let chunk = inside(&folder, &chunk).ok_or_else(|| {
-                let (location, found) = (format!("key {key:?}"), format!("{chunk:?}"));
-                SceneError::malformed(FORMAT, index, location, "the name of a chunk in this folder", found)
-            })?;
-            entries.push((key, chunk));
-        }
-        let named: BTreeSet<PathBuf> = entries.iter().map(|(_, chunk)| chunk.clone()).collect();
+    /// The scenes of an index, which has a chunk for each key.
+    fn indexed(folder: PathBuf, index: IndexMap<String, PathBuf>, found: &[PathBuf], warnings: &mut Warnings) -> Self {
+        let named: BTreeSet<PathBuf> = index.values().cloned().collect();
         let chunks: Vec<PathBuf> = named.into_iter().filter(|chunk| chunk.is_file()).collect();
-        let hint = if entries.is_empty() { " nor of another: was writing them interrupted?" } else { "" };
+        let hint = if index.is_empty() { " nor of another: was writing them interrupted?" } else { "" };
         for unindexed in found.iter().filter(|chunk| chunks.binary_search(chunk).is_err()) {
             let detail = format!("{INDEX} lists no scene of this chunk{hint}");
             warnings.push(WarningKind::UnindexedChunk, unindexed.display().to_string(), detail);
         }
-        let mut scenes = Vec::with_capacity(entries.len());
-        for (key, chunk) in entries {
+        let mut scenes = Vec::with_capacity(index.len());
+        for (key, chunk) in index {
             if let Ok(position) = chunks.binary_search(&chunk) {
                 scenes.push((key, position));
             } else {
@@ -123,10 +135,17 @@ impl TorchChunks {
         }
         // Stable: within a chunk the scenes keep the order of the index.
         scenes.sort_by_key(|(_, position)| *position);
-        Ok(Self::new(folder, chunks, scenes, false))
+        Self::new(folder, chunks, scenes, false)
     }
 
-    fn scanned(folder: PathBuf, chunks: Vec<PathBuf>, warnings: &mut Warnings) -> Self {
+    /// The scenes of all chunks. An index says from which of several chunks a scene is read, and which scenes those chunks have that
+    /// cannot be read.
+    fn scanned(
+        folder: PathBuf,
+        chunks: Vec<PathBuf>,
+        index: &IndexMap<String, PathBuf>,
+        warnings: &mut Warnings,
+    ) -> Self {
         let listed: Vec<(Result<Vec<String>, SceneError>, Warnings)> = chunks
             .par_iter()
             .map(|path| {
@@ -135,28 +154,51 @@ impl TorchChunks {
                 (keys, warnings)
             })
             .collect();
+        let is_indexed_in = |key: &String, path: &PathBuf| index.get(key).is_some_and(|chunk| chunk == path);
+        let of_chunks = listed.iter().zip(&chunks).filter_map(|((keys, _), path)| Some((keys.as_ref().ok()?, path)));
+        let as_indexed = of_chunks.flat_map(|(keys, path)| keys.iter().filter(move |key| is_indexed_in(key, path)));
+        let as_indexed: HashSet<String> = as_indexed.cloned().collect();
         let mut scenes: Vec<(String, usize)> = Vec::new();
         let mut seen = HashSet::new();
         for (position, ((keys, from_chunk), path)) in listed.into_iter().zip(&chunks).enumerate() {
             warnings.merge(from_chunk);
-            match keys {
-                Ok(keys) => {
-                    for key in keys {
-                        if seen.insert(key.clone()) {
-                            scenes.push((key, position));
-                        } else {
-                            let detail =
-                                format!("an earlier chunk has the same key, so {} is not used", path.display());
-                            warnings.push(WarningKind::DuplicateScene, key, detail);
-                        }
-                    }
-                }
-                Err(error) => {
+            let keys = keys.unwrap_or_else(|error| {
+                let indexed: Vec<String> = index.keys().filter(|key| is_indexed_in(key, path)).cloned().collect();
+                // The scenes of the index fail when they are loaded.
+                if indexed.is_empty() {
                     warnings.push(WarningKind::UnreadableScene, path.display().to_string(), error.to_string());
                 }
+                indexed
+            });
+            for key in keys {
+                let other = if as_indexed.contains(&key) && !is_indexed_in(&key, path) {
+                    "the chunk that the index lists"
+                } else if seen.insert(key.clone()) {
+                    scenes.push((key, position));
+                    continue;
+                } else {
+                    "an earlier chunk"
+                };
+                let detail = format!("{other} has the same key, so {} is not used", path.display());
+                warnings.push(WarningKind::DuplicateScene, key, detail);
             }
         }
         Self::new(folder, chunks, scenes, true)
+    }
+
+    /// Warns of the scenes that an index does not list, and of those that are in no chunk.
+    fn compare_with(&self, index: &IndexMap<String, PathBuf>, warnings: &mut Warnings) {
+        for key in self.keys.iter().filter(|key| !index.contains_key(*key)) {
+            let chunk = self.chunk_of.get(key).and_then(|position| self.chunks.get(*position));
+            let chunk = chunk.map_or_else(String::new, |chunk| format!(" ({})", chunk.display()));
+            let detail = format!("{INDEX} does not list it; it is read, as in the published loaders{chunk}");
+            warnings.push(WarningKind::SceneBeyondIndex, key, detail);
+        }
+        for (key, chunk) in index.iter().filter(|(key, _)| !self.chunk_of.contains_key(*key)) {
+            let why = if chunk.is_file() { "does not contain it" } else { "is missing" };
+            let detail = format!("{INDEX} lists it in {}, which {why}", chunk.display());
+            warnings.push(WarningKind::SceneNotFound, key, detail);
+        }
     }
 
     /// The chunk files that contain scenes, in order.
@@ -256,6 +298,19 @@ impl ChunkCache {
 fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
     let below = ["test", "train"].map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
     std::iter::once(root.to_owned()).chain(below)
+}
+
+/// The chunk of each key of an index in `folder`.
+fn chunks_by_key(folder: &Path, index: &Path) -> Result<IndexMap<String, PathBuf>, SceneError> {
+    let mut chunks = IndexMap::new();
+    for (key, name) in read_index(index)? {
+        let chunk = inside(folder, &name).ok_or_else(|| {
+            let (location, found) = (format!("key {key:?}"), format!("{name:?}"));
+            SceneError::malformed(FORMAT, index, location, "the name of a chunk in this folder", found)
+        })?;
+        chunks.insert(key, chunk);
+    }
+    Ok(chunks)
 }
 
 /// The folder that contains chunks: `root`, its `test`, or its `train`; the first that has an index if none does.

@@ -12,8 +12,12 @@ pub(crate) const READER: FormatReader = FormatReader {
     path_of_file: |path, start| is_chunk(start).then(|| path.to_owned()),
     is_folder_of_format: has_chunks,
     read_to_open: |path| if has_chunks(path)? { TorchChunks::read_to_open(path) } else { Ok(Vec::new()) },
-    open: |path, _, warnings| {
-        let source = TorchChunks::open(path, warnings)?;
+    open: |path, options, warnings| {
+        let source = if options.fetch.is_some() {
+            TorchChunks::open_by_index(path, warnings)?
+        } else {
+            TorchChunks::open(path, warnings)?
+        };
         let collections = source.collections(path);
         Ok((Box::new(source), collections))
     },

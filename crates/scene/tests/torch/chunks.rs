@@ -2,18 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::support::{fixture, fixture_bytes, pickle, saved, text};
 use atsplat_numeric::Tolerance;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter, TorchChunks};
-use atsplat_scene::{FrameImage, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_scene::{
+    Dataset, Fetch, FrameImage, OpenOptions, SceneError, SceneSource, SharedBytes, WarningKind, Warnings, open_with,
+};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
-const KEYS: [&str; 2] = ["aaaa000000000001", "bbbb000000000002"];
+pub(crate) const KEYS: [&str; 2] = ["aaaa000000000001", "bbbb000000000002"];
 
-fn folder(files: &[(&str, &[u8])]) -> TempDir {
+pub(crate) fn folder(files: &[(&str, &[u8])]) -> TempDir {
     let folder = TempDir::new().unwrap();
     for (name, bytes) in files {
         let path = folder.path().join(name);
@@ -23,9 +27,25 @@ fn folder(files: &[(&str, &[u8])]) -> TempDir {
     folder
 }
 
-fn open(path: &Path) -> (Result<TorchChunks, SceneError>, Warnings) {
+pub(crate) fn open(path: &Path) -> (Result<TorchChunks, SceneError>, Warnings) {
     let mut warnings = Warnings::new();
     (TorchChunks::open(path, &mut warnings), warnings)
+}
+
+/// Of chunks that are fetched when they are read; these are here already.
+#[derive(Debug)]
+struct Here;
+
+impl Fetch for Here {
+    fn fetch(&self, _: &[PathBuf]) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn open_to_fetch(path: &Path) -> (Result<Dataset, SceneError>, Warnings) {
+    let mut warnings = Warnings::new();
+    let options = OpenOptions { fetch: Some(Arc::new(Here)), ..OpenOptions::default() };
+    (open_with(path, &options, &mut warnings), warnings)
 }
 
 fn stored_scenes() -> Vec<ChunkScene> {
@@ -33,7 +53,7 @@ fn stored_scenes() -> Vec<ChunkScene> {
     chunk.keys().iter().map(|key| chunk.record(key).unwrap()).collect()
 }
 
-fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
+pub(crate) fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
     let mut image = b"\xff\xd8\xff".to_vec();
     image.resize(image_bytes, 7);
     ChunkScene {
@@ -45,7 +65,7 @@ fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
     }
 }
 
-fn write(folder: &Path, target_bytes: u64, scenes: Vec<ChunkScene>) -> Vec<String> {
+pub(crate) fn write(folder: &Path, target_bytes: u64, scenes: Vec<ChunkScene>) -> Vec<String> {
     let mut writer = ChunkWriter::create(folder, target_bytes).unwrap();
     for scene in scenes {
         writer.push(scene).unwrap();
@@ -85,19 +105,17 @@ fn an_index_that_names_no_chunk_does_not_hide_the_chunks_below() {
     let evaluation = format!(r#"{{"{}": {{"context": [0, 2], "target": [1]}}, "gone": null}}"#, KEYS[0]);
     let gone = format!(r#"{{"{}": "000000.torch"}}"#, KEYS[0]);
     let below = format!(r#"{{"gone": "000000.torch", "{}": "train/000000.torch"}}"#, KEYS[1]);
-    for (index, stage, keys, missing) in [
-        ("{}", "test", &KEYS[..], 0),
-        (evaluation.as_str(), "test", &KEYS[..], 0),
-        (gone.as_str(), "test", &KEYS[..], 0),
-        (below.as_str(), "train", &KEYS[1..], 1),
-    ] {
+    for (index, stage, missing) in
+        [("{}", "test", 0), (evaluation.as_str(), "test", 0), (gone.as_str(), "test", 0), (below.as_str(), "train", 1)]
+    {
         let folder =
             folder(&[("index.json", index.as_bytes()), ("test/000000.torch", &chunk), ("train/000000.torch", &chunk)]);
         let (source, warnings) = open(folder.path());
         let source = source.unwrap();
-        assert_eq!(source.keys(), keys, "{index}");
+        assert_eq!(source.keys(), KEYS, "{index}");
         assert_eq!(source.chunks(), [folder.path().join(stage).join("000000.torch")], "{index}");
-        assert_eq!((warnings.total(), warnings.count(WarningKind::SceneNotFound)), (missing, missing), "{index}");
+        let counts = [WarningKind::SceneNotFound, WarningKind::SceneBeyondIndex].map(|kind| warnings.count(kind));
+        assert_eq!((warnings.total(), counts), (2 * missing, [missing; 2]), "{index}");
     }
     let last = folder(&[("index.json", b"{}"), ("test/index.json", b"{}"), ("train/000000.torch", &chunk)]);
     assert_eq!(open(last.path()).0.unwrap().keys(), KEYS, "in train");
@@ -117,7 +135,7 @@ fn errors_of_an_index_are_reported() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!(r#"{{"gone": "000009.torch", "{}": "000000.torch", "not there": "000000.torch"}}"#, KEYS[1]);
     let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
-    let (source, mut warnings) = open(folder.path());
+    let (source, mut warnings) = open_to_fetch(folder.path());
     let source = source.unwrap();
     assert_eq!(source.keys(), [KEYS[1], "not there"], "in the index's order");
     let counts: Vec<_> = warnings.counts().collect();
@@ -132,7 +150,7 @@ fn a_scene_that_the_index_does_not_list_is_reported() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!(r#"{{"{}": "000000.torch"}}"#, KEYS[1]);
     let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk)]);
-    let (source, warnings) = open(folder.path());
+    let (source, warnings) = open_to_fetch(folder.path());
     let source = source.unwrap();
     assert_eq!((source.keys(), warnings.total()), (&[KEYS[1].to_owned()][..], 0));
     for _ in 0..2 {
@@ -152,7 +170,7 @@ fn unreadable_scenes_are_the_same_in_any_order_of_loading() {
     let index = br#"{"one": "000000.torch", "two": "000000.torch"}"#;
     let folder = folder(&[("index.json", index), ("000000.torch", &chunk)]);
     let found = |order: [&'static str; 2]| {
-        let (source, mut all) = open(folder.path());
+        let (source, mut all) = open_to_fetch(folder.path());
         let (source, mut of_scenes) = (source.unwrap(), BTreeMap::new());
         for key in order {
             let mut warnings = Warnings::new();
@@ -179,7 +197,7 @@ fn a_scene_in_another_chunk_than_the_indexed_one_is_a_duplicate() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!(r#"{{"{}": "000000.torch", "{}": "000001.torch"}}"#, KEYS[0], KEYS[1]);
     let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
-    let (source, _) = open(folder.path());
+    let (source, _) = open_to_fetch(folder.path());
     let source = source.unwrap();
     for (key, other, name) in [(KEYS[0], KEYS[1], "000000.torch"), (KEYS[1], KEYS[0], "000001.torch")] {
         let mut warnings = Warnings::new();

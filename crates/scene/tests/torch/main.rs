@@ -6,6 +6,7 @@ mod chunks;
 mod fixtures;
 mod hostile;
 mod long_keys;
+mod partial_index;
 mod support;
 
 use std::path::Path;
