@@ -2,11 +2,13 @@
 
 mod bounded;
 mod evenly_spaced;
+mod every_nth;
 mod farthest_point;
 mod overlap_pairs;
 
 pub use bounded::{Bounded, ExtraContext, GapSchedule};
 pub use evenly_spaced::EvenlySpaced;
+pub use every_nth::EveryNth;
 pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
 pub use overlap_pairs::{OverlapPairs, PairTargets};
 
@@ -45,6 +47,8 @@ pub enum Sampler {
     FarthestPoint(FarthestPoint),
     /// Farthest-point context over the scene, targets evenly spaced over the rest (`MVSplat360`).
     EvenlySpaced(EvenlySpaced),
+    /// Every n-th frame is a target, context evenly spaced over the rest (Long-LRM).
+    EveryNth(EveryNth),
     /// Two context frames of sufficient overlap (pixelSplat's RE10K index, latentSplat's extrapolation).
     OverlapPairs(OverlapPairs),
     /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
@@ -60,6 +64,7 @@ impl Sampler {
         match self {
             Self::FarthestPoint(_) => "farthest-point",
             Self::EvenlySpaced(_) => "evenly-spaced",
+            Self::EveryNth(_) => "every-nth",
             Self::OverlapPairs(_) => "overlap-pairs",
             Self::Bounded(_) => "bounded",
             Self::AllFrames => "all-frames",
@@ -74,6 +79,7 @@ impl Sampler {
         match self {
             Self::FarthestPoint(sampler) => sampler.sample(scene),
             Self::EvenlySpaced(sampler) => sampler.sample(scene),
+            Self::EveryNth(sampler) => sampler.sample(scene),
             Self::OverlapPairs(sampler) => sampler.sample(scene),
             Self::Bounded(sampler) => sampler.sample(scene),
             Self::AllFrames => all_frames(scene),
@@ -218,6 +224,7 @@ mod tests {
             "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\ntargets = { rule = 'sampled', count = 8, seed = 1, allow-context = false }",
             "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\ntargets = { rule = 'spread', count = 8 }",
             "sampler = 'evenly-spaced'\ncontext-views = 5\ntarget-views = 56",
+            "sampler = 'every-nth'\nevery = 3\ncontext-views = 2",
             "sampler = 'overlap-pairs'\nseed = 1\ntargets = { side = 'inside', count = 3 }",
             "sampler = 'overlap-pairs'\nseed = 1\nmin-distance = 1\ntargets = { side = 'outside', count = 3, reach = 45 }",
             "sampler = 'bounded'\nseed = 1\ncontext-views = 6\ntarget-views = 4\ngaps = { min = 45, max = 135 }",

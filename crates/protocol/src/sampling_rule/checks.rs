@@ -1,6 +1,6 @@
 use super::SamplingRule;
 use crate::overlap::{EpipolarRays, OverlapEstimator};
-use crate::samplers::{Bounded, EvenlySpaced, FarthestPoint, OverlapPairs, Sampler, TargetRule};
+use crate::samplers::{Bounded, EvenlySpaced, EveryNth, FarthestPoint, OverlapPairs, Sampler, TargetRule};
 
 /// A condition on numbers of a sampling rule.
 pub(super) struct Check {
@@ -15,6 +15,7 @@ pub(super) struct Check {
 pub(super) fn first_violation(rule: &SamplingRule) -> Option<Check> {
     let mut checks = match &rule.sampler {
         Sampler::EvenlySpaced(sampler) => vec![used_share(sampler)],
+        Sampler::EveryNth(sampler) => vec![frames_between_targets(sampler)],
         Sampler::OverlapPairs(sampler) => of_pairs(sampler),
         Sampler::Bounded(sampler) => of_bounded(sampler),
         Sampler::FarthestPoint(sampler) => vec![room_in_window(sampler)],
@@ -32,6 +33,10 @@ pub(super) fn first_violation(rule: &SamplingRule) -> Option<Check> {
 fn used_share(EvenlySpaced { ratio, .. }: &EvenlySpaced) -> Check {
     let holds = *ratio > 0.0 && *ratio <= 1.0;
     check(holds, "ratio", "a fraction of the scene, above 0 and at most 1", ratio.to_string())
+}
+
+fn frames_between_targets(EveryNth { every, .. }: &EveryNth) -> Check {
+    check(every.get() >= 2, "every", "at least 2, so that not every frame is a target", every.to_string())
 }
 
 fn of_pairs(pairs: &OverlapPairs) -> Vec<Check> {

@@ -24,6 +24,7 @@ const TEXTS: Embedded = texts![
     "dl3dv-12v",
     "dl3dv-6v-8t",
     "dl3dv-5v-360",
+    "dl3dv-32v-every-8th",
     "dl3dv-2v-4t",
     "dl3dv-4v-4t",
     "dl3dv-6v-4t",
@@ -106,12 +107,17 @@ mod tests {
         let with_overlap =
             |bounds: &str| format!("{bounded}[overlap]\nestimator.estimator = \"epipolar-ray\"\n{bounds}");
         let bounds = with_overlap("minimum = 0.2\nmaximum = 0.2");
-        for valid in [bounded.to_owned(), pairs.to_owned(), farthest.to_owned(), bounds] {
+        let every = "[sampler]\nsampler = \"every-nth\"\nevery = 2\ncontext-views = 3\n";
+        for valid in [bounded.to_owned(), pairs.to_owned(), farthest.to_owned(), every.to_owned(), bounds] {
             std::fs::write(&path, &valid).unwrap();
             let rule = SamplingRule::resolve(path.to_str().unwrap());
             assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
         }
         for (text, expected) in [
+            (
+                every.replace("every = 2", "every = 1"),
+                "every: at least 2, so that not every frame is a target, found 1",
+            ),
             (format!("{bounded}wndow = 3\n"), "line 7 column 1: expected one of"),
             (bounded.replace("max = 9", "mx = 9"), "line 6 column 19: expected one of"),
             (bounded.replace("views = 2", "views = 1"), "context-views"),
