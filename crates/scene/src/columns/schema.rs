@@ -3,7 +3,7 @@ use std::sync::{Arc, LazyLock};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
 /// Version of the schema; incremented when a column changes its meaning.
-pub const SCHEMA_VERSION: &str = "1";
+pub const SCHEMA_VERSION: &str = "2";
 
 /// The convention of poses and intrinsics, stored in the schema's metadata under `atsplat.convention`.
 pub const CONVENTION: &str = "One row per frame, in the source's order. r00..r22 and t0..t2 are the row-major 3x4 \
@@ -19,7 +19,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `url` | Utf8? | source of the capture |
 /// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
 /// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
-/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video; of captures, the number of the file |
+/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video; null for captures, whose images may be numbered, but not by time |
 /// | `fx` `fy` | `Float64` | focal lengths over image width and height |
 /// | `cx` `cy` | `Float64` | principal point over image width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
@@ -54,7 +54,7 @@ pub(super) const CENTRE: [&str; 3] = ["centre_x", "centre_y", "centre_z"];
 
 /// [`crate::Frame::timestamp_micros`].
 const TIMESTAMP: &str =
-    "microseconds since the start of the video; of captures, the number at the end of a file's name";
+    "microseconds since the start of the video; null for captures, whose images may be numbered, but not by time";
 
 fn build() -> Schema {
     let mut fields = vec![

@@ -12,7 +12,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::columns::CameraTable;
-use crate::{SceneSource, Warnings, load_scenes};
+use crate::{SceneSource, TimestampSource, Warnings, load_scenes};
 
 pub use error::ExportError;
 pub use format::ExportFormat;
@@ -55,7 +55,10 @@ pub fn export(
         let scenes = load_scenes(source, keys, warnings, &|_| step());
         source.check_fetched()?;
         summary.skipped += (keys.len() - scenes.len()) as u64;
-        for scene in scenes {
+        for mut scene in scenes {
+            if source.times() == TimestampSource::FromNames {
+                scene.frames.iter_mut().for_each(|frame| frame.timestamp_micros = None);
+            }
             table.push_scene(&scene, |batch| writer.write(&batch))?;
             summary.scenes += 1;
             summary.frames += scene.frames.len() as u64;

@@ -7,10 +7,10 @@ use polars::prelude::*;
 
 use super::writer::polars_from_batch;
 use super::*;
-use crate::WarningKind;
 use crate::columns::schema;
 use crate::columns::tests::batches_from_scene;
 use crate::test_source::{TestSource, wandering_scene};
+use crate::{Scene, SceneError, WarningKind};
 
 fn exported(source: &TestSource, format: ExportFormat) -> (Vec<u8>, ExportSummary, Warnings) {
     let folder = tempfile::tempdir().unwrap();
@@ -60,6 +60,37 @@ fn polars_reads_back_parquet() {
     assert!(read.equals_missing(&expected), "{read:?}");
     assert_eq!(float_bits(&read), float_bits(&expected));
     assert_eq!((summary.scenes, summary.skipped, summary.frames), (40, 0, read.height() as u64));
+}
+
+/// A capture, whose frames have numbers from the names of their images.
+struct Capture(TestSource);
+
+impl SceneSource for Capture {
+    fn keys(&self) -> &[String] {
+        self.0.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        self.0.load(key, warnings)
+    }
+
+    fn times(&self) -> TimestampSource {
+        TimestampSource::FromNames
+    }
+}
+
+#[test]
+fn numbers_in_names_of_images_are_not_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let empty_times = |source: &dyn SceneSource| {
+        let path = folder.path().join("cameras.parquet");
+        export(source, &path, ExportFormat::Parquet, &mut Warnings::new(), &|| ()).unwrap();
+        let read = ParquetReader::new(Cursor::new(fs::read(path).unwrap())).finish().unwrap();
+        (read.column("timestamp_micros").unwrap().null_count(), read.height())
+    };
+    let (of_video, rows) = empty_times(&dataset());
+    assert_eq!((of_video, rows > 0), (0, true));
+    assert_eq!(empty_times(&Capture(dataset())), (rows, rows));
 }
 
 #[test]
