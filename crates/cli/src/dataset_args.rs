@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_camera::ImageSize;
 use atsplat_scene::{Dataset, Fetch, Format, ImageOptions, OpenOptions, Warnings};
 
 use crate::objects::{CacheArgs, RemoteData};
@@ -52,18 +53,21 @@ impl ImageArgs {
 
     /// Opens the dataset at a path or URL; its format is detected.
     pub(crate) fn open(&self, path: &Path, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
-        self.open_at(path, self.cache.dataset(path)?.as_ref(), warnings)
+        self.open_at(path, self.cache.dataset(path)?.as_ref(), None, warnings)
     }
 
-    /// Opens the dataset at `path`, or at the URL that was listed.
+    /// Opens the dataset at `path`, or at the URL that was listed. Of several copies of a scene's images, the one of `expected_size` is
+    /// used if the scene lacks the folder that it lists.
     pub(crate) fn open_at(
         &self,
         path: &Path,
         remote: Option<&Arc<RemoteData>>,
+        expected_size: Option<ImageSize>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Dataset> {
         let fetch = remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>);
-        let options = OpenOptions { fetch, ..self.options().open_options() };
+        let mut options = OpenOptions { fetch, ..self.options().open_options() };
+        options.nerfstudio.expected_size = expected_size;
         let path = remote.map_or(path, |remote| remote.path());
         let dataset = atsplat_scene::open_with(path, &options, warnings)?;
         self.check(Some(dataset.format))?;

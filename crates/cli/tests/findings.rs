@@ -332,6 +332,16 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     assert!(rejected.code == 1 && rejected.stdout.contains(advice), "{}{}", rejected.stdout, rejected.stderr);
     let taken = run(here, &["--out", "store", "--images", "2"]);
     assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
+    // Without the listed folder, no argument is needed: the copy is the one of the expected size, not the largest.
+    let rename = |from: &str, to: &str| {
+        std::fs::rename(here.join("data/a").join(from), here.join("data/a").join(to)).unwrap();
+    };
+    rename("images", "elsewhere");
+    rename("images_2", "images_8");
+    let found = run(here, &["--out", "found"]);
+    assert!(found.code == 0 && found.stdout.contains("image-elsewhere"), "{}{}", found.stdout, found.stderr);
+    rename("images_8", "images_2");
+    rename("elsewhere", "images");
     // One image of the copy has another size, as if it were a copy of a copy: no argument helps.
     let image = ImageU8::new(16, 12, vec![90; 16 * 12 * 3]).unwrap();
     std::fs::write(here.join("data/a/images_2/1.png"), encode_png(&image).unwrap()).unwrap();

@@ -82,7 +82,9 @@ impl Protocol {
         work(py, || {
             let mut warnings = Warnings::new();
             let images = ImageOptions { images, frames, ..ImageOptions::default() };
-            let opened = atsplat_scene::open_with(&data, &images.open_options(), &mut warnings)?;
+            let mut options = images.open_options();
+            options.nerfstudio.expected_size = self.preset.preprocessing.expected_size.filter(|_| !any_size);
+            let opened = atsplat_scene::open_with(&data, &options, &mut warnings)?;
             images.check(Some(opened.format))?;
             let source: Arc<dyn SceneSource> = Arc::new(opened);
             let opening = warnings.clone();

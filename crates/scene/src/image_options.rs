@@ -25,7 +25,11 @@ impl ImageOptions {
         };
         OpenOptions {
             re10k: Re10kOptions { frames_root: self.frames.clone() },
-            nerfstudio: NerfstudioOptions { images, prefer_gaussian_splat: self.prefer_undistorted },
+            nerfstudio: NerfstudioOptions {
+                images,
+                prefer_gaussian_splat: self.prefer_undistorted,
+                ..NerfstudioOptions::default()
+            },
             colmap: ColmapOptions { images, images_root: self.frames.clone() },
             ..OpenOptions::default()
         }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use atsplat_camera::ImageSize;
 use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
 use atsplat_protocol::{DropReason, Preset};
 use atsplat_results::{Results, SkippedEntry};
@@ -67,7 +68,9 @@ impl ProtocolArgs {
         warnings: &mut Warnings,
     ) -> anyhow::Result<Vec<Dataset>> {
         let data = remote.map_or(self.data.as_path(), |remote| remote.path());
-        let source: Arc<dyn SceneSource> = Arc::new(self.images.open_at(&self.data, remote, warnings)?);
+        let expected_size = self.expected_size();
+        let source: Arc<dyn SceneSource> =
+            Arc::new(self.images.open_at(&self.data, remote, expected_size, warnings)?);
         let opening = warnings.clone();
         let rule =
             self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
@@ -95,6 +98,17 @@ impl ProtocolArgs {
             Ok(opened)
         };
         self.presets.iter().map(|name| open(name, warnings)).collect()
+    }
+
+    /// The size of images that all of the protocols expect, if it is one.
+    fn expected_size(&self) -> Option<ImageSize> {
+        if self.any_size {
+            return None;
+        }
+        let size = |name: &String| Preset::resolve(name).ok()?.preprocessing.expected_size;
+        let mut sizes = self.presets.iter().map(size);
+        let first = sizes.next()??;
+        sizes.all(|size| size == Some(first)).then_some(first)
     }
 
     /// Which other copy of a capture's images has the size that a protocol expects, if it skipped a scene for the size of its

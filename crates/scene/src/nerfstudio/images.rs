@@ -1,7 +1,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use atsplat_camera::ImageSize;
+
 use crate::files::{DYNAMIC_MASK, ImageListing, inside, split_image_name};
+use crate::scene::{in_frame, size_of_file};
 use crate::{FrameImage, ImageFolder, SceneError, WarningKind, Warnings};
 
 /// Finds the images that a `transforms.json` or COLMAP model refers to; each folder is listed once.
@@ -10,6 +13,8 @@ pub(crate) struct ImageFinder<'a> {
     root: &'a Path,
     file: &'a Path,
     choice: ImageFolder,
+    /// Size of the images of a copy that is preferred where the listed folder does not exist.
+    expected_size: Option<ImageSize>,
     folders: BTreeMap<String, Folder>,
     /// How often a listed path fits several images, and which is used of the first.
     choices: (usize, Option<String>),
@@ -50,7 +55,13 @@ struct Folder {
 impl<'a> ImageFinder<'a> {
     /// Paths are relative to `root`; `file` lists them and is for messages.
     pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: ImageFolder) -> Self {
-        Self { root, file, choice, folders: BTreeMap::new(), choices: (0, None) }
+        Self { root, file, choice, expected_size: None, folders: BTreeMap::new(), choices: (0, None) }
+    }
+
+    /// Where the listed folder does not exist, prefers the copy whose first image has this size.
+    #[must_use]
+    pub(crate) fn preferring(self, expected_size: Option<ImageSize>) -> Self {
+        Self { expected_size, ..self }
     }
 
     /// Warns if images were found by their name without extension where several have it.
@@ -110,7 +121,8 @@ impl<'a> ImageFinder<'a> {
         self.folders.get(listed).ok_or_else(|| SceneError::unrecognized(self.root, "a folder of images", listed))
     }
 
-    /// The folder to use according to `choice`; if the listed one does not exist, its largest downscaled copy.
+    /// The folder to use according to `choice`; if the listed one does not exist, its downscaled copy of the expected size, or else
+    /// the largest.
     fn choose(&self, listed: &str) -> Result<Folder, SceneError> {
         let downscaled = |factor: u32| self.root.join(downscaled(listed, factor));
         let candidates = match self.choice {
@@ -121,17 +133,31 @@ impl<'a> ImageFinder<'a> {
             }
             ImageFolder::Downscaled(factor) => vec![(downscaled(factor), false)],
         };
-        let mut first = None;
+        let (mut largest, mut first) = (None, None);
         for (path, as_listed) in candidates {
             let listing = ImageListing::read(&path)?;
-            let found = listing.is_some();
             let folder = Folder { path, listing, as_listed };
-            if found {
+            if folder.listing.is_none() {
+                first = first.or(Some(folder));
+            } else if as_listed || self.expected_size.is_none_or(|size| folder.has_images_of(size)) {
                 return Ok(folder);
+            } else {
+                largest = largest.or(Some(folder));
             }
-            first = first.or(Some(folder));
         }
-        Ok(first.unwrap_or_else(|| Folder { path: self.root.join(listed), listing: None, as_listed: true }))
+        let missing = || Folder { path: self.root.join(listed), listing: None, as_listed: true };
+        Ok(largest.or(first).unwrap_or_else(missing))
+    }
+}
+
+impl Folder {
+    /// Whether the first image has this size. One that cannot be read is reported where it is decoded.
+    fn has_images_of(&self, size: ImageSize) -> bool {
+        let first = self.listing.as_ref().and_then(|listing| listing.by_stem(listing.stems().next()?));
+        first.is_some_and(|path| {
+            let image = FrameImage::File(path.clone());
+            size_of_file(&path, in_frame("", 0, &image)).is_ok_and(|found| found == size)
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::{Camera, CameraError, WorldFromCamera};
+use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
 use glam::DVec3;
 
 use super::images::is_of_images;
@@ -30,6 +30,8 @@ pub const SUBSET_PREFIX: &str = "dl3dv_";
 pub struct NerfstudioOptions {
     /// Which copy of the images to use.
     pub images: ImageFolder,
+    /// Size of the images that are meant where a scene lacks the folder that it lists: the copy of this size is used, not the largest.
+    pub expected_size: Option<ImageSize>,
     /// Prefers DL3DV's undistorted `gaussian_splat/` to the other variants of a scene; without any scene that has it, opening is an
     /// error.
     pub prefer_gaussian_splat: bool,
@@ -139,7 +141,7 @@ impl SceneSource for NerfstudioScenes {
         let subset = self.scene_file(key)?.subset.clone();
         let (transforms, file) = self.transforms(key)?;
         let root = file.parent().unwrap_or_else(|| Path::new("."));
-        let mut finder = ImageFinder::new(root, file, self.options.images);
+        let mut finder = ImageFinder::new(root, file, self.options.images).preferring(self.options.expected_size);
         let images = find_images(&mut finder, &transforms)?;
         for (at, found) in images.iter().enumerate() {
             found.report(key, at, warnings);

@@ -74,6 +74,35 @@ fn numbered_cameras_are_not_scaled_copies_of_each_other() {
     assert_eq!((warnings.count(WarningKind::MissingImage), warnings.count(WarningKind::ImageAtOtherPath)), (1, 0));
 }
 
+/// Nothing but the size that a protocol expects says which copy is meant.
+#[test]
+fn without_the_listed_folder_the_copy_of_the_expected_size_is_used() {
+    let frames = [("images/a.png", json!({})), ("images/b.png", json!({}))];
+    let folder = capture(json!({ "w": 64, "h": 40, "fl_x": 60 }), &frames);
+    for (copy, size) in [("images_2", [32, 20]), ("images_4", [16, 10]), ("images_8", [8, 5])] {
+        for name in ["a", "b"] {
+            write_image(&folder, &format!("{copy}/{name}.png"), size);
+        }
+    }
+    let found = |images: ImageFolder, [width, height]: [u32; 2]| {
+        let expected_size = Some(ImageSize { width, height });
+        let options = NerfstudioOptions { images, expected_size, ..NerfstudioOptions::default() };
+        let source = NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap();
+        let mut warnings = Warnings::new();
+        let scene = source.load(&source.keys()[0], &mut warnings).unwrap();
+        (paths(&folder, &scene).swap_remove(1), warnings.count(WarningKind::ImageAtOtherPath))
+    };
+    let copy = |name: &str, warnings: u64| (format!("{name}/b.png"), warnings);
+    assert_eq!(found(ImageFolder::Listed, [16, 10]), copy("images_4", 2));
+    assert_eq!(found(ImageFolder::Listed, [8, 5]), copy("images_8", 2));
+    assert_eq!(found(ImageFolder::Listed, [64, 40]), copy("images_2", 2), "no copy has this size");
+    assert_eq!(found(ImageFolder::Downscaled(2), [16, 10]), copy("images_2", 0), "as chosen");
+    for name in ["a", "b"] {
+        write_image(&folder, &format!("images/{name}.png"), [64, 40]);
+    }
+    assert_eq!(found(ImageFolder::Listed, [16, 10]), copy("images", 0), "as listed");
+}
+
 /// The camera of the second frame, and its image, are half as large.
 #[test]
 fn without_sizes_a_frames_own_lengths_are_in_pixels_of_its_own_image() {
