@@ -302,55 +302,6 @@ fn images_of_another_size_suggest_any_size() {
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
 }
 
-/// The listed images are twice as large as the protocol expects; a copy next to them fits.
-#[test]
-fn images_of_another_size_suggest_a_copy_that_fits() {
-    let folder = tempfile::tempdir().unwrap();
-    let here = folder.path();
-    write_preset(here, 16);
-    let pose = |x: f64| serde_json::json!([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
-    let frame = |at: u32| serde_json::json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose(f64::from(at) * 0.1) });
-    let frames: Vec<_> = (0..3).map(frame).collect();
-    let transforms = serde_json::json!({ "w": 64, "h": 48, "fl_x": 64, "frames": frames });
-    for (images, width) in [("images", 64), ("images_2", 32), ("images_4", 16)] {
-        let images = here.join("data/a").join(images);
-        std::fs::create_dir_all(&images).unwrap();
-        let height = 3 * width / 4;
-        let image = ImageU8::new(width, height, vec![90; (width * height * 3) as usize]).unwrap();
-        for at in 0..3 {
-            std::fs::write(images.join(format!("{at}.png")), encode_png(&image).unwrap()).unwrap();
-        }
-    }
-    std::fs::write(here.join("data/a/transforms.json"), transforms.to_string()).unwrap();
-    write_index(&here.join("data"), &["a"], "[0, 2]", "[1]");
-    let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
-    let sized = "[preprocessing]\nexpected-size = { width = 32, height = 24 }";
-    std::fs::write(here.join("tiny.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
-    let rejected = run(here, &["--out", "store"]);
-    let advice =
-        "\n--images 2 takes copies of the images of the expected size, and --any-size takes images of any size; ";
-    assert!(rejected.code == 1 && rejected.stdout.contains(advice), "{}{}", rejected.stdout, rejected.stderr);
-    let taken = run(here, &["--out", "store", "--images", "2"]);
-    assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
-    // Without the listed folder, no argument is needed: the copy is the one of the expected size, not the largest.
-    let rename = |from: &str, to: &str| {
-        std::fs::rename(here.join("data/a").join(from), here.join("data/a").join(to)).unwrap();
-    };
-    rename("images", "elsewhere");
-    rename("images_2", "images_8");
-    let found = run(here, &["--out", "found"]);
-    assert!(found.code == 0 && found.stdout.contains("image-elsewhere"), "{}{}", found.stdout, found.stderr);
-    rename("images_8", "images_2");
-    rename("elsewhere", "images");
-    // One image of the copy has another size, as if it were a copy of a copy: no argument helps.
-    let image = ImageU8::new(16, 12, vec![90; 16 * 12 * 3]).unwrap();
-    std::fs::write(here.join("data/a/images_2/1.png"), encode_png(&image).unwrap()).unwrap();
-    std::fs::remove_dir_all(here.join("data/a/images")).unwrap();
-    let mixed = run(here, &["--out", "mixed", "--images", "2"]);
-    assert!(mixed.code == 1 && mixed.stdout.contains("--any-size"), "{}{}", mixed.stdout, mixed.stderr);
-    assert!(!mixed.stdout.contains("--images"), "{}", mixed.stdout);
-}
-
 /// Of four scenes, one is whole, one has lost two images, one is cut off and one has no trajectory.
 #[test]
 fn strict_fails_on_what_a_sampler_leaves_out() {
