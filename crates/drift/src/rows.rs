@@ -148,7 +148,8 @@ impl Group {
                 FindingKind::Render if basis != Basis::Exact => DriftVerdict::Within,
                 FindingKind::Count if basis != Basis::Exact => match self.change_of_mean_count(now, basis) {
                     Some(change) => {
-                        example.push_str(&format!("; {change}"));
+                        example.push_str("; ");
+                        example.push_str(&change);
                         DriftVerdict::Drifted
                     }
                     None => DriftVerdict::Within,
