@@ -325,7 +325,7 @@ fn storages_are_aligned_and_entries_stored() {
     let folder = TempDir::new().unwrap();
     write(folder.path(), 1, vec![numbered(0, 1000)]);
     let bytes = fs::read(folder.path().join("000000.torch")).unwrap();
-    let mut zip = zip::ZipArchive::new(std::io::Cursor::new(&bytes)).unwrap();
+    let mut zip = zip::ZipArchive::new(io::Cursor::new(&bytes)).unwrap();
     for index in 0..zip.len() {
         let entry = zip.by_index_raw(index).unwrap();
         assert_eq!(entry.compression(), zip::CompressionMethod::Stored);
