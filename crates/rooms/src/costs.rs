@@ -8,6 +8,7 @@ use atsplat_numeric::median;
 use serde::Serialize;
 
 use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
+use crate::simulation::auto_exposure_gain;
 use crate::{RoomsError, Simulation};
 
 /// A time in seconds, not negative: the median of pairs, and the interval that contains the true median with 96 % confidence.
@@ -30,7 +31,7 @@ pub struct EffectCost {
     pub time: Timing,
 }
 
-/// What one frame costs, and how it differs from the frame with all effects.
+/// What one frame costs, and how it differs from the frame with all effects; without the lens if it was left out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct FrameCosts {
@@ -117,7 +118,7 @@ impl Simulation {
         let others = |kind: EffectKind| kinds.iter().copied().filter(|other| *other != kind).collect();
         let chosen = |choice: &EffectChoice| Effects::choose(&self.context(), choice);
         let without: Vec<Effects> = kinds.iter().map(|kind| chosen(&EffectChoice::Only(others(*kind)))).collect();
-        let all = chosen(&EffectChoice::All);
+        let (all, _) = self.all_effects()?;
         let (mut frame_secs, mut all_secs) = (Vec::new(), Vec::new());
         let mut saved = vec![Vec::new(); kinds.len()];
         for _ in 0..PAIRS {
@@ -139,13 +140,13 @@ impl Simulation {
         })
     }
 
-    /// Compares a frame with the one that all effects give.
+    /// Compares a frame with the one that all effects give, each at its own exposure. If the lens was left out, it is in neither.
     ///
     /// # Errors
     /// As [`Self::image`].
     pub fn difference_from_all(&self, frame: usize) -> Result<ImageDifference, RoomsError> {
-        let effects = Effects::choose(&self.context(), &EffectChoice::All);
-        let all = self.rendered(frame, &effects)?;
+        let (effects, gain) = self.all_effects()?;
+        let all = self.exposed(frame, &effects, gain)?;
         let image = self.image(frame)?;
         let changes = || image.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
         let values: Vec<f32> = changes().collect();
@@ -155,6 +156,13 @@ impl Simulation {
             beyond: 3.0 * beyond as f64 / values.len() as f64,
             mse: changes().map(|change| f64::from(change).powi(2)).sum::<f64>() / values.len() as f64,
         })
+    }
+
+    /// All effects, without the lens if it was left out, and the exposure of a scene with all of them.
+    fn all_effects(&self) -> Result<(Effects, f32), RoomsError> {
+        let all = Effects::choose(&self.context(), &EffectChoice::All);
+        let gain = auto_exposure_gain(&self.world, &all, self.shots())?;
+        Ok((if self.keeps_lens { all } else { all.without_lens() }, gain))
     }
 
     /// Seconds of one rendering.

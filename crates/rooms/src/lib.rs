@@ -39,7 +39,7 @@ pub use cost_summary::{CostSummary, EffectMillis};
 pub use costs::{EffectCost, FrameCosts, ImageDifference, Timing};
 pub use covisibility::Covisibility;
 pub use dataset::{ImageEncoding, Layout, ManifestScene, WriteOptions, encoded_scene, write_dataset};
-pub use effects::{ActiveEffect, EffectChoice, EffectKind};
+pub use effects::{AbsentEffect, ActiveEffect, EffectChoice, EffectKind};
 pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot};
 pub use render::Geometry;

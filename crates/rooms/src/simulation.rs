@@ -6,7 +6,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
 use atsplat_scene::{Scene, TimestampSource};
 
-use crate::effects::{ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
+use crate::effects::{AbsentEffect, ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
 use crate::render::{self, Frame, Geometry, LensTable};
 use crate::rng::Rng;
@@ -73,6 +73,9 @@ pub struct Request {
 }
 
 impl Request {
+    /// Longest side of an image.
+    pub const MAX_SIDE: u32 = 16384;
+
     /// A clip of 150 frames (5 seconds) for rooms and 100 views for yards, 256×256, 4 samples per pixel, with the effects that
     /// the scene needs.
     pub const fn new(kind: SceneKind, seed: SceneSeed) -> Self {
@@ -89,7 +92,7 @@ impl Request {
         let check = |valid: bool, field, expected, found: &dyn fmt::Display| {
             if valid { Ok(()) } else { Err(RoomsError::Request { field, expected, found: found.to_string() }) }
         };
-        let sides = 1..=16384;
+        let sides = 1..=Self::MAX_SIDE;
         check(*frames > 0, "frames", "at least 1", frames)?;
         check(sides.contains(&size.width) && sides.contains(&size.height), "size", "sides of 1 to 16384", size)?;
         check((1..=256).contains(samples), "samples", "1 to 256", samples)
@@ -106,6 +109,8 @@ pub struct Simulation {
     shots: Vec<Shot>,
     slowed_to: f64,
     gain: f32,
+    /// Whether a lens that the scene needs is kept.
+    pub(crate) keeps_lens: bool,
     lens_table: OnceLock<LensTable>,
 }
 
@@ -131,7 +136,8 @@ impl Simulation {
         let effects = Effects::choose(&scene, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
-        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain, lens_table: OnceLock::new() })
+        let (keeps_lens, lens_table) = (true, OnceLock::new());
+        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain, keeps_lens, lens_table })
     }
 
     /// A simulation of a given world with static cameras and no effects.
@@ -143,7 +149,14 @@ impl Simulation {
         let conditions = conditions(request.kind, seed.bits());
         let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size };
         let effects = Effects::choose(&scene, &request.effects);
-        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
+        let (slowed_to, gain, keeps_lens, lens_table) = (1.0, 1.0, true, OnceLock::new());
+        Self { request, world, conditions, effects, shots, slowed_to, gain, keeps_lens, lens_table }
+    }
+
+    /// The same scene through a lens that does not bend, for layouts that store none. Everything else stays, exposure included.
+    #[must_use]
+    pub fn without_lens(self) -> Self {
+        Self { effects: self.effects.without_lens(), keeps_lens: false, ..self }
     }
 
     /// The scene's name.
@@ -164,6 +177,11 @@ impl Simulation {
     /// The effects that run, with reasons.
     pub fn active_effects(&self) -> &[ActiveEffect] {
         &self.effects.active
+    }
+
+    /// The effects that images do not show although they were requested, or although the scene needs them, with reasons.
+    pub fn absent_effects(&self) -> &[AbsentEffect] {
+        &self.effects.absent
     }
 
     /// The camera's speed as a share of the drawn or given one, reduced to fit the scene; 1 in most scenes.
@@ -195,10 +213,15 @@ impl Simulation {
         render::geometry(&self.world, self.effects.lens, self.shot(frame)?, self.request.size)
     }
 
-    /// Renders a frame with these effects.
+    /// Renders a frame with these effects at the exposure of the scene's own.
     pub(crate) fn rendered(&self, frame: usize, effects: &Effects) -> Result<Image, RoomsError> {
+        self.exposed(frame, effects, self.gain)
+    }
+
+    /// Renders a frame with these effects and this gain.
+    pub(crate) fn exposed(&self, frame: usize, effects: &Effects, gain: f32) -> Result<Image, RoomsError> {
         let light = TiledLight { frame: &self.frame(frame, effects)? }.light()?;
-        render::image_of_light(&light, effects, self.shot(frame)?, self.request.size, self.gain)
+        render::image_of_light(&light, effects, self.shot(frame)?, self.request.size, gain)
     }
 
     /// A frame to be rendered with these effects.
@@ -214,7 +237,7 @@ impl Simulation {
 }
 
 impl fmt::Display for Simulation {
-    /// The scene's name and size, and its effects with their reasons, one a line.
+    /// The scene's name and size, and its effects with their reasons, one a line; those that are absent last.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (objects, lamps) = (self.world.objects.len(), self.world.lamps.len());
         writeln!(f, "{}: {objects} objects, {lamps} lamps, {} frames", self.key(), self.shots.len())?;
@@ -227,7 +250,8 @@ impl fmt::Display for Simulation {
                 "  the camera moves at {percent} % of its {speed} speed, so that the path fits into the scene"
             )?;
         }
-        self.effects.active.iter().try_for_each(|active| writeln!(f, "  {}: {}", active.effect, active.reason))
+        self.effects.active.iter().try_for_each(|active| writeln!(f, "  {}: {}", active.effect, active.reason))?;
+        self.effects.absent.iter().try_for_each(|absent| writeln!(f, "  {}: {}", absent.effect, absent.reason))
     }
 }
 
@@ -257,7 +281,7 @@ pub(crate) fn conditions(kind: SceneKind, seed: u64) -> Conditions {
 }
 
 /// Auto exposure: the gain that puts the 80th percentile of the clip's brightness at 0.6.
-fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Result<f32, RoomsError> {
+pub(crate) fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Result<f32, RoomsError> {
     const SIDE: ImageSize = ImageSize { width: 20, height: 20 };
     let mut brightness = Vec::new();
     for part in 0..4 {
@@ -268,4 +292,33 @@ fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Resul
     brightness.sort_by(f32::total_cmp);
     let bright = brightness[brightness.len() * 4 / 5];
     Ok(if bright > 1e-6 { 0.6 / bright } else { 1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::Distortion;
+
+    use super::*;
+    use crate::Split;
+
+    /// The second yard needs no lens: nothing of it changes.
+    #[test]
+    fn a_scene_without_its_lens_keeps_its_exposure_and_all_other_effects() {
+        for (number, is_bent) in [(0, true), (1, false)] {
+            let size = ImageSize { width: 40, height: 30 };
+            let seed = SceneSeed { split: Split::Train, number };
+            let request = Request { size, frames: 2, ..Request::new(SceneKind::Yards, seed) };
+            let whole = Simulation::new(request.clone()).unwrap();
+            let straight = Simulation::new(request).unwrap().without_lens();
+            assert_eq!(whole.camera(1).unwrap().distortion != Distortion::None, is_bent);
+            assert_eq!(straight.camera(1).unwrap().distortion, Distortion::None);
+            assert_eq!(straight.gain.to_bits(), whole.gain.to_bits());
+            assert_eq!(straight.active_effects().len() + usize::from(is_bent), whole.active_effects().len());
+            assert_eq!(straight.absent_effects().len(), usize::from(is_bent));
+            let said = straight.to_string();
+            assert_eq!(said.contains("  lens distortion: left out: this layout stores no lens\n"), is_bent, "{said}");
+            let [bent, image] = [&whole, &straight].map(|simulation| simulation.image(1).unwrap());
+            assert_eq!(bent.samples() != image.samples(), is_bent);
+        }
+    }
 }

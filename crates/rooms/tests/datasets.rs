@@ -4,15 +4,17 @@
 
 use std::path::Path;
 
-use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics, PixelIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Rounding, exr};
 use atsplat_rooms::{
-    EffectChoice, GENERATOR, ImageEncoding, Layout, Request, Route, SceneKind, SceneSeed, Simulation, Split,
-    WriteOptions, write_dataset,
+    EffectChoice, EffectKind, GENERATOR, ImageEncoding, Layout, Request, Route, SceneKind, SceneSeed, Simulation,
+    Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource, Warnings, open};
 use glam::{DMat3, DVec3};
+
+const SMALL: ImageSize = ImageSize { width: 8, height: 6 };
 
 fn requests() -> Vec<Request> {
     let request = |split, number| Request {
@@ -24,23 +26,29 @@ fn requests() -> Vec<Request> {
     vec![request(Split::Train, 0), request(Split::Train, 1), request(Split::Test, 0)]
 }
 
-fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
+/// The simulations of the dataset that is written, with their lenses only where the layout stores them.
+fn written(folder: &Path, layout: Layout) -> Vec<Simulation> {
     let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth: true };
     let mut warnings = Warnings::default();
     let mut reported = Vec::new();
     let entries =
         write_dataset(folder, requests(), &options, &mut warnings, |simulation, _| reported.push(simulation.key()))
             .unwrap();
+    assert_eq!(warnings.total(), 0, "{warnings:?}");
     assert_eq!(reported, entries.iter().map(|entry| entry.key.clone()).collect::<Vec<_>>());
     let manifest: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("manifest.json")).unwrap()).unwrap();
     assert_eq!(manifest["scenes"].as_array().unwrap().len(), 3);
     assert_eq!(manifest["scenes"][2]["key"], "yards-test-00000000");
-    (requests().into_iter().map(|request| Simulation::new(request).unwrap()).collect(), warnings)
+    let simulation = |request| {
+        let simulation = Simulation::new(request).unwrap();
+        if layout.stores_lenses() { simulation } else { simulation.without_lens() }
+    };
+    requests().into_iter().map(simulation).collect()
 }
 
 /// Compares the dataset loaded from `path` with the simulation.
-fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens: bool) {
+fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str) {
     let mut warnings = Warnings::default();
     let dataset = open(path, &mut warnings).unwrap();
     let scene = dataset.load(key, &mut warnings).unwrap();
@@ -54,9 +62,7 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
         let PixelIntrinsics { fx, fy, cx, cy } = expected.intrinsics.pixel_from_normalized(size);
         let k = frame.camera.intrinsics.pixel_from_normalized(size);
         Tolerance::absolute(1e-4).assert([k.fx, k.fy, k.cx, k.cy], [fx, fy, cx, cy], "intrinsics");
-        if has_lens {
-            assert_eq!(frame.camera.distortion, expected.distortion);
-        }
+        assert_eq!(frame.camera.distortion, expected.distortion);
         let image = scene.decode(at, &DecodeLimits::default()).unwrap();
         assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         let file = depth.join(simulation.key()).join(format!("{}.exr", frame.name));
@@ -70,7 +76,7 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
 
 /// What a manifest says of a dataset of one small scene.
 fn manifest(folder: &Path, request: Request, options: WriteOptions) -> serde_json::Value {
-    let request = Request { size: ImageSize { width: 8, height: 6 }, ..request };
+    let request = Request { size: SMALL, ..request };
     write_dataset(folder, [request], &options, &mut Warnings::default(), |_, _| {}).unwrap();
     serde_json::from_slice(&std::fs::read(folder.join("manifest.json")).unwrap()).unwrap()
 }
@@ -122,19 +128,20 @@ fn a_dataset_that_is_not_finished_has_no_manifest_of_an_earlier_one() {
 #[test]
 fn re10k_round_trips() {
     let folder = tempfile::tempdir().unwrap();
-    let (simulations, _) = written(folder.path(), Layout::Re10k);
+    let simulations = written(folder.path(), Layout::Re10k);
     let depth = folder.path().join("depth");
-    check(&folder.path().join("train"), &depth, &simulations[1], "yards-train-00000001", false);
-    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
+    check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000");
+    check(&folder.path().join("train"), &depth, &simulations[1], "yards-train-00000001");
+    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000");
 }
 
 #[test]
 fn chunks_round_trip_and_are_not_mixed() {
     let folder = tempfile::tempdir().unwrap();
-    let (simulations, _) = written(folder.path(), Layout::Chunks);
+    let simulations = written(folder.path(), Layout::Chunks);
     let depth = folder.path().join("depth");
-    check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000", false);
-    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
+    check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000");
+    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000");
     let options = WriteOptions { layout: Layout::Chunks, encoding: ImageEncoding::Jpeg(90), depth: false };
     let again = write_dataset(folder.path(), requests(), &options, &mut Warnings::default(), |_, _| {});
     assert!(again.is_err(), "old chunks must not be mixed with new ones");
@@ -143,19 +150,44 @@ fn chunks_round_trip_and_are_not_mixed() {
 #[test]
 fn nerfstudio_round_trips() {
     let folder = tempfile::tempdir().unwrap();
-    let (simulations, _) = written(folder.path(), Layout::Nerfstudio);
+    let simulations = written(folder.path(), Layout::Nerfstudio);
+    assert!(simulations[0].camera(0).unwrap().distortion != Distortion::None, "a lens is stored");
     let depth = folder.path().join("depth");
     for simulation in &simulations {
-        check(folder.path(), &depth, simulation, &simulation.key(), true);
+        check(folder.path(), &depth, simulation, &simulation.key());
     }
 }
 
+/// The first yard needs a lens, the second does not. One that is requested is an error, whatever the scene draws.
 #[test]
-fn lenses_that_cannot_be_stored_are_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let (simulations, warnings) = written(folder.path(), Layout::Re10k);
-    let distorted = simulations.iter().filter(|s| s.camera(0).unwrap().distortion != atsplat_camera::Distortion::None);
-    assert_eq!(warnings.total(), distorted.count() as u64);
+fn a_layout_without_lenses_has_none_in_its_images_and_says_so() {
+    let absent_in = |layout| {
+        let folder = tempfile::tempdir().unwrap();
+        let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth: false };
+        let [first, second, _] = <[Request; 3]>::try_from(requests()).unwrap();
+        let requests = [first, second].map(|request| Request { size: SMALL, ..request });
+        write_dataset(folder.path(), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
+        let manifest = std::fs::read(folder.path().join("manifest.json")).unwrap();
+        let manifest: serde_json::Value = serde_json::from_slice(&manifest).unwrap();
+        [0, 1].map(|scene: usize| manifest["scenes"][scene]["absent_effects"].clone())
+    };
+    let lens = serde_json::json!([{ "effect": "lens-distortion", "reason": "left out: this layout stores no lens" }]);
+    for layout in [Layout::Re10k, Layout::Chunks] {
+        assert_eq!(absent_in(layout), [lens.clone(), serde_json::Value::Null], "{layout:?}");
+        let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth: false };
+        let only = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::LensDistortion]);
+        for (effects, found) in [(EffectChoice::All, "all"), (only, "motion-blur,lens-distortion")] {
+            let folder = tempfile::tempdir().unwrap();
+            let request = Request { size: SMALL, effects, ..requests().remove(1) };
+            let written = write_dataset(folder.path(), [request], &options, &mut Warnings::default(), |_, _| {});
+            let expected = format!(
+                "simulating scene \"yards-train-00000001\": effects: expected no lens-distortion, which only the nerfstudio \
+                 layout can store, found {found}"
+            );
+            assert_eq!(written.unwrap_err().to_string(), expected);
+        }
+    }
+    assert_eq!(absent_in(Layout::Nerfstudio), [const { serde_json::Value::Null }; 2]);
 }
 
 /// A scene along a route that zooms out and has its first time twice.
@@ -175,7 +207,7 @@ fn each_frame_of_a_route_keeps_its_focal_length() {
     let options = WriteOptions { layout: Layout::Nerfstudio, encoding: ImageEncoding::Png, depth: true };
     write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {}).unwrap();
     let simulation = Simulation::new(routed()).unwrap();
-    check(folder.path(), &folder.path().join("depth"), &simulation, &simulation.key(), true);
+    check(folder.path(), &folder.path().join("depth"), &simulation, &simulation.key());
 }
 
 /// The second image would replace the first.

@@ -136,6 +136,32 @@ fn eighty_scenes_are_close_to_all_effects() {
     }
 }
 
+/// Each image has the exposure of its own effects: without shadows and light of other surfaces, a scene is brighter or darker.
+#[test]
+fn the_difference_from_all_effects_is_that_of_two_simulations() {
+    let image = |effects| Simulation::new(Request { effects, ..request(SceneKind::Rooms, 2) }).unwrap();
+    let all = image(EffectChoice::All);
+    let shadows = EffectChoice::Only(vec![EffectKind::SoftShadows]);
+    for simulation in [image(EffectChoice::None), image(shadows)] {
+        let [left, right] = [&simulation, &all].map(|simulation| simulation.image(20).unwrap());
+        let changes = left.samples().iter().zip(right.samples()).map(|(a, b)| (a - b).abs());
+        let largest = changes.fold(0.0, f32::maximum_of);
+        let found = simulation.difference_from_all(20).unwrap().largest;
+        assert!(largest > 0.0 && found.to_bits() == largest.to_bits(), "{found}, {largest} of two images");
+    }
+}
+
+/// The first yard's lens is in neither image.
+#[test]
+fn a_lens_that_was_left_out_is_no_difference_from_all_effects() {
+    let seed = SceneSeed { split: Split::Train, number: 0 };
+    let request = Request { size: SMALL, frames: 2, ..Request::new(SceneKind::Yards, seed) };
+    let whole = Simulation::new(request.clone()).unwrap();
+    assert!(whole.camera(0).unwrap().distortion != Distortion::None);
+    let difference = Simulation::new(request).unwrap().without_lens().difference_from_all(1).unwrap();
+    assert!(difference.beyond <= 1e-3, "{difference:?}");
+}
+
 /// A twentieth of a step of 8 bits.
 const LEAST_DIFFERENCE: f64 = 0.05 / 255.0;
 

@@ -9,14 +9,14 @@ use atsplat_camera::ImageSize;
 use atsplat_files::FolderLock;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    CostSummary, EffectChoice, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request, Route,
-    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+    CostSummary, EffectChoice, EffectKind, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request,
+    Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{Scene, SceneSource as _, WarningKind, Warnings, scene_key};
+use atsplat_scene::{Scene, SceneSource as _, Warnings, scene_key};
 use serde::{Deserialize, Serialize};
 
 use crate::output_lock::OutputLock;
-use crate::parse;
+use crate::parse::{self, usage_error};
 use crate::paths::PendingFile;
 use crate::plot::PlotFile;
 use crate::print::{note, print_report, warn};
@@ -54,14 +54,15 @@ pub(crate) struct Args {
 
     /// Image size; by default that of the dataset that the layout belongs to: 640x360 for re10k and chunks,
     /// 480x270 for nerfstudio.
-    #[arg(long, value_name = "WxH")]
+    #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<ImageSize>,
 
     /// Rays per pixel.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
-    /// auto (the effects that can change a scene's images), all, none, or a list such as soft-shadows,motion-blur.
+    /// auto (the effects that can change a scene's images), all, none, or a list such as soft-shadows,motion-blur. How strong an
+    /// effect is in a scene is drawn from its seed, and may be 0. Where --layout stores no lens, auto leaves lens-distortion out.
     #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto")]
     effects: EffectChoice,
 
@@ -74,7 +75,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "KEY", requires = "route", conflicts_with = "frames")]
     route_key: Option<String>,
 
-    /// Format of the dataset.
+    /// Format of the dataset; only nerfstudio stores lens distortion.
     #[arg(long, value_name = "LAYOUT", default_value = "re10k", value_parser = parse::named(LAYOUTS))]
     layout: Layout,
 
@@ -121,6 +122,7 @@ struct SceneRecord {
 
 /// Simulates; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.check_lens()?;
     let _lock = lock_empty(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
@@ -136,7 +138,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         progress.step();
     };
-    let of_route = warnings.count(WarningKind::LensDistortion);
     let options = WriteOptions { layout: args.layout, encoding: args.images, depth: args.depth };
     let written = write_dataset(&args.out, requests, &options, &mut warnings, record);
     drop(progress);
@@ -153,13 +154,50 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    if warnings.count(WarningKind::LensDistortion) > of_route {
-        note("--layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
-    }
+    args.report_absent(&report);
     Ok(true)
 }
 
 impl Args {
+    /// Rejects a lens that the layout cannot store.
+    fn check_lens(&self) -> Result<(), clap::Error> {
+        if self.layout.stores_lenses() || !self.effects.requests(EffectKind::LensDistortion) {
+            return Ok(());
+        }
+        Err(usage_error(format!(
+            "--effects {}: lens-distortion requires a layout that stores it: --layout nerfstudio (found --layout {})",
+            self.effects,
+            name_of(self.layout)
+        )))
+    }
+
+    /// Says in how many scenes which effects are missing that the scenes need, or that were requested by name.
+    fn report_absent(&self, report: &Report) {
+        let scenes = report.scenes.len();
+        let absent = |effect: EffectKind| {
+            let is_absent =
+                |record: &&SceneRecord| record.scene.absent_effects.iter().any(|absent| absent.effect == effect);
+            report.scenes.iter().filter(is_absent).count()
+        };
+        match &self.effects {
+            EffectChoice::Auto => {
+                let count = absent(EffectKind::LensDistortion);
+                if count > 0 {
+                    note(&format!(
+                        "lens distortion is left out in {count} of {scenes} scenes: --layout {} stores none, --layout nerfstudio does",
+                        name_of(self.layout)
+                    ));
+                }
+            }
+            EffectChoice::Only(kinds) => {
+                for (kind, count) in kinds.iter().map(|kind| (kind, absent(*kind))).filter(|(_, count)| *count > 0) {
+                    warn(&format!("--effects {}: {count} of {scenes} scenes have none that can be seen", kind.name()));
+                }
+            }
+            EffectChoice::All | EffectChoice::None => {}
+        }
+    }
+
     fn requests(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Request>> {
         let route = self.route(warnings)?;
         let request = |number| {
@@ -309,6 +347,17 @@ impl fmt::Display for Report {
     }
 }
 
+/// A size of images that can be simulated.
+fn size(text: &str) -> Result<ImageSize, String> {
+    let size = text.parse().ok().filter(|size: &ImageSize| size.width.max(size.height) <= Request::MAX_SIDE);
+    size.ok_or_else(|| format!("expected WxH, such as 640x360, each from 1 to {}, found {text:?}", Request::MAX_SIDE))
+}
+
+/// A layout as it is chosen.
+fn name_of(layout: Layout) -> &'static str {
+    LAYOUTS.into_iter().find(|(_, of)| *of == layout).map_or("", |(name, _)| name)
+}
+
 fn numbers(text: &str) -> Result<Range<u32>, String> {
     let number = |text: &str| text.parse::<u32>().ok();
     let range = match text.split_once("..") {
@@ -340,6 +389,15 @@ mod tests {
         assert_eq!(stretched(&scene(Some(wide)), square), None);
         let message = stretched(&scene(None), square).unwrap();
         assert!(message.contains("focal lengths at 256×256 are 122.9 and 220.2 pixels"), "{message}");
+    }
+
+    #[test]
+    fn sizes_that_cannot_be_simulated_are_usage_errors() {
+        assert_eq!(size("16384x2"), Ok(ImageSize { width: 16384, height: 2 }));
+        for broken in ["16385x2", "2x20000", "0x2", "640", "70000x2"] {
+            let message = size(broken).unwrap_err();
+            assert!(message.contains("each from 1 to 16384") && message.contains(broken), "{message}");
+        }
     }
 
     #[test]

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 pub use options::{ImageEncoding, Layout, WriteOptions};
 
-use crate::effects::ActiveEffect;
+use crate::effects::{AbsentEffect, ActiveEffect, EffectKind};
 use crate::{EffectChoice, GENERATOR, Request, RoomsError, SceneKind, Simulation, Split};
 
 /// A scene's entry in `manifest.json`.
@@ -46,6 +46,9 @@ pub struct ManifestScene {
     pub requested_effects: EffectChoice,
     /// The effects that ran, with reasons.
     pub effects: Vec<ActiveEffect>,
+    /// The effects that were requested or that the scene needs, but that its images do not show, with reasons.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub absent_effects: Vec<AbsentEffect>,
     /// Hash of the given route's cameras and times; none for a natural route.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub route: Option<Sha256Digest>,
@@ -94,11 +97,13 @@ pub fn encoded_scene(simulation: &Simulation, encoding: ImageEncoding) -> Result
 /// without it is incomplete. Other files of an earlier dataset stay, so the folder should be empty. `on_scene` is called after
 /// each scene.
 ///
-/// Lenses that the layout cannot store are counted in `warnings`.
+/// In a layout without lenses ([`Layout::stores_lenses`]), a lens that the scene needs is left out of its images; it is one of
+/// [`ManifestScene::absent_effects`].
 ///
 /// # Errors
 /// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already contains chunks, and [`RoomsError::Simulating`] with a reason
-/// as of [`Simulation::new`], or for a route with a time twice where files are named after it.
+/// as of [`Simulation::new`], for a lens that is requested in a layout without, or for a route with a time twice where files are
+/// named after it.
 pub fn write_dataset(
     folder: &Path,
     requests: impl IntoIterator<Item = Request>,
@@ -116,7 +121,7 @@ pub fn write_dataset(
         let named = |source| RoomsError::Simulating { key, source: Box::new(source) };
         let (simulation, scene) = simulated(request, *options).map_err(named)?;
         match options.layout {
-            Layout::Re10k => re10k::write(folder, split, &scene, options.encoding, warnings)?,
+            Layout::Re10k => re10k::write(folder, split, &scene, options.encoding)?,
             Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.encoding, simulation.request().size)?,
             Layout::Chunks => {
                 let writer = chunk_writer(&mut chunks, folder, split)?;
@@ -137,9 +142,18 @@ pub fn write_dataset(
     Ok(written)
 }
 
-/// Simulates a scene, checks that the layout can store its times, and encodes its images.
+/// Simulates a scene, checks that the layout can store its lens and its times, and encodes its images.
 fn simulated(request: Request, options: WriteOptions) -> Result<(Simulation, Scene), RoomsError> {
+    let keeps_lens = options.layout.stores_lenses();
+    if !keeps_lens && request.effects.requests(EffectKind::LensDistortion) {
+        return Err(RoomsError::Request {
+            field: "effects",
+            expected: "no lens-distortion, which only the nerfstudio layout can store",
+            found: request.effects.to_string(),
+        });
+    }
     let simulation = Simulation::new(request)?;
+    let simulation = if keeps_lens { simulation } else { simulation.without_lens() };
     if options.layout == Layout::Re10k || (options.layout == Layout::Chunks && options.depth) {
         distinct_times(&simulation)?;
     }
@@ -221,6 +235,7 @@ fn entry(simulation: &Simulation) -> ManifestScene {
         slowed_to: simulation.slowed_to(),
         requested_effects: effects.clone(),
         effects: simulation.active_effects().to_vec(),
+        absent_effects: simulation.absent_effects().to_vec(),
         route: route.digest(),
     }
 }

@@ -8,15 +8,23 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
-    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Cannot store lenses.
+    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Stores no lens.
     Re10k,
-    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Cannot store lenses.
+    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Stores no lens.
     Chunks,
     /// `<key>/nerfstudio/transforms.json` and `images/`, like DL3DV.
     Nerfstudio,
 }
 
 impl Layout {
+    /// Whether cameras have their lens distortion.
+    pub const fn stores_lenses(self) -> bool {
+        match self {
+            Self::Re10k | Self::Chunks => false,
+            Self::Nerfstudio => true,
+        }
+    }
+
     /// Image size that the papers' protocols expect.
     pub const fn native_size(self) -> ImageSize {
         match self {

@@ -1,30 +1,20 @@
 use std::path::Path;
 
-use atsplat_camera::Distortion;
 use atsplat_files::FileError;
+use atsplat_scene::Scene;
 use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
-use atsplat_scene::{Scene, WarningKind, Warnings};
 
 use super::{ImageEncoding, encoded, make_folder, write_file};
 use crate::{RoomsError, Split};
 
-/// Writes `<split>/<key>.txt`, and images named by their timestamps in `<split>/<key>/`.
+/// Writes `<split>/<key>.txt`, and images named by their timestamps in `<split>/<key>/`. The scene has no lens.
 #[expect(clippy::expect_used, reason = "every simulated frame has a timestamp")]
-pub(super) fn write(
-    folder: &Path,
-    split: Split,
-    scene: &Scene,
-    encoding: ImageEncoding,
-    warnings: &mut Warnings,
-) -> Result<(), RoomsError> {
+pub(super) fn write(folder: &Path, split: Split, scene: &Scene, encoding: ImageEncoding) -> Result<(), RoomsError> {
     let folder = folder.join(split.to_string());
     let images = folder.join(&scene.key);
     make_folder(&images)?;
     for frame in &scene.frames {
         write_file(&images.join(format!("{}.{}", frame.name, encoding.extension())), encoded(frame))?;
-    }
-    if scene.frames.iter().any(|frame| frame.camera.distortion != Distortion::None) {
-        warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory cannot store it".to_owned());
     }
     let rows = scene.frames.iter().map(|frame| TrajectoryRow {
         timestamp_micros: frame.timestamp_micros.expect("a timestamp"),

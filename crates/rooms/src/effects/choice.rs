@@ -1,3 +1,4 @@
+use std::fmt;
 use std::str::FromStr;
 
 use atsplat_files::InvalidText;
@@ -18,6 +19,29 @@ pub enum EffectChoice {
     None,
     /// Exactly these effects.
     Only(Vec<EffectKind>),
+}
+
+impl EffectChoice {
+    /// Whether an effect is requested, whatever the scene needs.
+    pub fn requests(&self, effect: EffectKind) -> bool {
+        match self {
+            Self::All => true,
+            Self::Only(kinds) => kinds.contains(&effect),
+            Self::Auto | Self::None => false,
+        }
+    }
+}
+
+impl fmt::Display for EffectChoice {
+    /// As it is parsed.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::All => f.write_str("all"),
+            Self::None => f.write_str("none"),
+            Self::Only(kinds) => f.write_str(&kinds.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(",")),
+        }
+    }
 }
 
 impl FromStr for EffectChoice {
@@ -47,7 +71,10 @@ mod tests {
     #[test]
     fn parses_names_in_their_order() {
         let only = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::SoftShadows]);
-        assert_eq!("motion-blur,soft-shadows".parse(), Ok(only));
+        assert_eq!("motion-blur,soft-shadows".parse(), Ok(only.clone()));
+        for choice in [EffectChoice::Auto, EffectChoice::All, EffectChoice::None, only] {
+            assert_eq!(choice.to_string().parse(), Ok(choice));
+        }
         let message = "fog".parse::<EffectChoice>().unwrap_err().to_string();
         assert!(message.contains("sensor-noise") && message.contains("\"fog\""), "{message}");
     }

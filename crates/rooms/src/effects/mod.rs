@@ -1,5 +1,5 @@
-//! Optional effects of rendering. Each effect is one file behind [`Effect`]; a scene runs only those that can change its
-//! images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the sensor a strength
+//! Optional effects of rendering. Each effect is one file behind [`Effect`]; unless others are requested, a scene runs only those
+//! that can change its images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the sensor a strength
 //! above zero. Lens distortion and motion blur run if they move what is seen by more than a small part of a pixel.
 
 mod choice;
@@ -135,11 +135,26 @@ pub struct ActiveEffect {
     pub reason: String,
 }
 
+/// An effect that a scene's images do not show although it was requested, or although the scene needs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct AbsentEffect {
+    /// The effect.
+    pub effect: EffectKind,
+    /// Why not.
+    pub reason: &'static str,
+}
+
+/// The reason of a requested effect whose strength in this scene is 0 or too small to be seen.
+const NONE_IN_SCENE: &str = "requested: this scene has none that can be seen";
+/// The reason of a lens that the scene needs, in a layout without lenses.
+const NO_LENS_IN_LAYOUT: &str = "left out: this layout stores no lens";
+
 /// The effects of one scene.
 #[derive(Debug)]
 pub(crate) struct Effects {
     running: Vec<Box<dyn Effect>>,
     pub active: Vec<ActiveEffect>,
+    pub absent: Vec<AbsentEffect>,
     shadows: Option<usize>,
     ambient: Option<usize>,
     pub mirrors: bool,
@@ -161,29 +176,48 @@ pub(crate) struct SceneContext<'a> {
 
 impl Effects {
     pub(crate) fn choose(scene: &SceneContext<'_>, choice: &EffectChoice) -> Self {
-        let mut effects = Self {
+        let mut effects = Self::none(scene.conditions.seed);
+        let is_auto = *choice == EffectChoice::Auto;
+        for effect in EffectKind::ALL.into_iter().filter(|effect| is_auto || choice.requests(*effect)) {
+            match needed_by(effect, scene) {
+                Some(reason) => effects.active.push(ActiveEffect { effect, reason }),
+                None if is_auto => continue,
+                None => effects.absent.push(AbsentEffect { effect, reason: NONE_IN_SCENE }),
+            }
+            // A requested effect runs even if nothing of it can be seen.
+            effects.add(build(effect, scene));
+        }
+        effects
+    }
+
+    const fn none(seed: u64) -> Self {
+        Self {
             running: Vec::new(),
             active: Vec::new(),
+            absent: Vec::new(),
             shadows: None,
             ambient: None,
             mirrors: false,
             lens: Distortion::None,
             shutter: 0.0,
-            seed: scene.conditions.seed,
-        };
-        for effect in EffectKind::ALL {
-            let reason = match choice {
-                EffectChoice::Auto => needed_by(effect, scene),
-                EffectChoice::All => Some("requested with all others".to_owned()),
-                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("requested".to_owned()),
-                EffectChoice::None | EffectChoice::Only(_) => None,
-            };
-            if let Some(reason) = reason {
-                effects.active.push(ActiveEffect { effect, reason });
-                effects.add(build(effect, scene));
+            seed,
+        }
+    }
+
+    /// The same effects through a lens that does not bend, for layouts that store none.
+    pub(crate) fn without_lens(self) -> Self {
+        let mut kept = Self { absent: self.absent, ..Self::none(self.seed) };
+        for active in self.active {
+            if active.effect == EffectKind::LensDistortion {
+                kept.absent.push(AbsentEffect { effect: active.effect, reason: NO_LENS_IN_LAYOUT });
+            } else {
+                kept.active.push(active);
             }
         }
-        effects
+        for effect in self.running.into_iter().filter(|effect| effect.kind() != EffectKind::LensDistortion) {
+            kept.add(effect);
+        }
+        kept
     }
 
     fn add(&mut self, effect: Box<dyn Effect>) {
@@ -279,6 +313,56 @@ mod tests {
     fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
         let turned = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
         chosen(world, conditions, turned).iter().map(|active| active.effect).collect()
+    }
+
+    /// What a scene has none of is not said to have run; the reasons of the others are those of `auto`.
+    #[test]
+    fn requested_effects_that_a_scene_has_none_of_are_absent() {
+        let noisy = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.01, drift: 0.0, bounce: 0.0, seed: 1 };
+        let world = world(0.0, Vec::new());
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let (shots, size) = ([Shot::still(0, camera)], ImageSize { width: 256, height: 256 });
+        let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size };
+        let chosen = |choice: EffectChoice| {
+            let Effects { active, absent, running, .. } = Effects::choose(&scene, &choice);
+            let absent: Vec<EffectKind> = absent.into_iter().map(|absent| absent.effect).collect();
+            (active, absent, running.len())
+        };
+        let (needed, none, _) = chosen(EffectChoice::Auto);
+        assert_eq!((needed[0].effect, needed.len(), &none[..]), (EffectKind::SensorNoise, 1, &[][..]));
+        let requested = vec![EffectKind::ExposureDrift, EffectKind::SensorNoise];
+        let expected = (needed.clone(), vec![EffectKind::ExposureDrift], 2);
+        assert_eq!(chosen(EffectChoice::Only(requested)), expected);
+        assert_eq!(chosen(EffectChoice::All), (needed, EffectKind::ALL[..6].to_vec(), 7));
+        assert_eq!(chosen(EffectChoice::None), (Vec::new(), Vec::new(), 0));
+    }
+
+    /// Whatever else runs stays as it was.
+    #[test]
+    fn only_the_lens_is_left_out_for_a_layout_without_lenses() {
+        let bent = Conditions { lens: [0.02, 0.0], shutter: 0.012, noise: 0.01, drift: 0.0, bounce: 1.0, seed: 7 };
+        let world = world(0.04, vec![Lamp::Bulb { centre: DVec3::Z, radius: 0.1, radiance: Vec3::ONE }]);
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
+        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
+        let size = ImageSize { width: 256, height: 256 };
+        let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size };
+        let [with, without] = [(); 2].map(|()| Effects::choose(&scene, &EffectChoice::Auto));
+        let without = without.without_lens();
+        assert!(with.lens != Distortion::None && without.lens == Distortion::None);
+        let is_other = |active: &&ActiveEffect| active.effect != EffectKind::LensDistortion;
+        assert_eq!(without.active, with.active.iter().filter(is_other).cloned().collect::<Vec<_>>());
+        let absent = AbsentEffect { effect: EffectKind::LensDistortion, reason: NO_LENS_IN_LAYOUT };
+        assert_eq!((&without.absent[..], &with.absent[..]), (&[absent][..], &[][..]));
+        let kinds = |effects: &Effects| effects.running.iter().map(|effect| effect.kind()).collect::<Vec<_>>();
+        let mut expected = kinds(&with);
+        expected.retain(|kind| *kind != EffectKind::LensDistortion);
+        assert_eq!(kinds(&without), expected);
+        assert_eq!((without.shadows, without.ambient, without.mirrors), (with.shadows, with.ambient, with.mirrors));
+        atsplat_numeric::Tolerance::EXACT.assert([without.shutter], [with.shutter], "shutter");
+        assert_eq!(without.seed, 7);
     }
 
     /// They move what is seen at the border of an image, not at its centre.
