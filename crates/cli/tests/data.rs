@@ -78,12 +78,17 @@ fn image() -> Vec<u8> {
     encode_png(&ImageU8::new(16, 16, vec![128; 16 * 16 * 3]).unwrap()).unwrap()
 }
 
+/// An image that fits the cameras of [`write_trajectory`].
+fn wide_image() -> Vec<u8> {
+    encode_png(&ImageU8::new(43, 24, vec![128; 43 * 24 * 3]).unwrap()).unwrap()
+}
+
 /// A trajectory of `frames` frames with one image each.
 fn write_scene(folder: &Path, key: &str, frames: usize) {
     write_trajectory(&folder.join(format!("{key}.txt")), frames);
     std::fs::create_dir(folder.join(key)).unwrap();
     for frame in 0..frames {
-        std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), image()).unwrap();
+        std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), wide_image()).unwrap();
     }
 }
 
@@ -133,7 +138,7 @@ fn images_that_are_cut_short_are_found_without_decoding() {
     write_scene(&here.join("data"), "a", 3);
     let strict = |args: &[&str]| atsplat(here, &[args, &["--strict"]].concat());
     assert_eq!(strict(&["data", "inspect", "data"]).code, 0);
-    let whole = image();
+    let whole = wide_image();
     std::fs::write(here.join("data/a/33367.png"), &whole[..whole.len() - 5]).unwrap();
     let inspected = strict(&["data", "inspect", "data"]);
     assert!(inspected.code == 4 && inspected.stdout.contains("1 unreadable-image"), "{}", inspected.stdout);
@@ -333,6 +338,45 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     }
 }
 
+/// Photos of a capture next to a video: nothing is known of how fast the former were taken.
+#[test]
+fn clips_without_times_have_no_speed() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("video")).unwrap();
+    write_trajectory(&here.join("video/a.txt"), 60);
+    let pose = |at: u32| {
+        [[1.0, 0.0, 0.0, 0.1 * f64::from(at)], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    };
+    let frame = |at: u32| serde_json::json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose(at) });
+    let frames: Vec<_> = (0..60).map(frame).collect();
+    std::fs::create_dir(here.join("photos")).unwrap();
+    let transforms = serde_json::json!({ "w": 16, "h": 12, "fl_x": 16, "frames": frames });
+    std::fs::write(here.join("photos/transforms.json"), transforms.to_string()).unwrap();
+    let outcome = atsplat(here, &["data", "motion", "video", "photos"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    for measure in ["speed, units/s", "turn rate, °/s"] {
+        let row = |group: &str| {
+            let mut lines = outcome.stdout.lines().filter(|line| line.starts_with(measure));
+            lines
+                .find_map(|line| line.split_once(group))
+                .unwrap()
+                .1
+                .split_whitespace()
+                .map(str::to_owned)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(row("photos"), ["0", "-", "-", "-", "-", "-"], "{measure}: {}", outcome.stdout);
+        assert!(row("video")[0] == "1" && row("video")[3] != "-", "{measure}: {}", outcome.stdout);
+    }
+    let note = "note: photos: 1 clips without timestamps: their speeds and turn rates are not known";
+    assert!(outcome.stderr.contains(note), "{}", outcome.stderr);
+    assert!(outcome.stdout.contains("straightness          photos     1    1.000"), "{}", outcome.stdout);
+    let report: serde_json::Value =
+        serde_json::from_str(&succeed(here, &["data", "motion", "photos", "--json"])).unwrap();
+    assert!(report["groups"][0]["clips"][0]["speed"].is_null(), "{report}");
+}
+
 /// The loader makes rotations orthonormal, which changes their trace by about 1e-9; for half a degree, a step of half a
 /// second, the cosine turns that into 1e-3 degrees per second.
 const TURNS: Tolerance = Tolerance::absolute(2e-3);
@@ -361,11 +405,11 @@ fn motion_of_real_clips_agrees_with_numpy() {
         };
         check(printed(6), &|clip| vec![clip.fx, clip.fy]);
         check(printed(3), &|clip| vec![clip.seconds]);
-        check(TURNS, &|clip| vec![clip.turn_degrees_per_second]);
+        check(TURNS, &|clip| Vec::from_iter(clip.turn_degrees_per_second));
         check(printed(2), &|clip| Vec::from_iter(clip.travel_to_axis_degrees));
         check(printed(4), &|clip| {
-            let lengths = [clip.straightness, clip.baseline_45, clip.baseline_90, clip.baseline_135];
-            std::iter::once(clip.speed).chain(lengths.into_iter().flatten()).collect()
+            let lengths = [clip.speed, clip.straightness, clip.baseline_45, clip.baseline_90, clip.baseline_135];
+            lengths.into_iter().flatten().collect()
         });
     }
 }

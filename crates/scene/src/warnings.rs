@@ -58,15 +58,18 @@ pub enum WarningKind {
     LensEndsInside,
     /// An image's size differs from the one in the metadata or the protocol, or its pixels are not square.
     UnexpectedSize,
+    /// The images of a scene have several sizes, as those of several cameras; found by an inspection, among the headers that it reads.
+    MixedSizes,
     /// An image's EXIF orientation is not upright; it is ignored, as in all loaders of the field.
     TurnedImage,
     /// An image has an alpha channel, which is dropped without compositing, as in all loaders of the field.
     DroppedAlpha,
     /// An image has 16-bit samples, of which only the high byte is kept, as in all loaders of the field.
     DroppedLowBytes,
-    /// Two scenes of a dataset have the same key; the first is used, or the one that the index lists.
+    /// A scene of a dataset is stored twice, in two formats or two chunks, or listed twice in one; the first is used, or the one that
+    /// the index lists.
     DuplicateScene,
-    /// A scene could not be read.
+    /// A scene could not be read, or is another one of its chunk with the key of an earlier one.
     UnreadableScene,
     /// The index lists a scene that the dataset does not contain.
     SceneNotFound,
@@ -79,7 +82,7 @@ pub enum WarningKind {
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,
-    /// A scene that the index does not list, or that has no key, in a chunk of which it lists others.
+    /// A scene that the index does not list, or that has no key or that of an earlier one, in a chunk of which it lists others.
     UnindexedScene,
     /// A scene that the chunks have, but that their index does not list. It is read, as in the published loaders.
     SceneBeyondIndex,
@@ -229,6 +232,7 @@ impl WarningKind {
                 | Self::UnlistedImage
                 | Self::DuplicateImage
                 | Self::UnexpectedSize
+                | Self::MixedSizes
                 | Self::TurnedImage
                 | Self::DroppedAlpha
                 | Self::DroppedLowBytes

@@ -1,8 +1,11 @@
 //! Checks of image files that cost less than decoding them.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
+
+use atsplat_camera::ImageSize;
 
 use crate::checks::cut_short::{PNG_END, cut_short};
 use crate::files::read_file;
@@ -14,6 +17,20 @@ const JPEG_END: [u8; 2] = [0xff, 0xd9];
 /// Whether there is nothing in the file; `false` if that cannot be found out.
 pub(super) fn is_empty_file(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
+}
+
+/// What is wrong with the sizes of a scene's images, given with the positions of their frames, if there are several: the first image
+/// that is not of the most frequent one. Of equally frequent sizes, the expected one is that of the earliest image.
+pub(super) fn mixed_sizes(images: &[(usize, ImageSize)]) -> Option<String> {
+    let mut counts: BTreeMap<ImageSize, usize> = BTreeMap::new();
+    for (_, size) in images {
+        *counts.entry(*size).or_default() += 1;
+    }
+    // Of equal maxima, the last one is taken.
+    let common = images.iter().rev().map(|(_, size)| *size).max_by_key(|size| counts.get(size))?;
+    let (position, odd) = images.iter().find(|(_, size)| *size != common)?;
+    let (count, all) = (counts.get(&common)?, images.len());
+    Some(format!("frame {position}: expected an image of {common}, as {count} of {all} images, found {odd}"))
 }
 
 /// What is wrong with an image whose end is missing.

@@ -4,7 +4,7 @@ use atsplat_camera::{Camera, Distortion, ImageSize, WorldFromCamera};
 use atsplat_numeric::Extremes;
 use glam::DVec3;
 
-use super::check::{image_cut_short, is_empty_file};
+use super::check::{image_cut_short, is_empty_file, mixed_sizes};
 use super::still_cameras::still_cameras;
 use super::unlisted::report_unlisted;
 use super::{ImageCounts, LensCounts, SizeSampling};
@@ -114,6 +114,7 @@ impl SceneMeasure {
         sampling: SizeSampling,
         warnings: &mut Warnings,
     ) {
+        let mut sizes = Vec::new();
         for chosen in evenly_spread(with_image.len(), sampling) {
             let Some((position, frame)) = with_image.get(chosen) else { continue };
             let read = frame.header(key, *position).and_then(|header| Ok((header, image_cut_short(&frame.image)?)));
@@ -121,6 +122,7 @@ impl SceneMeasure {
                 Ok((header, problem)) => {
                     self.images.headers_read += 1;
                     *self.sizes.entry(header.size).or_default() += 1;
+                    sizes.push((*position, header.size));
                     frame.report(key, *position, &header, warnings);
                     if let Some(problem) = problem {
                         self.images.cut_short += 1;
@@ -133,6 +135,9 @@ impl SceneMeasure {
                     warnings.push(WarningKind::UnreadableImage, key, error.to_string());
                 }
             }
+        }
+        if let Some(detail) = mixed_sizes(&sizes) {
+            warnings.push(WarningKind::MixedSizes, key, detail);
         }
     }
 }

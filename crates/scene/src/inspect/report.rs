@@ -36,7 +36,7 @@ pub struct Inspection {
 
 impl Inspection {
     /// Whether every scene is listed and was read, all frames have a usable pose and plausible intrinsics, no row of a trajectory seems
-    /// to be lost or repeated, and no image was found missing, empty, cut short or unreadable.
+    /// to be lost or repeated, and no image was found missing, empty, cut short, unreadable or unfit for its camera.
     pub fn is_complete(&self) -> bool {
         let SceneCounts { unreadable, left_out, .. } = self.scenes;
         let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, .. } = self.images;
@@ -48,7 +48,7 @@ impl Inspection {
     /// Whether a problem of this kind means that rows are lost or not what they should be, although every listed scene was read.
     fn has_lost_rows(&self, kind: WarningKind) -> bool {
         match kind {
-            WarningKind::ImplausibleIntrinsics => true,
+            WarningKind::ImplausibleIntrinsics | WarningKind::UnexpectedSize => true,
             // In the other formats, structure from motion has not placed these images, and the numbers in images' names, which the
             // cameras of a rig share, are no timestamps.
             WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => {

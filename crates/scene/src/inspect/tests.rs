@@ -152,9 +152,12 @@ fn problems_are_counted_by_kind() {
     assert_eq!(report.sizes, [size(64, 36, 2), size(64, 64, 1)]);
     assert_eq!(report.stated_sizes, [size(640, 360, 6)]);
     assert_eq!(report.lenses, LensCounts { pinhole: 9, opencv: 0, fisheye: 1 });
-    for (kind, count) in
-        [(WarningKind::UnexpectedSize, 1), (WarningKind::UnreadableImage, 2), (WarningKind::UnreadableScene, 1)]
-    {
+    for (kind, count) in [
+        (WarningKind::UnexpectedSize, 1),
+        (WarningKind::MixedSizes, 1),
+        (WarningKind::UnreadableImage, 2),
+        (WarningKind::UnreadableScene, 1),
+    ] {
         assert_eq!(warnings.count(kind), count, "{kind}");
         assert!(report.problems.iter().any(|problem| problem.kind == kind && problem.count == count), "{kind}");
     }
@@ -199,11 +202,41 @@ fn rows_that_are_lost_or_wrong_make_an_inspection_incomplete() {
         inspect(&small_dataset(), format, &InspectOptions::default(), &mut warnings, &|| ()).is_complete()
     };
     let formats = ["re10k", "torch-chunks", "nerfstudio", "colmap"];
-    assert_eq!(formats.map(|format| is_complete(format, WarningKind::ImplausibleIntrinsics)), [false; 4]);
+    for kind in [WarningKind::ImplausibleIntrinsics, WarningKind::UnexpectedSize] {
+        assert_eq!(formats.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
+    }
+    assert!(is_complete("colmap", WarningKind::MixedSizes), "captures of two cameras have two sizes");
     for kind in [WarningKind::UnlistedImage, WarningKind::DuplicateTimestamp] {
         assert_eq!(formats.map(|format| is_complete(format, kind)), [false, false, true, true], "{kind}");
     }
     assert!(is_complete("re10k", WarningKind::UnorderedTimestamps));
+}
+
+/// One warning a scene, with the first image that is not of the size of most, which may be the first of all.
+#[test]
+fn scenes_with_images_of_several_sizes_are_problems() {
+    let with = |key: &str, widths: &[u32]| {
+        let mut scene = wandering_scene(key, widths.len());
+        for (frame, width) in scene.frames.iter_mut().zip(widths) {
+            (frame.image, frame.stated_size) = (png(*width, 36), Some(ImageSize { width: *width, height: 36 }));
+        }
+        scene
+    };
+    let scenes =
+        [with("a", &[64, 64, 64]), with("b", &[60, 64, 64, 62, 64]), with("c", &[64, 60]), with("d", &[60; 3])];
+    let source = TestSource::new(scenes);
+    let found = |sizes| {
+        let (report, warnings) = inspected(&source, InspectOptions { sizes, per_scene: false });
+        assert!(report.is_complete(), "{report}");
+        warnings.kept().iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    let expected = [
+        "b: frame 0: expected an image of 64×36, as 3 of 5 images, found 60×36",
+        "c: frame 1: expected an image of 64×36, as 1 of 2 images, found 60×36",
+    ];
+    assert_eq!(found(SizeSampling::All), expected);
+    assert_eq!(found(SizeSampling::PerScene(3))[0], expected[0].replace("3 of 5", "2 of 3"), "frames 0, 2 and 4");
+    assert!(found(SizeSampling::PerScene(1)).is_empty());
 }
 
 #[test]

@@ -1,10 +1,10 @@
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_pickle::shortened;
 
-use super::{ChunkScene, TorchError, Value};
+use super::{ChunkScene, Dict, TorchError, Value};
 use crate::{Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// One `.torch` chunk: a pickled list of scenes, each a dict of `url`, `timestamps`, `cameras`, `images`
@@ -20,7 +20,8 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Maps a chunk and finds its scenes. Entries without a key or with a repeated one are skipped with a warning.
+    /// Maps a chunk and finds its scenes. Entries without a key are skipped with a warning, as are scenes with the key of an earlier
+    /// one.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the file cannot be mapped, [`SceneError::Torch`] if it is not a list written by
@@ -43,20 +44,25 @@ impl Chunk {
         let mut chunk = Self { path: path.to_owned(), keys: Vec::new(), scenes: HashMap::new() };
         // References to one text are recognised by its address: hashing a long one for each would take time quadratic in the
         // file's size.
-        let mut seen = HashSet::new();
+        let mut seen: HashMap<*const u8, *const Dict> = HashMap::new();
         for (position, item) in items.iter().enumerate() {
-            let (kind, found) = match item.as_dict().and_then(|dict| dict.get("key")) {
-                Some(Value::Str(key))
-                    if seen.insert(Arc::as_ptr(key).cast::<u8>()) && !chunk.scenes.contains_key(&**key) =>
-                {
-                    chunk.keys.push(key.to_string());
-                    chunk.scenes.insert(key.to_string(), item.clone());
-                    continue;
+            let (kind, found) = match item.as_dict().and_then(|dict| Some((dict, dict.get("key")?))) {
+                Some((dict, Value::Str(key))) => {
+                    let address = Arc::as_ptr(key).cast::<u8>();
+                    let listed = || chunk.scenes.get(&**key).and_then(Value::as_dict).map(std::ptr::from_ref);
+                    let Some(first) = seen.get(&address).copied().or_else(listed) else {
+                        seen.insert(address, std::ptr::from_ref(dict));
+                        chunk.keys.push(key.to_string());
+                        chunk.scenes.insert(key.to_string(), item.clone());
+                        continue;
+                    };
+                    seen.insert(address, first);
+                    // A reference to the first scene loses nothing, another scene with its key is lost.
+                    let is_first = std::ptr::eq(first, dict);
+                    let kind = if is_first { WarningKind::DuplicateScene } else { WarningKind::UnreadableScene };
+                    (kind, format!("the key {:?} a second time", shortened(key)))
                 }
-                Some(Value::Str(key)) => {
-                    (WarningKind::DuplicateScene, format!("the key {:?} a second time", shortened(key)))
-                }
-                Some(other) => (WarningKind::UnreadableScene, other.to_string()),
+                Some((_, other)) => (WarningKind::UnreadableScene, other.to_string()),
                 None => (WarningKind::UnreadableScene, format!("{item} without a key")),
             };
             let detail = format!("scene {position} of the chunk: expected a unique key, found {found}");

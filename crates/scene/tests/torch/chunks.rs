@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use crate::support::{fixture, fixture_bytes, pickle, saved, text};
 use atsplat_numeric::Tolerance;
+use atsplat_scene::inspect::left_out;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter, TorchChunks};
 use atsplat_scene::{
     Dataset, Fetch, FrameImage, OpenOptions, SceneError, SceneSource, SharedBytes, WarningKind, Warnings, open_with,
@@ -189,6 +190,32 @@ fn unreadable_scenes_are_the_same_in_any_order_of_loading() {
     let [entry] = unindexed.as_slice() else { panic!("{unindexed:?}") };
     assert!(entry.scene.ends_with("000000.torch") && entry.detail.starts_with("scene 1 of the chunk: "), "{entry}");
     assert_eq!(found(["two", "one"]), [unreadable, unindexed]);
+}
+
+/// Two scenes of a chunk have one key: the second is lost. A further reference to the first is no loss.
+#[test]
+fn a_scene_with_the_key_of_another_in_its_chunk_is_lost() {
+    let scene = |key: &str| [b"}", &text("key")[..], &text(key), b"s"].concat();
+    let two = scene("two");
+    let entries = [&b"]("[..], &scene("one"), b"q\x00", &two, b"h\x00", &scene("one"), &scene("one"), b"e"].concat();
+    let chunk = saved(&pickle(&entries), b"");
+    let counts = |warnings: &Warnings| {
+        [WarningKind::DuplicateScene, WarningKind::UnreadableScene, WarningKind::UnindexedScene]
+            .map(|kind| warnings.count(kind))
+    };
+    let scanned = folder(&[("000000.torch", &chunk)]);
+    let (source, warnings) = open(scanned.path());
+    assert_eq!(source.unwrap().keys(), ["one", "two"]);
+    assert_eq!((counts(&warnings), left_out(&warnings, &warnings)), ([1, 2, 0], 2), "{warnings:?}");
+    let detail = &warnings.kept().last().unwrap().detail;
+    assert!(detail.starts_with("scene 4 of the chunk: expected a unique key, found the key \"one\""), "{detail}");
+    // No index can list them.
+    let indexed =
+        folder(&[("index.json", br#"{"one": "000000.torch", "two": "000000.torch"}"#), ("000000.torch", &chunk)]);
+    let (source, opening) = open(indexed.path());
+    let mut warnings = opening.clone();
+    source.unwrap().load("one", &mut warnings).unwrap_err();
+    assert_eq!((counts(&warnings), left_out(&opening, &warnings)), ([1, 0, 2], 2), "{warnings:?}");
 }
 
 /// Both chunks contain both scenes, and the index lists one in each.
