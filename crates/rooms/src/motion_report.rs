@@ -38,7 +38,7 @@ pub struct ClipGroup {
     pub clips: Vec<ClipMotion>,
     /// Number of skipped clips of less than half a second.
     pub too_short: usize,
-    /// Number of clips without timestamps, assumed to have 30 frames per second.
+    /// Number of clips without timestamps: they have no speeds, and baselines as if they had 30 frames per second.
     pub without_times: usize,
 }
 
@@ -63,8 +63,8 @@ pub type MotionMeasure = (&'static str, fn(&ClipMotion) -> Option<f64>);
 
 /// The measures of a clip.
 pub const MOTION_MEASURES: [MotionMeasure; 8] = [
-    ("speed, units/s", |clip| Some(clip.speed)),
-    ("turn rate, °/s", |clip| Some(clip.turn_degrees_per_second)),
+    ("speed, units/s", |clip| clip.speed),
+    ("turn rate, °/s", |clip| clip.turn_degrees_per_second),
     ("straightness", |clip| clip.straightness),
     ("travel to axis, °", |clip| clip.travel_to_axis_degrees),
     ("baseline, 45 frames", |clip| clip.baseline_45),
@@ -122,8 +122,9 @@ impl ClipGroup {
             let mut warnings = Warnings::new();
             let loaded = dataset.load(key, &mut warnings);
             let clip = loaded.map(|scene| {
-                let cameras = timed_cameras(&scene, times);
-                (ClipMotion::of(&scene.key, cameras), scene.has_times(times))
+                let has_times = scene.has_times(times);
+                let motion = ClipMotion::of(&scene.key, timed_cameras(&scene, times));
+                (if has_times { motion } else { motion.map(ClipMotion::without_rates) }, has_times)
             });
             progress();
             (key, clip, warnings)

@@ -74,7 +74,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             note(&format!("{name}: {too_short} clips of less than half a second are skipped"));
         }
         if *without_times > 0 {
-            note(&format!("{name}: {without_times} clips without timestamps, assumed to have 30 frames per second"));
+            note(&format!(
+                "{name}: {without_times} clips without timestamps: their speeds and turn rates are not known, and their frames count \
+                 as 30 per second"
+            ));
         }
     }
     let is_read = |group: &ClipGroup| !group.clips.is_empty() || group.too_short > 0;

@@ -22,10 +22,10 @@ pub struct ClipMotion {
     /// Focal length of the first frame over the image's height.
     pub fy: f64,
     /// Units per second along the path through positions a quarter of a second apart: closer ones would measure the noise
-    /// of structure from motion.
-    pub speed: f64,
-    /// Rotation between the frames nearest to half seconds.
-    pub turn_degrees_per_second: f64,
+    /// of structure from motion. `None` for a clip without times.
+    pub speed: Option<f64>,
+    /// Rotation between the frames nearest to half seconds; `None` for a clip without times.
+    pub turn_degrees_per_second: Option<f64>,
     /// Distance between the ends over length of the path, in [0, 1]; `None` for a static camera.
     pub straightness: Option<f64>,
     /// Angle between the vector from the first position to the last and the mean optical axis, in [0, 180]; `None` for a
@@ -75,14 +75,19 @@ impl ClipMotion {
             seconds,
             fx: k.fx,
             fy: k.fy,
-            speed: arc / times.last()?,
-            turn_degrees_per_second: if turned_for > 0.0 { turned / turned_for } else { 0.0 },
+            speed: Some(arc / times.last()?),
+            turn_degrees_per_second: Some(if turned_for > 0.0 { turned / turned_for } else { 0.0 }),
             straightness: (arc > 0.0).then(|| between_ends / arc),
             travel_to_axis_degrees: cosine.is_finite().then(|| cosine.clamp(-1.0, 1.0).acos().to_degrees()),
             baseline_45: track.baseline(45),
             baseline_90: track.baseline(90),
             baseline_135: track.baseline(135),
         })
+    }
+
+    /// The motion of a clip whose times are assumed, without what they decide.
+    pub(crate) fn without_rates(self) -> Self {
+        Self { speed: None, turn_degrees_per_second: None, ..self }
     }
 
     /// Measures a simulated clip or some of its shots. `None` as [`Self::of`].
