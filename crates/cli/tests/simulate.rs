@@ -165,6 +165,21 @@ fn requested_effects_that_scenes_have_none_of_are_counted() {
 }
 
 #[test]
+fn a_route_of_several_scenes_is_chosen_by_its_own_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("routes")).unwrap();
+    write_trajectory(&here.join("routes/a.txt"), 3);
+    write_trajectory(&here.join("routes/b.txt"), 2);
+    let args = ["data", "simulate", "out", "--scenes", "1", "--size", "24x16", "--samples", "1", "--route", "routes"];
+    let outcome = atsplat(here, &args);
+    let said = "routes contains 2 scenes (a, b …): choose one with --route-key\n";
+    assert!(outcome.code == 1 && outcome.stderr.contains(said), "{}", outcome.stderr);
+    let message = succeed(here, &[&args[..], &["--route-key", "b"]].concat());
+    assert!(message.contains("1 scenes, 2 frames"), "{message}");
+}
+
+#[test]
 fn simulated_cameras_follow_a_given_route() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

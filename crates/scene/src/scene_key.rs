@@ -4,7 +4,7 @@ use crate::{Dataset, SceneSource as _};
 
 /// A dataset without scenes, or with several of which none was requested.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{}", describe(path, *count, examples))]
+#[error("{}", describe(path, *count, examples, option))]
 pub struct AmbiguousScene {
     /// The dataset.
     pub path: PathBuf,
@@ -12,13 +12,15 @@ pub struct AmbiguousScene {
     pub count: usize,
     /// Some of their keys.
     pub examples: Vec<String>,
+    /// The option that chooses one.
+    pub option: &'static str,
 }
 
-fn describe(path: &Path, count: usize, examples: &[String]) -> String {
+fn describe(path: &Path, count: usize, examples: &[String], option: &str) -> String {
     let path = path.display();
     match count {
         0 => format!("{path} contains no scene"),
-        _ => format!("{path} contains {count} scenes ({} …): choose one with --key", examples.join(", ")),
+        _ => format!("{path} contains {count} scenes ({} …): choose one with {option}", examples.join(", ")),
     }
 }
 
@@ -34,6 +36,7 @@ pub fn scene_key<'a>(dataset: &'a Dataset, requested: Option<&'a str>) -> Result
             path: dataset.path.clone(),
             count: keys.len(),
             examples: keys.iter().take(5).cloned().collect(),
+            option: "--key",
         }),
     }
 }

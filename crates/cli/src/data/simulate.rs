@@ -12,7 +12,7 @@ use atsplat_rooms::{
     CostSummary, EffectChoice, EffectKind, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request,
     Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{Scene, SceneSource as _, Warnings, scene_key};
+use atsplat_scene::{AmbiguousScene, Scene, SceneSource as _, Warnings, scene_key};
 use serde::{Deserialize, Serialize};
 
 use crate::output_lock::OutputLock;
@@ -221,7 +221,9 @@ impl Args {
     fn route(&self, warnings: &mut Warnings) -> anyhow::Result<Route> {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
-        let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
+        let key = scene_key(&dataset, self.route_key.as_deref());
+        let key = key.map_err(|error| AmbiguousScene { option: "--route-key", ..error })?;
+        let scene = dataset.load(key, warnings)?;
         if !scene.has_times(dataset.times()) {
             let (path, key) = (path.display(), &scene.key);
             note(&format!("{path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
