@@ -398,7 +398,12 @@ fn reports_data_that_contradicts_its_description() {
     let outcome = atsplat(here, &args);
     let skipped = "1 entry skipped, image-misfit: scene cropped: frame 1: expected an image of 64×48";
     assert!(outcome.stdout.contains(skipped) && outcome.stdout.contains("found 48×48"), "{}", outcome.stdout);
-    assert!(outcome.stderr.contains("2 × lens-distortion"), "{}", outcome.stderr);
+    // Each warning is printed once: in the report or, next to JSON, on standard error.
+    assert!(outcome.stdout.contains("warning: tiny: 2 lens-distortion: "), "{}", outcome.stdout);
+    assert!(!outcome.stderr.contains("lens-distortion"), "{}", outcome.stderr);
+    let again = ["run", "tiny.toml", "--data", "data", "--out", "again", "--method", "nearest-view", "--json"];
+    let json = atsplat(here, &again);
+    assert!(json.stderr.contains("warning: tiny: 2 × lens-distortion\n"), "{}", json.stderr);
     let results = Results::read(&here.join("store")).unwrap();
     assert_eq!(results.trials.iter().map(|trial| trial.key.scene.as_str()).collect::<Vec<_>>(), ["whole"]);
     let args =

@@ -8,7 +8,6 @@ pub(crate) mod settings;
 mod stated;
 pub(crate) mod urls;
 
-use std::io::{IsTerminal as _, stdout};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -137,10 +136,10 @@ fn evaluate(
     let report = RunReport::of(&results, Some(summary), settings.out());
     print_report(&report.with_advice(protocols.takes_any_size(), images), settings.json)?;
     print_warnings(&warnings);
-    if settings.json || !stdout().is_terminal() {
+    if settings.json {
         print_findings(&[&results], &warnings);
     } else {
-        // The others are in the report above.
+        // The others are in the report.
         print_trial_warnings(&results);
     }
     if let Some(why) = plan.nothing_evaluated(&results) {
