@@ -167,6 +167,51 @@ fn mismatches_are_listed_by_name_and_nothing_is_written() {
     assert_eq!(report["mismatched"][0]["found"], "[32]");
 }
 
+/// A failed import names every parameter, and a complete one says which of two sets of weights it used.
+#[test]
+fn no_parameter_is_left_out_and_no_choice_is_silent() {
+    let folder = folder();
+    let here = folder.path();
+    let truth = truth();
+    let mut zeros = truth.clone();
+    for tensor in zeros.tensors.values_mut() {
+        let shape = tensor.shape().to_vec();
+        let values = vec![0.0; shape.iter().product()];
+        *tensor = StoredTensor::from_f32(shape, &values).unwrap();
+    }
+    let named = |prefix: &str, set: &StoredTensors| -> Vec<(String, StoredTensor)> {
+        set.tensors.iter().map(|(name, tensor)| (format!("{prefix}{name}"), tensor.clone())).collect()
+    };
+    let write = |tensors: Vec<(String, StoredTensor)>| {
+        let file = StoredTensors { tensors: tensors.into_iter().collect(), ..StoredTensors::default() };
+        file.write(&here.join("theirs.safetensors")).unwrap();
+    };
+    let import = ["weights", "import", "theirs.safetensors", "--model", "tiny.toml"];
+
+    let mut few = named("", &truth);
+    few.truncate(1);
+    write(few);
+    let failed = atsplat(here, &import);
+    assert_eq!(failed.code, 1, "{}", failed.stderr);
+    let missing: Vec<&String> = truth.tensors.keys().skip(1).collect();
+    assert!(missing.len() > 12, "more than a sample");
+    for name in missing {
+        assert!(failed.stdout.contains(&format!("missing: {name} [")), "{name}: {}", failed.stdout);
+    }
+
+    write([named("ema.", &truth), named("model.", &zeros)].concat());
+    let text = succeed(here, &[&import[..], &["--out", "ours.safetensors"]].concat());
+    assert!(text.contains("complete set under \"ema.\"; this import used \"model.\""), "{text}");
+    let ours = ModelWeights::read(&here.join("ours.safetensors")).unwrap();
+    let prefixes = ["imported-prefix", "other-prefixes"].map(|key| ours.provenance[key].as_str());
+    assert_eq!(prefixes, ["model.", "ema."]);
+    let map = "name = \"ema\"\nroots = [\"ema.\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"\n";
+    fs::write(here.join("ema.toml"), map).unwrap();
+    succeed(here, &[&import[..], &["--key-map", "ema.toml", "--out", "ours.safetensors"]].concat());
+    let ours = ModelWeights::read(&here.join("ours.safetensors")).unwrap();
+    assert_eq!(ours.tensors.digest(), truth.digest(), "as advised");
+}
+
 /// NaN is no matter of shape.
 #[test]
 fn mismatches_have_reasons() {

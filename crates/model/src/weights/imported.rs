@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::{BackboneWeights, ImportReport};
+use super::{BackboneWeights, ImportReport, OtherSets};
 
 /// A weights file of another implementation that was read by a key map.
 #[derive(Debug, Serialize)]
@@ -55,6 +55,10 @@ impl ImportedFile {
             ("imported-sha256".to_owned(), self.sha256.clone()),
             ("key-map".to_owned(), self.found.key_map.clone()),
         ]);
+        if let Some(OtherSets { used, others }) = &self.found.other_sets {
+            provenance.insert("imported-prefix".to_owned(), used.clone());
+            provenance.insert("other-prefixes".to_owned(), others.join(" "));
+        }
         if let Some(ImportedBackbone { sha256, known: what, .. }) = &self.backbone {
             provenance.insert("backbone-sha256".to_owned(), sha256.clone());
             provenance.insert("backbone".to_owned(), what.unwrap_or("of no known hash").to_owned());
@@ -65,7 +69,13 @@ impl ImportedFile {
 
 impl fmt::Display for ImportedFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} (sha256 {})\n{}", self.file.display(), self.sha256, self.found)?;
+        writeln!(f, "{} (sha256 {})", self.file.display(), self.sha256)?;
+        if self.complete {
+            writeln!(f, "{}", self.found)?;
+        } else {
+            // What is missing is no sample.
+            writeln!(f, "{:#}", self.found)?;
+        }
         if let Some(ImportedBackbone { file, sha256, known, matched }) = &self.backbone {
             let known = known.unwrap_or("an unknown file");
             writeln!(f, "backbone: {matched} parameters of {} (sha256 {sha256}): {known}", file.display())?;

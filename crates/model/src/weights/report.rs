@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::StoredTensor;
 
-/// Number of names of each kind in a printed report.
+/// Number of names of each kind in a printed report, unless it is printed with `{:#}`.
 const SHOWN: usize = 12;
 
 /// How every tensor of a file was used, and where every parameter of the network came from.
@@ -25,6 +25,19 @@ pub struct ImportReport {
     pub mismatched: Vec<Mismatched>,
     /// Their number by reason.
     pub mismatches: MismatchCounts,
+    /// Further complete sets of tensors with the names and shapes of those that were used, such as averaged weights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub other_sets: Option<OtherSets>,
+}
+
+/// Complete sets of tensors that are left over.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct OtherSets {
+    /// What begins the names of the tensors that were used.
+    pub used: String,
+    /// What begins the names of each other set in its place, in the file's order.
+    pub others: Vec<String>,
 }
 
 /// A parameter and its tensors.
@@ -119,6 +132,7 @@ impl ImportReport {
     }
 }
 
+/// With `{:#}`, every name is listed.
 impl fmt::Display for ImportReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (matched, missing) = (self.matched.len(), self.missing.len());
@@ -143,7 +157,25 @@ impl fmt::Display for ImportReport {
                 format!("{parameter}: {expected}{found} ({})", sources.join(", "))
             })?;
         }
-        list(f, "left over", &self.left_over, |UnusedTensor { tensor, found }| format!("{tensor} {found}"))
+        list(f, "left over", &self.left_over, |UnusedTensor { tensor, found }| format!("{tensor} {found}"))?;
+        self.other_sets.as_ref().map_or(Ok(()), |sets| write!(f, "\n  {sets}"))
+    }
+}
+
+impl fmt::Display for OtherSets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { used, others } = self;
+        for (at, other) in others.iter().enumerate() {
+            let separator = if at == 0 { "also contains a complete set under" } else { " and" };
+            write!(f, "{separator} {other:?}")?;
+        }
+        if used.is_empty() {
+            // As a root, the prefix would map both sets to the same parameters.
+            let other = "for another set, let `from` of the key map's rules begin with its prefix";
+            return write!(f, "; this import used names without a prefix; {other}");
+        }
+        let first = others.first().map_or("", String::as_str);
+        write!(f, "; this import used {used:?}; for another set, use a key map with its prefix: roots = [{first:?}]")
     }
 }
 
@@ -162,10 +194,11 @@ impl MismatchReason {
 }
 
 fn list<T>(f: &mut fmt::Formatter<'_>, what: &str, items: &[T], show: impl Fn(&T) -> String) -> fmt::Result {
-    for item in items.iter().take(SHOWN) {
+    let shown = if f.alternate() { items.len() } else { SHOWN };
+    for item in items.iter().take(shown) {
         write!(f, "\n  {what}: {}", show(item))?;
     }
-    match items.len().saturating_sub(SHOWN) {
+    match items.len().saturating_sub(shown) {
         0 => Ok(()),
         more => write!(f, "\n  {what}: and {more} more"),
     }

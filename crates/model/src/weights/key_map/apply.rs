@@ -1,10 +1,12 @@
+use std::collections::HashSet;
+
 use indexmap::IndexMap;
 
 use super::{KeyMap, Rule};
 use crate::ModelError;
 use crate::parameters::Parameter;
 use crate::weights::{
-    ImportReport, Matched, MismatchReason, Mismatched, Missing, StoredTensor, StoredTensors, TensorError,
+    ImportReport, Matched, MismatchReason, Mismatched, Missing, OtherSets, StoredTensor, StoredTensors, TensorError,
 };
 
 /// The tensors of a file for one parameter.
@@ -55,7 +57,32 @@ impl KeyMap {
                 }
             }
         }
+        report.other_sets = self.other_sets(stored, &report);
         (found, report)
+    }
+
+    /// Complete sets among the tensors that are left over: other prefixes with which every name that was used exists, in the same
+    /// shape.
+    fn other_sets(&self, stored: &StoredTensors, report: &ImportReport) -> Option<OtherSets> {
+        if !report.is_complete() {
+            return None;
+        }
+        let sources = || report.matched.iter().flat_map(|matched| &matched.sources).map(String::as_str);
+        let first = sources().next()?;
+        let rootless = self.without_roots(first);
+        let left_over: HashSet<&str> = report.left_over.iter().map(|unused| unused.tensor.as_str()).collect();
+        let shape = |name: &str| stored.tensors.get(name).map(StoredTensor::shape);
+        let has_all = |prefix: &str| {
+            sources().all(|source| {
+                let other = format!("{prefix}{}", self.without_roots(source));
+                left_over.contains(other.as_str()) && shape(&other) == shape(source)
+            })
+        };
+        let prefixes = report.left_over.iter().filter_map(|unused| unused.tensor.strip_suffix(rootless));
+        let others: Vec<String> =
+            prefixes.filter(|prefix| prefix.ends_with('.') && has_all(prefix)).map(str::to_owned).collect();
+        let used = first.strip_suffix(rootless).unwrap_or_default().to_owned();
+        (!others.is_empty()).then_some(OtherSets { used, others })
     }
 
     /// [`Self::apply`], with an error if a parameter is missing or its tensors cannot be used.
@@ -71,8 +98,14 @@ impl KeyMap {
         if report.is_complete() { Ok((found, report)) } else { Err(ModelError::Unfit(Box::new(report))) }
     }
 
+    /// A name without its roots, in whatever order and however often wrappers have put them before it.
     pub(super) fn without_roots<'n>(&self, name: &'n str) -> &'n str {
-        self.roots.iter().fold(name, |name, root| name.strip_prefix(root.as_str()).unwrap_or(name))
+        let roots = || self.roots.iter().map(String::as_str).filter(|root| !root.is_empty());
+        let mut rootless = name;
+        while let Some(shorter) = roots().find_map(|root| rootless.strip_prefix(root)) {
+            rootless = shorter;
+        }
+        rootless
     }
 
     /// Adds a tensor to the candidates; returns whether it is used.

@@ -2,7 +2,7 @@
 //!
 //! ```toml
 //! name = "example"
-//! roots = ["state_dict.", "model."]        # prefixes that are removed from names that have them, in order
+//! roots = ["state_dict.", "model."]        # prefixes that are removed from names, as long as one matches
 //! ignore = ["mask_token"]                  # names that are not needed
 //!
 //! [[rules]]                                # the first rule whose pattern matches applies

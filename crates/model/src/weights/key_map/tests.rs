@@ -4,8 +4,11 @@ use super::*;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
 use crate::weights::{
-    DType, MismatchCounts, MismatchReason, Missing, StoredTensor, StoredTensors, UnusedTensor, generated,
+    DType, MismatchCounts, MismatchReason, Missing, OtherSets, StoredTensor, StoredTensors, UnusedTensor, generated,
 };
+
+/// Name and shape of a tensor.
+type Named = (&'static str, &'static [usize]);
 
 fn dino(size: DinoSize, registers: bool) -> Vec<Parameter> {
     let mut config = ModelConfig::named("paper-re10k").unwrap();
@@ -94,6 +97,50 @@ fn the_report_lists_missing_unused_and_mismatched_tensors() {
     for part in ["b: expected [2, 2], found [4] (module.b)", "missing: d [7]", "left over: c float32 [1]"] {
         assert!(error.contains(part), "{error}");
     }
+}
+
+/// In any order, and more than once.
+#[test]
+fn roots_are_removed_as_long_as_one_matches() {
+    let map = KeyMap::resolve("identity").unwrap();
+    let file =
+        stored(&[("_orig_mod.module.a", &[2]), ("module._orig_mod.module.b", &[3]), ("model.state_dict.c", &[1])]);
+    let expected = [parameter("a", &[2]), parameter("b", &[3]), parameter("c", &[1])];
+    let (found, report) = map.import(&file, &expected).unwrap();
+    assert_eq!(found.tensors.keys().collect::<Vec<_>>(), ["a", "b", "c"], "{report}");
+    let endless = KeyMap { roots: vec![String::new(), "x.".to_owned()], ..KeyMap::identity() };
+    assert_eq!(endless.without_roots("x.x.y.x."), "y.x.", "an empty root ends");
+}
+
+/// Averaged weights next to the raw ones: which set was used is not a matter of chance.
+#[test]
+fn further_complete_sets_are_reported() {
+    let map = KeyMap::resolve("identity").unwrap();
+    let expected = [parameter("a", &[2, 3]), parameter("b.c", &[4])];
+    let sets = |tensors: &[Named]| map.import(&stored(tensors), &expected).unwrap().1;
+    let raw: [Named; 2] = [("model.a", &[2, 3]), ("model.b.c", &[4])];
+    let averaged: [Named; 3] = [("ema.a", &[2, 3]), ("ema.b.c", &[4]), ("state.swa.b.c", &[4])];
+    let file = [&raw[..], &averaged[..]].concat();
+    let both = sets(&file);
+    let found = OtherSets { used: "model.".to_owned(), others: vec!["ema.".to_owned()] };
+    assert_eq!(both.other_sets, Some(found), "the third set lacks a");
+    let text = both.to_string();
+    let expected_text = "also contains a complete set under \"ema.\"; this import used \"model.\"; for another set, use a key \
+                         map with its prefix: roots = [\"ema.\"]";
+    assert!(text.ends_with(expected_text), "{text}");
+    let others: [[Named; 2]; 3] = [
+        [("ema.a", &[3, 2]), ("ema.b.c", &[4])],
+        [("ema.a", &[2, 3]), ("ema.b", &[4])],
+        [("ema-a", &[2, 3]), ("ema-b.c", &[4])],
+    ];
+    for other in others {
+        assert_eq!(sets(&[raw, other].concat()).other_sets, None, "{other:?}");
+    }
+    let plain = sets(&[("ema.b.c", &[4]), ("b.c", &[4]), ("a", &[2, 3]), ("ema.a", &[2, 3])]);
+    assert!(plain.to_string().contains("used names without a prefix; for another set, let `from`"), "{plain}");
+    let ema = KeyMap { roots: vec!["ema.".to_owned()], ..KeyMap::identity() };
+    let report = ema.import(&stored(&file), &expected).unwrap().1;
+    assert_eq!(report.matched.first().map(|matched| matched.sources.clone()), Some(vec!["ema.a".to_owned()]));
 }
 
 #[test]
