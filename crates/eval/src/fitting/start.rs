@@ -7,7 +7,8 @@ use atsplat_fit::{FitConfig, FitError, Strategy, TrainingViews};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
-use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
+use atsplat_splat::files::{self, Format};
+use atsplat_splat::{Cleaning, Field, Finding, Gaussians, Problem, SplatError};
 use thiserror::Error;
 
 /// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
@@ -196,11 +197,18 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
     }
     let (gaussians, found) = gaussians.cleaned(Cleaning::Repair);
     let removed = stored.saturating_sub(gaussians.len());
+    // In formats that store opacities, infinite logits are opacities of 0 and 1, with which nothing is wrong.
+    let stores_logits = matches!(import.format, Format::Ply(_));
+    let broken_in_file = if stores_logits { import.validation.invalid } else { 0 };
     // Those that were kept on import are found again.
-    let broken = import.validation.invalid.max(import.validation.rejected + found.invalid);
+    let broken = broken_in_file.max(import.validation.rejected + found.invalid);
     if broken > 0 {
         let first = if import.validation.is_clean() { &found } else { &import.validation };
-        let kinds: Vec<String> = first.findings.iter().map(ToString::to_string).collect();
+        let is_opacity = |finding: &Finding| {
+            !stores_logits && (finding.field, finding.problem) == (Field::OpacityLogits, Problem::Infinite)
+        };
+        let kinds = first.findings.iter().filter(|finding| !is_opacity(finding));
+        let kinds: Vec<String> = kinds.map(ToString::to_string).collect();
         let repaired = broken.saturating_sub(removed);
         warnings.push(format!(
             "{broken} of {stored} Gaussians are broken, of which {removed} are removed and {repaired} repaired: {}",
@@ -264,6 +272,20 @@ mod tests {
         let expected = "3 of 5 Gaussians are broken, of which 2 are removed and 1 repaired: means ";
         assert!(start.warnings[0].starts_with(expected), "{}", start.warnings[0]);
         assert!(start.gaussians.validate().is_clean());
+    }
+
+    /// SPZ stores opacities: of 0 and 1 they are valid, but have infinite logits.
+    #[test]
+    fn opaque_and_transparent_gaussians_are_broken_only_as_logits() {
+        let with = |logits: [f32; 3]| GaussianParts { opacity_logits: logits.to_vec(), ..parts(3) };
+        let spz = Output::Spz3 { antialiased: false };
+        let start = read_for(Strategy::Fixed, with([20.0, 2.0, -20.0]), spz, false);
+        assert_eq!((start.warnings, start.gaussians.len(), start.removed), (Vec::<String>::new(), 3, 0));
+        let [opaque, seen, transparent] = start.gaussians.parts().opacity_logits.as_slice() else { panic!("three") };
+        assert!(*opaque > 10.0 && (*seen - 2.0).abs() < 0.1 && *transparent < -10.0, "{opaque} {seen} {transparent}");
+        let as_logits = read(with([f32::INFINITY, 2.0, 3.0]), false);
+        let expected = "1 of 3 Gaussians are broken, of which 0 are removed and 1 repaired: opacity logits infinite ";
+        assert!(matches!(&as_logits.warnings[..], [text] if text.starts_with(expected)), "{:?}", as_logits.warnings);
     }
 
     #[test]
