@@ -107,9 +107,11 @@ impl fmt::Display for Fallback {
         f.write_str(match self {
             Self::SingleView => "there is only one context view, which is the mean camera",
             Self::ForwardsCancel => "the views' forward axes cancel; the first view's is used",
-            Self::DownsCancel => "the views' down axes cancel; the first view's is used",
+            Self::DownsCancel => {
+                "the views' down axes cancel or lie along the mean forward axis; the first view's is used"
+            }
             Self::FirstDownAlongForward => {
-                "the first view's down axis is along the forward axis; its right axis is used"
+                "the first view's down axis is within 30 degrees of the forward axis; its right axis is used"
             }
             Self::CoincidentCentres => "all camera centres coincide; lengths keep their scale",
         })

@@ -257,9 +257,11 @@ fn only_errors_about_the_size_name_its_option() {
     let photos = "a: preprocessing: b";
     std::fs::rename(here.join("photos"), here.join(photos)).unwrap();
     std::fs::remove_file(here.join(photos).join("000001.png")).unwrap();
-    let fit = ["fit", photos, "--views", "..", "--size", "32x32", "--strategy", "fixed", "--steps", "1"];
-    let rejected = atsplat(here, &[&fit[..], &["--out", "fitted.ply"]].concat());
-    let names_the_frame = rejected.stderr.contains("image-missing: frame 1 ") && !rejected.stderr.contains("--size");
+    let fit =
+        ["fit", photos, "--size", "32x32", "--strategy", "fixed", "--steps", "1", "--out", "fitted.ply", "--views"];
+    let rejected = atsplat(here, &[&fit[..], &["0,1,2"]].concat());
+    let expected = "error: scene \"render\": image-missing: frame 1 (";
+    let names_the_frame = rejected.stderr.contains(expected) && !rejected.stderr.contains("--size");
     assert!(rejected.code == 1 && names_the_frame, "{}", rejected.stderr);
 }
 

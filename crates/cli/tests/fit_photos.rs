@@ -62,3 +62,20 @@ fn the_psnr_of_training_views_is_named_as_what_it_is() {
     assert!(record["training-psnr"].is_f64(), "{record}");
     assert_eq!(record["evaluations"][0]["identical"], 0, "{record}");
 }
+
+/// One photo is missing among those of a range, and then all of another range.
+#[test]
+fn ranges_leave_out_missing_photos_with_a_warning() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "8", "--size", "16x12", "--out", "photos"]);
+    fs::remove_file(here.join("photos/000001.png")).unwrap();
+    let fit = |views: &[&'static str]| atsplat(here, &[&FIT[..], &["--steps", "1"], views].concat());
+    let fitted = fit(&["--views", "..", "--held-out", "0..6:4"]);
+    let warned = fitted.stderr.contains("1 × missing-image");
+    assert!(fitted.code == 0 && warned, "{}", fitted.stderr);
+    let record = record(here);
+    assert_eq!((&record["views"], &record["held-out"]), (&json!(["2", "3", "5", "6", "7"]), &json!(["0", "4"])));
+    let none = fit(&["--views", "..", "--held-out", "1..2"]);
+    assert!(none.code == 1 && none.stderr.contains("--held-out: none of these frames has a photo"), "{}", none.stderr);
+}

@@ -30,6 +30,7 @@ struct Part {
     first: usize,
     end: Option<usize>,
     step: usize,
+    is_range: bool,
 }
 
 impl FromStr for FrameSelection {
@@ -47,7 +48,7 @@ impl Part {
         };
         let Some((first, rest)) = text.split_once("..") else {
             let first = number(text)?;
-            return Ok(Self { first, end: Some(first.saturating_add(1)), step: 1 });
+            return Ok(Self { first, end: Some(first.saturating_add(1)), step: 1, is_range: false });
         };
         let (end, step) = rest.split_once(':').map_or((rest, 1), |(end, step)| (end, number(step).unwrap_or(0)));
         if step == 0 {
@@ -58,7 +59,7 @@ impl Part {
         if end.is_some_and(|end| end <= first) {
             return Err(InvalidText::new("a range whose end is after its start", text));
         }
-        Ok(Self { first, end, step })
+        Ok(Self { first, end, step, is_range: true })
     }
 }
 
@@ -68,7 +69,20 @@ impl FrameSelection {
     /// # Errors
     /// [`InvalidSelection`] for a position that the scene does not have, and for one that is selected twice.
     pub fn of(&self, count: usize) -> Result<Vec<usize>, InvalidSelection> {
-        let mut picked = Vec::new();
+        self.of_available(count, |_| true).map(|(picked, _)| picked)
+    }
+
+    /// As [`Self::of`], but ranges leave out positions that are not available, which are returned too. Those that are given one by one
+    /// are selected in any case.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn of_available(
+        &self,
+        count: usize,
+        is_available: impl Fn(usize) -> bool,
+    ) -> Result<(Vec<usize>, Vec<usize>), InvalidSelection> {
+        let (mut picked, mut left_out) = (Vec::new(), Vec::new());
         let mut seen = BTreeSet::new();
         for part in &self.0 {
             let end = part.end.unwrap_or(count);
@@ -80,10 +94,14 @@ impl FrameSelection {
                 if !seen.insert(position) {
                     return Err(InvalidSelection::Twice(position));
                 }
-                picked.push(position);
+                if part.is_range && !is_available(position) {
+                    left_out.push(position);
+                } else {
+                    picked.push(position);
+                }
             }
         }
-        Ok(picked)
+        Ok((picked, left_out))
     }
 }
 
@@ -102,6 +120,16 @@ mod tests {
         assert_eq!(of("..:4", 10).unwrap(), [0, 4, 8]);
         assert_eq!(of("6..", 9).unwrap(), [6, 7, 8]);
         assert_eq!(of("1..9:3", 9).unwrap(), [1, 4, 7]);
+    }
+
+    /// Steps count every position.
+    #[test]
+    fn ranges_leave_out_what_is_not_available_and_single_positions_do_not() {
+        let of = |text: &str| text.parse::<FrameSelection>().unwrap().of_available(8, |at| at != 2 && at != 7).unwrap();
+        assert_eq!(of(".."), (vec![0, 1, 3, 4, 5, 6], vec![2, 7]));
+        assert_eq!(of("1..8:3"), (vec![1, 4], vec![7]));
+        assert_eq!(of("2,3..5"), (vec![2, 3, 4], vec![]));
+        assert_eq!(of("2..3"), (vec![], vec![2]));
     }
 
     #[test]

@@ -36,7 +36,7 @@ mod warnings;
 
 pub use atsplat_files::is_plain_name;
 pub use atsplat_pickle::SharedBytes;
-pub use checks::image_mismatch::{ImageMismatch, pixel_mismatch, ratio_of_focal_lengths};
+pub use checks::image_mismatch::{ImageMismatch, is_scaled_copy, pixel_mismatch, ratio_of_focal_lengths};
 pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;

@@ -12,7 +12,7 @@ use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
 use crate::dataset_args::ImageArgs;
 use crate::parse;
-use crate::reconstruct::input::{is_size_error, scene};
+use crate::reconstruct::input::{is_size_error, scene, selected};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
@@ -96,10 +96,9 @@ impl InputArgs {
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
-        let count = scene.frames.len();
-        let targets = self.held_out.as_ref().map(|held_out| held_out.of(count)).transpose().context("--held-out")?;
-        let targets = targets.unwrap_or_default();
-        let mut context = self.views.of(count).context("--views")?;
+        let targets = self.held_out.as_ref().map(|held_out| selected(held_out, &scene, warnings));
+        let targets = targets.transpose().context("--held-out")?.unwrap_or_default();
+        let mut context = selected(&self.views, &scene, warnings).context("--views")?;
         context.retain(|frame| !targets.contains(frame));
         if context.is_empty() {
             bail!("--views: all of these photos are held out");

@@ -10,7 +10,9 @@ use atsplat_eval::sources::AlreadyCropped;
 use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{SkipReason, Skipped, TrialRecipe};
-use atsplat_scene::{Frame, FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
+use atsplat_scene::{
+    Frame, FrameImage, FrameSelection, OneScene, Scene, SceneSource, WarningKind, Warnings, scene_key,
+};
 
 use crate::dataset_args::ImageArgs;
 use crate::parse;
@@ -77,9 +79,9 @@ impl InputArgs {
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
-        let count = scene.frames.len();
-        let context = self.views.of(count).context("--views")?;
-        let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
+        let context = selected(&self.views, &scene, warnings).context("--views")?;
+        let targets = self.targets.as_ref().map(|targets| selected(targets, &scene, warnings));
+        let targets = targets.transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         check(&scene.frames, &selection)?;
         let (scene, recipe) = self.prepared(scene, config, warnings)?;
@@ -148,4 +150,23 @@ pub(crate) fn scene(
     }
     let dataset = images.open(data, warnings)?;
     Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
+}
+
+/// The selected frames of a scene. Ranges leave out those whose photo is missing, with a warning.
+pub(crate) fn selected(
+    selection: &FrameSelection,
+    scene: &Scene,
+    warnings: &mut Warnings,
+) -> anyhow::Result<Vec<usize>> {
+    let is_missing =
+        |at: usize| scene.frames.get(at).is_some_and(|frame| matches!(frame.image, FrameImage::Missing(_)));
+    let (picked, left_out) = selection.of_available(scene.frames.len(), |at| !is_missing(at))?;
+    ensure!(!picked.is_empty(), "none of these frames has a photo");
+    let mut missing = Warnings::new();
+    for at in left_out {
+        missing.push(WarningKind::MissingImage, scene.key.as_str(), format!("frame {at}: no photo; it is left out"));
+    }
+    // Readers of datasets have warned of the same frames.
+    warnings.join(&missing);
+    Ok(picked)
 }

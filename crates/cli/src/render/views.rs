@@ -5,7 +5,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, Distortion, ImageSize, NormalizedIntrinsics, Turntable};
 use atsplat_eval::rendering::{FrameRequest, PathRecord, PathSpacing, RenderPlan};
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
-use atsplat_scene::{FrameSelection, Warnings, pixel_mismatch};
+use atsplat_scene::{FrameSelection, Warnings, is_scaled_copy, pixel_mismatch};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
 use atsplat_splat::{Exposure, View, framing};
 use clap::ArgGroup;
@@ -186,7 +186,9 @@ impl ViewArgs {
     fn size_of(&self, camera: Option<&FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<ImageSize> {
         let stated = camera.and_then(|camera| camera.size);
         let squeezed = match (self.size, stated, camera) {
-            (Some(requested), Some(stated), _) if !same_aspect_ratio(requested, stated) => {
+            (Some(requested), Some(stated), _)
+                if !is_scaled_copy(requested, stated) && !is_scaled_copy(stated, requested) =>
+            {
                 Some(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"))
             }
             (Some(requested), None, Some(FileCamera { camera, .. })) => pixel_mismatch(&camera.intrinsics, requested)
@@ -274,6 +276,25 @@ mod tests {
             size: size.map(|(width, height)| ImageSize { width, height }),
             exposure: None,
             timestamp_micros: None,
+        }
+    }
+
+    /// Neither size need be exact: both are whole pixels.
+    #[test]
+    fn every_squeeze_beyond_the_rounding_to_pixels_is_noted() {
+        let notes = |requested: &str, stated: (u32, u32)| {
+            let views = Command::parse_from(["render", "--cameras", "keys.json", "--size", requested]).views;
+            let mut notes = Vec::new();
+            views.size_of(Some(&key(0, Some(stated))), &mut notes).unwrap();
+            notes
+        };
+        for (requested, stated) in [("480x270", (960, 540)), ("455x256", (640, 360)), ("1920x1080", (57, 32))] {
+            assert_eq!(notes(requested, stated), Vec::<String>::new(), "{requested}");
+        }
+        for requested in ["956x540", "960x546", "540x960"] {
+            let [width, height] = [0, 1].map(|at| requested.split('x').nth(at).unwrap());
+            let expected = format!("--size {width}×{height} squeezes images of 960×540: its aspect ratio differs");
+            assert_eq!(notes(requested, (960, 540)), [expected]);
         }
     }
 

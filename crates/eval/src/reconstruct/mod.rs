@@ -44,7 +44,7 @@ pub use scene_file::{OutputRecord, SceneFormat, write_gaussians};
 #[non_exhaustive]
 pub enum ReconstructError {
     /// The photos cannot become a trial.
-    #[error("{0}")]
+    #[error("scene {:?}: {}: {}", .0.scene, .0.reason.name(), .0.detail)]
     Skipped(Skipped),
     /// No context view was selected.
     #[error("no context view")]

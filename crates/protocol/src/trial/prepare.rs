@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera, normalise};
 use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
-use atsplat_scene::{Frame, FrameImage, ImageMismatch, Scene, Warnings};
+use atsplat_scene::{Frame, FrameImage, ImageHeader, ImageMismatch, Scene, Warnings};
 
 use super::images::LazyImage;
 use super::{
@@ -125,11 +125,11 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// `size` is that of the image, or why it is unknown.
+    /// `header` is that of the image, or why it is unknown.
     fn of(
         position: usize,
         frame: &'a Frame,
-        size: Result<ImageSize, String>,
+        header: Result<ImageHeader, String>,
         recipe: &TrialRecipe,
         plans: &mut Plans,
     ) -> Result<Self, Rejection> {
@@ -137,14 +137,19 @@ impl<'a> View<'a> {
             let detail = format!("frame {position}: the trajectory has no images");
             return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
         }
-        let size = size.map_err(|detail| Rejection { reason: SkipReason::ImageUnreadable, detail })?;
+        let header = header.map_err(|detail| Rejection { reason: SkipReason::ImageUnreadable, detail })?;
+        let size = header.size;
         // Whoever made an image of the protocol's size made it for these intrinsics, as published loaders assume.
         let is_accepted = |mismatch: &ImageMismatch| {
             matches!(mismatch, ImageMismatch::Pixels { .. }) && recipe.preprocessing.expected_size == Some(size)
         };
         let is_fatal = |mismatch: &ImageMismatch| mismatch.is_fatal() && !is_accepted(mismatch);
         if let Some(mismatch) = frame.mismatch(size).filter(is_fatal).filter(|_| frame.image.is_available()) {
-            return Err(Rejection { reason: SkipReason::ImageMisfit, detail: format!("frame {position}: {mismatch}") });
+            let turned = header.orientation.map_or_else(String::new, |orientation| {
+                format!("; the image is {orientation}, and the stored pixels are used")
+            });
+            let detail = format!("frame {position}: {mismatch}{turned}");
+            return Err(Rejection { reason: SkipReason::ImageMisfit, detail });
         }
         let unfit = |error: PreprocessError| Rejection {
             reason: SkipReason::Preprocessing,
@@ -170,21 +175,21 @@ impl<'a> Views<'a> {
         warnings: &mut Warnings,
     ) -> Result<Self, Rejection> {
         let expected_size = recipe.preprocessing.expected_size;
-        let sizes = image_sizes(scene, entry, expected_size, warnings);
+        let headers = image_headers(scene, entry, expected_size, warnings);
         let known_size = |frame: &Frame| {
-            let (_, size) = sizes.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
-            size.as_ref().ok().copied()
+            let (_, header) = headers.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
+            header.as_ref().ok().map(|header| header.size)
         };
         if let Some(dropped) = recipe.filters.drop_reason(scene, entry, expected_size, &known_size) {
             return Err(dropped.into());
         }
         let mut plans = Plans::new();
         let mut view = |position: &usize| -> Result<View<'a>, Rejection> {
-            let (frame, size) = sizes.get(position).ok_or_else(|| {
+            let (frame, header) = headers.get(position).ok_or_else(|| {
                 let detail = format!("frame {position} of {}", scene.frames.len());
                 Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
-            View::of(*position, frame, size.clone(), recipe, &mut plans)
+            View::of(*position, frame, header.clone(), recipe, &mut plans)
         };
         let context = entry.context.iter().map(&mut view).collect::<Result<_, _>>()?;
         let targets = entry.target.iter().map(&mut view).collect::<Result<_, _>>()?;
@@ -192,38 +197,40 @@ impl<'a> Views<'a> {
     }
 }
 
-/// The frames of the entry that the scene has, with the size of their image or why it is unknown.
-type ImageSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
+/// The frames of the entry that the scene has, with the header of their image or why it is unknown.
+type ImageHeaders<'a> = BTreeMap<usize, (&'a Frame, Result<ImageHeader, String>)>;
 
-/// Reads image sizes from the files' headers; those of absent images are as stated by the frame or expected by the
-/// protocol. Other irregularities of a header are counted as warnings.
-fn image_sizes<'a>(
+/// Reads the headers of images; sizes of absent ones are as stated by the frame or expected by the protocol. Other irregularities of a header are counted as warnings.
+fn image_headers<'a>(
     scene: &'a Scene,
     entry: &IndexEntry,
     expected: Option<ImageSize>,
     warnings: &mut Warnings,
-) -> ImageSizes<'a> {
-    let mut sizes = ImageSizes::new();
+) -> ImageHeaders<'a> {
+    let mut headers = ImageHeaders::new();
     for position in entry.context.iter().chain(&entry.target) {
         let Some(frame) = scene.frames.get(*position) else { continue };
-        sizes.entry(*position).or_insert_with(|| {
-            let size = match frame.image {
+        headers.entry(*position).or_insert_with(|| {
+            let header = match frame.image {
                 FrameImage::Absent => frame
                     .stated_size
                     .or(expected)
+                    .map(upright)
                     .ok_or_else(|| format!("frame {position}: the size of its absent image is not stated")),
-                _ => match frame.header(&scene.key, *position) {
-                    Ok(header) => {
-                        frame.report(&scene.key, *position, &header, warnings);
-                        Ok(header.size)
-                    }
-                    Err(error) => Err(error.to_string()),
-                },
+                _ => frame
+                    .header(&scene.key, *position)
+                    .inspect(|header| frame.report(&scene.key, *position, header, warnings))
+                    .map_err(|error| error.to_string()),
             };
-            (frame, size)
+            (frame, header)
         });
     }
-    sizes
+    headers
+}
+
+/// The header of an absent image.
+const fn upright(size: ImageSize) -> ImageHeader {
+    ImageHeader { size, orientation: None, has_alpha: false, has_16_bits: false }
 }
 
 /// Plans by the size of images; those of equal size share one.

@@ -251,6 +251,7 @@ fn rejects_images_that_do_not_fit_their_intrinsics() {
         let skipped = outcome.unwrap_err();
         assert_eq!((skipped.reason, skipped.scene.as_str(), counted), (SkipReason::ImageMisfit, "s", 1));
         let detail = &skipped.detail;
+        assert!(!detail.contains("EXIF"), "{detail}");
         assert!(detail.contains("frame 6") && detail.contains(&format!("{width}×{height}")), "{detail}");
         assert!(detail.contains(fitting), "{detail}");
     }
@@ -282,15 +283,32 @@ fn images_of_the_expected_size_may_have_other_pixels() {
     assert_eq!(outcome(Some(size), Some(SIZE)), (Some(SkipReason::ImageMisfit), 3));
 }
 
-#[test]
-fn warns_about_images_with_an_exif_rotation() {
+/// A JPEG of this many columns and rows as stored, which EXIF rotates by 90° clockwise.
+fn rotated_jpeg(width: u32, height: u32) -> FrameImage {
     let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
-    let image = atsplat_pixels::ImageU8::new(64, 48, vec![7; 64 * 48 * 3]).unwrap();
+    let image = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
     let mut jpeg = atsplat_pixels::encode_jpeg(&image, 90).unwrap();
     let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
     jpeg.splice(2..2, [&[0xff, 0xe1], &length[..], exif].concat());
+    FrameImage::Encoded(SharedBytes::new(jpeg))
+}
+
+/// Only the rotated image would fit its camera.
+#[test]
+fn a_misfit_says_that_exif_rotates_the_image() {
+    let mut changed = scene("s", 9, 5);
+    (changed.frames[6].image, changed.frames[6].stated_size) = (rotated_jpeg(48, 64), Some(SIZE));
+    let recipe = TrialRecipe { preprocessing: Preprocessing::default(), ..recipe() };
+    let Skipped { reason, detail, .. } = only_trial(changed, entry(&[2, 6], &[4]), recipe).map(drop).unwrap_err();
+    let hint = "; the image is rotated 90° clockwise by EXIF, and the stored pixels are used";
+    assert!(reason == SkipReason::ImageMisfit && detail.ends_with(hint), "{detail}");
+    assert!(detail.contains("frame 6") && detail.contains("found 48×64"), "{detail}");
+}
+
+#[test]
+fn warns_about_images_with_an_exif_rotation() {
     let mut rotated = scene("s", 9, 5);
-    rotated.frames[6].image = FrameImage::Encoded(SharedBytes::new(jpeg));
+    rotated.frames[6].image = rotated_jpeg(64, 48);
     let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
     let mut trials = Trials::new(Arc::new(MemorySource::new([rotated])), &index, recipe(), Prefetch::default());
     let (trial, _) = trials.next().unwrap().unwrap();

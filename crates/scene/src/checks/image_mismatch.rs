@@ -133,7 +133,7 @@ pub fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<Imag
 
 /// Whether an image is the stated one or a scaled copy of it with sides rounded to whole pixels, such as `images_4` next
 /// to a `transforms.json` that states the full size.
-pub(crate) fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
+pub fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
     let side =
         |length: u32, other: u32, stated_other: u32| f64::from(length) * f64::from(other) / f64::from(stated_other);
     let width = side(stated.width, size.height, stated.height);
