@@ -4,6 +4,7 @@
 
 mod adapter_self_test;
 mod adapters;
+mod alpha;
 mod arguments;
 mod budget;
 mod data;

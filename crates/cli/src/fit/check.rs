@@ -7,7 +7,7 @@ use atsplat_fit::{Background, Fit, Strategy};
 use atsplat_scene::Frame;
 
 use super::Args;
-use super::input::Alpha;
+use crate::alpha::Alpha;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse;

@@ -10,6 +10,7 @@ use atsplat_fit::{Background, TrainingView, TrainingViews};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
+use crate::alpha::Alpha;
 use crate::dataset_args::ImageArgs;
 use crate::parse;
 use crate::reconstruct::input::{is_size_error, scene, selected};
@@ -52,25 +53,8 @@ pub(super) struct InputArgs {
 
     /// Alpha channels of photos: drop them, so that transparent pixels keep their stored colour, or composite the photos over
     /// --background, black or white.
-    #[arg(long, value_name = "HOW", default_value = "drop", value_parser = parse::named([Alpha::Drop, Alpha::Composite].map(|alpha| (alpha.name(), alpha))))]
+    #[arg(long, value_name = "HOW", default_value = "drop", value_parser = parse::named(Alpha::NAMES))]
     pub(super) alpha: Alpha,
-}
-
-/// What becomes of the alpha channels of photos.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Alpha {
-    Drop,
-    Composite,
-}
-
-impl Alpha {
-    /// Its name on the command line.
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Drop => "drop",
-            Self::Composite => "composite",
-        }
-    }
 }
 
 /// The photos with their images.
@@ -104,7 +88,9 @@ impl InputArgs {
             bail!("--views: all of these photos are held out");
         }
         let selection = PhotoSelection { context, targets };
-        let shown = self.shown(&scene, background);
+        // Compositing requires black or white.
+        let background = if background == Background::White { [255; 3] } else { [0; 3] };
+        let shown = self.alpha.shown(scene.clone(), background);
         let prepared = |size, warnings: &mut Warnings| {
             let recipe = fit_recipe(size, network.map(|source| &source.config));
             Photos::new(shown.clone(), selection.clone(), recipe, warnings)
@@ -124,15 +110,6 @@ impl InputArgs {
         let others = other_images(&training, &held_out, &scaled);
         let training = TrainingViews::from(training).with_other_images(others);
         Ok(Input { scene, photos, training, held_out, scaled })
-    }
-
-    /// The scene with its photos as they are optimised for.
-    fn shown(&self, scene: &Scene, background: Background) -> Scene {
-        match (self.alpha, background) {
-            (Alpha::Composite, Background::Black) => scene.clone().composited_over([0; 3]),
-            (Alpha::Composite, Background::White) => scene.clone().composited_over([255; 3]),
-            _ => scene.clone(),
-        }
     }
 
     /// The transform that nerfstudio applied to the cameras of a scene, but not to COLMAP's points.

@@ -14,6 +14,7 @@ use atsplat_scene::{
     Frame, FrameImage, FrameSelection, OneScene, Scene, SceneSource, WarningKind, Warnings, scene_key,
 };
 
+use crate::alpha::Alpha;
 use crate::dataset_args::ImageArgs;
 use crate::parse;
 
@@ -56,6 +57,11 @@ pub(super) struct InputArgs {
     /// Ignore lens distortion in DATA, as the papers do.
     #[arg(long)]
     no_distortion: bool,
+
+    /// Alpha channels of photos: drop them, so that transparent pixels keep their stored colour, or composite the photos over
+    /// --background.
+    #[arg(long, value_name = "HOW", default_value = "drop", value_parser = parse::named(Alpha::NAMES))]
+    alpha: Alpha,
 }
 
 impl InputArgs {
@@ -68,10 +74,17 @@ impl InputArgs {
         &self.data
     }
 
-    /// Finds the scene and prepares cameras; no image is decoded. `check` is given the frames, and which of them were chosen.
+    /// Whether photos are composited over a colour.
+    pub(super) fn composites(&self) -> bool {
+        self.alpha == Alpha::Composite
+    }
+
+    /// Finds the scene and prepares cameras; no image is decoded. `background` is what photos are composited over, if they are; `check`
+    /// is given the frames, and which of them were chosen.
     pub(super) fn read(
         &self,
         config: &ModelConfig,
+        background: [u8; 3],
         check: &dyn Fn(&[Frame], &PhotoSelection) -> anyhow::Result<()>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Photos> {
@@ -84,7 +97,8 @@ impl InputArgs {
         let targets = targets.transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         check(&scene.frames, &selection)?;
-        let (scene, recipe) = self.prepared(scene, config, warnings)?;
+        let shown = self.alpha.shown(scene, background);
+        let (scene, recipe) = self.prepared(shown, config, warnings)?;
         match Photos::new(scene, selection, recipe, warnings) {
             Err(error) if self.protocol.is_none() && is_size_error(&error) => {
                 let ImageSize { width, height } = self.size(config);
@@ -121,10 +135,11 @@ impl InputArgs {
         Ok((scene, TrialRecipe::of(&preset, "ATSplat")))
     }
 
-    pub(super) fn record(&self, photos: &Photos) -> InputRecord {
+    pub(super) fn record(&self, photos: &Photos, background: [u8; 3]) -> InputRecord {
         let any_size = if self.any_size { ", images of any size" } else { "" };
         let protocol = self.protocol.as_ref().map(|name| format!("{name}{any_size}"));
-        InputRecord::new(photos, self.data.clone(), protocol)
+        let composited_over = self.composites().then_some(background);
+        InputRecord { composited_over, ..InputRecord::new(photos, self.data.clone(), protocol) }
     }
 }
 

@@ -105,7 +105,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let of_dataset = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
-        input: args.input.record(&photos),
+        input: args.input.record(&photos, args.renders.background_of_photos()),
         model: source.record()?,
         weights,
         seed,
@@ -147,7 +147,7 @@ fn reconstructing(photos: &Photos) -> String {
 impl Args {
     /// Rejects contradicting arguments before any file is read or created.
     fn check(&self) -> Result<(), clap::Error> {
-        let renders = || self.renders.check(self.input.has_targets(), self.plots.requested());
+        let renders = || self.renders.check(self.input.has_targets(), self.plots.requested(), self.input.composites());
         self.network.check().and_then(|()| renders()).map_err(usage_error)
     }
 
@@ -176,7 +176,7 @@ impl Args {
             check_outputs("--renders", self.renders.files(selection), photos(frames))?;
             check_outputs("--plots", self.plots.files(frames), photos(frames))
         };
-        self.input.read(&source.config, &check, warnings)
+        self.input.read(&source.config, self.renders.background_of_photos(), &check, warnings)
     }
 
     /// Writes the Gaussians, and returns their record with warnings.

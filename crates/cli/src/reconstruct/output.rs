@@ -50,17 +50,27 @@ const CONSTANTS: &str = "exact";
 const BLACK: [f64; 3] = [0.0; 3];
 
 impl RenderArgs {
-    /// Rejects options about renders without any.
-    pub(super) fn check(&self, has_targets: bool, has_plots: bool) -> Result<(), String> {
-        check_all(&[Requirement {
-            options: &[
-                ("--targets", has_targets),
-                ("--constants", self.constants.is_some()),
-                ("--background", self.background.is_some()),
-            ],
-            requires: "--renders or --plots",
-            satisfied: self.renders.is_some() || has_plots,
-        }])
+    /// Rejects options about renders without any. Photos can be composited over the background too.
+    pub(super) fn check(&self, has_targets: bool, has_plots: bool, composites: bool) -> Result<(), String> {
+        let has_renders = self.renders.is_some() || has_plots;
+        check_all(&[
+            Requirement {
+                options: &[("--targets", has_targets), ("--constants", self.constants.is_some())],
+                requires: "--renders or --plots",
+                satisfied: has_renders,
+            },
+            Requirement {
+                options: &[("--background", self.background.is_some())],
+                requires: "--renders, --plots or --alpha composite",
+                satisfied: has_renders || composites,
+            },
+        ])
+    }
+
+    /// The background of photos, rounded to 8 bits.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "channels are from 0 to 1")]
+    pub(super) fn background_of_photos(&self) -> [u8; 3] {
+        self.background.unwrap_or(BLACK).map(|channel| (channel * 255.0).round() as u8)
     }
 
     /// Fails before long work if the folder cannot be written.

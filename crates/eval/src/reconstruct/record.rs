@@ -28,6 +28,9 @@ pub struct InputRecord {
     pub data_sha256: Sha256Digest,
     /// The protocol whose recipe was used, if any.
     pub protocol: Option<String>,
+    /// The colour, of 8 bits, that photos with alpha channels were composited over; otherwise these channels were dropped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub composited_over: Option<[u8; 3]>,
     /// Preprocessing of images and intrinsics.
     pub preprocessing: String,
     /// Normalisation of the poses.
@@ -145,6 +148,7 @@ impl InputRecord {
             trial: trial.hash(),
             data_sha256: trial.data_hash(photos.ground_truth(), &ImageDigests::default()),
             protocol,
+            composited_over: None,
             preprocessing: trial.preprocessing().to_string(),
             normalisation: trial.normalisation().into(),
             near_far: trial.near_far(),

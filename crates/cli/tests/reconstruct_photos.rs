@@ -1,0 +1,54 @@
+//! What `atsplat reconstruct` makes of photos.
+
+mod common;
+
+use std::fs;
+
+use atsplat_pixels::{DecodeLimits, decode};
+use serde_json::{Value, json};
+use tempfile::tempdir;
+
+use common::{atsplat, succeed};
+
+const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+/// A network for 48×32 pixels.
+const TINY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../model/oracle/tiny.toml");
+
+/// A PNG of 48×32 pixels of (200, 90, 30), of which the left half is transparent.
+#[rustfmt::skip]
+const HALF_TRANSPARENT: [u8; 115] = [
+    137, 80, 78, 71, 13, 10, 26, 10, 0, 0, 0, 13, 73, 72, 68, 82, 0, 0, 0, 48, 0, 0, 0, 32, 8, 6,
+    0, 0, 0, 84, 212, 251, 28, 0, 0, 0, 58, 73, 68, 65, 84, 120, 218, 237, 207, 49, 1, 0, 48, 8, 3, 176,
+    42, 65, 216, 20, 227, 10, 52, 236, 224, 203, 17, 1, 73, 191, 202, 177, 185, 20, 1, 1, 1, 1, 1, 1, 1, 1,
+    1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 129, 95, 11, 26, 145, 125, 151, 200, 226, 26, 235, 0,
+    0, 0, 0, 73, 69, 78, 68, 174, 66, 96, 130,
+];
+
+#[test]
+fn photos_with_alpha_are_composited_over_the_background_if_asked() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "4", "--size", "48x32", "--out", "photos"]);
+    fs::write(here.join("photos/000002.png"), HALF_TRANSPARENT).unwrap();
+    let reconstruct = |more: &[&'static str]| -> Vec<&'static str> {
+        let input = ["reconstruct", "photos", "--views", "0,2", "--weights", "random:3", "--model", TINY];
+        [&input[..], &["--out", "scene.ply"], more].concat()
+    };
+    let input = |more: &[&'static str]| {
+        succeed(here, &[reconstruct(&["--renders", "renders"]), more.to_vec()].concat());
+        let png = fs::read(here.join("renders/inputs/000002.png")).unwrap();
+        let image = decode(&png, &DecodeLimits::default()).unwrap();
+        let record: Value = serde_json::from_slice(&fs::read(here.join("scene.ply.json")).unwrap()).unwrap();
+        let last = image.samples().len() - 3;
+        assert_eq!(image.samples()[last..], [200, 90, 30], "{more:?}: opaque");
+        (image.samples()[..3].to_vec(), record["input"]["composited-over"].clone())
+    };
+    assert_eq!(input(&[]), (vec![200, 90, 30], Value::Null));
+    assert_eq!(input(&["--alpha", "composite"]), (vec![0; 3], json!([0, 0, 0])));
+    let colour = ["--alpha", "composite", "--background", "1,0.2,0"];
+    assert_eq!(input(&colour), (vec![255, 51, 0], json!([255, 51, 0])));
+    let rejected = atsplat(here, &reconstruct(&["--background", "white"]));
+    let expected = "--background requires --renders, --plots or --alpha composite";
+    assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    succeed(here, &reconstruct(&["--background", "white", "--alpha", "composite"]));
+}
