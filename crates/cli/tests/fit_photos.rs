@@ -7,6 +7,8 @@ mod common;
 use std::fs;
 use std::path::Path;
 
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, ImageU8, decode};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
@@ -78,4 +80,38 @@ fn ranges_leave_out_missing_photos_with_a_warning() {
     assert_eq!((&record["views"], &record["held-out"]), (&json!(["2", "3", "5", "6", "7"]), &json!(["0", "4"])));
     let none = fit(&["--views", "..", "--held-out", "1..2"]);
     assert!(none.code == 1 && none.stderr.contains("--held-out: none of these frames has a photo"), "{}", none.stderr);
+}
+
+/// Photos of 16×12 pixels lose two columns on either side.
+#[test]
+fn renders_with_the_written_cameras_are_those_of_the_optimisation() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "4", "--size", "16x12", "--out", "photos"]);
+    let views = ["fit", "photos", "--views", "3,1", "--held-out", "2", "--size", "12x12", "--strategy", "fixed"];
+    let start = ["--start", "random:60", "--depths", "1,9", "--steps", "20", "--out", "fitted.ply"];
+    let corrections = ["--optimise-poses", "0.01", "--optimise-exposure", "0.05"];
+    succeed(here, &[&views[..], &start, &corrections].concat());
+    let record = record(here);
+    let cameras: Value = serde_json::from_slice(&fs::read(here.join("fitted.ply.cameras.json")).unwrap()).unwrap();
+    let cameras = cameras["views"].as_array().unwrap();
+    let number = |camera: &Value| camera["number"].as_u64().unwrap();
+    assert_eq!(cameras.iter().map(number).collect::<Vec<_>>(), [3, 1, 2]);
+    assert!(cameras.iter().all(|camera| camera["width"] == 12 && camera["height"] == 12));
+    for (camera, correction) in cameras.iter().zip(record["corrections"].as_array().unwrap()) {
+        assert_eq!(camera["camera-from-world"], correction["camera-from-world"]);
+        assert!(camera["exposure"].is_array() && camera["exposure"] == correction["exposure"], "{camera}");
+    }
+    assert_eq!(cameras[2]["exposure"], Value::Null, "held out");
+
+    succeed(here, &["render", "fitted.ply", "--cameras", "fitted.ply.cameras.json", "--out", "again"]);
+    let image =
+        |path: &str| -> ImageU8 { decode(&fs::read(here.join(path)).unwrap(), &DecodeLimits::default()).unwrap() };
+    let (photo, again) = (image("photos/000002.png"), image("again/000002.png"));
+    let rows = photo.samples().chunks_exact(3 * 16).flat_map(|row| &row[3 * 2..3 * 14]);
+    let squares = rows.zip(again.samples()).map(|(a, b)| (f64::from(a.abs_diff(*b)) / 255.0).powi(2));
+    let psnr = -10.0 * (squares.sum::<f64>() / f64::from(3 * 12 * 12)).log10();
+    let expected = record["evaluations"].as_array().unwrap().last().unwrap()["psnr"].as_f64().unwrap();
+    // Rounded to 8 bits.
+    Tolerance::absolute(0.1).assert([psnr], [expected], "PSNR of the held-out view");
 }

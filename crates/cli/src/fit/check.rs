@@ -54,12 +54,22 @@ impl Args {
         self.out.with_added_extension("json")
     }
 
+    /// The cameras of the views, next to the Gaussians. The name is not one that a dataset may have.
+    pub(super) fn cameras_file(&self) -> PathBuf {
+        self.out.with_added_extension("cameras.json")
+    }
+
+    /// The files that --out stands for.
+    fn results(&self) -> [PathBuf; 3] {
+        [self.out.clone(), self.record_file(), self.cameras_file()]
+    }
+
     /// Rejects results that would overwrite the checkpoint.
     fn check_results(&self) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
         let kept = canonical_path(checkpoint)?;
-        for file in [&self.out, &self.record_file()] {
-            if canonical_path(file)? == kept {
+        for file in self.results() {
+            if canonical_path(&file)? == kept {
                 let (checkpoint, file) = (checkpoint.display(), file.display());
                 let text =
                     format!("--checkpoint {checkpoint}: --out writes {file}; choose another file for the checkpoint");
@@ -78,8 +88,7 @@ impl Args {
         let weights = self.start.refine.as_deref().map(|weights| Input::File("weights file", weights));
         let inputs: Vec<Input<'_>> =
             [Input::Dataset(&self.input.data)].into_iter().chain(start).chain(weights).collect();
-        check_output("--out", &self.out, &inputs)?;
-        check_output("--out", &self.record_file(), &inputs)?;
+        self.results().iter().try_for_each(|file| check_output("--out", file, &inputs))?;
         let checkpoint = self.checkpoint.as_deref();
         checkpoint.map_or(Ok(()), |file| check_output("--checkpoint", file, &inputs))
     }
@@ -115,7 +124,9 @@ impl Args {
         for file in [Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()].into_iter().flatten() {
             outputs.add(file)?;
         }
-        drop(PendingFile::open(&self.record_file())?);
+        for file in [self.record_file(), self.cameras_file()] {
+            drop(PendingFile::open(&file)?);
+        }
         Ok(outputs)
     }
 

@@ -37,7 +37,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
 
-    /// PLY file of the Gaussians, in the frame of DATA; FILE.json next to it records how they were made.
+    /// PLY file of the Gaussians, in the frame of DATA; FILE.json next to it records how they were made, and FILE.cameras.json has
+    /// the cameras and exposures of the views for `render --cameras`.
     #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
     out: PathBuf,
 

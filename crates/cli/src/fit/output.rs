@@ -1,8 +1,9 @@
-//! The results of a run: Gaussians, plots and the record.
+//! The results of a run: Gaussians, cameras, plots and the record.
 
 use std::path::Path;
 
 use anyhow::Context as _;
+use atsplat_eval::fitting::FittedCameras;
 use atsplat_eval::reconstruct::rounding_warning;
 use atsplat_fit::{Fit, FitConfig, FitRecord, ScaleEvaluation, TrainingView};
 use atsplat_splat::files::{self, Encoding, Output};
@@ -31,9 +32,12 @@ impl Args {
             warn(&text);
             start.warnings.push(text);
         }
-        let record_file = self.record_file();
+        let (record_file, cameras_file) = (self.record_file(), self.cameras_file());
         remove_old(&record_file)?;
+        remove_old(&cameras_file)?;
         files::write(&self.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
+        let cameras = serde_json::to_string_pretty(&FittedCameras::of(&input.photos, fit)?)?;
+        PendingFile::open(&cameras_file)?.finish(format!("{cameras}\n").as_bytes())?;
         let mut at_scales = Vec::new();
         if can_render {
             log.evaluate(fit)?;
@@ -87,7 +91,7 @@ impl Args {
     }
 }
 
-/// Removes the record of an earlier run, which says nothing about the Gaussians of this one.
-fn remove_old(record_file: &Path) -> anyhow::Result<()> {
-    atsplat_files::remove_if_exists(record_file).with_context(|| format!("removing {}", record_file.display()))
+/// Removes the record or the cameras of an earlier run, which say nothing about the Gaussians of this one.
+fn remove_old(file: &Path) -> anyhow::Result<()> {
+    atsplat_files::remove_if_exists(file).with_context(|| format!("removing {}", file.display()))
 }

@@ -1,5 +1,6 @@
 //! Photos and trials as input of per-scene optimisation.
 
+mod cameras;
 mod start;
 
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use atsplat_protocol::{PoseNormalisation, ProtocolError};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_splat::View;
 
+pub use cameras::FittedCameras;
 pub use start::{PointsOf, Start, StartError, StartGaussians};
 
 use crate::reconstruct::{Photos, photo_recipe};
