@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::density::Changes;
 use crate::loss::Terms;
-use crate::score::{decibels, mean_of_psnrs, psnr};
+use crate::score::{MeanPsnr, decibels, psnr};
 use crate::{Evaluation, MeanScore};
 
 /// One step.
@@ -27,7 +27,7 @@ pub struct StepRecord {
 impl StepRecord {
     /// PSNR of the training image, in dB; infinite for an exact one.
     pub fn psnr(&self) -> f64 {
-        psnr(self.terms.mse)
+        psnr(self.terms.mse).unwrap_or(f64::INFINITY)
     }
 }
 
@@ -83,6 +83,9 @@ pub(crate) struct HistoryFacts {
     /// Views that each evaluation left out. Earlier versions did not write it; they left none out, and their SSIM was that of the loss.
     #[serde(default)]
     identical: Option<Vec<usize>>,
+    /// Views that clamping made equal in each evaluation. Earlier versions left them out of the mean PSNR, and did not count them.
+    #[serde(default)]
+    equal_when_clamped: Option<Vec<usize>>,
 }
 
 impl History {
@@ -96,12 +99,9 @@ impl History {
 
     /// The PSNR of the last step on each training view.
     pub fn last_steps(&self) -> LastSteps {
-        let psnrs = || self.training.iter().flatten().copied();
-        LastSteps {
-            psnr: mean_of_psnrs(psnrs()),
-            views: psnrs().filter(|psnr| !psnr.is_infinite()).count(),
-            identical: psnrs().filter(|psnr| psnr.is_infinite()).count(),
-        }
+        let psnrs = self.training.iter().flatten().map(|psnr| psnr.is_finite().then_some(*psnr));
+        let MeanPsnr { mean, views, equal } = MeanPsnr::of(psnrs);
+        LastSteps { psnr: mean, views, identical: equal }
     }
 
     pub(crate) fn add_step(&mut self, record: &StepRecord) {
@@ -122,8 +122,14 @@ impl History {
 
     pub(crate) fn facts(&self) -> HistoryFacts {
         let evaluations = self.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.gaussians)).collect();
-        let identical = Some(self.evaluations.iter().map(|evaluation| evaluation.score.identical).collect());
-        HistoryFacts { changes: self.changes, held_out: self.held_out.clone(), evaluations, identical }
+        let scores = || self.evaluations.iter().map(|evaluation| evaluation.score);
+        HistoryFacts {
+            changes: self.changes,
+            held_out: self.held_out.clone(),
+            evaluations,
+            identical: Some(scores().map(|score| score.identical).collect()),
+            equal_when_clamped: Some(scores().map(|score| score.equal_when_clamped).collect()),
+        }
     }
 
     /// Arrays of a checkpoint: four numbers for each step, two for each evaluation, one for each training view.
@@ -139,27 +145,27 @@ impl History {
     /// The history of [`Self::facts`] and [`Self::arrays`] after some steps on some views; `None` for other lengths. Evaluations of
     /// earlier versions have no SSIM.
     pub(crate) fn restored(facts: HistoryFacts, arrays: &[Vec<f64>; 3], steps: u64, views: usize) -> Option<Self> {
-        let HistoryFacts { changes, held_out, evaluations, identical } = facts;
+        let HistoryFacts { changes, held_out, evaluations, identical, equal_when_clamped } = facts;
         let is_earlier = identical.is_none();
-        let identical = identical.unwrap_or_else(|| vec![0; evaluations.len()]);
+        let zeros = || vec![0; evaluations.len()];
+        let (identical, equal) = (identical.unwrap_or_else(zeros), equal_when_clamped.unwrap_or_else(zeros));
         let [losses, scores, training] = arrays;
         let ((losses, rest), (scores, no_rest)) = (losses.as_chunks::<4>(), scores.as_chunks::<2>());
         let fits = losses.len() as u64 == steps && scores.len() == evaluations.len() && training.len() == views;
-        if !fits || identical.len() != scores.len() || !rest.is_empty() || !no_rest.is_empty() {
+        let are_counted = [&identical, &equal].iter().all(|counts| counts.len() == scores.len());
+        if !fits || !are_counted || !rest.is_empty() || !no_rest.is_empty() {
             return None;
         }
         let terms = |[l1, d_ssim, mse, total]: &[f64; 4]| Terms { l1: *l1, d_ssim: *d_ssim, mse: *mse, total: *total };
-        let score = |[psnr, ssim]: &[f64; 2], identical: usize| MeanScore {
+        let score = |[psnr, ssim]: &[f64; 2], (identical, equal_when_clamped)| MeanScore {
             psnr: psnr.is_finite().then_some(*psnr),
             ssim: (ssim.is_finite() && !is_earlier).then_some(*ssim),
             identical,
+            equal_when_clamped,
         };
-        let evaluations = evaluations.into_iter().zip(scores.iter().zip(identical));
-        let evaluations = evaluations.map(|((step, gaussians), (of, identical))| Evaluation {
-            step,
-            gaussians,
-            score: score(of, identical),
-        });
+        let scores = scores.iter().zip(identical.into_iter().zip(equal)).map(|(of, counts)| score(of, counts));
+        let evaluations = evaluations.into_iter().zip(scores);
+        let evaluations = evaluations.map(|((step, gaussians), score)| Evaluation { step, gaussians, score });
         Some(Self {
             losses: losses.iter().map(terms).collect(),
             evaluations: evaluations.collect(),
@@ -188,7 +194,7 @@ mod tests {
             let changes = Changes { cloned: view, ..Changes::default() };
             history.add_step(&StepRecord { step, view, terms, regularisers: 0.0, gaussians: 5, changes });
         }
-        let score = MeanScore { psnr: None, ssim: Some(0.1), identical: 3 };
+        let score = MeanScore { psnr: None, ssim: Some(0.1), identical: 3, equal_when_clamped: 2 };
         history.add_evaluation(Evaluation { step: 2, gaussians: 5, score }, "views".to_owned());
         assert_eq!(history.changes.cloned, 2);
         let facts = || serde_json::from_str(&serde_json::to_string(&history.facts()).unwrap()).unwrap();
@@ -197,7 +203,10 @@ mod tests {
         assert!(restored == history && restored.is_of("views") && !restored.is_of("others"), "{restored:?}");
         assert_eq!(History::restored(facts(), &arrays, 3, 3), None, "a step without a loss");
         assert_eq!(History::restored(facts(), &arrays, 2, 2), None, "another number of views");
-        let earlier = HistoryFacts { identical: None, ..facts() };
+        let uncounted = HistoryFacts { equal_when_clamped: None, ..facts() };
+        let restored = History::restored(uncounted, &arrays, 2, 3).unwrap().evaluations[0].score;
+        assert_eq!(restored, MeanScore { equal_when_clamped: 0, ..score });
+        let earlier = HistoryFacts { identical: None, equal_when_clamped: None, ..facts() };
         let score = History::restored(earlier, &arrays, 2, 3).unwrap().evaluations[0].score;
         assert_eq!(score, MeanScore::default(), "of the SSIM of an earlier version");
     }

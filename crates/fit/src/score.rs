@@ -1,8 +1,10 @@
 //! How well renders of a scene match images.
 
+use std::fmt;
+
 use atsplat_camera::ImageSize;
 use atsplat_metrics::ssim::{Ssim, ssim};
-use atsplat_metrics::{Pair, Values, mean_squared_error};
+use atsplat_metrics::{MetricError, Pair, Values, mean_squared_error, psnr_of_mean_squared_error};
 use atsplat_numeric::mean;
 use atsplat_pixels::Image;
 use serde::Serialize;
@@ -10,30 +12,68 @@ use serde::Serialize;
 use crate::checkpoint::views_hash;
 use crate::{Fit, FitError, TrainingView};
 
-/// How well an image matches, by the metrics `psnr` and `ssim` of tables.
+/// How well a render matches an image, by the metrics `psnr` and `ssim` of tables.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Score {
-    /// PSNR of colours clamped to [0, 1], not rounded to 8 bits; in dB. Infinite for equal ones, NaN for a render that is not finite.
-    pub psnr: f64,
-    /// SSIM of skimage with a Gaussian window, of colours as rendered; `None` for images of fewer than 11 pixels a side, and for a
-    /// render that is not finite.
-    pub ssim: Option<f64>,
-    /// Whether the render and the image have the same bits.
-    pub is_identical: bool,
+pub enum Score {
+    /// The two have the same bits.
+    Identical,
+    /// The render is not finite.
+    NotFinite,
+    /// The others.
+    Compared {
+        /// PSNR of colours clamped to [0, 1], not rounded to 8 bits; in dB. `None` if clamping makes them equal.
+        psnr: Option<f64>,
+        /// SSIM of skimage with a Gaussian window, of colours as rendered; `None` for images of fewer than 11 pixels a side.
+        ssim: Option<f64>,
+    },
 }
 
 impl Score {
     /// Compares an image with that of a view of its size.
-    pub(crate) fn of(rgb: &[[f32; 3]], view: &TrainingView) -> Self {
+    ///
+    /// # Errors
+    /// [`FitError::View`] for images of other sizes.
+    pub(crate) fn of(rgb: &[[f32; 3]], view: &TrainingView) -> Result<Self, FitError> {
         let ImageSize { width, height } = view.view.size;
-        let image = |rgb: &[[f32; 3]]| Image::new(width, height, rgb.as_flattened().to_vec()).ok();
-        let images = image(rgb).zip(image(&view.rgb));
-        let pair = images.as_ref().and_then(|(render, truth)| Pair::new(render, truth).ok());
-        pair.map_or(Self { psnr: f64::NAN, ssim: None, is_identical: false }, |pair| Self {
-            psnr: psnr(mean_squared_error(&pair, Values::Clipped)),
-            ssim: ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).ok(),
-            is_identical: pair.is_identical(),
-        })
+        let wrong = |error: &dyn fmt::Display| FitError::View {
+            name: view.name.clone(),
+            expected: format!("images of {width}×{height} pixels"),
+            found: error.to_string(),
+        };
+        let image =
+            |rgb: &[[f32; 3]]| Image::new(width, height, rgb.as_flattened().to_vec()).map_err(|error| wrong(&error));
+        let (render, truth) = (image(rgb)?, image(&view.rgb)?);
+        let pair = match Pair::new(&render, &truth) {
+            Ok(pair) => pair,
+            Err(MetricError::NonFinite(_)) => return Ok(Self::NotFinite),
+            Err(error) => return Err(wrong(&error)),
+        };
+        if pair.is_identical() {
+            return Ok(Self::Identical);
+        }
+        // The only error is that no window fits.
+        let ssim = ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).ok();
+        Ok(Self::Compared { psnr: psnr(mean_squared_error(&pair, Values::Clipped)), ssim })
+    }
+
+    /// PSNR in dB; `None` for equal images, and for a render that is not finite.
+    pub const fn psnr(&self) -> Option<f64> {
+        match self {
+            Self::Compared { psnr, .. } => *psnr,
+            Self::Identical | Self::NotFinite => None,
+        }
+    }
+}
+
+/// The PSNR, or why there is none.
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Compared { psnr: Some(psnr), .. } => write!(f, "{psnr:.2} dB"),
+            Self::Compared { psnr: None, .. } => f.write_str("equal once clamped"),
+            Self::Identical => f.write_str("identical"),
+            Self::NotFinite => f.write_str("not finite"),
+        }
     }
 }
 
@@ -41,32 +81,51 @@ impl Score {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MeanScore {
-    /// Mean of [`Score::psnr`] without those of equal images; `None` if none is left, or if a render is not finite.
+    /// Mean PSNR of the views that differ from their image after clamping; `None` if there is none, or if a render is not finite.
     pub psnr: Option<f64>,
-    /// Mean of [`Score::ssim`]; `None` if no view is left, or if one of them has no SSIM.
+    /// Mean SSIM of the views that are not identical; `None` if there is none, or if one of them has no SSIM.
     pub ssim: Option<f64>,
-    /// How many views were left out.
+    /// How many views were left out of both.
     pub identical: usize,
+    /// How many views were left out of the mean PSNR alone, because clamping makes them equal.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub equal_when_clamped: usize,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
+const fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 impl MeanScore {
     fn of(scores: &[Score]) -> Self {
-        let counted = || scores.iter().filter(|score| !score.is_identical);
-        let ssims: Option<Vec<f64>> = counted().map(|score| score.ssim).collect();
+        let compared = || {
+            scores.iter().filter_map(|score| match score {
+                Score::Compared { psnr, ssim } => Some((*psnr, *ssim)),
+                Score::Identical | Score::NotFinite => None,
+            })
+        };
+        let is_finite = !scores.contains(&Score::NotFinite);
+        let psnrs = MeanPsnr::of(compared().map(|(psnr, _)| psnr));
+        let ssims: Option<Vec<f64>> = compared().map(|(_, ssim)| ssim).collect();
         Self {
-            psnr: mean_of_psnrs(counted().map(|score| score.psnr)),
-            ssim: ssims.and_then(mean),
-            identical: scores.iter().filter(|score| score.is_identical).count(),
+            psnr: psnrs.mean.filter(|_| is_finite),
+            ssim: ssims.filter(|_| is_finite).and_then(mean),
+            identical: scores.iter().filter(|score| **score == Score::Identical).count(),
+            equal_when_clamped: psnrs.equal,
         }
     }
 
     /// In words, such as `28.53 dB, SSIM 0.888 on 7 held-out views` of what is scored.
     pub fn on(&self, views: &str) -> String {
         let ssim = self.ssim.map_or_else(|| "no SSIM".to_owned(), |ssim| format!("SSIM {ssim:.3}"));
-        let left_out = match self.identical {
-            0 => String::new(),
-            count => format!(" ({count} identical to the photo, left out)"),
-        };
+        let left_out = [
+            (self.identical, "identical to the photo, left out"),
+            (self.equal_when_clamped, "equal to the photo once clamped, left out of the PSNR"),
+        ];
+        let left_out = left_out.iter().filter(|(count, _)| *count > 0);
+        let left_out: Vec<String> = left_out.map(|(count, what)| format!("{count} {what}")).collect();
+        let left_out = if left_out.is_empty() { String::new() } else { format!(" ({})", left_out.join("; ")) };
         format!("{}, {ssim} on {views}{left_out}", decibels(self.psnr))
     }
 }
@@ -76,14 +135,35 @@ pub(crate) fn decibels(psnr: Option<f64>) -> String {
     psnr.map_or_else(|| "no PSNR".to_owned(), |psnr| format!("{psnr:.2} dB"))
 }
 
-/// The mean of PSNRs without those of equal images, which are infinite; `None` without any, or if one is NaN.
-pub(crate) fn mean_of_psnrs(psnrs: impl Iterator<Item = f64>) -> Option<f64> {
-    mean(psnrs.filter(|psnr| !psnr.is_infinite())).filter(|psnr| !psnr.is_nan())
+/// A mean of PSNRs, without those of equal images.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MeanPsnr {
+    /// In dB; `None` without any.
+    pub(crate) mean: Option<f64>,
+    /// How many the mean is over.
+    pub(crate) views: usize,
+    /// How many were left out.
+    pub(crate) equal: usize,
 }
 
-/// In dB, of values in [0, 1].
-pub(crate) fn psnr(mse: f64) -> f64 {
-    -10.0 * mse.log10()
+impl MeanPsnr {
+    /// `None` is the PSNR of equal images.
+    pub(crate) fn of(psnrs: impl IntoIterator<Item = Option<f64>>) -> Self {
+        let (mut finite, mut equal) = (Vec::new(), 0);
+        for psnr in psnrs {
+            match psnr {
+                Some(psnr) => finite.push(psnr),
+                None => equal += 1,
+            }
+        }
+        let views = finite.len();
+        Self { mean: mean(finite), views, equal }
+    }
+}
+
+/// In dB, of values in [0, 1]; `None` for equal images, whose PSNR is infinite.
+pub(crate) fn psnr(mse: f64) -> Option<f64> {
+    psnr_of_mean_squared_error(mse).value()
 }
 
 /// Mean scores of held-out views after some steps.
@@ -122,7 +202,7 @@ impl Fit {
     pub fn score(&mut self, view: &TrainingView) -> Result<Score, FitError> {
         view.check()?;
         let rendering = self.render(&view.view)?;
-        Ok(Score::of(&rendering.rgb, view))
+        Score::of(&rendering.rgb, view)
     }
 
     /// Compares with the held-out views, always the same ones, and adds the scores to the [history](Self::history). `None` if there
@@ -177,7 +257,7 @@ pub fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -
         let same = nearest.view.size == view.view.size;
         same.then(|| psnr(squared / (3.0 * view.rgb.len() as f64)))
     };
-    mean_of_psnrs(held_out.iter().map(of_nearest).collect::<Option<Vec<f64>>>()?.into_iter())
+    MeanPsnr::of(held_out.iter().map(of_nearest).collect::<Option<Vec<Option<f64>>>>()?).mean
 }
 
 #[cfg(test)]
@@ -221,35 +301,41 @@ mod tests {
         let size = ImageSize { width: 13, height: 12 };
         let mut truth = view(0.0, 0.75);
         (truth.view.size, truth.rgb) = (size, vec![[0.75; 3]; 13 * 12]);
-        let score = Score::of(&[[1.25; 3]; 13 * 12], &truth);
+        let score = Score::of(&[[1.25; 3]; 13 * 12], &truth).unwrap();
+        let Score::Compared { psnr: Some(psnr), ssim: Some(ssim) } = score else { panic!("{score:?}") };
         let (a, b) = (1.25, 0.75);
         let luminance = (2.0 * a * b + 1e-4) / (a * a + b * b + 1e-4);
-        Tolerance::absolute(1e-6).assert([score.ssim.unwrap()], [luminance], "SSIM as rendered");
-        Tolerance::absolute(1e-6).assert([score.psnr], [-20.0 * 0.25_f64.log10()], "PSNR of the clamped colour");
-        assert!(!score.is_identical);
-        let small = Score::of(&[[0.5; 3]; 2], &view(0.0, 0.25));
-        assert_eq!(small.ssim, None, "no window fits");
-        let broken = Score::of(&[[f32::NAN; 3]; 2], &view(0.0, 0.25));
-        assert!(broken.psnr.is_nan() && broken.ssim.is_none() && !broken.is_identical, "{broken:?}");
+        Tolerance::absolute(1e-6).assert([ssim], [luminance], "SSIM as rendered");
+        Tolerance::absolute(1e-6).assert([psnr], [-20.0 * 0.25_f64.log10()], "PSNR of the clamped colour");
+        let small = Score::of(&[[0.5; 3]; 2], &view(0.0, 0.25)).unwrap();
+        assert!(matches!(small, Score::Compared { psnr: Some(_), ssim: None }), "no window fits: {small:?}");
+        let broken = Score::of(&[[f32::NAN; 3]; 2], &view(0.0, 0.25)).unwrap();
+        assert_eq!(broken, Score::NotFinite);
+        let error = Score::of(&[[0.5; 3]; 3], &view(0.0, 0.25)).unwrap_err().to_string();
+        assert!(error.starts_with("view x = 0: expected images of 2×1 pixels, found "), "{error}");
     }
 
-    /// The first render is exact, the second only after clamping.
+    /// The first render is exact, the second only after clamping, which leaves its SSIM as it is.
     #[test]
     fn identical_views_are_counted_and_left_out_of_means() {
-        let score = |psnr: f64, ssim: f64, is_identical: bool| Score { psnr, ssim: Some(ssim), is_identical };
-        let exact = score(f64::INFINITY, 1.0, true);
-        let scores = [exact, score(f64::INFINITY, 0.5, false), score(20.0, 0.25, false), score(30.0, 0.75, false)];
-        let means = MeanScore::of(&scores);
-        assert_eq!(means, MeanScore { psnr: Some(25.0), ssim: Some(0.5), identical: 1 });
-        let text = "25.00 dB, SSIM 0.500 on 4 views (1 identical to the photo, left out)";
-        assert_eq!(means.on("4 views"), text);
-        let all = MeanScore::of(&[exact; 2]);
-        assert_eq!(all, MeanScore { psnr: None, ssim: None, identical: 2 });
+        let score = |psnr: Option<f64>, ssim: f64| Score::Compared { psnr, ssim: Some(ssim) };
+        let clamped = Score::of(&[[1.25; 3]; 2], &view(0.0, 1.0)).unwrap();
+        assert_eq!(
+            (clamped, clamped.to_string().as_str()),
+            (Score::Compared { psnr: None, ssim: None }, "equal once clamped")
+        );
+        let others = [score(None, 0.5), score(Some(20.0), 0.25), score(Some(30.0), 0.75)];
+        let means = MeanScore::of(&[&[Score::Identical; 2][..], &others[..]].concat());
+        let expected = MeanScore { psnr: Some(25.0), ssim: Some(0.5), identical: 2, equal_when_clamped: 1 };
+        assert_eq!(means, expected);
+        let text = "25.00 dB, SSIM 0.500 on 5 views (2 identical to the photo, left out; 1 equal to the photo once clamped, left \
+                    out of the PSNR)";
+        assert_eq!(means.on("5 views"), text);
+        let all = MeanScore::of(&[Score::Identical; 2]);
+        assert_eq!(all, MeanScore { identical: 2, ..MeanScore::default() });
         assert_eq!(all.on("them"), "no PSNR, no SSIM on them (2 identical to the photo, left out)");
-        let broken = Score { psnr: f64::NAN, ssim: None, is_identical: false };
-        let means = MeanScore::of(&[score(20.0, 0.25, false), broken]);
+        let means = MeanScore::of(&[score(Some(20.0), 0.25), Score::NotFinite]);
         assert_eq!(means, MeanScore::default(), "a mean over the other view alone would hide it");
-        let same = Score::of(&view(0.0, 0.25).rgb, &view(0.0, 0.25));
-        assert!(same.is_identical && same.psnr.is_infinite(), "{same:?}");
+        assert_eq!(Score::of(&view(0.0, 0.25).rgb, &view(0.0, 0.25)).unwrap(), Score::Identical);
     }
 }

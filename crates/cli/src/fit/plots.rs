@@ -71,7 +71,7 @@ fn rows(fit: &mut Fit, views: &[TrainingView], are_training_views: bool) -> anyh
             None => (fit.render(&view.view)?, fit.score(view)?),
         };
         let targets = vec![[image(rendering.rgb)?, image(view.rgb.clone())?]];
-        let label = format!("{}, {:.2} dB", view.name, score.psnr);
+        let label = format!("{}, {score}", view.name);
         rows.push(ContactRow { label, context: Vec::new(), targets });
     }
     Ok(rows)
@@ -108,7 +108,7 @@ mod tests {
             for _ in 0..60 {
                 fit.step().unwrap();
             }
-            let as_given: Vec<f64> = training.iter().map(|view| fit.score(view).unwrap().psnr).collect();
+            let as_given: Vec<f64> = training.iter().map(|view| fit.score(view).unwrap().psnr().unwrap()).collect();
             for _ in &training {
                 let rows = rows(&mut fit, &training, true).unwrap();
                 let step = fit.step().unwrap();

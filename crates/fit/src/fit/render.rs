@@ -39,7 +39,7 @@ impl Fit {
     pub fn render_training(&mut self, number: usize) -> Result<Option<(Rendering<f32>, Score)>, FitError> {
         let Some(view) = self.optimised_view(number)? else { return Ok(None) };
         let rendering = self.render_exposed(&view, self.exposure(number))?;
-        let score = self.views.get(number).map(|view| Score::of(&rendering.rgb, view));
+        let score = self.views.get(number).map(|view| Score::of(&rendering.rgb, view)).transpose()?;
         Ok(score.map(|score| (rendering, score)))
     }
 }
