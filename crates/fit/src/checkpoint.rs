@@ -6,8 +6,9 @@ use std::collections::BTreeMap;
 use std::io::Result as IoResult;
 use std::path::Path;
 
+use atsplat_camera::{Camera, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_files::{FileError, Malformed, Sha256Digest, changes};
-use atsplat_splat::Gaussians;
+use atsplat_splat::{Gaussians, View};
 use atsplat_tensors::{DType, StoredTensors, TensorError, TensorView, read_metadata, write_safetensors};
 use serde::{Deserialize, Serialize};
 
@@ -17,14 +18,19 @@ use crate::history::HistoryFacts;
 use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView, TrainingViews};
 
 const METADATA: &str = "atsplat.fit";
+/// Hash of the text of [`METADATA`]; earlier versions did not write it.
+const METADATA_DIGEST: &str = "atsplat.fit-sha256";
 const WRITING: &str = "writing a checkpoint";
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Metadata {
     step: u64,
-    /// Hash of configuration and views.
+    /// Hash of configuration and views, with which earlier versions recognise a run.
     run: String,
-    /// The configuration, to say what has changed; earlier versions did not write it.
+    /// Hash of the views; earlier versions did not write it.
+    #[serde(default)]
+    views: Option<String>,
+    /// The configuration; earlier versions did not write it.
     #[serde(default)]
     configuration: Option<serde_json::Value>,
     /// Hash of the initial Gaussians, on which extent and first degree depend too.
@@ -83,6 +89,7 @@ impl Fit {
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
+            views: Some(views_hash(&self.views)),
             configuration: Some(serde_json::to_value(&self.config).map_err(not_json)?),
             start: self.start.clone(),
             device: self.device().to_owned(),
@@ -102,7 +109,8 @@ impl Fit {
             let view = TensorView::new(dtype, vec![bytes.len() / dtype.bytes()], bytes)?;
             Ok((name, view))
         });
-        let metadata = BTreeMap::from([(METADATA.to_owned(), text)]);
+        let digest = Sha256Digest::of(text.as_bytes()).to_string();
+        let metadata = BTreeMap::from([(METADATA.to_owned(), text), (METADATA_DIGEST.to_owned(), digest)]);
         let views: Result<Vec<_>, TensorError> = views.collect();
         let written = views.and_then(|views| write_safetensors(path, &views, &metadata));
         written.map_err(|error| of_tensors(error, WRITING, path))
@@ -126,9 +134,7 @@ impl Fit {
         let wrong = |field: &str, expected: &str, found: String| wrong(path, field, expected, found);
         let stored = StoredTensors::open(path).map_err(|error| of_tensors(error, "reading a checkpoint", path))?;
         let metadata = metadata_of(&stored, path)?;
-        if metadata.run != run_hash(&config, &views) {
-            return Err(other_run(metadata.configuration.as_ref(), &config, path));
-        }
+        check_run(&metadata, &config, &views, path)?;
         if metadata.device != device.name() {
             return Err(wrong("device", device.name(), metadata.device));
         }
@@ -179,6 +185,10 @@ impl Fit {
 fn metadata_of(stored: &StoredTensors, path: &Path) -> Result<Metadata, FitError> {
     let text = stored.metadata.get(METADATA);
     let text = text.ok_or_else(|| wrong(path, METADATA, "metadata", "none".to_owned()))?;
+    let digest = stored.metadata.get(METADATA_DIGEST);
+    if digest.is_some_and(|digest| *digest != Sha256Digest::of(text.as_bytes()).to_string()) {
+        return Err(wrong(path, METADATA, "the metadata that were written", "others".to_owned()));
+    }
     serde_json::from_str(text)
         .map_err(|error| wrong(path, METADATA, "metadata as this version writes it", error.to_string()))
 }
@@ -196,6 +206,18 @@ fn of_tensors(error: TensorError, action: &'static str, path: &Path) -> FitError
 
 fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
     FitError::Checkpoint { field: field.to_owned(), expected: expected.to_owned(), found, path: path.to_owned() }
+}
+
+/// Rejects a checkpoint of a run with another configuration or other views.
+fn check_run(metadata: &Metadata, config: &FitConfig, views: &[TrainingView], path: &Path) -> Result<(), FitError> {
+    let is_same = match (&metadata.views, &metadata.configuration) {
+        (Some(written), Some(recorded)) => {
+            *written == views_hash(views) && changes(recorded, config).is_ok_and(|changed| changed.is_empty())
+        }
+        // Of an earlier version.
+        _ => metadata.run == run_hash(config, views),
+    };
+    if is_same { Ok(()) } else { Err(other_run(metadata.configuration.as_ref(), config, path)) }
 }
 
 /// The error for a checkpoint of a run with another configuration or other views.
@@ -217,8 +239,8 @@ fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
     Sha256Digest::of(run_text(config, views).as_bytes()).to_string()
 }
 
-/// What is hashed. The names of the configuration's and the cameras' types and fields are part of it: whoever changes one of them gives up
-/// the checkpoints of earlier versions.
+/// What is hashed. The names of the configuration's types and fields are part of it: whoever changes one of them gives up the checkpoints of
+/// versions that wrote no hash of the views alone.
 fn run_text(config: &FitConfig, views: &[TrainingView]) -> String {
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
     lines.join("\n")
@@ -230,9 +252,31 @@ pub(crate) fn views_hash(views: &[TrainingView]) -> String {
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }
 
+/// Records and checkpoints have the hash of this text, so that it does not follow the names of types and fields.
 fn of_view(view: &TrainingView) -> String {
     let pixels = Sha256Digest::of(bytemuck::cast_slice(view.rgb.as_flattened()));
-    format!("{:?} {pixels}", view.view)
+    let View { camera: Camera { camera_from_world, intrinsics, distortion }, size } = view.view;
+    let vector = |[x, y, z]: [f64; 3]| format!("DVec3({x:?}, {y:?}, {z:?})");
+    let [x, y, z] = camera_from_world.rotation().to_cols_array_2d().map(vector);
+    let translation = vector(camera_from_world.translation().to_array());
+    let rotation = format!("DMat3 {{ x_axis: {x}, y_axis: {y}, z_axis: {z} }}");
+    let pose = format!("CameraFromWorld(Rigid {{ rotation: {rotation}, translation: {translation} }})");
+    let NormalizedIntrinsics { fx, fy, cx, cy } = intrinsics;
+    let intrinsics = format!("NormalizedIntrinsics {{ fx: {fx:?}, fy: {fy:?}, cx: {cx:?}, cy: {cy:?} }}");
+    let lens = of_lens(distortion);
+    let camera = format!("Camera {{ camera_from_world: {pose}, intrinsics: {intrinsics}, distortion: {lens} }}");
+    let ImageSize { width, height } = size;
+    format!("View {{ camera: {camera}, size: ImageSize {{ width: {width}, height: {height} }} }} {pixels}")
+}
+
+fn of_lens(distortion: Distortion) -> String {
+    match distortion {
+        Distortion::None => "None".to_owned(),
+        Distortion::OpenCv { k1, k2, k3, p1, p2 } => {
+            format!("OpenCv {{ k1: {k1:?}, k2: {k2:?}, k3: {k3:?}, p1: {p1:?}, p2: {p2:?} }}")
+        }
+        Distortion::Fisheye { k } => format!("Fisheye {{ k: {k:?} }}"),
+    }
 }
 
 /// Hash of the Gaussians that a run starts from, as they are given.

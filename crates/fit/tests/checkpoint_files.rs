@@ -127,6 +127,7 @@ fn an_error_of_a_damaged_checkpoint_names_its_file_and_the_field() {
         (whole[..whole.len() - 1].to_vec(), "tensor \"second-moment/sh\": expected data within "),
         (replaced("atsplat.fit", "atsplat.fat"), "atsplat.fit: expected metadata, found none"),
         (replaced("value/means", "value/meant"), "value/means: expected a tensor of float32, found none"),
+        (replaced(r#"\"step\":0"#, r#"\"step\":3"#), "atsplat.fit: expected the metadata that were written"),
         (replaced("\"F64\"", "\"I64\""), "history/losses: expected a tensor of float64, found int64 [0]"),
     ] {
         std::fs::write(&path, &bytes).unwrap();

@@ -6,7 +6,7 @@
 mod common;
 
 use atsplat_fit::{Fit, FitDevice, Strategy};
-use common::{config, run, start, views};
+use common::{config, rewrite_metadata, run, start, views};
 
 #[test]
 fn a_resumed_run_goes_on_counting_its_time() {
@@ -24,16 +24,10 @@ fn a_resumed_run_goes_on_counting_its_time() {
     };
     let found = resumed().unwrap();
     assert!(found.seconds > before.seconds && found.since_step == 0, "{found:?} after {before:?}");
-    let replace = |from: &str, to: &str| {
-        let mut bytes = std::fs::read(&path).unwrap();
-        let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
-        bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
-        std::fs::write(&path, bytes).unwrap();
-    };
-    replace(r#"\"since-step\":0"#, r#"\"since-step\":6"#);
+    rewrite_metadata(&path, r#"\"since-step\":0"#, r#"\"since-step\":6"#);
     let error = resumed().unwrap_err().to_string();
     assert!(error.starts_with("checkpoint: elapsed: expected the time of a run"), "{error}");
     // As before checkpoints had a time.
-    replace(r#"\"elapsed\":"#, r#"\"elapsee\":"#);
+    rewrite_metadata(&path, r#"\"elapsed\":"#, r#"\"elapsee\":"#);
     assert_eq!(resumed().unwrap().since_step, 5);
 }

@@ -11,7 +11,7 @@ use atsplat_fit::{Background, Fit, FitConfig, FitDevice, FitError, Rates, StopRe
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
-use common::{config, held_out, random, run, start, truth, view, views};
+use common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views};
 use glam::{DMat3, DVec3};
 
 #[test]
@@ -211,11 +211,7 @@ fn a_checkpoint_of_another_start_or_of_other_held_out_views_is_rejected() {
     assert!(resumed.history() == whole.history(), "another history");
 
     // As before checkpoints had a hash of the initial Gaussians.
-    let (name, other) = (br#"\"start\":"#, br#"\"stare\":"#);
-    let mut bytes = std::fs::read(&path).unwrap();
-    let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
-    bytes[at..at + name.len()].copy_from_slice(other);
-    std::fs::write(&path, &bytes).unwrap();
+    rewrite_metadata(&path, r#"\"start\":"#, r#"\"stare\":"#);
     let error = resume(&start, &held_out).unwrap_err().to_string();
     assert!(error.contains("expected metadata as this version writes it, found missing field `start`"), "{error}");
 }
@@ -229,11 +225,7 @@ fn corrections_of_an_earlier_version_are_not_resumed() {
     let resumed = |exposure_rate: Option<f64>| {
         let config = FitConfig { exposure_rate, ..config(Strategy::Fixed, 20) };
         Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
-        let (name, other) = (br#"\"joint_corrections\":"#, br#"\"joint_correctionz\":"#);
-        let mut bytes = std::fs::read(&path).unwrap();
-        let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
-        bytes[at..at + name.len()].copy_from_slice(other);
-        std::fs::write(&path, &bytes).unwrap();
+        rewrite_metadata(&path, r#"\"joint_corrections\":"#, r#"\"joint_correctionz\":"#);
         let resumed = Fit::resume(config, views.clone(), &[], &start, FitDevice::default(), &path);
         resumed.map(drop).map_err(|error| error.to_string())
     };
@@ -265,12 +257,9 @@ fn a_checkpoint_without_all_that_density_control_remembers_is_rejected() {
     let (views, start) = (views().0, start(Strategy::Gaussians3d, 50));
     let config = config(Strategy::Gaussians3d, 50);
     Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
-    let (names, fewer) = (br#"[\"gradient-sums\",\"gradient-counts\"]"#, br#"[\"gradient-sums\"]                    "#);
+    let (names, fewer) = (r#"[\"gradient-sums\",\"gradient-counts\"]"#, r#"[\"gradient-sums\"]                    "#);
     assert_eq!(names.len(), fewer.len());
-    let mut bytes = std::fs::read(&path).unwrap();
-    let at = bytes.windows(names.len()).position(|window| window == names).unwrap();
-    bytes[at..at + names.len()].copy_from_slice(fewer);
-    std::fs::write(&path, &bytes).unwrap();
+    rewrite_metadata(&path, names, fewer);
     let error = Fit::resume(config, views, &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(
         error.contains(r#"memory: expected ["gradient-sums", "gradient-counts"], found ["gradient-sums"]"#),

@@ -1,5 +1,5 @@
-use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
-use atsplat_splat::{RendererConstants, View};
+use atsplat_camera::CameraFromWorld;
+use atsplat_splat::RendererConstants;
 use glam::{DMat3, DVec3};
 
 use super::*;
@@ -65,5 +65,43 @@ fn hashed_names_of_choices_are_those_of_earlier_versions() {
     };
     assert_eq!(chosen("exact"), "Exact Full Standard Exact");
     assert_eq!(chosen("inria"), "ThreeSigmaTiles Centre Standard Inria");
-    assert_eq!(format!("{:?}", Distortion::Fisheye { k: [0.1, 0.2, 0.3, 0.4] }), "Fisheye { k: [0.1, 0.2, 0.3, 0.4] }");
+    assert_eq!(of_lens(Distortion::Fisheye { k: [0.1, 0.2, 0.3, 0.4] }), "Fisheye { k: [0.1, 0.2, 0.3, 0.4] }");
+}
+
+/// By its settings and views; only checkpoints of earlier versions need the hash of both.
+#[test]
+fn a_run_is_recognised_by_its_settings_and_views() {
+    let config = FitConfig::new(Strategy::Fixed, 7);
+    let views = [view(Distortion::None, &[[1.0, 0.5, 0.25]])];
+    let path = Path::new("state");
+    let metadata = |run: String, of_views: Option<String>| Metadata {
+        step: 0,
+        run,
+        views: of_views,
+        configuration: Some(serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap()),
+        start: String::new(),
+        device: "cpu".to_owned(),
+        sh_degree: 0,
+        filtered: false,
+        memory: Vec::new(),
+        history: History::default().facts(),
+        empty_steps: 0,
+        joint_corrections: true,
+        elapsed: None,
+        tensors: String::new(),
+    };
+    let written = metadata("of renamed fields".to_owned(), Some(views_hash(&views)));
+    let earlier = metadata(run_hash(&config, &views), None);
+    let longer = FitConfig { steps: 8, ..config.clone() };
+    let other_views = [view(Distortion::None, &[[1.0, 0.5, 0.75]])];
+    for metadata in [&written, &earlier] {
+        check_run(metadata, &config, &views, path).unwrap();
+        let error = |config: &FitConfig, views: &[TrainingView]| {
+            check_run(metadata, config, views, path).unwrap_err().to_string()
+        };
+        let of_steps = error(&longer, &views);
+        assert!(of_steps.contains("configuration: ") && of_steps.contains("steps: 7, now 8"), "{of_steps}");
+        let of_views = error(&config, &other_views);
+        assert!(of_views.contains("views: expected those that this run trains on"), "{of_views}");
+    }
 }
