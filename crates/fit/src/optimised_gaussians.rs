@@ -102,10 +102,10 @@ fn zeros(parts: &GaussianParts) -> GaussianParts {
     }
 }
 
+/// Replaces a value at the position of a Gaussian.
+#[expect(clippy::expect_used, reason = "positions are those of Gaussians, of which each array has one value")]
 pub(crate) fn set<T>(values: &mut [T], position: usize, value: T) {
-    if let Some(slot) = values.get_mut(position) {
-        *slot = value;
-    }
+    *values.get_mut(position).expect("a Gaussian at the position") = value;
 }
 
 /// The logistic function, the inverse of [`atsplat_numeric::logit`].
@@ -116,6 +116,12 @@ pub(crate) fn sigmoid(logit: f32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[should_panic(expected = "a Gaussian at the position")]
+    fn a_position_of_no_gaussian_does_not_pass_unnoticed() {
+        set(&mut [1.0, 2.0], 2, 0.0);
+    }
 
     #[test]
     fn gaussians_are_empty_if_there_are_none() {

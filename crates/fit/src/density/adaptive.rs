@@ -71,11 +71,11 @@ impl Adaptive {
             }
         }
         let prune_large = context.step > context.schedule.reset_every;
+        #[expect(clippy::expect_used, reason = "positions are those of Gaussians")]
         let keeps = |parts: &GaussianParts, position: usize| {
-            let opacity = parts.opacity_logits.get(position).is_some_and(|logit| sigmoid(*logit) >= LEAST_OPACITY);
-            let scale =
-                parts.log_scales.get(position).is_some_and(|scales| largest(scales) <= LARGEST_SCALE * context.extent);
-            opacity && (scale || !prune_large)
+            let of_gaussian = parts.opacity_logits.get(position).zip(parts.log_scales.get(position));
+            let (logit, scales) = of_gaussian.expect("a Gaussian at the position");
+            sigmoid(*logit) >= LEAST_OPACITY && (largest(scales) <= LARGEST_SCALE * context.extent || !prune_large)
         };
         let mut new = scene.copies(&clones)?;
         append(&mut new, children(&scene.copies(&parents)?, context));
@@ -192,8 +192,12 @@ fn reset(scene: &mut OptimisedGaussians) {
     scene.second_moments.opacity_logits.fill(0.0);
 }
 
-/// Appends Gaussians of the same degree, with filters if both have them.
+/// Appends Gaussians of the same degree. All have filters, or none has.
 fn append(to: &mut GaussianParts, from: GaussianParts) {
+    debug_assert!(
+        to.means.is_empty() || from.means.is_empty() || to.filter_3d.is_some() == from.filter_3d.is_some(),
+        "filters of all Gaussians or of none"
+    );
     to.means.extend(from.means);
     to.quaternions.extend(from.quaternions);
     to.log_scales.extend(from.log_scales);

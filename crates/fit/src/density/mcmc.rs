@@ -91,8 +91,8 @@ pub fn relocated(opacity: f64, copies: usize) -> (f64, f64) {
 /// Moves dead Gaussians to live ones; returns their number.
 fn relocate(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
-    let dead: Vec<usize> =
-        (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
+    let dead = opacities.iter().enumerate().filter(|(_, opacity)| is_dead(**opacity));
+    let dead: Vec<usize> = dead.map(|(position, _)| position).collect();
     let weights = opacities.iter().map(|opacity| if is_dead(*opacity) { 0.0 } else { *opacity });
     let sources = weighted(&mut context.stream(Purpose::Relocation), weights, dead.len());
     if sources.len() < dead.len() {
@@ -146,6 +146,7 @@ fn grow(scene: &mut OptimisedGaussians, context: &StepContext) -> Result<usize, 
 
 /// Corrects opacity and scales of Gaussians that will be in one place with copies of themselves, one for each time that they
 /// are listed.
+#[expect(clippy::expect_used, reason = "sources are positions of Gaussians")]
 fn share(scene: &mut OptimisedGaussians, sources: &[usize]) {
     let mut copies = std::collections::BTreeMap::new();
     for source in sources {
@@ -153,18 +154,17 @@ fn share(scene: &mut OptimisedGaussians, sources: &[usize]) {
     }
     let parts = &mut scene.parts;
     for (source, copies) in copies {
-        if let (Some(value), Some(scales)) = (parts.opacity_logits.get_mut(source), parts.log_scales.get_mut(source)) {
-            let (opacity, factor) = relocated(sigmoid(*value), copies);
-            *value = logit(opacity.clamp(DEAD, 1.0 - f64::from(f32::EPSILON)));
-            *scales = scales.map(|log| narrowed(f64::from(log) + factor.ln()));
-        }
+        let of_source = parts.opacity_logits.get_mut(source).zip(parts.log_scales.get_mut(source));
+        let (value, scales) = of_source.expect("a Gaussian at the position");
+        let (opacity, factor) = relocated(sigmoid(*value), copies);
+        *value = logit(opacity.clamp(DEAD, 1.0 - f64::from(f32::EPSILON)));
+        *scales = scales.map(|log| narrowed(f64::from(log) + factor.ln()));
     }
 }
 
+#[expect(clippy::expect_used, reason = "there is a copy for each place")]
 fn copy<T: Copy>(from: &[T], at: usize, into: &mut [T], to: usize) {
-    if let Some(value) = from.get(at) {
-        set(into, to, *value);
-    }
+    set(into, to, *from.get(at).expect("a copied Gaussian"));
 }
 
 /// Adds `Σ · noise` to the means, more the fainter the Gaussian.

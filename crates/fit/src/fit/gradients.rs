@@ -1,5 +1,5 @@
 use atsplat_numeric::narrowed;
-use atsplat_splat::Exposure;
+use atsplat_splat::{Exposure, Gradients};
 use pulp::Arch;
 use rayon::prelude::*;
 
@@ -49,8 +49,27 @@ impl Fit {
 
     /// The first parameter with gradients that are not finite.
     pub(super) fn non_finite_gradients(&self) -> Option<StopReason> {
-        let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
-        let fields = self.gradients.gaussians.fields().into_iter().filter(|(name, _)| used.contains(name));
+        // Those that nothing is optimised by are named, so that a new one is not left out by accident.
+        let Gradients {
+            means,
+            quaternions,
+            log_scales,
+            opacity_logits,
+            sh,
+            pose,
+            scalars: _,
+            means_2d: _,
+            conics: _,
+            background: _,
+        } = &self.gradients.gaussians;
+        let fields: [(&'static str, &[f32]); 6] = [
+            ("means", means.as_flattened()),
+            ("quaternions", quaternions.as_flattened()),
+            ("log_scales", log_scales.as_flattened()),
+            ("opacity_logits", opacity_logits),
+            ("sh", sh.as_flattened()),
+            ("pose", pose),
+        ];
         fields.into_iter().find_map(|(parameter, values)| {
             let non_finite = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
             let count =

@@ -4,15 +4,13 @@ mod frustum;
 mod neighbours;
 
 use atsplat_numeric::{Extremes as _, logit, narrowed};
+use atsplat_splat::sh::C0;
 use atsplat_splat::{GaussianParts, Gaussians};
 
 use crate::optimised_gaussians::gaussians_of;
 use crate::{FitError, Strategy};
 
 pub use frustum::in_frustums;
-
-/// Constant of the basis of degree 0.
-const C0: f64 = 0.282_094_791_773_878_14;
 
 /// A coloured point, for example of COLMAP's sparse model.
 #[derive(Clone, Copy, Debug, PartialEq)]
