@@ -200,7 +200,8 @@ impl<'a> Views<'a> {
 /// The frames of the entry that the scene has, with the header of their image or why it is unknown.
 type ImageHeaders<'a> = BTreeMap<usize, (&'a Frame, Result<ImageHeader, String>)>;
 
-/// Reads the headers of images; sizes of absent ones are as stated by the frame or expected by the protocol. Other irregularities of a header are counted as warnings.
+/// Reads the headers of images; sizes of absent ones are as stated by the frame or expected by the protocol. Other irregularities of a
+/// header are counted as warnings.
 fn image_headers<'a>(
     scene: &'a Scene,
     entry: &IndexEntry,
