@@ -239,8 +239,8 @@ fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
     Sha256Digest::of(run_text(config, views).as_bytes()).to_string()
 }
 
-/// What is hashed. The names of the configuration's types and fields are part of it: whoever changes one of them gives up the checkpoints of
-/// versions that wrote no hash of the views alone.
+/// What is hashed. The names of the configuration's types and fields are part of it: whoever changes one of them gives up the checkpoints
+/// of versions that wrote no hash of the views alone.
 fn run_text(config: &FitConfig, views: &[TrainingView]) -> String {
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
     lines.join("\n")
