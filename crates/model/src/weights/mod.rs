@@ -23,9 +23,7 @@ pub use inspection::{Backbone, Inspection};
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;
 pub use model_weights::{CHECKPOINT_KEY, ModelWeights, Precision};
-pub use report::{
-    ImportReport, Matched, MismatchCounts, MismatchReason, Mismatched, Missing, OtherSets, UnusedTensor,
-};
+pub use report::{ImportReport, Matched, MismatchCounts, MismatchReason, Mismatched, Missing, OtherSets, UnusedTensor};
 pub use verification::Verification;
 
 #[cfg(test)]
