@@ -1,7 +1,5 @@
 //! `atsplat data simulate` as a user runs it.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 
 use std::process::{Command, Stdio};
