@@ -164,8 +164,8 @@ impl TorchChunks {
             warnings.merge(from_chunk);
             let keys = keys.unwrap_or_else(|error| {
                 let indexed: Vec<String> = index.keys().filter(|key| is_indexed_in(key, path)).cloned().collect();
-                // The scenes of the index fail when they are loaded.
-                if indexed.is_empty() {
+                // The scenes of the index fail when they are loaded, unless an earlier chunk has all of them.
+                if indexed.iter().all(|key| seen.contains(key)) {
                     warnings.push(WarningKind::UnreadableScene, path.display().to_string(), error.to_string());
                 }
                 indexed

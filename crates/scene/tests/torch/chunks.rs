@@ -209,10 +209,14 @@ fn a_scene_with_the_key_of_another_in_its_chunk_is_lost() {
     assert_eq!((counts(&warnings), left_out(&warnings, &warnings)), ([1, 2, 0], 2), "{warnings:?}");
     let detail = &warnings.kept().last().unwrap().detail;
     assert!(detail.starts_with("scene 4 of the chunk: expected a unique key, found the key \"one\""), "{detail}");
-    // No index can list them.
     let indexed =
         folder(&[("index.json", br#"{"one": "000000.torch", "two": "000000.torch"}"#), ("000000.torch", &chunk)]);
-    let (source, opening) = open(indexed.path());
+    let (source, warnings) = open(indexed.path());
+    assert_eq!(source.unwrap().keys(), ["one", "two"]);
+    assert_eq!((counts(&warnings), left_out(&warnings, &warnings)), ([1, 2, 0], 2), "{warnings:?}");
+    // Found when the chunk is fetched; no index can list them.
+    let (source, opening) = open_to_fetch(indexed.path());
+    assert_eq!(opening.total(), 0, "{opening:?}");
     let mut warnings = opening.clone();
     source.unwrap().load("one", &mut warnings).unwrap_err();
     assert_eq!((counts(&warnings), left_out(&opening, &warnings)), ([1, 0, 2], 2), "{warnings:?}");

@@ -62,3 +62,19 @@ fn an_invalid_chunk_of_an_index_keeps_its_scenes() {
     assert!(warnings.kept().iter().any(|warning| warning.scene.ends_with("000002.torch")), "{warnings:?}");
     assert!(matches!(source.load("lost", &mut Warnings::new()), Err(SceneError::Torch { .. })));
 }
+
+/// The chunk before it has the scene that the index lists in the invalid one: nothing is left to fail when it is loaded.
+#[test]
+fn an_invalid_chunk_whose_scenes_are_in_an_earlier_one_is_reported() {
+    let (chunk, invalid) = (fixture_bytes("zip.torch"), b"PK\x03\x04 and no more");
+    let index = format!(r#"{{"{}": "000000.torch", "{}": "000001.torch"}}"#, KEYS[0], KEYS[1]);
+    let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", invalid)]);
+    let (source, warnings) = open(folder.path());
+    let source = source.unwrap();
+    assert_eq!(source.keys(), KEYS);
+    assert_eq!(source.files(KEYS[1]).unwrap(), [folder.path().join("000000.torch")]);
+    let counts = [WarningKind::UnreadableScene, WarningKind::DuplicateScene].map(|kind| warnings.count(kind));
+    assert_eq!((counts, warnings.total()), ([1, 1], 2), "{warnings:?}");
+    let unreadable = warnings.kept().iter().find(|warning| warning.kind == WarningKind::UnreadableScene).unwrap();
+    assert!(unreadable.scene.ends_with("000001.torch"), "{unreadable}");
+}
