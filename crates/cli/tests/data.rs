@@ -373,8 +373,11 @@ fn clips_without_times_have_no_speed() {
     assert!(outcome.stderr.contains(note), "{}", outcome.stderr);
     assert!(outcome.stdout.contains("straightness          photos     1    1.000"), "{}", outcome.stdout);
     let report: serde_json::Value =
-        serde_json::from_str(&succeed(here, &["data", "motion", "photos", "--json"])).unwrap();
-    assert!(report["groups"][0]["clips"][0]["speed"].is_null(), "{report}");
+        serde_json::from_str(&succeed(here, &["data", "motion", "photos", "video", "--json"])).unwrap();
+    let of_group = |group: usize, field: &str| &report["groups"][group]["clips"][0][field];
+    for field in ["seconds", "speed"] {
+        assert!(of_group(0, field).is_null() && of_group(1, field).is_number(), "{field}: {report}");
+    }
 }
 
 /// The loader makes rotations orthonormal, which changes their trace by about 1e-9; for half a degree, a step of half a
@@ -404,7 +407,7 @@ fn motion_of_real_clips_agrees_with_numpy() {
             tolerance.assert(read(found), read(expected), &found.clip);
         };
         check(printed(6), &|clip| vec![clip.fx, clip.fy]);
-        check(printed(3), &|clip| vec![clip.seconds]);
+        check(printed(3), &|clip| Vec::from_iter(clip.seconds));
         check(TURNS, &|clip| Vec::from_iter(clip.turn_degrees_per_second));
         check(printed(2), &|clip| Vec::from_iter(clip.travel_to_axis_degrees));
         check(printed(4), &|clip| {

@@ -41,7 +41,7 @@ pub struct FrameCosts {
     pub all: Timing,
     /// The second over the first: how many times as fast the scene's effects are.
     pub speedup: f64,
-    /// The effects that run.
+    /// The effects that the scene needs, of those that run.
     pub effects: Vec<EffectCost>,
     /// Against the frame with all effects.
     pub difference: ImageDifference,
@@ -114,23 +114,23 @@ impl Simulation {
     /// # Errors
     /// As [`Self::image`].
     pub fn costs(&self, frame: usize) -> Result<FrameCosts, RoomsError> {
-        let kinds: Vec<EffectKind> = self.active_effects().iter().map(|active| active.effect).collect();
-        let others = |kind: EffectKind| kinds.iter().copied().filter(|other| *other != kind).collect();
-        let chosen = |choice: &EffectChoice| Effects::choose(&self.context(), choice);
-        let without: Vec<Effects> = kinds.iter().map(|kind| chosen(&EffectChoice::Only(others(*kind)))).collect();
+        let without = self.without_each();
         let (all, _) = self.all_effects()?;
         let (mut frame_secs, mut all_secs) = (Vec::new(), Vec::new());
-        let mut saved = vec![Vec::new(); kinds.len()];
+        let mut saved = vec![Vec::new(); without.len()];
         for _ in 0..PAIRS {
             let secs = self.secs(frame, &self.effects)?;
             frame_secs.push(secs);
             all_secs.push(self.secs(frame, &all)?);
-            for (of_effect, without) in saved.iter_mut().zip(&without) {
-                of_effect.push(secs - self.secs(frame, without)?);
+            for (of_effect, (_, others)) in saved.iter_mut().zip(&without) {
+                of_effect.push(secs - self.secs(frame, others)?);
             }
         }
         let ratios: Vec<f64> = all_secs.iter().zip(&frame_secs).map(|(all, frame)| all / frame).collect();
-        let effects = kinds.iter().zip(saved).map(|(&effect, secs)| EffectCost { effect, time: Timing::of(secs) });
+        let effects = without.iter().zip(saved).map(|((effect, _), secs)| {
+            let (effect, time) = (*effect, Timing::of(secs));
+            EffectCost { effect, time }
+        });
         Ok(FrameCosts {
             frame: Timing::of(frame_secs),
             all: Timing::of(all_secs),
@@ -138,6 +138,15 @@ impl Simulation {
             effects: effects.collect(),
             difference: self.difference_from_all(frame)?,
         })
+    }
+
+    /// Each effect that the scene needs, with the others that run: also those that were requested, but of which nothing can be seen.
+    fn without_each(&self) -> Vec<(EffectKind, Effects)> {
+        let others = |kind: EffectKind| {
+            let kinds = self.effects.kinds().filter(|other| *other != kind).collect();
+            Effects::choose(&self.context(), &EffectChoice::Only(kinds))
+        };
+        self.active_effects().iter().map(|active| (active.effect, others(active.effect))).collect()
     }
 
     /// Compares a frame with the one that all effects give, each at its own exposure. If the lens was left out, it is in neither.
@@ -181,9 +190,39 @@ impl Simulation {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::ImageSize;
     use atsplat_numeric::Tolerance;
 
     use super::*;
+    use crate::{Request, SceneKind, SceneSeed, Split};
+
+    /// The second yard needs no lens. Without another effect a requested one still runs, so its time is not that effect's.
+    #[test]
+    fn a_requested_effect_that_is_not_seen_runs_without_each_of_the_others() {
+        let seed = SceneSeed { split: Split::Train, number: 1 };
+        let size = ImageSize { width: 8, height: 6 };
+        let plain = Request { size, frames: 2, samples: 1, ..Request::new(SceneKind::Yards, seed) };
+        let pair = EffectChoice::Only(vec![EffectKind::SoftShadows, EffectKind::LensDistortion]);
+        for effects in [EffectChoice::All, pair, EffectChoice::Auto] {
+            let simulation = Simulation::new(Request { effects: effects.clone(), ..plain.clone() }).unwrap();
+            let is_absent =
+                simulation.absent_effects().iter().any(|absent| absent.effect == EffectKind::LensDistortion);
+            assert_eq!(is_absent, effects != EffectChoice::Auto, "{simulation}");
+            let running: Vec<EffectKind> = simulation.effects.kinds().collect();
+            assert_eq!(running.contains(&EffectKind::LensDistortion), is_absent);
+            let without = simulation.without_each();
+            for (kind, others) in &without {
+                let mut expected = running.clone();
+                expected.retain(|running| running != kind);
+                assert_eq!(others.kinds().collect::<Vec<_>>(), expected, "without {kind}");
+            }
+            let needed: Vec<EffectKind> = simulation.active_effects().iter().map(|active| active.effect).collect();
+            assert!(needed.contains(&EffectKind::SoftShadows) && !needed.contains(&EffectKind::LensDistortion));
+            let measured = simulation.costs(0).unwrap().effects;
+            assert_eq!(measured.iter().map(|cost| cost.effect).collect::<Vec<_>>(), needed, "{effects}");
+            assert_eq!(without.iter().map(|(kind, _)| *kind).collect::<Vec<_>>(), needed, "{effects}");
+        }
+    }
 
     #[test]
     fn a_cost_that_is_not_measurable_has_no_value_and_no_negative_bound() {

@@ -124,7 +124,7 @@ impl ClipGroup {
             let clip = loaded.map(|scene| {
                 let has_times = scene.has_times(times);
                 let motion = ClipMotion::of(&scene.key, timed_cameras(&scene, times));
-                (if has_times { motion } else { motion.map(ClipMotion::without_rates) }, has_times)
+                (if has_times { motion } else { motion.map(ClipMotion::without_times) }, has_times)
             });
             progress();
             (key, clip, warnings)

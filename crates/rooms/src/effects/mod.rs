@@ -1,6 +1,7 @@
 //! Optional effects of rendering. Each effect is one file behind [`Effect`]; unless others are requested, a scene runs only those
-//! that can change its images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the sensor a strength
-//! above zero. Lens distortion and motion blur run if they move what is seen by more than a small part of a pixel.
+//! that can change its images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the
+//! sensor a strength above zero. Lens distortion and motion blur run if they move what is seen by more than a small part of a
+//! pixel.
 
 mod choice;
 mod exposure_drift;
@@ -233,6 +234,11 @@ impl Effects {
         self.running.push(effect);
     }
 
+    /// The effects that run, also those of which nothing can be seen.
+    pub(crate) fn kinds(&self) -> impl Iterator<Item = EffectKind> {
+        self.running.iter().map(|effect| effect.kind())
+    }
+
     fn at(&self, index: Option<usize>) -> Option<&dyn Effect> {
         self.running.get(index?).map(AsRef::as_ref)
     }
@@ -356,7 +362,7 @@ mod tests {
         assert_eq!(without.active, with.active.iter().filter(is_other).cloned().collect::<Vec<_>>());
         let absent = AbsentEffect { effect: EffectKind::LensDistortion, reason: NO_LENS_IN_LAYOUT };
         assert_eq!((&without.absent[..], &with.absent[..]), (&[absent][..], &[][..]));
-        let kinds = |effects: &Effects| effects.running.iter().map(|effect| effect.kind()).collect::<Vec<_>>();
+        let kinds = |effects: &Effects| effects.kinds().collect::<Vec<_>>();
         let mut expected = kinds(&with);
         expected.retain(|kind| *kind != EffectKind::LensDistortion);
         assert_eq!(kinds(&without), expected);

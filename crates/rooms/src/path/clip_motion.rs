@@ -15,8 +15,8 @@ pub struct ClipMotion {
     pub clip: String,
     /// Number of frames.
     pub frames: usize,
-    /// Seconds from the first frame to the last.
-    pub seconds: f64,
+    /// Seconds from the first frame to the last; `None` for a clip without times.
+    pub seconds: Option<f64>,
     /// Focal length of the first frame over the image's width.
     pub fx: f64,
     /// Focal length of the first frame over the image's height.
@@ -72,7 +72,7 @@ impl ClipMotion {
         Some(Self {
             clip: clip.to_owned(),
             frames: cameras.len(),
-            seconds,
+            seconds: Some(seconds),
             fx: k.fx,
             fy: k.fy,
             speed: Some(arc / times.last()?),
@@ -85,9 +85,9 @@ impl ClipMotion {
         })
     }
 
-    /// The motion of a clip whose times are assumed, without what they decide.
-    pub(crate) fn without_rates(self) -> Self {
-        Self { speed: None, turn_degrees_per_second: None, ..self }
+    /// The motion of a clip whose times are assumed, without them and without rates.
+    pub(crate) fn without_times(self) -> Self {
+        Self { seconds: None, speed: None, turn_degrees_per_second: None, ..self }
     }
 
     /// Measures a simulated clip or some of its shots. `None` as [`Self::of`].
