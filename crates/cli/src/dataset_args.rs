@@ -57,7 +57,7 @@ impl ImageArgs {
     }
 
     /// Opens the dataset at `path`, or at the URL that was listed. Of several copies of a scene's images, the one of `expected_size` is
-    /// used if the scene lacks the folder that it lists.
+    /// used if the scene lacks the folder that it lists; not in object storage.
     pub(crate) fn open_at(
         &self,
         path: &Path,
@@ -67,7 +67,8 @@ impl ImageArgs {
     ) -> anyhow::Result<Dataset> {
         let fetch = remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>);
         let mut options = OpenOptions { fetch, ..self.options().open_options() };
-        options.nerfstudio.expected_size = expected_size;
+        // Which images of object storage are here depends on what was fetched before.
+        options.nerfstudio.expected_size = expected_size.filter(|_| remote.is_none());
         let path = remote.map_or(path, |remote| remote.path());
         let dataset = atsplat_scene::open_with(path, &options, warnings)?;
         self.check(Some(dataset.format))?;

@@ -128,9 +128,8 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     std::fs::write(here.join("overlap.toml"), preset.replacen("256, width = 256", "40, width = 40", 1)).unwrap();
     let args = ["run", "overlap.toml", "--data", "data", "--method", "nearest-view"];
     // Nobody knows what the first index's overlaps are; those of the second are in no bin.
-    let unknown = "1 entries in bins of the preset's estimator whose overlap does not say how it was measured: scene a";
-    let other =
-        "1 entries whose overlap was measured by another estimator than that of the preset's bins, which stay empty";
+    let unknown = "1 entries whose overlap does not say how it was measured, under bins of one estimator: scene a";
+    let other = "1 entries whose overlap was measured otherwise than the bins require, which stay empty";
     for (index, store, code, warning) in
         [("index.json", "shipped", 4, unknown), ("measured.json", "estimated", 0, other)]
     {

@@ -286,6 +286,9 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
     rename("images_2", "images_8");
     let found = run(&["--out", "found"]);
     assert!(found.code == 0 && found.stdout.contains("image-elsewhere"), "{}{}", found.stdout, found.stderr);
+    let lint = ["protocol", "lint", "data/evaluation_index.json", "--preset", "tiny.toml", "--data", "data", "--json"];
+    let lint: Value = serde_json::from_str(&succeed(here, &lint)).unwrap();
+    assert_eq!(lint["dataset"]["usable"], 1, "the lint checks what is run: {lint}");
     rename("images_8", "images_2");
     rename("elsewhere", "images");
     // One image of the copy has another size, as if it were a copy of a copy: no argument helps.

@@ -5,10 +5,9 @@ use crate::{EvaluationIndex, Preset};
 
 /// The kind of entries that are binned although nobody knows what their overlap is.
 pub const UNKNOWN_ESTIMATOR: &str =
-    "entries in bins of the preset's estimator whose overlap does not say how it was measured";
+    "entries whose overlap does not say how it was measured, under bins of one estimator";
 /// The kind of entries for which no overlap is binned.
-const OTHER_ESTIMATOR: &str =
-    "entries whose overlap was measured by another estimator than that of the preset's bins, which stay empty";
+const OTHER_ESTIMATOR: &str = "entries whose overlap was measured otherwise than the bins require, which stay empty";
 
 impl Preset {
     /// Entries of `index`, which is none of the published ones, whose overlap is not known to be by the estimator of the preset's

@@ -132,6 +132,7 @@ impl ImageCounts {
             headers_read: self.headers_read + other.headers_read,
             headers_unreadable: self.headers_unreadable + other.headers_unreadable,
             cut_short: self.cut_short + other.cut_short,
+            unfit: self.unfit + other.unfit,
         }
     }
 }

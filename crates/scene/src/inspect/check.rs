@@ -19,8 +19,8 @@ pub(super) fn is_empty_file(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
 }
 
-/// What is wrong with the sizes of a scene's images, given with the positions of their frames, if there are several: the first image
-/// that is not of the most frequent one. Of equally frequent sizes, the expected one is that of the earliest image.
+/// The sizes of a scene's images, given with the positions of their frames, if there are several: the most frequent one, and the first
+/// image of another. Of equally frequent sizes, that of the earliest image is named first.
 pub(super) fn mixed_sizes(images: &[(usize, ImageSize)]) -> Option<String> {
     let mut counts: BTreeMap<ImageSize, usize> = BTreeMap::new();
     for (_, size) in images {
@@ -30,7 +30,7 @@ pub(super) fn mixed_sizes(images: &[(usize, ImageSize)]) -> Option<String> {
     let common = images.iter().rev().map(|(_, size)| *size).max_by_key(|size| counts.get(size))?;
     let (position, odd) = images.iter().find(|(_, size)| *size != common)?;
     let (count, all) = (counts.get(&common)?, images.len());
-    Some(format!("frame {position}: expected an image of {common}, as {count} of {all} images, found {odd}"))
+    Some(format!("images of several sizes: {common} in {count} of {all}, {odd} in frame {position}"))
 }
 
 /// What is wrong with an image whose end is missing.

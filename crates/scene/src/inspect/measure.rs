@@ -123,6 +123,8 @@ impl SceneMeasure {
                     self.images.headers_read += 1;
                     *self.sizes.entry(header.size).or_default() += 1;
                     sizes.push((*position, header.size));
+                    let mismatch = frame.mismatch(header.size);
+                    self.images.unfit += u64::from(mismatch.is_some_and(|mismatch| mismatch.is_fatal()));
                     frame.report(key, *position, &header, warnings);
                     if let Some(problem) = problem {
                         self.images.cut_short += 1;

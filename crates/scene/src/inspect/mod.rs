@@ -88,8 +88,9 @@ pub fn inspect(
 }
 
 /// Scenes of the data that are not among a dataset's keys, by the warnings of opening it and by all warnings since: ignored next to
-/// its scenes, in a chunk whose index does not list them, or in a chunk that is missing, cannot be read or is not in the index (such
-/// a chunk counts once).
+/// its scenes, with the key of an earlier one in their chunk, or in a chunk that is missing or cannot be read (such a chunk counts
+/// once). In object storage, and next to an index without scenes, also those that the index does not list; a chunk that it does not
+/// name counts once.
 pub fn left_out(opening: &Warnings, all: &Warnings) -> u64 {
     let not_listed = [WarningKind::UnreadableScene, WarningKind::SceneNotFound].map(|kind| opening.count(kind));
     // A further model of a capture is found when the capture is read, a scene next to others in a chunk with the first of them.

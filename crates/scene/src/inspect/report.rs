@@ -39,16 +39,17 @@ impl Inspection {
     /// to be lost or repeated, and no image was found missing, empty, cut short, unreadable or unfit for its camera.
     pub fn is_complete(&self) -> bool {
         let SceneCounts { unreadable, left_out, .. } = self.scenes;
-        let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, .. } = self.images;
+        let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, unfit, .. } = self.images;
         let all_scenes = unreadable == 0 && left_out == 0;
-        let all_images = missing == 0 && empty == 0 && unposed == 0 && headers_unreadable == 0 && cut_short == 0;
+        let all_images =
+            [missing, empty, unposed, headers_unreadable, cut_short, unfit].iter().all(|count| *count == 0);
         all_scenes && all_images && !self.problems.iter().any(|problem| self.has_lost_rows(problem.kind))
     }
 
     /// Whether a problem of this kind means that rows are lost or not what they should be, although every listed scene was read.
     fn has_lost_rows(&self, kind: WarningKind) -> bool {
         match kind {
-            WarningKind::ImplausibleIntrinsics | WarningKind::UnexpectedSize => true,
+            WarningKind::ImplausibleIntrinsics => true,
             // In the other formats, structure from motion has not placed these images, and the numbers in images' names, which the
             // cameras of a rig share, are no timestamps.
             WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => {
@@ -95,6 +96,8 @@ pub struct ImageCounts {
     pub headers_unreadable: u64,
     /// Images whose header was read, but whose end is missing.
     pub cut_short: u64,
+    /// Images whose size does not fit their camera, so that a run skips them ([`ImageMismatch::is_fatal`](crate::ImageMismatch::is_fatal)).
+    pub unfit: u64,
 }
 
 /// Number of images of one size.

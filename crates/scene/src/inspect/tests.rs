@@ -145,6 +145,7 @@ fn problems_are_counted_by_kind() {
         absent: 4,
         headers_read: 3,
         headers_unreadable: 2,
+        unfit: 1,
         ..ImageCounts::default()
     };
     assert_eq!((report.frames, report.images), (10, expected));
@@ -202,14 +203,25 @@ fn rows_that_are_lost_or_wrong_make_an_inspection_incomplete() {
         inspect(&small_dataset(), format, &InspectOptions::default(), &mut warnings, &|| ()).is_complete()
     };
     let formats = ["re10k", "torch-chunks", "nerfstudio", "colmap"];
-    for kind in [WarningKind::ImplausibleIntrinsics, WarningKind::UnexpectedSize] {
-        assert_eq!(formats.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
-    }
+    let kind = WarningKind::ImplausibleIntrinsics;
+    assert_eq!(formats.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
     assert!(is_complete("colmap", WarningKind::MixedSizes), "captures of two cameras have two sizes");
     for kind in [WarningKind::UnlistedImage, WarningKind::DuplicateTimestamp] {
         assert_eq!(formats.map(|format| is_complete(format, kind)), [false, false, true, true], "{kind}");
     }
     assert!(is_complete("re10k", WarningKind::UnorderedTimestamps));
+}
+
+/// Without a stated size, cameras have square pixels at 64×36. A run accepts those that are up to 10 % from square, with a warning.
+#[test]
+fn images_that_a_run_would_skip_make_an_inspection_incomplete() {
+    for (width, unfit, warned) in [(64, 0, 0), (67, 0, 2), (61, 0, 2), (72, 2, 2), (36, 2, 2)] {
+        let mut scene = wandering_scene("s", 2);
+        scene.frames.iter_mut().for_each(|frame| frame.image = png(width, 36));
+        let (report, warnings) = inspected(&TestSource::new([scene]), InspectOptions::default());
+        assert_eq!((report.images.unfit, warnings.count(WarningKind::UnexpectedSize)), (unfit, warned), "{width}");
+        assert_eq!(report.is_complete(), unfit == 0, "{width}: {report}");
+    }
 }
 
 /// One warning a scene, with the first image that is not of the size of most, which may be the first of all.
@@ -231,8 +243,8 @@ fn scenes_with_images_of_several_sizes_are_problems() {
         warnings.kept().iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     let expected = [
-        "b: frame 0: expected an image of 64×36, as 3 of 5 images, found 60×36",
-        "c: frame 1: expected an image of 64×36, as 1 of 2 images, found 60×36",
+        "b: images of several sizes: 64×36 in 3 of 5, 60×36 in frame 0",
+        "c: images of several sizes: 64×36 in 1 of 2, 60×36 in frame 1",
     ];
     assert_eq!(found(SizeSampling::All), expected);
     assert_eq!(found(SizeSampling::PerScene(3))[0], expected[0].replace("3 of 5", "2 of 3"), "frames 0, 2 and 4");

@@ -99,10 +99,12 @@ impl DatasetConfig {
         ImageOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
     }
 
-    /// Opens the dataset; the error's field is one of this table.
-    fn open(&self, warnings: &mut Warnings) -> Result<Dataset, TrainError> {
+    /// Opens the dataset for `preset`, which [`Self::preset`] names; the error's field is one of this table.
+    fn open(&self, preset: &Preset, warnings: &mut Warnings) -> Result<Dataset, TrainError> {
         let options = self.image_options();
-        let dataset = atsplat_scene::open_with(&self.path, &options.open_options(), warnings);
+        let mut for_preset = options.open_options();
+        for_preset.nerfstudio.expected_size = preset.preprocessing.expected_size;
+        let dataset = atsplat_scene::open_with(&self.path, &for_preset, warnings);
         let dataset = dataset.map_err(|error| TrainError::from(error).in_field("path"))?;
         options.check(Some(dataset.format)).map_err(|unread| {
             let found = format!("a dataset in the format {}", dataset.format);
@@ -113,10 +115,11 @@ impl DatasetConfig {
     }
 
     /// What the data are opened with: sources with the same read the same.
-    fn identity(&self) -> String {
+    fn identity(&self, preset: &Preset) -> String {
         let resolved = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
         let (path, frames) = (resolved(&self.path), self.frames.as_ref().map(resolved));
-        format!("{:?}", (path, frames, self.images, self.prefer_undistorted))
+        let expected_size = preset.preprocessing.expected_size;
+        format!("{:?}", (path, frames, self.images, self.prefer_undistorted, expected_size))
     }
 }
 
@@ -153,8 +156,9 @@ impl DatasetSource {
         normalisation: PoseNormalisation,
         warnings: &mut Warnings,
     ) -> Result<Self, TrainError> {
+        let preset = Preset::resolve(&config.preset).map_err(|error| TrainError::from(error).in_field("preset"))?;
         let mut opening = Warnings::new();
-        let dataset: Box<dyn SceneSource> = Box::new(config.open(&mut opening)?);
+        let dataset: Box<dyn SceneSource> = Box::new(config.open(&preset, &mut opening)?);
         warnings.merge(opening.clone());
         let (mut excluded, mut notices) = (BTreeSet::new(), Vec::new());
         for (at, scenes) in config.exclude.iter().enumerate() {
@@ -176,10 +180,9 @@ impl DatasetSource {
                 found,
             ));
         }
-        let preset = Preset::resolve(&config.preset).map_err(|error| TrainError::from(error).in_field("preset"))?;
         let recipe = TrialRecipe { pose_normalisation: normalisation, ..TrialRecipe::of(&preset, "ATSplat") };
         let counted = Counted { warnings: DatasetWarnings::new(opening), replaced: ReplacedDraws::default() };
-        let (identity, counted) = (config.identity(), Mutex::new(counted));
+        let (identity, counted) = (config.identity(&preset), Mutex::new(counted));
         Ok(Self { config, dataset, keys, recipe, network: None, notices, identity, counted })
     }
 

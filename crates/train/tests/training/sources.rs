@@ -314,6 +314,12 @@ fn a_dataset_is_read_from_the_chosen_copy_of_its_images() {
     assert_eq!(source.sample(id(0)).unwrap().context.size, atsplat_model::ImageSize::new(32, 32));
     assert!(source.name().ends_with("targets 3, images 2)"), "{}", source.name());
 
+    // Without the listed folder, the copy of the preset's size is read, not the largest.
+    let rename = |from: &str, to: &str| std::fs::rename(capture(&data).join(from), capture(&data).join(to)).unwrap();
+    rename("images_2", "images_4");
+    rename("images", "images_2");
+    assert_eq!(open(None).sample(id(0)).unwrap().context.size, atsplat_model::ImageSize::new(32, 32));
+
     // Trajectories have one folder of images.
     let other = DatasetConfig { images: Some(2), ..config.clone() };
     let error = DatasetSource::open(other, RULE, &mut Warnings::new()).unwrap_err().to_string();
