@@ -88,7 +88,7 @@ fn tests_without_real_data_are_counted_and_other_skips_must_be_expected() {
 fn an_interrupted_simulation_of_the_claims_is_repeated_and_a_whole_one_kept() {
     let stage = Stage::new(&["atsplat"]);
     stage.write("data/rooms-64/train/left/over", "");
-    for whole in ["rooms-128-test", "yards-test"] {
+    for whole in ["test-rooms-128", "test-yards"] {
         stage.write(&format!("data/{whole}/manifest.json"), "{}");
     }
     // The script ends at the first weights, which are in no history here.
@@ -96,7 +96,9 @@ fn an_interrupted_simulation_of_the_claims_is_repeated_and_a_whole_one_kept() {
     let (_, calls) = stage.run(&file("eval/experiments/claims/run"), &["atsplat", "out"], simulate);
     let simulated: Vec<&str> =
         calls.iter().filter_map(|call| call.strip_prefix("atsplat data simulate ")?.split(' ').next()).collect();
-    assert_eq!(simulated, ["data/rooms-64", "data/rooms-64-test"]);
+    assert_eq!(simulated, ["data/rooms-64", "data/test-rooms-64"]);
+    let tests = |call: &&String| call.starts_with("atsplat data simulate data/test-");
+    assert!(calls.iter().filter(tests).all(|call| call.ends_with(" --layout nerfstudio")), "lenses: {calls:?}");
     assert!(!stage.path("data/rooms-64/train").exists(), "the simulation begins from the start");
 }
 

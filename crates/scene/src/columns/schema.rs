@@ -19,7 +19,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `url` | Utf8? | source of the capture |
 /// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
 /// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
-/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video; null for captures, whose images may be numbered, but not by time |
+/// | `timestamp_micros` | `Int64`? | [`crate::Frame::timestamp_micros`]; in the files of [`crate::export`], null for captures, whose images may be numbered, but not by time |
 /// | `fx` `fy` | `Float64` | focal lengths over image width and height |
 /// | `cx` `cy` | `Float64` | principal point over image width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
@@ -52,7 +52,7 @@ const TRANSLATION: [&str; 3] = ["t0", "t1", "t2"];
 /// Camera centre columns.
 pub(super) const CENTRE: [&str; 3] = ["centre_x", "centre_y", "centre_z"];
 
-/// [`crate::Frame::timestamp_micros`].
+/// What files of [`crate::export`] have: a table has [`crate::Frame::timestamp_micros`] of any source.
 const TIMESTAMP: &str =
     "microseconds since the start of the video; null for captures, whose images may be numbered, but not by time";
 
