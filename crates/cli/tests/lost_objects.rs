@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
+mod evaluation;
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -13,6 +14,7 @@ use std::process::Command;
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_scene::{SceneSource as _, Warnings};
 use common::write_trajectory;
+use evaluation::write_preset;
 use serde_json::json;
 use tempfile::TempDir;
 
@@ -123,4 +125,35 @@ fn chunks_of_a_dataset_that_could_not_be_fetched_are_not_read_as_a_shorter_one()
         assert!(objects.path(out).join("000000.torch").is_file(), "{errors}");
         assert_eq!(atsplat_scene::open(objects.path(out), &mut Warnings::new()).unwrap().keys(), keys, "{out}");
     }
+}
+
+/// The protocol expects the size of the smaller copy, which an earlier command fetched or not.
+#[test]
+fn the_chosen_copy_of_images_does_not_depend_on_the_cache() {
+    let pose = |x: f64| json!([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    let frame = |at: u32| {
+        let pose = pose(f64::from(at) * 0.1);
+        json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose })
+    };
+    let frames: Vec<_> = (0..3).map(frame).collect();
+    let transforms = json!({ "w": 128, "h": 96, "fl_x": 128, "frames": frames }).to_string();
+    let mut capture = vec![("a/transforms.json".to_owned(), transforms.into_bytes())];
+    for (copy, width) in [("images_2", 64), ("images_4", 32)] {
+        let height = 3 * width / 4;
+        let image = ImageU8::new(width, height, vec![90; (width * height * 3) as usize]).unwrap();
+        capture.extend((0..3).map(|at| (format!("a/{copy}/{at}.png"), encode_png(&image).unwrap())));
+    }
+    let objects = Objects::new(&capture);
+    write_preset(objects.here.path(), 16);
+    let preset = fs::read_to_string(objects.path("tiny.toml")).unwrap();
+    let sized = "[preprocessing]\nexpected-size = { width = 32, height = 24 }";
+    fs::write(objects.path("tiny.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
+    fs::write(objects.path("given.json"), r#"{ "a": { "context": [0, 2], "target": [1] } }"#).unwrap();
+    let lint = |data: &str| {
+        let args = format!("protocol lint given.json --preset tiny.toml --data {data} --strict");
+        objects.run(&args, "none").0
+    };
+    assert_eq!([lint("there"), lint("s3://lab/data")], [Some(0), Some(4)], "on disk, and of nothing fetched");
+    let (fetched, errors) = objects.run("data inspect s3://lab/data --images 4", "none");
+    assert_eq!((fetched, lint("s3://lab/data")), (Some(0), Some(4)), "{errors}");
 }

@@ -19,7 +19,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `url` | Utf8? | source of the capture |
 /// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
 /// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
-/// | `timestamp_micros` | `Int64`? | [`crate::Frame::timestamp_micros`]; in the files of [`crate::export`], null for captures, whose images may be numbered, but not by time |
+/// | `timestamp_micros` | `Int64`? | [`crate::Frame::timestamp_micros`]; null in files of [`crate::export`] if it is no time |
 /// | `fx` `fy` | `Float64` | focal lengths over image width and height |
 /// | `cx` `cy` | `Float64` | principal point over image width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
