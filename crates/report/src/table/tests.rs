@@ -316,7 +316,7 @@ fn rows_may_be_settings() {
     Tolerance::EXACT.assert(counts, [512.0, 1440.0, 23_040.0], "counts");
     let found = agreement(&table);
     assert_eq!((found.compared, found.equal_as_printed), (3, 3));
-    assert_eq!(found.headline.unwrap().to_string(), "RE10K 256×256 2, N init.: measured 512; published 512");
+    assert_eq!(found.headline.unwrap().to_string(), "RE10K 256×256 2, #Gauss.: measured 23040; published 23040");
 }
 
 #[test]

@@ -154,6 +154,6 @@ mod tests {
         of_second.for_each(|row| row.renderer_adapter = Some("card".to_owned()));
         let said = texts(&results);
         assert!(said.contains("; timed on a processor") && said.contains("; ATSplat (b): renderer on card"), "{said}");
-        assert!(said.contains("; times of 3 of 4 trials"), "{said}");
+        assert!(said.contains("; ATSplat (a): times of 3 of 4 trials; ATSplat (b): times of 2 of 4 trials"), "{said}");
     }
 }
