@@ -190,6 +190,22 @@ fn harmonics_that_are_not_drawn_are_noted() {
     assert_eq!(limited, drawn);
 }
 
+/// One of three Gaussians has no harmonics of degree 3, in whatever axes.
+#[test]
+fn a_harmonic_that_the_rasterizer_evaluates_otherwise_is_noted() {
+    let trial = trial();
+    let mut parts = row(3, &[2.0, 3.0, 4.0]).into_parts();
+    parts.sh[16 + 9..2 * 16].fill([0.0; 3]);
+    let gaussians = Gaussians::new(parts).unwrap();
+    let notes = |preset| {
+        imported(&trial, &gaussians, ConstantsChoice::Fixed(named(preset)), GaussianFrame::Dataset).1
+    };
+    let found = notes("pixelsplat-family");
+    let expected = "2 of 3 Gaussians have a coefficient 14 of spherical harmonics, which the constants pixelsplat-family ";
+    assert!(matches!(&found[..], [note] if note.starts_with(expected)), "{found:?}");
+    assert_eq!(notes("inria"), [""; 0]);
+}
+
 /// A Gaussian at a depth of 0.05: the near cull of `DepthSplat` is at 0.2 · 0.5 in the dataset's unit, and ATSplat's at 0.2 · 0.01 in the
 /// trial's.
 #[test]

@@ -54,7 +54,7 @@ impl Place {
     }
 }
 
-/// How a difference begins of the rules by which methods are hashed (`RULES` of `_identity.py`).
+/// How a difference begins of the rules by which methods are hashed (`rules` of `_identity.py`).
 const RULES: &str = "parameters.identity.(rules): ";
 
 impl Failure {

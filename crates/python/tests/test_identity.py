@@ -12,7 +12,7 @@ from conftest import INDEX, PROTOCOL, nearest
 
 import atsplat
 from atsplat import _methods
-from atsplat._identity import LISTED, RULES, identity, modules
+from atsplat._identity import LISTED, identity, modules
 
 SHARPNESS = 2.0
 
@@ -200,13 +200,13 @@ def test_another_method_under_the_same_name_is_rejected(rooms, tmp_path):
 
 def test_results_under_other_rules_are_rejected_as_such(rooms, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(_methods, "RULES", 1)
+        patch.setattr(_methods, "rules", lambda parts: 1)
         old = evaluated(darker(0.5), rooms, tmp_path / "one", shard=(1, 2))
         # As before there were any.
         patch.setattr(_methods, "_identity", lambda method, stated: identity(method))
         evaluated(darker(0.5), rooms, tmp_path / "none", shard=(1, 2))
     for folder, found in (("one", 1), ("none", "none")):
-        with pytest.raises(atsplat.InvalidError, match=rf"by another version of atsplat.*\(rules\): {found} and {RULES}"):
+        with pytest.raises(atsplat.InvalidError, match=rf"by another version of atsplat.*\(rules\): {found} and 2"):
             evaluated(darker(0.5), rooms, tmp_path / folder, shard=(1, 2))
     with pytest.raises(atsplat.InvalidError, match=r"\(rules\): 1 and"):
         atsplat.merge([old, evaluated(darker(0.5), rooms, tmp_path / "two", shard=(2, 2))], tmp_path / "merged")

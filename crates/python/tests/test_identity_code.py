@@ -13,7 +13,8 @@ import textwrap
 import pytest
 
 from atsplat import _methods
-from atsplat._identity import RULES, examined, identity
+from atsplat._identity import LISTED, RULES, examined, identity
+from atsplat._walk import Walk
 
 
 def method_of(text, **scope):
@@ -221,6 +222,38 @@ def test_the_versions_of_installed_packages_are_parts(tmp_path, monkeypatch):
 
 
 def test_records_say_by_which_rules_they_were_hashed():
-    parameters = _methods.json.loads(_methods.record(len, None, None, {}, "ATSplat", False))["parameters"]
-    assert list(parameters["identity"])[0] == "(rules)" and parameters["identity"]["(rules)"] == str(RULES)
-    assert min(parameters["identity"]) == "(rules)", "also where names are sorted"
+    class Called:
+        def __init__(self, **attributes):
+            vars(self).update(attributes)
+
+        def __call__(self, images, context, target):
+            return images
+
+    def recorded(method):
+        return _methods.json.loads(_methods.record(method, "mine", None, {}, "ATSplat", False))["parameters"]["identity"]
+
+    many = functools.partial(Called(), **{f"of_{n}": Called(value=n) for n in range(3)})
+    for method, expected in [(len, 2), (Called(), 2), (many, 2), (Called(draw=len), 2), (Called(draw=len, weight=3), RULES)]:
+        found = recorded(method)
+        assert list(found)[0] == min(found) == "(rules)", "also where names are sorted"
+        assert found["(rules)"] == str(expected)
+    # Which of its parts are attributes is not seen.
+    text = "\n".join([f"v{n} = {n}" for n in range(LISTED)] + [f"def method(*_): return {', '.join(f'v{n}' for n in range(LISTED))}"])
+    assert recorded(method_of(text))["(rules)"] == str(RULES)
+
+
+def test_what_has_no_attributes_of_its_own_is_hashed_as_before():
+    class Called:
+        def __init__(self, **attributes):
+            vars(self).update(attributes)
+
+        def __call__(self, images, context, target):
+            return images
+
+    def before(method):
+        walk = Walk()
+        return walk.value(method).hex()[:16]
+
+    for method in (Called(), Called(draw=len, apply=differ, of=functools)):
+        assert identity(method)["method"] == before(method)
+    assert identity(Called(weight=3))["method"] != before(Called(weight=3))

@@ -300,6 +300,7 @@ impl Prediction for Splatted<'_> {
         let mut cost = self.cost.clone();
         cost.notes.extend(broken_note(self.scene.gaussians(), &cost.notes));
         cost.notes.extend(self.options.ignored_harmonics(self.scene.gaussians()));
+        cost.notes.extend(self.options.differing_harmonics(self.scene.gaussians()));
         cost
     }
 

@@ -12,6 +12,10 @@ from ._members import name_of, short_name
 from ._parts import Parts
 
 
+#: What is known by its name: as a variable, it has no part of its own.
+BY_NAME = (ModuleType, FunctionType, type, BuiltinFunctionType)
+
+
 class Definitions(Parts):
     """Hashes functions and classes, of whose values a subclass knows more."""
 

@@ -23,6 +23,8 @@ from ._walk import Walk
 
 #: Increase it whenever a method's hashes change although the method does not: then stores say why they differ.
 RULES = 3
+#: Those of methods without attributes, whose hashes have not changed since.
+RULES_WITHOUT_ATTRIBUTES = 2
 #: Parts that are listed in a record; further ones share a hash.
 LISTED = 48
 
@@ -44,6 +46,13 @@ def examined(method: Callable[..., Any]) -> tuple[dict[str, str], list[str]]:
     kept = {name: parts[name] for name in names[: LISTED - 1]}
     others = (f"{name} {parts[name]}".encode() for name in sorted(names[LISTED - 1 :]))
     return {**kept, f"{len(names) - LISTED + 1} others": digest(b"others", *others).hex()[:16]}, unseen
+
+
+def rules(parts: Iterable[str]) -> int:
+    """The rules by which parts with these names were hashed. Where the attributes of the object that is called are no parts, they are
+    those of before, so that older stores are resumed."""
+    has_attributes = any(name.startswith("method.") or name.endswith(" others") for name in parts)
+    return RULES if has_attributes else RULES_WITHOUT_ATTRIBUTES
 
 
 def modules(method: Callable[..., Any]) -> list[Any]:

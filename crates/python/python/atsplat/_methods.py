@@ -17,7 +17,7 @@ import numpy as np
 from ._arguments import title_of
 from ._arrays import images, invalid
 from ._contents import attribute
-from ._identity import RULES, examined
+from ._identity import examined, rules
 from ._members import called, inner
 from .cameras import Cameras
 from .errors import AtsplatError, NotApplicable
@@ -110,7 +110,7 @@ def _identity(method: Callable[..., Any], stated: Mapping[str, Any]) -> dict[str
         # Of the code that calls `evaluate`, which calls `record`.
         warnings.warn(text, stacklevel=4)
     # First of all, so that a list of differences begins with it.
-    return {"(rules)": str(RULES), **parts}
+    return {"(rules)": str(rules(parts)), **parts}
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 
 from . import _contents, _files, _members, _modules
 from ._contents import attribute, digest, plain
-from ._definitions import Definitions, named_module
+from ._definitions import BY_NAME, Definitions, named_module
 from ._files import FOREIGN, root
 from ._members import name_of
 
@@ -140,7 +140,7 @@ class Walk(Definitions):
 
     def _held(self, value: Any, attributes: Mapping[str, Any]) -> bytes:
         """The attributes of an object. Those of the method are parts, so that an error names the one that differs."""
-        if value is not self._called:
+        if value is not self._called or all(isinstance(held, BY_NAME) for held in attributes.values()):
             return self._named(b"attributes", attributes.items())
         parts = []
         for name in sorted(attributes):
