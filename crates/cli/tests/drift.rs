@@ -455,8 +455,8 @@ fn a_limit_is_stated_once_for_a_metric_and_stays() {
         ("then", &["--limit", "psnr=0.05", "--limit", "psnr=0.5"][..], 2, "--limit: psnr is given twice"),
         ("then", &["--limit", "psnr"], 2, "expected METRIC=CHANGE, such as psnr=0.05"),
         ("then", &["--limit", "psnr=-0.05"], 2, "-0.05"),
-        ("then", &["--limit", "lpips=0.05"], 1, "lpips"),
-        ("calm", &["--limit", "psnr=0.05"], 1, "expected a method that is not deterministic"),
+        ("then", &["--limit", "lpips=0.05"], 1, "limit: expected a metric with a limit: one of psnr, found lpips"),
+        ("calm", &["--limit", "psnr=0.05"], 1, "limit: expected a method that is not deterministic, found none"),
     ] {
         let outcome = accept(store, limits);
         assert!(outcome.code == code && outcome.stderr.contains(message), "{}: {}", outcome.code, outcome.stderr);

@@ -184,11 +184,11 @@ impl Baseline {
         }
         let known: BTreeSet<&str> = self.limits.iter().map(|limit| limit.metric.as_str()).collect();
         let known: Vec<&str> = known.into_iter().collect();
-        let (what, expected, found) = match known.as_slice() {
-            [] => ("methods with a limit", "a method that is not deterministic".to_owned(), "none"),
-            known => ("metric with a limit", format!("one of {}", known.join(", ")), metric),
+        let (expected, found) = match known.as_slice() {
+            [] => ("a method that is not deterministic".to_owned(), "none"),
+            known => (format!("a metric with a limit: one of {}", known.join(", ")), metric),
         };
-        Err(DriftError::Invalid { what, expected, found: found.to_owned() })
+        Err(DriftError::Invalid { what: "limit", expected, found: found.to_owned() })
     }
 
     /// Runs a probe on this machine and adds it, as [`Self::with_probe`] does.

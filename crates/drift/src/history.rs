@@ -63,8 +63,8 @@ pub struct HistoricRun {
     pub verdict: Option<DriftVerdict>,
     /// Difference from that baseline's mean.
     pub moved: Option<f64>,
-    /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed. Before it,
-    /// that one scene moved, if the mean drifted within its limits.
+    /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed. If the
+    /// mean is within its limits but a scene is not, that is said first.
     pub why: Option<String>,
 }
 
@@ -183,7 +183,7 @@ fn is_of_scene(verdict: Option<DriftVerdict>, mean: f64, limits: Option<[f64; 2]
 }
 
 fn why(is_of_scene: bool, cause: Option<String>) -> Option<String> {
-    let scene = is_of_scene.then(|| "one scene moved".to_owned());
+    let scene = is_of_scene.then(|| "at least one scene moved".to_owned());
     let parts: Vec<String> = scene.into_iter().chain(cause).collect();
     (!parts.is_empty()).then(|| parts.join(": "))
 }

@@ -124,7 +124,8 @@ pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
     a.processors().count() <= 1 && a.platform == b.platform && a.processor == b.processor
 }
 
-/// All settings of a provenance that affect numbers, by what they are of and name; absent ones have no entry. Of presets, protocols are among them for those whose names are in `others`.
+/// All settings of a provenance that affect numbers, by what they are of and name; absent ones have no entry. Of presets, protocols are
+/// among them for those whose names are in `others`.
 fn settings(provenance: &Provenance, others: &BTreeSet<&str>) -> BTreeMap<Setting, Fields> {
     let Provenance { atsplat, commit, platform, processor, adapter, presets, methods, metrics, .. } = provenance;
     let of_run = fields([

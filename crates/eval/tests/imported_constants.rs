@@ -197,11 +197,9 @@ fn a_harmonic_that_the_rasterizer_evaluates_otherwise_is_noted() {
     let mut parts = row(3, &[2.0, 3.0, 4.0]).into_parts();
     parts.sh[16 + 9..2 * 16].fill([0.0; 3]);
     let gaussians = Gaussians::new(parts).unwrap();
-    let notes = |preset| {
-        imported(&trial, &gaussians, ConstantsChoice::Fixed(named(preset)), GaussianFrame::Dataset).1
-    };
+    let notes = |preset| imported(&trial, &gaussians, ConstantsChoice::Fixed(named(preset)), GaussianFrame::Dataset).1;
     let found = notes("pixelsplat-family");
-    let expected = "2 of 3 Gaussians have a coefficient 14 of spherical harmonics, which the constants pixelsplat-family ";
+    let expected = "2 of 3 Gaussians have a coefficient 14 of spherical harmonics, which the constants pixelsplat";
     assert!(matches!(&found[..], [note] if note.starts_with(expected)), "{found:?}");
     assert_eq!(notes("inria"), [""; 0]);
 }

@@ -86,10 +86,12 @@ impl Fit {
         let not_json = |error: serde_json::Error| {
             FitError::from(FileError { action: WRITING, path: path.to_owned(), source: error.into() })
         };
+        // Pixels are hashed once.
+        let lines = lines_of(&self.views);
         let metadata = Metadata {
             step: self.step,
-            run: run_hash(&self.config, &self.views),
-            views: Some(views_hash(&self.views)),
+            run: run_hash(&self.config, &lines),
+            views: Some(hash_of(&lines)),
             configuration: Some(serde_json::to_value(&self.config).map_err(not_json)?),
             start: self.start.clone(),
             device: self.device().to_owned(),
@@ -215,7 +217,7 @@ fn check_run(metadata: &Metadata, config: &FitConfig, views: &[TrainingView], pa
             *written == views_hash(views) && changes(recorded, config).is_ok_and(|changed| changed.is_empty())
         }
         // Of an earlier version.
-        _ => metadata.run == run_hash(config, views),
+        _ => metadata.run == run_hash(config, &lines_of(views)),
     };
     if is_same { Ok(()) } else { Err(other_run(metadata.configuration.as_ref(), config, path)) }
 }
@@ -234,22 +236,32 @@ fn other_run(recorded: Option<&serde_json::Value>, config: &FitConfig, path: &Pa
     }
 }
 
-/// Hash of everything that a step depends on, apart from the initial Gaussians and the state.
-fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
+/// Hash of everything that a step depends on, apart from the initial Gaussians and the state; `views` are those of [`lines_of`].
+fn run_hash(config: &FitConfig, views: &[String]) -> String {
     Sha256Digest::of(run_text(config, views).as_bytes()).to_string()
 }
 
 /// What is hashed. The names of the configuration's types and fields are part of it: whoever changes one of them gives up the checkpoints
 /// of versions that wrote no hash of the views alone.
-fn run_text(config: &FitConfig, views: &[TrainingView]) -> String {
-    let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
+fn run_text(config: &FitConfig, views: &[String]) -> String {
+    let config = format!("{config:?}");
+    let lines: Vec<&str> = [&config].into_iter().chain(views).map(String::as_str).collect();
     lines.join("\n")
 }
 
 /// Hash of cameras and images, in order.
 pub(crate) fn views_hash(views: &[TrainingView]) -> String {
-    let lines: Vec<String> = views.iter().map(of_view).collect();
+    hash_of(&lines_of(views))
+}
+
+/// Hash of the lines of views.
+fn hash_of(lines: &[String]) -> String {
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
+}
+
+/// A line for each view, with the hash of its pixels.
+fn lines_of(views: &[TrainingView]) -> Vec<String> {
+    views.iter().map(of_view).collect()
 }
 
 /// Records and checkpoints have the hash of this text, so that it does not follow the names of types and fields.

@@ -80,6 +80,7 @@ mod tests {
             entry_number,
             reason,
             detail: detail.to_owned(),
+            frame: None,
         });
         let lines: Vec<String> = ExpansionGap::of_skipped(&skipped).iter().map(ToString::to_string).collect();
         let expected = [

@@ -7,8 +7,7 @@ use atsplat_fit::{FitConfig, FitError, Strategy, TrainingViews};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
-use atsplat_splat::files::{self, Format};
-use atsplat_splat::{Cleaning, Field, Finding, Gaussians, Problem, SplatError};
+use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
 use thiserror::Error;
 
 /// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
@@ -197,18 +196,11 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
     }
     let (gaussians, found) = gaussians.cleaned(Cleaning::Repair);
     let removed = stored.saturating_sub(gaussians.len());
-    // In formats that store opacities, infinite logits are opacities of 0 and 1, with which nothing is wrong.
-    let stores_logits = matches!(import.format, Format::Ply(_));
-    let broken_in_file = if stores_logits { import.validation.invalid } else { 0 };
     // Those that were kept on import are found again.
-    let broken = broken_in_file.max(import.validation.rejected + found.invalid);
+    let broken = import.validation.invalid.max(import.validation.rejected + found.invalid);
     if broken > 0 {
         let first = if import.validation.is_clean() { &found } else { &import.validation };
-        let is_opacity = |finding: &Finding| {
-            !stores_logits && (finding.field, finding.problem) == (Field::OpacityLogits, Problem::Infinite)
-        };
-        let kinds = first.findings.iter().filter(|finding| !is_opacity(finding));
-        let kinds: Vec<String> = kinds.map(ToString::to_string).collect();
+        let kinds: Vec<String> = first.findings.iter().map(ToString::to_string).collect();
         let repaired = broken.saturating_sub(removed);
         warnings.push(format!(
             "{broken} of {stored} Gaussians are broken, of which {removed} are removed and {repaired} repaired: {}",
@@ -274,7 +266,7 @@ mod tests {
         assert!(start.gaussians.validate().is_clean());
     }
 
-    /// SPZ stores opacities: of 0 and 1 they are valid, but have infinite logits.
+    /// SPZ stores opacities: those of 0 and 1 are read as finite logits.
     #[test]
     fn opaque_and_transparent_gaussians_are_broken_only_as_logits() {
         let with = |logits: [f32; 3]| GaussianParts { opacity_logits: logits.to_vec(), ..parts(3) };

@@ -128,7 +128,7 @@ impl Findings {
     /// Adds entries without a trial under these methods. Methods with different pose normalisations go through the same index;
     /// duplicates are removed by [`Self::with_earlier`].
     pub(super) fn add_skipped(&mut self, preset: &str, methods: &BTreeSet<String>, report: &SkipReport) {
-        for Skipped { scene, entry_number, reason, detail } in &report.skipped {
+        for Skipped { scene, entry_number, reason, detail, .. } in &report.skipped {
             let methods = if depends_on_poses(*reason) { methods.clone() } else { BTreeSet::new() };
             self.skipped.push(SkippedEntry {
                 preset: preset.to_owned(),

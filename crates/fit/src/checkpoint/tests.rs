@@ -48,8 +48,10 @@ fn the_hashed_text_of_a_run_is_that_of_earlier_versions() {
              ImageSize {{ width: 1, height: 1 }} }} 95128540caa5ebf017c64254c63156b06f3d763f99033d23fa0191b8074086b2"
         ),
     ];
-    assert_eq!(run_text(&config, &views), expected.join("\n"));
-    assert_eq!(run_hash(&config, &views), Sha256Digest::of(expected.join("\n").as_bytes()).to_string());
+    let lines = lines_of(&views);
+    assert_eq!(run_text(&config, &lines), expected.join("\n"));
+    assert_eq!(run_hash(&config, &lines), Sha256Digest::of(expected.join("\n").as_bytes()).to_string());
+    assert_eq!(views_hash(&views), Sha256Digest::of(expected[1..].join("\n").as_bytes()).to_string());
 }
 
 /// Of the variants that the other test does not have.
@@ -91,7 +93,7 @@ fn a_run_is_recognised_by_its_settings_and_views() {
         tensors: String::new(),
     };
     let written = metadata("of renamed fields".to_owned(), Some(views_hash(&views)));
-    let earlier = metadata(run_hash(&config, &views), None);
+    let earlier = metadata(run_hash(&config, &lines_of(&views)), None);
     let longer = FitConfig { steps: 8, ..config.clone() };
     let other_views = [view(Distortion::None, &[[1.0, 0.5, 0.75]])];
     for metadata in [&written, &earlier] {

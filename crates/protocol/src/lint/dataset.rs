@@ -76,7 +76,7 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     for ((key, _), outcome) in scenes.into_iter().zip(outcomes) {
         for (entry, (checked, leaked_images)) in outcome.into_iter().enumerate() {
             facts.leaked_images += leaked_images;
-            let Err(Rejection { reason, detail }) = checked else {
+            let Err(Rejection { reason, detail, .. }) = checked else {
                 facts.usable += 1;
                 continue;
             };

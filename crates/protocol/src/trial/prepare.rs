@@ -40,7 +40,7 @@ pub(super) fn prepare(
     #[expect(clippy::expect_used, reason = "the map was filled from the same views")]
     let image = |view: &View<'_>| Arc::clone(images.get(&view.position).expect("an image for every view"));
     let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
-        .map_err(|error| Rejection { reason: normalisation_reason(&error), detail: error.to_string() })?;
+        .map_err(|error| of_normalisation(normalisation_reason(&error), &error))?;
     let context = views.context.iter().zip(&normalised.context).map(|(view, pose)| ContextView {
         frame: view.position,
         camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
@@ -58,7 +58,7 @@ pub(super) fn prepare(
     });
     let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.source).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
-        .map_err(|error| Rejection { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
+        .map_err(|error| of_normalisation(SkipReason::PoseNormalisation, &error))?;
     let context: Vec<ContextView> = context.collect();
     let trial = Trial {
         scene: scene.key.clone(),
@@ -107,6 +107,10 @@ fn near_far(recipe: &TrialRecipe, multiplier: f64, context: &[ContextView]) -> N
     })
 }
 
+fn of_normalisation(reason: SkipReason, error: &impl ToString) -> Rejection {
+    Rejection { reason, detail: error.to_string(), frame: None }
+}
+
 fn normalisation_reason(error: &CameraError) -> SkipReason {
     match error {
         CameraError::BaselineOutOfRange { .. } => SkipReason::Dropped(DropReason::Baseline),
@@ -133,11 +137,12 @@ impl<'a> View<'a> {
         recipe: &TrialRecipe,
         plans: &mut Plans,
     ) -> Result<Self, Rejection> {
+        let rejected = |reason: SkipReason, detail: String| Rejection { reason, detail, frame: Some(position) };
         if matches!(frame.image, FrameImage::Absent) && !recipe.allow_absent_images {
             let detail = format!("frame {position}: the trajectory has no images");
-            return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
+            return Err(rejected(SkipReason::Dropped(DropReason::ImageMissing), detail));
         }
-        let header = header.map_err(|detail| Rejection { reason: SkipReason::ImageUnreadable, detail })?;
+        let header = header.map_err(|detail| rejected(SkipReason::ImageUnreadable, detail))?;
         let size = header.size;
         // Whoever made an image of the protocol's size made it for these intrinsics, as published loaders assume.
         let is_accepted = |mismatch: &ImageMismatch| {
@@ -149,12 +154,9 @@ impl<'a> View<'a> {
                 format!("; the image is {orientation}, and the stored pixels are used")
             });
             let detail = format!("frame {position}: {mismatch}{turned}");
-            return Err(Rejection { reason: SkipReason::ImageMisfit, detail });
+            return Err(rejected(SkipReason::ImageMisfit, detail));
         }
-        let unfit = |error: PreprocessError| Rejection {
-            reason: SkipReason::Preprocessing,
-            detail: format!("frame {position}: {error}"),
-        };
+        let unfit = |error: PreprocessError| rejected(SkipReason::Preprocessing, format!("frame {position}: {error}"));
         let plan = plan_for(plans, &recipe.preprocessing, size).map_err(unfit)?;
         let source = recipe.lens_distortion.seen(&frame.camera);
         let camera = plan.camera(&source).map_err(unfit)?;

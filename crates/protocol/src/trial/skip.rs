@@ -50,11 +50,13 @@ pub struct Rejection {
     pub reason: SkipReason,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
+    /// Position of the frame that is rejected; `None` for what is wrong with the entry as a whole, and for filters.
+    pub frame: Option<usize>,
 }
 
 impl From<Dropped> for Rejection {
     fn from(Dropped { reason, detail }: Dropped) -> Self {
-        Self { reason: SkipReason::Dropped(reason), detail }
+        Self { reason: SkipReason::Dropped(reason), detail, frame: None }
     }
 }
 
@@ -70,11 +72,14 @@ pub struct Skipped {
     pub reason: SkipReason,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
+    /// That of the [`Rejection`].
+    #[serde(skip)]
+    pub frame: Option<usize>,
 }
 
 impl fmt::Display for Skipped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { scene, entry_number, reason, detail } = self;
+        let Self { scene, entry_number, reason, detail, frame: _ } = self;
         write!(f, "scene {scene:?}, entry {entry_number}: {}: {detail}", reason.name())
     }
 }

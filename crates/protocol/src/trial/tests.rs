@@ -299,9 +299,10 @@ fn a_misfit_says_that_exif_rotates_the_image() {
     let mut changed = scene("s", 9, 5);
     (changed.frames[6].image, changed.frames[6].stated_size) = (rotated_jpeg(48, 64), Some(SIZE));
     let recipe = TrialRecipe { preprocessing: Preprocessing::default(), ..recipe() };
-    let Skipped { reason, detail, .. } = only_trial(changed, entry(&[2, 6], &[4]), recipe).map(drop).unwrap_err();
+    let skipped = only_trial(changed, entry(&[2, 6], &[4]), recipe).map(drop).unwrap_err();
+    let Skipped { reason, detail, frame, .. } = skipped;
     let hint = "; the image is rotated 90° clockwise by EXIF, and the stored pixels are used";
-    assert!(reason == SkipReason::ImageMisfit && detail.ends_with(hint), "{detail}");
+    assert!((reason, frame) == (SkipReason::ImageMisfit, Some(6)) && detail.ends_with(hint), "{frame:?}, {detail}");
     assert!(detail.contains("frame 6") && detail.contains("found 48×64"), "{detail}");
 }
 

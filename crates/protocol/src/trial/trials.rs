@@ -56,7 +56,7 @@ impl Trials {
             if entries.is_empty() {
                 let detail = "the index has no entry for the scene".to_owned();
                 let reason = SkipReason::NullEntry;
-                report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail });
+                report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail, frame: None });
             }
             let scene = Arc::new(SharedScene { key: key.clone(), loaded: LazyValue::new() });
             let first = pending.len();
@@ -170,8 +170,8 @@ impl PendingEntry {
         };
         let trial = match prepared {
             Ok((trial, images)) => Ok(decode_ahead(Trial { position, ..trial }, images, decode, budget)),
-            Err(Rejection { reason, detail }) => {
-                Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail })
+            Err(Rejection { reason, detail, frame }) => {
+                Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail, frame })
             }
         };
         PreparedEntry { trial, warnings }

@@ -187,7 +187,7 @@ fn non_finite(values: &[f32]) -> Option<Problem> {
     Some(if nan { Problem::NotANumber } else { Problem::Infinite })
 }
 
-/// Of what is composited: renderers cull Gaussians with a larger channel.
+/// Of what is composited. Coefficients this large are no colours; with most of them, renderers cull the Gaussian.
 fn channels_problem(values: &[f32]) -> Option<Problem> {
     const LARGEST: f32 = narrowed(LARGEST_CHANNEL);
     // Without a branch for each value.

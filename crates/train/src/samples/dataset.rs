@@ -252,7 +252,7 @@ impl DatasetSource {
         let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
         // Their scene was loaded with a warning, and their images may be fine.
         let unposed = scene.frames.iter().enumerate().filter(|(_, frame)| !frame.has_pose());
-        let unposed: Vec<String> = unposed.map(|(at, _)| format!("frame {at} ")).collect();
+        let unposed: BTreeSet<usize> = unposed.map(|(at, _)| at).collect();
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
         let one = Arc::new(OneScene::new(scene));
         let mut trials = Trials::new(one, &index, self.recipe.clone(), Prefetch::NONE);
@@ -261,7 +261,7 @@ impl DatasetSource {
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
             Some(Err(skipped)) => {
-                let has_pose = !unposed.iter().any(|frame| skipped.detail.starts_with(frame.as_str()));
+                let has_pose = skipped.frame.is_none_or(|frame| !unposed.contains(&frame));
                 if skipped.reason == SkipReason::ImageUnreadable && has_pose {
                     self.count_unreadable(key, &skipped.detail);
                 }
