@@ -63,7 +63,7 @@ fn other_settings_are_not_compared_with_published_rows() {
     assert!(rows(&["--thresholds", "1,1,1"]).iter().all(|row| row["published"].is_null()));
 }
 
-/// As `run yards-6v-112 --weights micro-yards` does.
+/// As `run yards-6v-112 --weights micro-yards` does, and as `reproduce` does with large images.
 #[test]
 fn another_size_than_that_of_the_weights_has_the_counts_of_a_run_too() {
     let budget = ["budget", "--model", "micro", "--views", "6", "--size"];
@@ -75,6 +75,17 @@ fn another_size_than_that_of_the_weights_has_the_counts_of_a_run_too() {
     assert!(!text.contains("assumes"), "{text}");
     let row = rows(&["--model", "micro", "--views", "6", "--size", "112x112"]).remove(0);
     assert_eq!((&row["resized"]["seen-at"], &row["resized"]["max"]["gaussians"]), (&json!([128, 128]), &json!(69_120)));
+    assert_eq!(row["resized"]["high-resolution"], Value::Null, "small images");
+    let large = ["--model", "paper-dl3dv", "--views", "12", "--size", "960x512"];
+    let text = succeed(Path::new("."), &[&["budget"], &large[..]].concat());
+    for line in [
+        "paper-dl3dv: assumes weights that were trained at 512x960; the network of weights trained at 256x448 sees these images at \
+         256x480: 5760 > 16200 tokens, 259200 Gaussians",
+        "paper-dl3dv: in `reproduce`, this network takes the setting for large images: 5760 > 19440 tokens, 311040 Gaussians",
+    ] {
+        assert!(text.lines().any(|found| found == line), "{line}: {text}");
+    }
+    assert_eq!(rows(&large).remove(0)["resized"]["high-resolution"]["max"]["gaussians"], 311_040);
 }
 
 #[test]

@@ -77,6 +77,17 @@ struct Resized {
     seen_at: ImageSize,
     min: Tokens,
     max: Tokens,
+    /// In `reproduce`, whose networks see large images as they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    high_resolution: Option<HighResolution>,
+}
+
+/// With the paper's setting for large images.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct HighResolution {
+    min: Tokens,
+    max: Tokens,
 }
 
 /// Comparison of the formula with the paper.
@@ -140,17 +151,29 @@ impl BudgetRow {
 }
 
 impl Resized {
-    /// `None` if the network sees the images as they are, or takes the setting for large images, which sees them at half size.
+    /// `None` if the network sees the images as they are.
     fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
         let trained_at = config.resolution;
         let seen_at = config.context_size(size, trained_at);
-        let half = ImageSize::new(size.height / 2, size.width / 2);
-        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION;
-        if seen_at == size || (is_large && config.context_size(half, trained_at) == half) {
+        if seen_at == size {
             return None;
         }
-        let range = budget(config, views, seen_at).ok()?;
-        Some(Self { trained_at, seen_at, min: (&range.min).into(), max: (&range.max).into() })
+        let BudgetRange { min, max } = budget(config, views, seen_at).ok()?;
+        let high_resolution = HighResolution::new(config, views, size);
+        Some(Self { trained_at, seen_at, min: (&min).into(), max: (&max).into(), high_resolution })
+    }
+}
+
+impl HighResolution {
+    /// `None` for images that are not large, or whose half is not at the scale of the training.
+    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
+        let half = ImageSize::new(size.height / 2, size.width / 2);
+        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION;
+        if !is_large || config.context_size(half, config.resolution) != half {
+            return None;
+        }
+        let BudgetRange { min, max } = budget(&config.for_high_resolution().ok()?, views, size).ok()?;
+        Some(Self { min: (&min).into(), max: (&max).into() })
     }
 }
 
@@ -236,17 +259,18 @@ impl BudgetRow {
         )
     }
 
-    /// What `run` does with weights of another size, whose counts are not those of the row.
+    /// What `run` and `reproduce` do with weights of another size, whose counts are not those of the row.
     fn write_resized(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { model, size, resized: Some(resized), .. } = self else { return Ok(()) };
-        let Resized { trained_at, seen_at, min, max } = resized;
-        let (tokens, gaussians) = (range(min.r#final, max.r#final), range(min.gaussians, max.gaussians));
+        let Resized { trained_at, seen_at, min, max, high_resolution } = resized;
         writeln!(
             f,
             "{model}: assumes weights that were trained at {size}; the network of weights trained at {trained_at} sees these images at \
-             {seen_at}: {} > {tokens} tokens, {gaussians} Gaussians",
-            max.initial
-        )
+             {seen_at}: {}",
+            counts(min, max)
+        )?;
+        let Some(HighResolution { min, max }) = high_resolution else { return Ok(()) };
+        writeln!(f, "{model}: in `reproduce`, this network takes the setting for large images: {}", counts(min, max))
     }
 
     fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -265,6 +289,12 @@ impl BudgetRow {
     }
 }
 
+/// `896 > 2520 tokens, 40320 Gaussians`.
+fn counts(min: &Tokens, max: &Tokens) -> String {
+    let (tokens, gaussians) = (range(min.r#final, max.r#final), range(min.gaussians, max.gaussians));
+    format!("{} > {tokens} tokens, {gaussians} Gaussians", max.initial)
+}
+
 /// `2520`, or `1000 to 2520`.
 fn range(min: usize, max: usize) -> String {
     if min == max { max.to_string() } else { format!("{min} to {max}") }
@@ -274,19 +304,25 @@ fn range(min: usize, max: usize) -> String {
 mod tests {
     use super::*;
 
-    /// Images of twice the size are seen as those of the training, and large ones are left to the setting for them.
+    /// Images of twice the size are seen as those of the training; large ones have the setting for them too.
     #[test]
     fn other_images_are_seen_at_the_scale_of_the_training() {
         let resized = |model: &str, height, width| {
             let config = ModelConfig::named(model).unwrap();
-            Resized::new(&config, 6, ImageSize::new(height, width)).map(|found| (found.seen_at, found.max.gaussians))
+            let found = Resized::new(&config, 6, ImageSize::new(height, width))?;
+            let large = found.high_resolution.map(|large| (large.max.r#final, large.max.gaussians));
+            Some((found.seen_at, found.max.gaussians, large))
         };
         let square = ImageSize::new(128, 128);
-        assert_eq!(resized("micro", 112, 112), Some((square, 69_120)));
+        assert_eq!(resized("micro", 112, 112), Some((square, 69_120, None)));
         assert_eq!(resized("micro", 128, 128), None);
-        assert_eq!(resized("micro", 256, 256), Some((square, 69_120)));
+        assert_eq!(resized("micro", 256, 256), Some((square, 69_120, None)));
         assert_eq!(resized("micro", 128, 224), None);
-        assert_eq!(resized("paper-dl3dv", 512, 896), None);
+        let large = Some((9074, 145_184));
+        assert_eq!(resized("paper-dl3dv", 512, 896), Some((ImageSize::new(256, 448), 120_960, large)));
+        assert_eq!(resized("paper-dl3dv-hr", 512, 960), None);
+        // Not twice the size of the training.
+        assert_eq!(resized("paper-dl3dv", 768, 1344), Some((ImageSize::new(256, 448), 120_960, None)));
     }
 
     #[test]
