@@ -6,7 +6,7 @@ use atsplat_numeric::counted;
 use atsplat_results::store::KnownResults;
 use atsplat_results::trial_notes::STEPS_TAKEN;
 use atsplat_results::{MetricRecord, Provenance, Results, WarningCount};
-use atsplat_scene::Warnings;
+use atsplat_scene::{WarningKind, Warnings};
 
 use crate::print::{note, print_status, warn};
 
@@ -95,23 +95,37 @@ pub(crate) fn print_trial_warnings(results: &Results) {
 
 /// Prints counted warnings on standard error, by kind, with the first few of each.
 pub(crate) fn print_warnings(warnings: &Warnings) {
+    warnings.counts().for_each(|(kind, count)| print_kind(warnings, kind, count));
+}
+
+/// As [`print_warnings`], without the kinds of which the report of `results` counts as many: warnings of opening and sampling data
+/// that reading the trials gave again.
+pub(crate) fn print_unreported(warnings: &Warnings, results: &Results) {
+    unreported(warnings, results).for_each(|(kind, count)| print_kind(warnings, kind, count));
+}
+
+/// Kinds with their counts that the warnings of all protocols together do not reach.
+fn unreported(warnings: &Warnings, results: &Results) -> impl Iterator<Item = (WarningKind, u64)> {
+    let reported = move |kind: WarningKind| -> u64 {
+        let kind = kind.to_string();
+        results.provenance.warnings.iter().filter(|warning| warning.kind == kind).map(|warning| warning.count).sum()
+    };
+    warnings.counts().filter(move |(kind, count)| *count > reported(*kind))
+}
+
+fn print_kind(warnings: &Warnings, kind: WarningKind, count: u64) {
     const SHOWN: usize = 3;
-    for (kind, count) in warnings.counts() {
-        warn(&format!("{count} × {kind}"));
-        for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
-            print_status(&format!("    {warning}"));
-        }
-        if count > SHOWN as u64 {
-            print_status(&format!("    and {} more", count - SHOWN as u64));
-        }
+    warn(&format!("{count} × {kind}"));
+    for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
+        print_status(&format!("    {warning}"));
+    }
+    if count > SHOWN as u64 {
+        print_status(&format!("    and {} more", count - SHOWN as u64));
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use atsplat_results::Provenance;
-    use atsplat_scene::WarningKind;
-
     use super::*;
 
     fn store(warnings: &[(&str, &str, u64)]) -> Results {
@@ -168,5 +182,21 @@ mod tests {
         }
         let kinds: Vec<&str> = findings(&[&ablations], &printed).into_keys().map(|(_, kind)| kind).collect();
         assert_eq!(kinds, ["missing-image"], "all three were printed");
+    }
+
+    /// Two protocols on the same three frames: a sampler reads them for each.
+    #[test]
+    fn warnings_of_sampling_are_left_to_a_report_that_counts_as_many() {
+        let results = store(&[("a", "missing-image", 3), ("b", "missing-image", 3), ("a", "lens-distortion", 2)]);
+        let mut sampling = Warnings::new();
+        let kinds = |sampling: &Warnings| unreported(sampling, &results).collect::<Vec<_>>();
+        for frame in 0..6 {
+            sampling.push(WarningKind::MissingImage, "s", format!("frame {frame}"));
+        }
+        assert!(kinds(&sampling).is_empty(), "{:?}", kinds(&sampling));
+        sampling.push(WarningKind::UnreadableScene, "t", "cut off");
+        assert_eq!(kinds(&sampling), [(WarningKind::UnreadableScene, 1)]);
+        sampling.push(WarningKind::MissingImage, "u", "a scene without trials");
+        assert_eq!(kinds(&sampling), [(WarningKind::MissingImage, 7), (WarningKind::UnreadableScene, 1)]);
     }
 }

@@ -60,6 +60,9 @@ fn build_and_run_choose_the_same_frames() {
     assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");
     let outcome = run(here, &["--sampler", "rule.toml", "--out", "store"]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    // The sampler and the trials read the same frames: the report alone warns of them.
+    let (text, error) = (&outcome.stdout, &outcome.stderr);
+    assert!(text.contains("warning: tiny: 3 missing-image: ") && !error.contains("missing-image"), "{text}{error}");
     let results = Results::read(&here.join("store")).unwrap();
     let bytes = std::fs::read(here.join("built.json")).unwrap();
     assert_eq!(results.provenance.presets[0].index_sha256, Sha256Digest::of(&bytes).to_string());

@@ -84,7 +84,8 @@ fn the_split_of_a_sampled_index_takes_only_frames_with_an_image() {
     std::fs::write(here.join("rule.toml"), rule).unwrap();
     let args = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
     let run = atsplat(here, &[&args[..], &["--sampler", "rule.toml"]].concat());
-    assert!(run.code == 0 && run.stderr.contains("warning: 5 × missing-image"), "{}{}", run.stdout, run.stderr);
+    assert!(run.code == 0 && run.stdout.contains("warning: tiny: 5 missing-image: "), "{}{}", run.stdout, run.stderr);
+    assert!(!run.stderr.contains("missing-image"), "{}", run.stderr);
     let results = Results::read(&here.join("store")).unwrap();
     let targets: Vec<u64> = results.targets.iter().map(|row| row.frame).collect();
     assert!(targets.len() == 6 && targets.iter().all(|frame| *frame >= 5), "{targets:?}");

@@ -22,7 +22,7 @@ use crate::print::{print_report, print_status, warn};
 use crate::progress::Progress;
 use crate::provenance;
 use crate::warnings::{
-    print_absent_metrics, print_evaluated_again, print_findings, print_trial_warnings, print_warnings,
+    print_absent_metrics, print_evaluated_again, print_findings, print_trial_warnings, print_unreported, print_warnings,
 };
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
@@ -135,11 +135,12 @@ fn evaluate(
     let images = protocols.images_of_expected_size(&datasets, &results);
     let report = RunReport::of(&results, Some(summary), settings.out());
     print_report(&report.with_advice(protocols.takes_any_size(), images), settings.json)?;
-    print_warnings(&warnings);
     if settings.json {
+        print_warnings(&warnings);
         print_findings(&[&results], &warnings);
     } else {
         // The others are in the report.
+        print_unreported(&warnings, &results);
         print_trial_warnings(&results);
     }
     if let Some(why) = plan.nothing_evaluated(&results) {
