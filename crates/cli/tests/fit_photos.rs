@@ -65,7 +65,7 @@ fn the_psnr_of_training_views_is_named_as_what_it_is() {
     assert_eq!(record["evaluations"][0]["identical"], 0, "{record}");
 }
 
-/// One photo is missing among those of a range, and then all of another range.
+/// One photo is missing among those of a range, then all of another range, and then one in each.
 #[test]
 fn ranges_leave_out_missing_photos_with_a_warning() {
     let folder = tempdir().unwrap();
@@ -80,6 +80,14 @@ fn ranges_leave_out_missing_photos_with_a_warning() {
     assert_eq!((&record["views"], &record["held-out"]), (&json!(["2", "3", "5", "6", "7"]), &json!(["0", "4"])));
     let none = fit(&["--views", "..", "--held-out", "1..2"]);
     assert!(none.code == 1 && none.stderr.contains("--held-out: none of these frames has a photo"), "{}", none.stderr);
+    fs::remove_file(here.join("photos/000005.png")).unwrap();
+    let both = fit(&["--views", "0..4", "--held-out", "4..8"]);
+    assert_eq!(both.code, 0, "{}", both.stderr);
+    for text in ["2 × missing-image\n", "frame 1: no photos/000001.png\n", "frame 5: no photos/000005.png\n"] {
+        assert!(both.stderr.contains(text), "{text}: {}", both.stderr);
+    }
+    let record = serde_json::from_slice::<Value>(&fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
+    assert_eq!((&record["views"], &record["held-out"]), (&json!(["0", "2", "3"]), &json!(["4", "6", "7"])));
 }
 
 /// Photos of 16×12 pixels lose two columns on either side.

@@ -4,7 +4,7 @@ mod common;
 
 use std::fs;
 
-use atsplat_pixels::{DecodeLimits, decode};
+use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
@@ -51,4 +51,36 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
     let expected = "--background requires --renders, --plots or --alpha composite";
     assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{}", rejected.stderr);
     succeed(here, &reconstruct(&["--background", "white", "--alpha", "composite"]));
+}
+
+/// The listed photos are gone, and two copies of them are there: the smaller one has the size that the protocol requires.
+#[test]
+fn a_protocol_chooses_the_copy_of_photos_that_it_requires() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    let frame = |at: u32| {
+        let pose = json!([[1, 0, 0, 0.1 * f64::from(at)], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+        json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose })
+    };
+    let frames: Vec<Value> = (0..3).map(frame).collect();
+    let transforms = json!({ "w": 240, "h": 160, "fl_x": 240, "frames": frames });
+    for (copy, [width, height]) in [("images_2", [120, 80]), ("images_4", [60, 40])] {
+        fs::create_dir_all(here.join("data").join(copy)).unwrap();
+        for at in 0..3u8 {
+            let image = ImageU8::new(width, height, vec![90 + 7 * at; (width * height * 3) as usize]).unwrap();
+            fs::write(here.join(format!("data/{copy}/{at}.png")), encode_png(&image).unwrap()).unwrap();
+        }
+    }
+    fs::write(here.join("data/transforms.json"), transforms.to_string()).unwrap();
+    let preset = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap();
+    let preset = preset.replacen("name = \"re10k-2v-256\"", "name = \"mine\"", 1);
+    let preset = preset.replacen("{ width = 640, height = 360 }", "{ width = 60, height = 40 }", 1);
+    let preset = preset.replacen("height = 256, width = 256", "height = 32, width = 48", 1);
+    fs::write(here.join("mine.toml"), preset).unwrap();
+    let network = ["--weights", "random:3", "--model", TINY, "--out", "scene.ply"];
+    for (copy, more) in [("images_4/0.png", None), ("images_2/0.png", Some("--any-size"))] {
+        let args = ["reconstruct", "data", "--views", "0,2", "--protocol", "mine.toml"];
+        let outcome = atsplat(here, &[&args, &network[..], more.as_slice()].concat());
+        assert!(outcome.code == 0 && outcome.stderr.contains(copy), "{copy}: {}", outcome.stderr);
+    }
 }

@@ -76,13 +76,13 @@ impl InputArgs {
         background: Background,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Input> {
-        let mut scene: Scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
+        let mut scene: Scene = scene(&self.data, &self.images, self.key.as_deref(), None, warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
-        let targets = self.held_out.as_ref().map(|held_out| selected(held_out, &scene, warnings));
+        let targets = self.held_out.as_ref().map(|held_out| selected(held_out, &scene));
         let targets = targets.transpose().context("--held-out")?.unwrap_or_default();
-        let mut context = selected(&self.views, &scene, warnings).context("--views")?;
+        let mut context = selected(&self.views, &scene).context("--views")?;
         context.retain(|frame| !targets.contains(frame));
         if context.is_empty() {
             bail!("--views: all of these photos are held out");

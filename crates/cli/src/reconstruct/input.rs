@@ -88,17 +88,20 @@ impl InputArgs {
         check: &dyn Fn(&[Frame], &PhotoSelection) -> anyhow::Result<()>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Photos> {
-        let mut scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
+        let preset = self.protocol.as_deref().map(Preset::resolve).transpose()?;
+        let expected_size = preset.as_ref().and_then(|preset| preset.preprocessing.expected_size);
+        let expected_size = expected_size.filter(|_| !self.any_size);
+        let mut scene = scene(&self.data, &self.images, self.key.as_deref(), expected_size, warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
-        let context = selected(&self.views, &scene, warnings).context("--views")?;
-        let targets = self.targets.as_ref().map(|targets| selected(targets, &scene, warnings));
+        let context = selected(&self.views, &scene).context("--views")?;
+        let targets = self.targets.as_ref().map(|targets| selected(targets, &scene));
         let targets = targets.transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         check(&scene.frames, &selection)?;
         let shown = self.alpha.shown(scene, background);
-        let (scene, recipe) = self.prepared(shown, config, warnings)?;
+        let (scene, recipe) = self.prepared(shown, preset, config, warnings)?;
         match Photos::new(scene, selection, recipe, warnings) {
             Err(error) if self.protocol.is_none() && is_size_error(&error) => {
                 let ImageSize { width, height } = self.size(config);
@@ -117,13 +120,13 @@ impl InputArgs {
     fn prepared(
         &self,
         mut scene: Scene,
+        preset: Option<Preset>,
         config: &ModelConfig,
         warnings: &mut Warnings,
     ) -> anyhow::Result<(Scene, TrialRecipe)> {
-        let Some(name) = &self.protocol else {
+        let Some(mut preset) = preset else {
             return Ok((scene, photo_recipe(self.size(config))));
         };
-        let mut preset = Preset::resolve(name)?;
         if self.any_size {
             let source: Arc<dyn SceneSource> = Arc::new(OneScene::new(scene.clone()));
             if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
@@ -148,11 +151,13 @@ pub(crate) fn is_size_error(error: &ReconstructError) -> bool {
     matches!(error, ReconstructError::Skipped(Skipped { reason: SkipReason::Preprocessing, .. }))
 }
 
-/// The scene of a dataset, or the output of `atsplat render`.
+/// The scene of a dataset, or the output of `atsplat render`, with a warning for each photo that is missing. If there are only copies of
+/// other sizes of the listed photos, that of `expected_size` is used.
 pub(crate) fn scene(
     data: &Path,
     images: &ImageArgs,
     key: Option<&str>,
+    expected_size: Option<CameraSize>,
     warnings: &mut Warnings,
 ) -> anyhow::Result<Scene> {
     if let Some(scene) = rendered_scene(data)? {
@@ -161,27 +166,24 @@ pub(crate) fn scene(
         if let Some(key) = key {
             ensure!(key == rendered, "--key {key}: the output of `atsplat render` is one scene, {rendered} ({data})");
         }
+        for (at, frame) in scene.frames.iter().enumerate() {
+            if let FrameImage::Missing(path) = &frame.image {
+                let detail = format!("frame {at}: no {}", path.display());
+                warnings.push(WarningKind::MissingImage, rendered.as_str(), detail);
+            }
+        }
         return Ok(scene);
     }
-    let dataset = images.open(data, warnings)?;
+    let remote = images.cache.dataset(data)?;
+    let dataset = images.open_at(data, remote.as_ref(), expected_size, warnings)?;
     Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }
 
-/// The selected frames of a scene. Ranges leave out those whose photo is missing, with a warning.
-pub(crate) fn selected(
-    selection: &FrameSelection,
-    scene: &Scene,
-    warnings: &mut Warnings,
-) -> anyhow::Result<Vec<usize>> {
+/// The selected frames of a scene. Ranges leave out those whose photo is missing, of which [`scene`] warns.
+pub(crate) fn selected(selection: &FrameSelection, scene: &Scene) -> anyhow::Result<Vec<usize>> {
     let is_missing =
         |at: usize| scene.frames.get(at).is_some_and(|frame| matches!(frame.image, FrameImage::Missing(_)));
-    let (picked, left_out) = selection.of_available(scene.frames.len(), |at| !is_missing(at))?;
+    let (picked, _) = selection.of_available(scene.frames.len(), |at| !is_missing(at))?;
     ensure!(!picked.is_empty(), "none of these frames has a photo");
-    let mut missing = Warnings::new();
-    for at in left_out {
-        missing.push(WarningKind::MissingImage, scene.key.as_str(), format!("frame {at}: no photo; it is left out"));
-    }
-    // Readers of datasets have warned of the same frames.
-    warnings.join(&missing);
     Ok(picked)
 }
