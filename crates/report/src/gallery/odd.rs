@@ -59,6 +59,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     let mut gaps = overlap_curves();
     gaps.series[0].points.drain(4..7);
     gaps.series[1].points[5].1.interval = None;
+    gaps.series[2].points[6].0 += 0.025;
     let mut stages = stage_time();
     stages.rows[0].stages = (0..12).map(|at| (format!("stage {at}"), 1e-5 * f64::from(at + 1))).collect();
     let mut untimed = stage_time();

@@ -24,7 +24,7 @@ pub(super) fn overlap_curves() -> OverlapCurves {
             OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
             OverlapBin { name: "large".to_owned(), edges: [0.55, 0.8], scenes: 1630 },
         ],
-        gap: 1.5 * 0.062,
+        edges: (1..12).map(|at| 0.049 + 0.062 * f64::from(at)).collect(),
         series: vec![
             series("ATSplat", 22.6, 9.0),
             series("imported: DepthSplat", 21.1, 9.8),

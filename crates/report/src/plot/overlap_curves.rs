@@ -2,7 +2,7 @@ use super::drawing::axes::Axes;
 use super::drawing::labels::names_above;
 use super::drawing::scale::Scale;
 use super::drawing::series::{
-    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves_with, height_of_names, note, number_axis, scale_of,
+    Curve, Estimate, QualityMetric, bars, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
     sentences,
 };
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
@@ -19,8 +19,8 @@ pub struct OverlapCurves {
     pub quality: QualityMetric,
     /// The protocol's bins, shown behind the curves.
     pub bins: Vec<OverlapBin>,
-    /// Points that are at least so far apart are not joined.
-    pub gap: f64,
+    /// Edges between the steps of overlap, ascending; each belongs to the step below it. Points of neighbouring steps are joined.
+    pub edges: Vec<f64>,
     /// A curve per method.
     pub series: Vec<OverlapSeries>,
 }
@@ -77,11 +77,48 @@ impl OverlapCurves {
             points: series.points.clone(),
             colour: colour(at),
         });
-        let gap = self.gap;
-        let beyond = draw_curves_with(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < gap, false);
-        let intervals = bars("Bars", points().map(|(_, mean)| mean), false);
+        let joined = |a: f64, b: f64| self.edges.iter().filter(|edge| (a..b).contains(*edge)).count() < 2;
+        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
+        let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
         let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
         drawing.end_at(bottom + 14.0);
         drawing
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::definition;
+
+    use super::super::drawing::check::FaultKind;
+    use super::super::drawing::shape::{Role, Shape};
+    use super::*;
+
+    /// The step from 0.5 to 0.6 is empty: the points on either side of it, one of them on its edge, are closer than others that are joined.
+    #[test]
+    fn lines_and_bands_join_points_of_neighbouring_steps_alone() {
+        let point = |overlap: f64| (overlap, Estimate { value: 20.0 + overlap, interval: Some([19.0, 22.0]) });
+        let points = [0.21, 0.31, 0.32, 0.5, 0.61, 0.79].map(point).to_vec();
+        let plot = OverlapCurves {
+            title: "PSNR against overlap".to_owned(),
+            subtitle: "RealEstate10K by overlap, 60 scenes".to_owned(),
+            quality: definition("psnr").unwrap().into(),
+            bins: vec![OverlapBin { name: "all".to_owned(), edges: [0.2, 0.8], scenes: 60 }],
+            edges: vec![0.3, 0.315, 0.4, 0.5, 0.6, 0.7],
+            series: vec![OverlapSeries { label: "a".to_owned(), points }],
+        };
+        let drawing = plot.draw();
+        let corners = |is_of: fn(&Role) -> bool| -> Vec<usize> {
+            let items = drawing.items.iter().filter(|item| is_of(&item.role));
+            let counts = items.filter_map(|item| match &item.shape {
+                Shape::Line { points, .. } => Some(points.len()),
+                Shape::Area { corners, .. } => Some(corners.len()),
+                _ => None,
+            });
+            counts.collect()
+        };
+        assert_eq!(corners(|role| matches!(role, Role::Data(_))), [4, 2]);
+        assert_eq!(corners(|role| matches!(role, Role::Band(_))), [8, 4]);
+        assert!(drawing.faults().iter().all(|fault| fault.kind != FaultKind::Band), "{:?}", drawing.faults());
     }
 }

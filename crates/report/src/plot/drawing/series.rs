@@ -136,18 +136,6 @@ pub(in crate::plot) fn draw_curves(
     curves: &[Curve<'_>],
     joined: impl Fn(f64, f64) -> bool,
 ) -> Vec<String> {
-    draw_curves_with(drawing, axes, curves, joined, true)
-}
-
-/// Like [`draw_curves`]; without `bands`, every interval is an error bar, as of points at uneven steps: the check of plots takes a wide
-/// part of a band for one across a gap.
-pub(in crate::plot) fn draw_curves_with(
-    drawing: &mut Drawing,
-    axes: &Axes,
-    curves: &[Curve<'_>],
-    joined: impl Fn(f64, f64) -> bool,
-    bands: bool,
-) -> Vec<String> {
     let Extent { right, top, bottom, .. } = axes.inside;
     let kept = |y: f64| y.clamp(top, bottom);
     let is_shown = |mean: f64| (top - 0.5..=bottom + 0.5).contains(&axes.y_of(mean));
@@ -155,7 +143,7 @@ pub(in crate::plot) fn draw_curves_with(
     let mut discs: Vec<[f64; 2]> = Vec::new();
     for Curve { points, colour, label } in curves {
         for part in points.chunk_by(|(a, _), (b, _)| joined(*a, *b)) {
-            for part in part.chunk_by(|(_, a), (_, b)| bands && has_band(a, is_shown) && has_band(b, is_shown)) {
+            for part in part.chunk_by(|(_, a), (_, b)| has_band(a, is_shown) && has_band(b, is_shown)) {
                 draw_intervals(drawing, axes, label, part, *colour);
             }
             let line: Vec<_> = part.iter().map(|(x, mean)| [axes.x_of(*x), kept(axes.y_of(mean.value))]).collect();

@@ -1,13 +1,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::Definition;
-use atsplat_numeric::{Extremes as _, mean};
+use atsplat_numeric::mean;
 use atsplat_protocol::{BinRule, OverlapBins};
 use atsplat_results::MethodRecord;
 use atsplat_results::statistics::{Binned, Summary, by_overlap};
 
 use super::{ProtocolResults, estimate};
-use crate::plot::{Drawing, OverlapBin, OverlapCurves, OverlapSeries};
+use crate::plot::{Drawing, Estimate, OverlapBin, OverlapCurves, OverlapSeries};
 use crate::{ReportError, counted};
 
 /// About how many points a curve has over the range of overlap.
@@ -27,17 +27,11 @@ impl<'a> ProtocolResults<'a> {
         let by = estimator.map_or_else(String::new, |name| format!("; overlaps by {name}, a third in each bin"));
         let bins = thirds.unwrap_or(bins);
         let edges = edges_of_steps(bins.edges());
-        let widest = edges.windows(2).fold(0.0, |widest: f64, pair| widest.maximum_of(pair[1] - pair[0]));
         let names = (1..edges.len()).map(|step| step.to_string()).collect();
         let fine = OverlapBins::new(BinRule::Strict, names, edges)?;
-        let series = |method: &'a MethodRecord| {
-            let binned = by_overlap(self.results, &self.query(&method.name, metric), &fine, aggregation);
-            let overlaps = self.scored_overlaps(&method.name, metric);
-            let point = |(step, summary): &(String, Summary)| {
-                let of_step = overlaps.iter().copied().filter(|overlap| fine.name_of(*overlap) == Some(step.as_str()));
-                Some((mean(of_step)?, estimate(summary)?))
-            };
-            OverlapSeries { label: self.title(method), points: binned.bins.iter().filter_map(point).collect() }
+        let series = |method: &'a MethodRecord| OverlapSeries {
+            label: self.title(method),
+            points: self.points(&method.name, metric, &fine),
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         // Scenes with a score, of the method that has most of them; a scene may have several trials.
@@ -61,11 +55,22 @@ impl<'a> ProtocolResults<'a> {
             subtitle: format!("{}; means over steps of overlap{by}{outside}", self.subject_of_means()),
             quality: metric.into(),
             bins: shown.collect(),
-            // Means of trials in neighbouring steps are closer than two steps.
-            gap: 2.0 * widest,
+            // No point is below the first edge, but one may be on it.
+            edges: fine.edges().iter().skip(1).copied().collect(),
             series,
         };
         Ok((!overlaps.is_empty() && !plot.series.is_empty()).then(|| plot.draw()))
+    }
+
+    /// The mean of a metric in each step of overlap that has one, at the mean overlap of its trials.
+    fn points(&self, method: &'a str, metric: &'static Definition, steps: &OverlapBins) -> Vec<(f64, Estimate)> {
+        let binned = by_overlap(self.results, &self.query(method, metric), steps, self.protocol.aggregation);
+        let overlaps = self.scored_overlaps(method, metric);
+        let point = |(step, summary): &(String, Summary)| {
+            let of_step = overlaps.iter().copied().filter(|overlap| steps.name_of(*overlap) == Some(step.as_str()));
+            Some((mean(of_step)?, estimate(summary)?))
+        };
+        binned.bins.iter().filter_map(point).collect()
     }
 
     /// The overlap of each trial of a method that has a score.
@@ -99,9 +104,9 @@ mod tests {
 
     use atsplat_numeric::Tolerance;
 
-    use super::edges_of_steps;
+    use super::{BinRule, OverlapBins, edges_of_steps};
     use crate::plot_data::store_plots;
-    use crate::sample::{HOSTILE, atsplat, floor, preset, results};
+    use crate::sample::{HOSTILE, SCENES, atsplat, floor, preset, results};
     use crate::table::Source;
 
     /// A step of a tenth of the range would go from 0.5 to 0.575, over the edge at 0.55.
@@ -119,7 +124,7 @@ mod tests {
         near(&edges_of_steps(&[0.0, 0.01, 0.2, 1.0]), &[0.0, 0.01, 0.105, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]);
     }
 
-    /// Two of four trials share a step of the bin of medium overlap; their point is at the mean of their overlaps.
+    /// Two of four trials share a step, from 0.4667 to 0.55; their point is at the mean of their overlaps.
     #[test]
     fn a_point_is_at_the_mean_overlap_of_its_trials() {
         let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
@@ -129,9 +134,33 @@ mod tests {
         let record = results.provenance.presets[0].clone();
         let protocol =
             super::ProtocolResults { results: &results, preset: &record, protocol: record.protocol().unwrap() };
-        let mut found = protocol.scored_overlaps("a", atsplat_metrics::definition("psnr").unwrap());
-        found.sort_unstable_by(f64::total_cmp);
-        Tolerance::EXACT.assert(found, [0.1, 0.48, 0.548, 0.7], "the overlaps of four trials, each once");
+        let bins = protocol.protocol.overlap_bins.as_ref().unwrap();
+        let edges = edges_of_steps(bins.edges());
+        let names = (1..edges.len()).map(|step| step.to_string()).collect();
+        let steps = OverlapBins::new(BinRule::Strict, names, edges).unwrap();
+        let points = protocol.points("a", atsplat_metrics::definition("psnr").unwrap(), &steps);
+        let overlaps = points.iter().map(|(overlap, _)| *overlap);
+        Tolerance::absolute(1e-12).assert(overlaps, [0.1, 0.514, 0.7], "0.48 and 0.548 have one point");
+        // The targets of a scene are 27, 27.25 and 27.5 dB, less 2 dB for each scene before it.
+        let means = points.iter().map(|(_, mean)| mean.value);
+        Tolerance::absolute(1e-12).assert(means, [27.25, 24.25, 21.25], "of scenes");
+    }
+
+    /// Steps are a twelfth wide. Those of 0.13 and 0.22 have an empty one between them, those of 0.5 and 0.56 are neighbours.
+    #[test]
+    fn no_line_crosses_an_empty_step() {
+        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+        for (scene, overlap) in SCENES.into_iter().zip([0.13, 0.22, 0.5, 0.56]) {
+            results.trials.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
+            results.targets.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
+        }
+        let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+        let (_, plot) = plots.iter().find(|(name, _)| name == "run-re10k-overlap-overlap").unwrap();
+        let svg = plot.to_svg().unwrap();
+        let lines: Vec<&str> =
+            svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("data-role=\"data\"")).collect();
+        // The second method failed in the third scene.
+        assert!(lines.len() == 1 && lines[0].contains("data-series=\"ATSplat"), "{lines:?}");
     }
 
     fn said(results: &Results) -> String {

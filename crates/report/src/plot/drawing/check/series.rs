@@ -9,8 +9,6 @@ use super::{FaultKind, PlotFault, fault};
 
 /// Distances in pixels below which two places are the same.
 const SAME: f64 = 0.75;
-/// Points farther apart than this many times the least step have a gap between them.
-const GAP: f64 = 1.6;
 
 /// Series that share a colour, use one outside the palette, are missing from the legend, or have bands where they have no
 /// points.
@@ -51,20 +49,16 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
             }
         }
     }
-    let steps = drawing.items.iter().filter(|item| matches!(item.role, Role::Band(_))).flat_map(|item| {
-        let edges = edges(item);
-        edges.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>()
-    });
-    let least = steps.fold(f64::INFINITY, f64::minimum_of);
-    faults.extend(drawing.items.iter().filter_map(|item| band(item, &data, least)));
+    faults.extend(drawing.items.iter().filter_map(|item| band(item, &data)));
     faults
 }
 
-/// An interval's area that is not between neighbouring points of its series; `least` is the plot's least step between them.
-fn band(item: &Item, data: &BTreeMap<&str, Vec<&Item>>, least: f64) -> Option<PlotFault> {
+/// An interval's area that is not between points of its series that a line joins.
+fn band(item: &Item, data: &BTreeMap<&str, Vec<&Item>>) -> Option<PlotFault> {
     let Role::Band(name) = &item.role else { return None };
     let found = |what: String| Some(fault(FaultKind::Band, format!("“{name}” {what}")));
-    let points = data.get(&**name).map_or_else(Vec::new, |items| places(items.iter().filter_map(|item| mark(item))));
+    let of_series = data.get(&**name).map_or(&[][..], Vec::as_slice);
+    let points = places(of_series.iter().filter_map(|item| mark(item)));
     let edges = edges(item);
     if let Some(edge) = edges.iter().find(|edge| !points.iter().any(|point| (*point - **edge).abs() < SAME)) {
         return found(format!("has an interval at x = {edge:.1} px, but no point"));
@@ -76,8 +70,10 @@ fn band(item: &Item, data: &BTreeMap<&str, Vec<&Item>>, least: f64) -> Option<Pl
     {
         return found(format!("has an interval across x = {point:.1} px, whose point has none"));
     }
-    let wide = edges.windows(2).find(|pair| pair[1] - pair[0] > GAP * least)?;
-    found(format!("has an interval across a gap from x = {:.1} to {:.1} px", wide[0], wide[1]))
+    let lines: Vec<[f64; 2]> = of_series.iter().filter_map(|item| span(item)).collect();
+    let is_joined = |pair: &[f64]| lines.iter().any(|[low, high]| low - SAME < pair[0] && pair[1] < high + SAME);
+    let gap = edges.windows(2).find(|pair| !is_joined(pair))?;
+    found(format!("has an interval across a gap from x = {:.1} to {:.1} px", gap[0], gap[1]))
 }
 
 /// Where a band has corners.
@@ -94,6 +90,13 @@ fn places(all: impl Iterator<Item = f64>) -> Vec<f64> {
     places.sort_by(f64::total_cmp);
     places.dedup_by(|a, b| (*a - *b).abs() < SAME);
     places
+}
+
+/// From where to where a line goes.
+fn span(item: &Item) -> Option<[f64; 2]> {
+    let Shape::Line { points, .. } = &item.shape else { return None };
+    let xs = || points.iter().map(|[x, _]| *x);
+    Some([xs().fold(f64::INFINITY, f64::minimum_of), xs().fold(f64::NEG_INFINITY, f64::maximum_of)])
 }
 
 /// Where a mark is.

@@ -170,6 +170,15 @@ fn ticks_that_do_not_agree_with_their_axis_are_found() {
     assert_eq!([2, 1].map(with_ticks), [vec![], vec![FaultKind::Axis]], "a single tick");
 }
 
+/// Ends the line of the first series at its second point of five.
+fn cut_line(plot: &mut Drawing) {
+    let line = plot.items.iter_mut().find_map(|item| match (&item.role, &mut item.shape) {
+        (Role::Data(name), Shape::Line { points, .. }) if &**name == "one" => Some(points),
+        _ => None,
+    });
+    line.unwrap().truncate(2);
+}
+
 #[test]
 fn intervals_without_points_are_found() {
     let mark_at = |plot: &Drawing, nth: usize| {
@@ -206,8 +215,10 @@ fn intervals_without_points_are_found() {
             corners.remove(7);
             corners.remove(2);
         }
+        cut_line(plot);
     });
     assert_eq!(gap, [FaultKind::Band], "a band across a gap");
+    assert_eq!(kinds(cut_line), [FaultKind::Band], "a band between points that no line joins");
 }
 
 #[test]
