@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_metrics::definition;
-use atsplat_protocol::{Aggregation, DropReason, Preset};
+use atsplat_protocol::{DropReason, Preset};
 use serde::Serialize;
 
 use crate::statistics::{Identical, Leaked, MetricQuery, mean_of, select};
@@ -96,11 +96,11 @@ impl RunReport {
         let provenance = &results.provenance;
         let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
         for preset in &provenance.presets {
-            let aggregation = protocol(preset).aggregation;
+            let protocol = protocol(preset);
             for method in &provenance.methods {
                 let targets: Vec<&TargetRow> = results.targets_of(&preset.name, &method.name).collect();
                 if !targets.is_empty() {
-                    rows.push(Row::of(results, preset, aggregation, method, &targets));
+                    rows.push(Row::of(results, preset, &protocol, method, &targets));
                     of_methods.push(MethodTimes::of(results, preset, method));
                 }
             }
@@ -136,7 +136,7 @@ impl Row {
     fn of(
         results: &Results,
         preset: &PresetRecord,
-        aggregation: Aggregation,
+        protocol: &Preset,
         method: &MethodRecord,
         targets: &[&TargetRow],
     ) -> Self {
@@ -144,7 +144,7 @@ impl Row {
         let mean = |metric: &str| {
             let (preset, method, leaked) = (preset.name.as_str(), method.name.as_str(), Leaked::Included);
             let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
-            mean_of(&select(results, &query), aggregation)
+            mean_of(&select(results, &query), protocol.aggregation)
         };
         let ids = results.provenance.metrics.iter().map(|metric| &metric.id);
         let means = ids.filter_map(|id| Some((id.clone(), mean(id)?)));
@@ -167,15 +167,15 @@ impl Row {
             not_applicable: unsupported.len(),
             non_finite: count(TargetStatus::NonFinite),
             identical: count(TargetStatus::Identical),
-            outside_bins: outside_bins(preset, targets),
+            outside_bins: outside_bins(preset, protocol, targets),
             means: means.collect(),
         }
     }
 }
 
 /// [`Row::outside_bins`].
-fn outside_bins(preset: &PresetRecord, targets: &[&TargetRow]) -> u64 {
-    let bins = protocol(preset).overlap_bins;
+fn outside_bins(preset: &PresetRecord, protocol: &Preset, targets: &[&TargetRow]) -> u64 {
+    let bins = protocol.overlap_bins.as_ref();
     let Some(bins) = bins.filter(|bins| bins.mismatched_estimator(&preset.overlap_estimators).is_none()) else {
         return 0;
     };
