@@ -211,7 +211,7 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     let results = |store: &str| Results::read(&here.join(store)).unwrap();
     let warning = "although it states others for a method of their name: depthsplat";
     let unchosen = score("store", &[]);
-    assert!(unchosen.code == 0 && unchosen.stderr.contains(warning), "{}", unchosen.stderr);
+    assert!(unchosen.code == 0 && unchosen.stdout.contains(warning), "{}", unchosen.stdout);
     assert!(!results("store").trials[0].renders_nothing());
     let other = score("store", &["--setting", "DepthSplat"]);
     let said = "methods depthsplat of the two runs differ: parameters.setting: none and DepthSplat";
