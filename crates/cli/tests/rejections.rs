@@ -217,18 +217,18 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     let said = "methods depthsplat of the two runs differ: parameters.setting: none and DepthSplat";
     assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
     let chosen = score("chosen", &["--setting", "DepthSplat"]);
-    assert!(chosen.code == 0 && !chosen.stderr.contains(warning), "{}", chosen.stderr);
+    assert!(chosen.code == 0 && !chosen.stdout.contains(warning), "{}", chosen.stdout);
     assert!(results("chosen").trials[0].renders_nothing());
     let method = ["--method", "depthsplat=ply:near", "--setting", "DepthSplat"];
     succeed(here, &[&RUN[..5], &["run"], &method].concat());
     assert_eq!(bare(&results("run")), bare(&results("chosen")));
     let kept = score("kept", &["--setting", "ATSplat"]);
-    assert!(kept.code == 0 && !kept.stderr.contains(warning), "{}", kept.stderr);
+    assert!(kept.code == 0 && !kept.stdout.contains(warning), "{}", kept.stdout);
     assert_eq!(bare(&results("kept")), bare(&results("store")));
     let misspelt = score("misspelt", &["--setting", "DepthSplt"]);
     assert!(misspelt.code == 1 && misspelt.stderr.contains("\"DepthSplt\""), "{}", misspelt.stderr);
     let elsewhere = score("elsewhere", &["--setting", "NoPoSplat"]);
-    assert!(elsewhere.stderr.contains("depthsplat names NoPoSplat"), "{}", elsewhere.stderr);
+    assert!(elsewhere.stdout.contains("depthsplat names NoPoSplat"), "{}", elsewhere.stdout);
 }
 
 #[test]
