@@ -247,8 +247,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("start");
         files::write(&path, &Gaussians::new(parts).unwrap(), output).unwrap();
-        let start = Start::At(path);
-        let of = PointsOf { data: folder.path(), scene: &scene_without_frames("scene"), applied: None };
+        read_file(folder.path(), strategy, opacities_as_stored)
+    }
+
+    /// The file `start` of a folder.
+    fn read_file(folder: &Path, strategy: Strategy, opacities_as_stored: bool) -> StartGaussians {
+        let start = Start::At(folder.join("start"));
+        let of = PointsOf { data: folder, scene: &scene_without_frames("scene"), applied: None };
         start.gaussians(&TrainingViews::default(), of, None, opacities_as_stored, &FitConfig::new(strategy, 1)).unwrap()
     }
 
@@ -275,7 +280,14 @@ mod tests {
         assert_eq!((start.warnings, start.gaussians.len(), start.removed), (Vec::<String>::new(), 3, 0));
         let [opaque, seen, transparent] = start.gaussians.parts().opacity_logits.as_slice() else { panic!("three") };
         assert!(*opaque > 10.0 && (*seen - 2.0).abs() < 0.1 && *transparent < -10.0, "{opaque} {seen} {transparent}");
-        let as_logits = read(with([f32::INFINITY, 2.0, 3.0]), false);
+        // A PLY stores logits; this toolkit writes none that is infinite.
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("start");
+        let ply = Output::Ply(Encoding::Ascii);
+        files::write(&path, &Gaussians::new(with([20.0, 2.0, 3.0])).unwrap(), ply).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replacen(" 20 ", " inf ", 1)).unwrap();
+        let as_logits = read_file(folder.path(), Strategy::Fixed, false);
         let expected = "1 of 3 Gaussians are broken, of which 0 are removed and 1 repaired: opacity logits infinite ";
         assert!(matches!(&as_logits.warnings[..], [text] if text.starts_with(expected)), "{:?}", as_logits.warnings);
     }
