@@ -286,7 +286,9 @@ mod tests {
         let ply = Output::Ply(Encoding::Ascii);
         files::write(&path, &Gaussians::new(with([20.0, 2.0, 3.0])).unwrap(), ply).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.replacen(" 20 ", " inf ", 1)).unwrap();
+        let infinite = text.replacen(" 20.0 ", " inf ", 1);
+        assert_ne!(infinite, text);
+        std::fs::write(&path, infinite).unwrap();
         let as_logits = read_file(folder.path(), Strategy::Fixed, false);
         let expected = "1 of 3 Gaussians are broken, of which 0 are removed and 1 repaired: opacity logits infinite ";
         assert!(matches!(&as_logits.warnings[..], [text] if text.starts_with(expected)), "{:?}", as_logits.warnings);

@@ -97,5 +97,15 @@ mod tests {
             of_method.filter(|item| matches!(item.shape, Shape::Ring { .. })).count()
         };
         assert_eq!(["a", "b", "c"].map(rings), [0, 1, 1]);
+        // A ring is white inside: it would hide what is drawn before it.
+        let marks = drawing.items.iter().filter_map(|item| match item.shape {
+            Shape::Ring { centre, radius, .. } | Shape::Disc { centre, radius, .. } => Some((centre[0], radius)),
+            _ => None,
+        });
+        let inside: Vec<(f64, f64)> = marks.collect();
+        let first = inside.first().unwrap().0;
+        let radii: Vec<f64> =
+            inside.iter().filter(|(x, _)| (x - first).abs() < 1e-6).map(|(_, radius)| *radius).collect();
+        assert!(radii.len() == 3 && radii.is_sorted_by(|a, b| a > b), "{radii:?}");
     }
 }

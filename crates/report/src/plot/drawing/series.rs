@@ -1,3 +1,5 @@
+use std::cmp::Reverse;
+
 use atsplat_metrics::{Definition, Direction};
 use plotters::style::RGBColor;
 use serde::{Deserialize, Serialize};
@@ -140,7 +142,11 @@ pub(in crate::plot) fn draw_curves(
     let kept = |y: f64| y.clamp(top, bottom);
     let is_shown = |mean: f64| (top - 0.5..=bottom + 0.5).contains(&axes.y_of(mean));
     let mut beyond = Vec::new();
-    let mut discs: Vec<[f64; 2]> = Vec::new();
+    let mut are_rings = draw_rings(drawing, curves, |(x, mean)| {
+        let at = [axes.x_of(*x), kept(axes.y_of(mean.value))];
+        is_shown(mean.value).then_some(at)
+    })
+    .into_iter();
     for Curve { points, colour, label } in curves {
         for part in points.chunk_by(|(a, _), (b, _)| joined(*a, *b)) {
             for part in part.chunk_by(|(_, a), (_, b)| has_band(a, is_shown) && has_band(b, is_shown)) {
@@ -154,12 +160,9 @@ pub(in crate::plot) fn draw_curves(
         for (x, mean) in points {
             let at = [axes.x_of(*x), kept(axes.y_of(mean.value))];
             if is_shown(mean.value) {
-                let below = discs.iter().filter(|other| (at[0] - other[0]).hypot(at[1] - other[1]) < 2.0).count();
-                drawing.data(label, |drawing| match below {
-                    0 => drawing.disc(at, 3.0, Fill::solid(*colour)),
-                    below => drawing.ring(at, 3.0 + 2.5 * below as f64, Stroke::new(*colour, 1.5)),
-                });
-                discs.push(at);
+                if are_rings.next() == Some(false) {
+                    drawing.data(label, |drawing| drawing.disc(at, 3.0, Fill::solid(*colour)));
+                }
             } else {
                 let tip = if at[1] <= top { -7.0 } else { 7.0 };
                 let corners = [[at[0] - 5.0, at[1] - tip], [at[0], at[1]], [at[0] + 5.0, at[1] - tip]];
@@ -184,6 +187,29 @@ pub(in crate::plot) fn draw_curves(
         });
     }
     beyond
+}
+
+/// Draws a ring for each point at the place of earlier ones, the largest first, because a ring is white inside. Returns which of the
+/// points that `place` shows are rings.
+fn draw_rings(
+    drawing: &mut Drawing,
+    curves: &[Curve<'_>],
+    place: impl Fn(&(f64, Estimate)) -> Option<[f64; 2]>,
+) -> Vec<bool> {
+    let mut marks: Vec<([f64; 2], usize, &Curve<'_>)> = Vec::new();
+    for curve in curves {
+        for at in curve.points.iter().filter_map(&place) {
+            let below = marks.iter().filter(|(other, ..)| (at[0] - other[0]).hypot(at[1] - other[1]) < 2.0).count();
+            marks.push((at, below, curve));
+        }
+    }
+    let are_rings = marks.iter().map(|(_, below, _)| *below > 0).collect();
+    marks.sort_by_key(|(_, below, _)| Reverse(*below));
+    for (at, below, curve) in marks.into_iter().take_while(|(_, below, _)| *below > 0) {
+        let stroke = Stroke::new(curve.colour, 1.5);
+        drawing.data(curve.label, |drawing| drawing.ring(at, 3.0 + 2.5 * below as f64, stroke));
+    }
+    are_rings
 }
 
 /// Whether a point can be part of a band.
