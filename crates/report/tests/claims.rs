@@ -59,7 +59,7 @@ const SPARSEST: [&str; 3] = ["expansion-sparsest", "expansion-sparsest-seed-2", 
 /// The second training is on images of generation 2 of the simulator, on which its three rows were evaluated too.
 const DIRECT: [&str; 2] = ["anchors", "anchors-seed-2-generation-2"];
 
-const CLAIMS: [Claim; 17] = [
+const CLAIMS: [Claim; 18] = [
     Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },
     Claim {
         text: "uncertainty above farthest-point sampling",
@@ -90,6 +90,11 @@ const CLAIMS: [Claim; 17] = [
         text: "straight-through selection above no expansion",
         above: ("sparse-straight-through", &["expansion-sparse-straight-through", SPARSE[1], SPARSE[2]]),
         below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "at half of the density and twice the learning rate: uncertainty above random selection",
+        above: ("sparser", &["expansion-sparser"]),
+        below: ("sparser-random", &["expansion-sparser"]),
     },
     Claim {
         text: "at a quarter of the density: uncertainty above random selection",
