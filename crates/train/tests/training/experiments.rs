@@ -92,7 +92,7 @@ fn the_embedded_weights_fit_the_experiments_networks() {
 }
 
 /// The rows behind the paper's claims: each goes on from the embedded weights, and they differ in nothing but their model, the losses
-/// of straight-through scores, and the new parts of a model.
+/// of straight-through scores, and the new parts of a model; those of 2 Gaussians per token also have another learning rate.
 #[test]
 fn rows_of_claims_start_from_the_embedded_weights() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
@@ -126,10 +126,15 @@ fn rows_of_claims_start_from_the_embedded_weights() {
         assert_eq!(row.steps.get(), times * full.steps.get(), "{name}");
         let mut common = TrainConfig { title: full.title.clone(), steps: full.steps, model: full.model.clone(), ..row };
         common.losses.uncertainty_weight = full.losses.uncertainty_weight;
+        if name.starts_with("sparser") {
+            let times = common.schedule.learning_rate / full.schedule.learning_rate;
+            assert!((times - 2.0).abs() < 1e-9, "{name}: twice the learning rate");
+            common.schedule.learning_rate = full.schedule.learning_rate;
+        }
         assert_eq!(common, full, "{name}: the same samples and losses");
         names.push((name, model));
     }
-    assert_eq!(names.len(), 29);
+    assert_eq!(names.len(), 31);
     let model = |name: &str| names.iter().find(|(known, _)| known == name).map(|(_, model)| model).unwrap();
     let gaussians = |name: &str| budget(model(name), 2, ImageSize::new(64, 64)).unwrap().fixed().unwrap().gaussians;
     assert_eq!(gaussians("expansion-none-k45"), gaussians("full"));
@@ -140,6 +145,7 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     for name in ["random", "farthest-point", "straight-through"].map(|name| format!("sparsest-{name}")) {
         assert_eq!(gaussians(&name), gaussians("k-1"), "{name}");
     }
+    assert_eq!((gaussians("sparser-random"), gaussians("sparser")), (720, 720));
     // As many as whole Gaussians per token allow.
     assert_eq!((gaussians("sparse-none-k11"), gaussians("k-4")), (1408, 1440));
     assert_eq!((gaussians("sparsest-none-k3"), gaussians("k-1")), (384, 360));
