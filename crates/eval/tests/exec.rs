@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use atsplat_eval::method::{Exec, ExecSettings, Method, Ply, Renders, Splatting, Warp};
+use atsplat_eval::method::{Exec, ExecSettings, Method, Ply, Renders, Splatting};
 use atsplat_eval::runner::KeepImages;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, GaussianFrame};
@@ -20,47 +20,8 @@ use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_results::{Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_splat::files::{Encoding, Output, write};
 use atsplat_splat::{GaussianParts, Gaussians};
+use common::shell::{exec, run_of, script, settings, write_images};
 use common::{Run, SIZE, Walls, dataset, entry, image};
-
-/// A shell script that answers each trial with `body`, which sees `$trial`, `$folder` and `$scene`.
-fn script(here: &Path, gives: &str, body: &str) -> String {
-    let path = here.join("method.sh");
-    let hello = format!(r#"{{"atsplat": 1, "name": "shell", "version": "1", "gives": "{gives}"}}"#);
-    let text = format!(
-        r#"cd '{}'
-echo '{hello}'
-field() {{ printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }}
-answer() {{ echo "{{\"trial\": $trial, $1}}"; }}
-while IFS= read -r line; do
-  trial=$(field trial) folder=$(field folder) scene=$(field scene)
-  {body}
-done
-"#,
-        here.display()
-    );
-    fs::write(&path, text).unwrap();
-    format!("sh '{}'", path.display())
-}
-
-fn settings(command: &str) -> ExecSettings {
-    ExecSettings {
-        command: command.to_owned(),
-        name: None,
-        limit: Duration::from_mins(1),
-        processes: 1,
-        opacities_as_stored: false,
-        splatting: Splatting::default(),
-    }
-}
-
-fn exec(command: &str) -> Arc<dyn Method> {
-    Arc::new(Exec::start(settings(command)).unwrap())
-}
-
-/// Targets 1 and 3 between the context views 0 and 4.
-fn run_of(scenes: usize, method: Arc<dyn Method>) -> Run {
-    Run::new(vec![dataset(Walls::new(scenes, 8), &[entry(&[0, 4], &[1, 3])])], vec![method])
-}
 
 fn results_of(scenes: usize, method: Arc<dyn Method>) -> Results {
     let folder = tempfile::tempdir().unwrap();
@@ -76,10 +37,7 @@ fn outcomes(results: &Results) -> Vec<(String, u32, Option<String>, Option<f64>)
 
 /// Images of the warp below `here/warp`, and as arrays `here/wall-0.npy`; their scores as a folder of renders.
 fn prepared(here: &Path, scenes: usize) -> Results {
-    let mut run = run_of(scenes, Arc::new(Warp));
-    run.images = KeepImages::All;
-    run.run(&here.join("store")).unwrap();
-    fs::rename(here.join("store/images/walls/warp"), here.join("warp")).unwrap();
+    write_images(here, scenes);
     for scene in 0..scenes {
         let frames = [1, 3].map(|frame| {
             let path = here.join(format!("warp/wall-{scene}-0/{frame:06}.png"));

@@ -1,59 +1,14 @@
 //! What the rows of a process say that goes wrong, and what is no row.
 
 #![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
 
 use std::fs;
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
 
 use atsplat_eval::EvalError;
-use atsplat_eval::method::{Exec, ExecSettings, Method, Splatting, Warp};
-use atsplat_eval::runner::KeepImages;
 use atsplat_results::TrialStatus;
-use common::{Run, Walls, dataset, entry};
-
-/// A method that answers each trial with `body` of a shell script, which sees `$trial`, `$folder` and `$scene`.
-fn exec(here: &Path, body: &str) -> Arc<dyn Method> {
-    let path = here.join("method.sh");
-    let text = format!(
-        r#"cd '{}'
-echo '{{"atsplat": 1, "name": "shell", "version": "1", "gives": "images"}}'
-field() {{ printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }}
-answer() {{ echo "{{\"trial\": $trial, $1}}"; }}
-while IFS= read -r line; do
-  trial=$(field trial) folder=$(field folder) scene=$(field scene)
-  {body}
-done
-"#,
-        here.display()
-    );
-    fs::write(&path, text).unwrap();
-    let method = Exec::start(ExecSettings {
-        command: format!("sh '{}'", path.display()),
-        name: None,
-        limit: Duration::from_mins(1),
-        processes: 1,
-        opacities_as_stored: false,
-        splatting: Splatting::default(),
-    });
-    Arc::new(method.unwrap())
-}
-
-/// Targets 1 and 3 between the context views 0 and 4.
-fn run_of(scenes: usize, method: Arc<dyn Method>) -> Run {
-    Run::new(vec![dataset(Walls::new(scenes, 8), &[entry(&[0, 4], &[1, 3])])], vec![method])
-}
-
-/// Images of the warp below `here/warp`.
-fn write_images(here: &Path, scenes: usize) {
-    let run = Run { images: KeepImages::All, ..run_of(scenes, Arc::new(Warp)) };
-    run.run(&here.join("store")).unwrap();
-    fs::rename(here.join("store/images/walls/warp"), here.join("warp")).unwrap();
-}
+use common::shell::{exec, run_of, script, write_images};
 
 /// What a method writes names files in a folder whose name is random, and seconds that it measured: here the number of a process.
 #[test]
@@ -72,7 +27,7 @@ fn equal_runs_have_equal_rows_whatever_goes_wrong() {
       esac"#;
     let rows = || {
         let store = tempfile::tempdir().unwrap();
-        let (found, _) = run_of(5, exec(here, body)).run(store.path()).unwrap();
+        let (found, _) = run_of(5, exec(&script(here, "images", body))).run(store.path()).unwrap();
         let trials = found.trials.iter().map(|row| (row.status, row.detail.clone()));
         let targets = found.targets.iter().map(|row| (row.status, row.detail.clone()));
         (trials.collect::<Vec<_>>(), targets.collect::<Vec<_>>())
@@ -100,7 +55,7 @@ fn files_for_a_method_that_cannot_be_written_stop_the_run() {
         cp -r warp/$scene-0 "$folder/out"; answer '"images": "out"'"#;
     let run = || {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        pool.install(|| run_of(3, exec(here, body)).run(&here.join("stopped")))
+        pool.install(|| run_of(3, exec(&script(here, "images", body))).run(&here.join("stopped")))
     };
     let error = run().map(drop).unwrap_err();
     fs::remove_file(fs::read_to_string(here.join("broken")).unwrap().trim()).ok();

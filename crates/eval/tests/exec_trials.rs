@@ -5,13 +5,11 @@ mod common;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::sync::Arc;
-use std::time::Duration;
 
-use atsplat_eval::method::{Exec, ExecSettings, Splatting};
 use atsplat_eval::runner::Selection;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_results::Shard;
+use common::shell::exec;
 use common::{Run, Walls, dataset, entry};
 
 /// A shard, whose timing pass asks for trials again: a method that seeds by the number gives the same results as in a whole run.
@@ -27,19 +25,12 @@ while IFS= read -r line; do
 done
 "#;
     fs::write(&script, text).unwrap();
-    let method = Exec::start(ExecSettings {
-        command: format!("sh '{}' '{}'", script.display(), seen.display()),
-        name: None,
-        limit: Duration::from_mins(1),
-        processes: 1,
-        opacities_as_stored: false,
-        splatting: Splatting::default(),
-    });
+    let method = exec(&format!("sh '{}' '{}'", script.display(), seen.display()));
     let entries = [entry(&[0, 4], &[1]), entry(&[0, 6], &[3])];
     let run = Run {
         selection: Selection { limit: None, shard: Some(Shard { number: 2, count: 2 }) },
         timing: Some(TimingPlan { trials: 1, ..TimingPlan::default() }),
-        ..Run::new(vec![dataset(Walls::new(6, 8), &entries)], vec![Arc::new(method.unwrap())])
+        ..Run::new(vec![dataset(Walls::new(6, 8), &entries)], vec![method])
     };
     run.run(&folder.path().join("store")).unwrap();
     let numbers = (3..6).flat_map(|scene| [0, 1].map(|entry| format!("wall-{scene} {entry} {}", 2 * scene + entry)));
