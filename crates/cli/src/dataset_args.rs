@@ -53,7 +53,17 @@ impl ImageArgs {
 
     /// Opens the dataset at a path or URL; its format is detected.
     pub(crate) fn open(&self, path: &Path, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
-        self.open_at(path, self.cache.dataset(path)?.as_ref(), None, warnings)
+        self.open_for(path, None, warnings)
+    }
+
+    /// As [`Self::open`], for images of this size: see [`Self::open_at`].
+    pub(crate) fn open_for(
+        &self,
+        path: &Path,
+        expected_size: Option<ImageSize>,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Dataset> {
+        self.open_at(path, self.cache.dataset(path)?.as_ref(), expected_size, warnings)
     }
 
     /// Opens the dataset at `path`, or at the URL that was listed. Of several copies of a scene's images, the one of `expected_size` is

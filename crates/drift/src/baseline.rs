@@ -262,7 +262,8 @@ impl Baseline {
     /// # Errors
     /// Those of [`Self::read`].
     pub fn read_if_exists(path: &Path) -> Result<Option<Self>, DriftError> {
-        path.exists().then(|| Self::read(path)).transpose()
+        let exists = path.try_exists().map_err(DriftError::io("reading a baseline", path))?;
+        exists.then(|| Self::read(path)).transpose()
     }
 
     /// Writes the baseline atomically. If it has no probe, that of an older baseline at the same path is removed.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_results::{PresetRecord, Results, SkippedEntry, TargetStatus, TrialKey, TrialRow};
+use atsplat_results::{PresetRecord, Results, SkippedEntry, TrialKey, TrialRow};
 
 use super::Baseline;
 
@@ -12,10 +12,9 @@ impl Baseline {
     pub fn lost_targets(&self, results: &Results) -> Vec<String> {
         let now: BTreeMap<(&TrialKey, u32), _> =
             results.targets.iter().map(|row| ((&row.key, row.target), (row.status, row.detail.as_deref()))).collect();
-        let had_score = |status| matches!(status, TargetStatus::Scored | TargetStatus::Identical);
-        let lost = self.targets.iter().filter(|then| had_score(then.status)).filter_map(|then| {
+        let lost = self.targets.iter().filter(|then| then.status.is_scored()).filter_map(|then| {
             let why = match now.get(&(&then.key, then.target)) {
-                Some((status, _)) if had_score(*status) => return None,
+                Some((status, _)) if status.is_scored() => return None,
                 Some((_, detail)) => detail.unwrap_or("no reason recorded").to_owned(),
                 None => self.why_absent(&then.key, results)?,
             };

@@ -1,3 +1,4 @@
+use atsplat_numeric::sigmoid;
 use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 
 /// The optimised Gaussians with Adam's moments, which are arrays of the same lengths.
@@ -106,11 +107,6 @@ fn zeros(parts: &GaussianParts) -> GaussianParts {
 #[expect(clippy::expect_used, reason = "positions are those of Gaussians, of which each array has one value")]
 pub(crate) fn set<T>(values: &mut [T], position: usize, value: T) {
     *values.get_mut(position).expect("a Gaussian at the position") = value;
-}
-
-/// The logistic function, the inverse of [`atsplat_numeric::logit`].
-pub(crate) fn sigmoid(logit: f32) -> f64 {
-    1.0 / (1.0 + (-f64::from(logit)).exp())
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ mod tolerance;
 pub use bytes::format_bytes;
 pub use count::{counted, noun};
 pub use extremes::Extremes;
-pub use narrowed::{logit, narrowed};
+pub use narrowed::{logit, narrowed, sigmoid};
 pub use order::{distinct, mean, median, quantile};
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;

@@ -10,6 +10,11 @@ pub fn logit(opacity: f64) -> f32 {
     narrowed((opacity / (1.0 - opacity)).ln())
 }
 
+/// The logistic function, the inverse of [`logit`].
+pub fn sigmoid(logit: f32) -> f64 {
+    1.0 / (1.0 + (-f64::from(logit)).exp())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -48,7 +48,7 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
 }
 
 /// Rejects stores that are given twice.
-pub(crate) fn check_repeated(stores: &[PathBuf]) -> Result<(), Failure> {
+fn check_repeated(stores: &[PathBuf]) -> Result<(), Failure> {
     let Some([store, first]) = repeated_store(stores) else { return Ok(()) };
     let (store, first) = (store.display(), first.display());
     Err(Failure::invalid("stores", format!("{store} is the same store as {first}: name each store once")))

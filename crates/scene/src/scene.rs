@@ -66,7 +66,7 @@ pub trait GeneratedImage: fmt::Debug + Send + Sync {
 
     /// Its header, without generating it: by default that of an upright image of 8 bits without an alpha channel.
     fn header(&self) -> ImageHeader {
-        ImageHeader { size: self.size(), orientation: None, has_alpha: false, has_16_bits: false }
+        ImageHeader::upright(self.size())
     }
 
     /// Everything that the image depends on, as text, so that equal texts mean equal images; without generating it.
@@ -90,6 +90,13 @@ pub struct ImageHeader {
     pub has_alpha: bool,
     /// Whether samples have 16 bits. The low byte is dropped when decoding, as everywhere in the field.
     pub has_16_bits: bool,
+}
+
+impl ImageHeader {
+    /// That of an upright image of 8 bits without an alpha channel.
+    pub const fn upright(size: ImageSize) -> Self {
+        Self { size, orientation: None, has_alpha: false, has_16_bits: false }
+    }
 }
 
 /// Which copy of a capture's images to use, if there are several sizes.

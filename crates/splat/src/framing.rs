@@ -1,7 +1,7 @@
 //! The part of a scene that an overview shows.
 
 use atsplat_camera::Sphere;
-use atsplat_numeric::logit;
+use atsplat_numeric::{logit, sigmoid};
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::{Gaussians, LOG_SCALE_LIMIT};
@@ -48,7 +48,7 @@ fn least_logit(gaussians: &Gaussians) -> f32 {
     let (mut all, mut visible) = (0.0, 0.0);
     for (log_scales, logit) in parts.log_scales.iter().zip(&parts.opacity_logits) {
         if *logit >= drawn_at_all && can_be_drawn(log_scales) {
-            let opacity = 1.0 / (1.0 + (-f64::from(*logit)).exp());
+            let opacity = sigmoid(*logit);
             all += opacity;
             visible += if *logit >= VISIBLE_LOGIT { opacity } else { 0.0 };
         }

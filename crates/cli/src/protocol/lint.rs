@@ -41,10 +41,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     let expected_size = preset.as_ref().and_then(|preset| preset.preprocessing.expected_size);
     let dataset = match &args.data {
-        Some(path) => {
-            let remote = args.images.cache.dataset(path)?;
-            Some(args.images.open_at(path, remote.as_ref(), expected_size, &mut warnings)?)
-        }
+        Some(path) => Some(args.images.open_for(path, expected_size, &mut warnings)?),
         None => None,
     };
     let mut options = LintOptions::default();

@@ -174,16 +174,15 @@ pub(crate) fn scene(
         }
         return Ok(scene);
     }
-    let remote = images.cache.dataset(data)?;
-    let dataset = images.open_at(data, remote.as_ref(), expected_size, warnings)?;
+    let dataset = images.open_for(data, expected_size, warnings)?;
     Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }
 
 /// The selected frames of a scene. Ranges leave out those whose photo is missing, of which [`scene`] warns.
 pub(crate) fn selected(selection: &FrameSelection, scene: &Scene) -> anyhow::Result<Vec<usize>> {
-    let is_missing =
-        |at: usize| scene.frames.get(at).is_some_and(|frame| matches!(frame.image, FrameImage::Missing(_)));
-    let (picked, _) = selection.of_available(scene.frames.len(), |at| !is_missing(at))?;
+    let has_photo =
+        |at: usize| scene.frames.get(at).is_some_and(|frame| !matches!(frame.image, FrameImage::Missing(_)));
+    let picked = selection.of_available(scene.frames.len(), has_photo)?;
     ensure!(!picked.is_empty(), "none of these frames has a photo");
     Ok(picked)
 }

@@ -1,9 +1,8 @@
-use atsplat_numeric::{Extremes as _, logit, narrowed};
+use atsplat_numeric::{Extremes as _, logit, narrowed, sigmoid};
 use atsplat_splat::GaussianParts;
 use glam::{DQuat, DVec3};
 
 use super::{Changes, DensityControl, DensityError, StepContext, ViewGradients};
-use crate::optimised_gaussians::sigmoid;
 use crate::random::{Purpose, normals};
 use crate::{OptimisedGaussians, Schedule, StopReason};
 

@@ -1,10 +1,10 @@
-use atsplat_numeric::{logit, narrowed};
+use atsplat_numeric::{logit, narrowed, sigmoid};
 use atsplat_splat::{GaussianParts, Gradients};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::{Changes, DensityControl, DensityError, StepContext};
-use crate::optimised_gaussians::{set, sigmoid};
+use crate::optimised_gaussians::set;
 use crate::random::{Purpose, normals, skip_normals, stream, weighted};
 use crate::{OptimisedGaussians, StopReason};
 

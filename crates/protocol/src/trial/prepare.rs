@@ -218,7 +218,7 @@ fn image_headers<'a>(
                 FrameImage::Absent => frame
                     .stated_size
                     .or(expected)
-                    .map(upright)
+                    .map(ImageHeader::upright)
                     .ok_or_else(|| format!("frame {position}: the size of its absent image is not stated")),
                 _ => frame
                     .header(&scene.key, *position)
@@ -229,11 +229,6 @@ fn image_headers<'a>(
         });
     }
     headers
-}
-
-/// The header of an absent image.
-const fn upright(size: ImageSize) -> ImageHeader {
-    ImageHeader { size, orientation: None, has_alpha: false, has_16_bits: false }
 }
 
 /// Plans by the size of images; those of equal size share one.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use atsplat_model::network::{BackwardPass, f32_values};
+use atsplat_model::network::{BackwardPass, RenderedTensors, f32_values};
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 
@@ -78,6 +78,12 @@ impl<'a> Group<'a> {
             unread: Vec::new(),
             sum: None,
         }
+    }
+
+    /// Keeps the backward pass of a rendering, and counts its time.
+    pub(super) fn add_rendering(&mut self, images: &RenderedTensors) {
+        self.renderings.push(images.backward.clone());
+        self.seconds.splat += self.clock.lap();
     }
 
     /// The samples by runs, whose targets are copied to the device when they are first asked for.

@@ -187,8 +187,7 @@ impl Objective {
         if self.in_graph {
             for run in group.runs() {
                 let images = self.render_run(gaussians, group.samples, (&run, run.stack.views), None)?;
-                group.renderings.push(images.backward.clone());
-                group.seconds.splat += group.clock.lap();
+                group.add_rendering(&images);
                 self.compare_final_in_graph(images, &run, weight, group);
                 group.seconds.losses += group.clock.lap();
             }
@@ -197,8 +196,7 @@ impl Objective {
         for (at, sample) in group.samples.iter().enumerate() {
             let stack = sample.targets.stack();
             let images = self.render(gaussians, group, at, stack, None)?;
-            group.renderings.push(images.backward.clone());
-            group.seconds.splat += group.clock.lap();
+            group.add_rendering(&images);
             self.compare_final(&images, at, stack, weight, group);
             group.seconds.losses += group.clock.lap();
         }
@@ -222,8 +220,7 @@ impl Objective {
             for run in group.runs() {
                 let views = views_of(run.stack);
                 let images = self.render_run(gaussians, group.samples, (&run, views), scores.as_ref())?;
-                group.renderings.push(images.backward.clone());
-                group.seconds.splat += group.clock.lap();
+                group.add_rendering(&images);
                 self.compare_intermediate_in_graph(images, (&run, views), group);
                 group.seconds.losses += group.clock.lap();
             }
@@ -233,8 +230,7 @@ impl Objective {
             let all = sample.targets.stack();
             let stack = Stack { views: views_of(all), ..all };
             let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
-            group.renderings.push(images.backward.clone());
-            group.seconds.splat += group.clock.lap();
+            group.add_rendering(&images);
             self.compare_intermediate(&images, at, stack, group);
             group.seconds.losses += group.clock.lap();
         }
