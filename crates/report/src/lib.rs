@@ -18,6 +18,7 @@ mod file_list;
 mod file_names;
 #[cfg(test)]
 mod gallery;
+mod hashes;
 mod numbers;
 pub mod page;
 pub mod plot;

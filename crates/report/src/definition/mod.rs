@@ -212,6 +212,13 @@ impl From<ColumnToml> for ColumnDefinition {
     }
 }
 
+impl ColumnGroup {
+    /// Whether it is over one bin of overlap, not over all of them.
+    pub(crate) fn is_single_bin(&self) -> bool {
+        self.bin.as_deref().is_some_and(|bin| bin != "average")
+    }
+}
+
 impl ColumnDefinition {
     /// Its heading.
     pub(crate) fn title(&self) -> &str {

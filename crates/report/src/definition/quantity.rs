@@ -78,6 +78,14 @@ impl Quantity {
         }
     }
 
+    /// The metric whose means it shows; `None` for costs, slopes and differences.
+    pub(crate) const fn metric(self) -> Option<&'static Definition> {
+        match self {
+            Self::Metric(metric) => Some(metric),
+            _ => None,
+        }
+    }
+
     /// Which direction is better; `None` if neither is.
     pub fn direction(self) -> Option<Direction> {
         match self {

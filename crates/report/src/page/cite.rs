@@ -3,10 +3,9 @@ use atsplat_results::{MethodRecord, Provenance};
 
 use super::PageStore;
 use crate::definition::Quantity;
+use crate::hashes::{short, short_commit};
 use crate::plot::Origin;
-use crate::table::{
-    Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, is_changed, short, short_commit,
-};
+use crate::table::{Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, is_changed};
 
 /// A protocol behind a number, and the provenance of its store.
 #[derive(Clone, Copy)]

@@ -4,7 +4,8 @@ use atsplat_numeric::{distinct, noun};
 
 use super::{PageStore, escaped};
 use crate::counted;
-use crate::table::{Table, agreement, short, short_commit};
+use crate::hashes::{short, short_commit};
+use crate::table::{Table, agreement};
 
 /// A summary in a few numbers, then a line per table.
 pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {

@@ -31,10 +31,7 @@ pub fn table_plots(definition: &TableDefinition, table: &Table, sources: &[Sourc
 
 /// The first metric of a group of columns, with its position.
 fn metric_of(group: &Group) -> Option<(usize, &'static Definition)> {
-    group.columns.iter().enumerate().find_map(|(at, column)| match column.quantity {
-        Quantity::Metric(metric) => Some((at, metric)),
-        _ => None,
-    })
+    group.columns.iter().enumerate().find_map(|(at, column)| Some((at, column.quantity.metric()?)))
 }
 
 /// Position of the column with a quantity.

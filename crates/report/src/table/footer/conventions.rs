@@ -4,13 +4,12 @@ use atsplat_metrics::{Definition, Measure};
 use atsplat_numeric::distinct;
 use atsplat_results::warning_kinds::MISSING_SCENES;
 
-use super::super::comparable::{ComparableResults, MethodRun, Part};
-use super::super::labels::{name, short};
-use super::super::orders::is_network_of_another_seed;
-use super::super::{Cell, Counts, NoteKind, Table, Value};
 use super::Notes;
 use crate::counted;
-use crate::definition::{Quantity, TableDefinition};
+use crate::definition::TableDefinition;
+use crate::hashes::short;
+use crate::table::selection::{ComparableResults, MethodRun, Part, is_network_of_another_seed};
+use crate::table::{Cell, Counts, NoteKind, Table, Value};
 
 /// The stores behind each hash of a learned metric's weights.
 type WeightsOfStores<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
@@ -19,7 +18,7 @@ impl Notes {
     pub(super) fn protocols(&mut self, table: &Table, results: &ComparableResults<'_>) {
         for part in &results.parts {
             self.protocol(part);
-            let difference = part.difference(&part.methods_in(&table.rows));
+            let difference = part.difference_from_published(&part.methods_in(&table.rows));
             for difference in difference.iter().chain(&part.unfinished) {
                 self.add(NoteKind::Setting, format!("not the published setting: {difference}"));
             }
@@ -98,7 +97,7 @@ impl Notes {
     /// The convention of each metric with its learned weights, then the scores that were not computed.
     pub(super) fn metrics(&mut self, table: &Table, definition: &TableDefinition, results: &ComparableResults<'_>) {
         for (_, column) in table.columns() {
-            if let Quantity::Metric(metric) = column.quantity {
+            if let Some(metric) = column.quantity.metric() {
                 let weights = weights_of(metric, results);
                 let hashes: Vec<String> = weights.keys().map(|hash| short(hash)).collect();
                 let text = if hashes.is_empty() { String::new() } else { format!("; weights {}", hashes.join(", ")) };
@@ -141,7 +140,7 @@ impl Notes {
                     (Value::Number(_), Some(Counts { targets, uncomputed, .. })) => format!(
                         "{} of {}: not computed for {uncomputed} of {}, and not ranked: {reason}",
                         table.heading(index),
-                        name(row),
+                        row.printed_name(),
                         counted(targets + uncomputed, "target")
                     ),
                     // The metric was computed, but not put in bins.
@@ -194,8 +193,8 @@ fn trainings_by_data(runs: &[MethodRun<'_>]) -> Option<String> {
     for run in runs {
         let Some(data) = data(run) else { continue };
         match by_data.iter_mut().find(|(known, _)| *known == data) {
-            Some((_, names)) => names.push(run.method()),
-            None => by_data.push((data, vec![run.method()])),
+            Some((_, names)) => names.push(run.method_name()),
+            None => by_data.push((data, vec![run.method_name()])),
         }
     }
     let of_data = |(data, names): (String, Vec<&str>)| format!("{} on {data}", distinct(names).join(", "));

@@ -4,11 +4,10 @@ use atsplat_numeric::distinct;
 use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES, outside_bins_in_words};
 
-use super::super::comparable::ComparableResults;
-use super::super::labels::name;
-use super::super::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 use super::Notes;
 use crate::definition::Quantity;
+use crate::table::selection::{ComparableResults, MethodRun};
+use crate::table::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 
 impl Notes {
     /// Scenes and targets of a row, and its targets outside all bins; groups of columns with equal counts are listed together.
@@ -32,16 +31,12 @@ impl Notes {
             parts.push(outside_bins_in_words(outside));
         }
         if !parts.is_empty() {
-            self.add(NoteKind::Counts, format!("{}: {}", name(row), parts.join("; ")));
+            self.add(NoteKind::Counts, format!("{}: {}", row.printed_name(), parts.join("; ")));
         }
     }
 
     /// Trials that count in a row's means although their renders show nothing, or have a suspicious note.
     pub(super) fn suspicious(&mut self, row: &Row, results: &ComparableResults<'_>) {
-        // The trials of a mean over trainings, and of a row without leaked targets, are those of other rows.
-        if row.without_leaked || row.is_over_trainings() {
-            return;
-        }
         let trials = trials_of(row, results);
         let all = trials.len();
         let with_note =
@@ -60,15 +55,15 @@ impl Notes {
             }
         }
         if !parts.is_empty() {
-            self.add(NoteKind::Counts, format!("{}: {}; not left out of the mean", name(row), parts.join("; ")));
+            self.add(
+                NoteKind::Counts,
+                format!("{}: {}; not left out of the mean", row.printed_name(), parts.join("; ")),
+            );
         }
     }
 
     /// Trials whose network saw context images at another size than the protocol's, which decides its tokens and Gaussians.
     pub(super) fn resized(&mut self, row: &Row, results: &ComparableResults<'_>) {
-        if row.without_leaked || row.is_over_trainings() {
-            return;
-        }
         let trials = trials_of(row, results);
         let mut sizes: Vec<(&str, usize)> = Vec::new();
         for size in trials.iter().flat_map(|trial| &trial.notes).filter_map(|note| resized_sizes(note)) {
@@ -81,14 +76,17 @@ impl Notes {
         let parts: Vec<String> =
             sizes.into_iter().map(|(sizes, count)| format!("{sizes} in {count} of {all} trials")).collect();
         if !parts.is_empty() {
-            self.add(NoteKind::Setting, format!("{}: the network saw {}", name(row), parts.join(", ")));
+            self.add(NoteKind::Setting, format!("{}: the network saw {}", row.printed_name(), parts.join(", ")));
         }
     }
 
     /// Whether its number of Gaussians was stated: nobody could count them in images.
     pub(super) fn stated(&mut self, row: &Row) {
         if row.cells.iter().flatten().any(Cell::is_stated_count) {
-            self.add(NoteKind::Stated, format!("{}: its number of Gaussians was stated, not counted", name(row)));
+            self.add(
+                NoteKind::Stated,
+                format!("{}: its number of Gaussians was stated, not counted", row.printed_name()),
+            );
         }
     }
 
@@ -104,7 +102,10 @@ impl Notes {
         }
         if !groups.is_empty() {
             let percent = CONFIDENCE * 100.0;
-            self.add(NoteKind::Interval, format!("{percent:.0} % over scenes, {}: {}", name(row), groups.join("; ")));
+            self.add(
+                NoteKind::Interval,
+                format!("{percent:.0} % over scenes, {}: {}", row.printed_name(), groups.join("; ")),
+            );
         }
     }
 
@@ -155,15 +156,13 @@ fn resized_sizes(note: &str) -> Option<&str> {
     Some(note.strip_prefix(SAW_RESIZED)?.split_once(" of ")?.1)
 }
 
-/// The trials behind a row.
+/// The trials behind a row; none for a mean over trainings and a row without leaked targets, whose trials are those of other rows.
 fn trials_of<'a>(row: &Row, results: &'a ComparableResults<'a>) -> Vec<&'a TrialRow> {
-    let mut trials: Vec<&TrialRow> = Vec::new();
-    for protocol in distinct(row.protocols.iter().flatten()) {
-        if let Some(part) = results.parts.iter().find(|part| part.is(protocol)) {
-            trials.extend(part.source.results.trials_of(&protocol.preset, &protocol.method));
-        }
+    if row.without_leaked || row.is_over_trainings() {
+        return Vec::new();
     }
-    trials
+    let runs = distinct(row.protocols.iter().flatten()).into_iter().filter_map(|protocol| results.run_of(protocol));
+    runs.flat_map(MethodRun::trials).collect()
 }
 
 /// `PSNR 21.25 [19.10, 23.40]`; `None` where there is no interval, or the cell prints it.

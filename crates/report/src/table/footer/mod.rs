@@ -1,12 +1,18 @@
-//! What readers must know about a table, as notes below it.
+//! What readers must know about a table, as notes below it: sources, protocols and conventions, counts and intervals, times, trends.
+//! Notes on what does not compare come from `comparison`.
 
 mod conventions;
+#[cfg(test)]
+mod conventions_tests;
 mod counts;
+#[cfg(test)]
+mod counts_tests;
 mod times;
 mod trends;
+#[cfg(test)]
+mod trends_tests;
 
-use super::comparable::ComparableResults;
-use super::labels::name;
+use super::selection::ComparableResults;
 use super::{Note, NoteKind, Row, Table, Trainings};
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
@@ -93,7 +99,7 @@ impl Notes {
                 let text = format!(
                     "{}: {} has the standard deviation {over_trainings} over {count} trainings and {over_scenes} over \
                      scenes; its interval is for both",
-                    name(row),
+                    row.printed_name(),
                     column.title,
                 );
                 self.add(NoteKind::Trainings, text);

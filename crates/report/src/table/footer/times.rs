@@ -1,8 +1,7 @@
-use super::super::labels::name;
-use super::super::time_scope::was_busy;
-use super::super::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
 use super::Notes;
 use crate::counted;
+use crate::table::content::was_busy;
+use crate::table::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
 
 impl Notes {
     /// Machines, what the marks of times mean, devices, then each time with its spread, and why some are unreliable.
@@ -10,7 +9,7 @@ impl Notes {
         for row in &table.rows {
             for CellTiming { machine, .. } in timings(row) {
                 let text = if machine.is_stated() {
-                    format!("Time of {}: {machine}", name(row))
+                    format!("Time of {}: {machine}", row.printed_name())
                 } else {
                     format!("Time: {machine}; separate timing pass, nothing else running in the process")
                 };
@@ -22,12 +21,12 @@ impl Notes {
         }
         for row in &table.rows {
             for device in timings(row).filter_map(|timing| timing.device.as_ref()) {
-                self.add(NoteKind::Machine, format!("Time of {}: {device}", name(row)));
+                self.add(NoteKind::Machine, format!("Time of {}: {device}", row.printed_name()));
             }
         }
         for row in &table.rows {
             for timing in timings(row).filter(|timing| !timing.machine.is_stated()) {
-                self.add(NoteKind::Interval, spread(&name(row), timing));
+                self.add(NoteKind::Interval, spread(&row.printed_name(), timing));
             }
         }
         let busy = table.rows.iter().flat_map(timings).filter(|timing| timing.busy);

@@ -3,14 +3,12 @@ use atsplat_results::statistics::{
     Leaked, Trend, along_setting, cost, lead_along_distance, lead_along_overlap, scene_means,
 };
 
-use super::super::comparable::{ComparableResults, MethodRun};
-use super::super::labels::name;
-use super::super::{NoteKind, Row, Table};
 use super::Notes;
 use crate::counted;
 use crate::definition::{ColumnGroup, PlotKind, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
 use crate::numbers::{decimals_of, signed};
-use crate::plot::Origin;
+use crate::table::selection::{ComparableResults, MethodRun};
+use crate::table::{NoteKind, Row, Table};
 
 impl Notes {
     /// The slope over the number of Gaussians, in tables whose rows are budgets of one protocol.
@@ -52,13 +50,10 @@ fn trend_over_gaussians(
 ) -> Option<String> {
     let has_budgets = matches!(definition.plot, Some(PlotKind::KScaling | PlotKind::BudgetHistogram));
     let preset = definition.groups.first().filter(|_| has_budgets)?.preset.as_deref()?;
-    let metric = table.columns().find_map(|(_, column)| match column.quantity {
-        Quantity::Metric(metric) => Some(metric),
-        _ => None,
-    })?;
-    let settings = measured(table).filter_map(|row| {
-        let run = results.method(preset, row)?;
-        let gaussians = cost(run.results(), run.preset_name(), run.method()).gaussians?;
+    let metric = table.columns().find_map(|(_, column)| column.quantity.metric())?;
+    let settings = table.measured_rows().filter_map(|row| {
+        let run = results.run_under(preset, row)?;
+        let gaussians = cost(run.results(), run.preset_name(), run.method_name()).gaussians?;
         let (stored, query) = run.over_all_targets(metric);
         Some((gaussians.log2(), scene_means(stored, &query)))
     });
@@ -82,15 +77,20 @@ fn trends_of_differences(
     along: SlopeOver,
 ) -> Vec<String> {
     let Some(preset) = group.preset.as_deref() else { return Vec::new() };
-    let trained = measured(table).filter(|row| !row.untrained);
+    let trained = table.measured_rows().filter(|row| !row.untrained);
     let rows: Vec<(&Row, MethodRun<'_>)> =
-        trained.filter_map(|row| Some((row, results.method(preset, row)?))).collect();
+        trained.filter_map(|row| Some((row, results.run_under(preset, row)?))).collect();
     let Some((network, network_run)) = rows.iter().find(|(_, run)| is_full(run.record)) else { return Vec::new() };
     let is_other = |run: &MethodRun<'_>| !is_full(run.record) && !is_ablation(run.record);
     let others = rows.iter().filter(|(_, run)| is_other(run));
     let text = |(row, run): &(&Row, MethodRun<'_>)| {
         let change = change_of_difference([*network_run, *run], metric, along)?;
-        Some(format!("difference: {} of {} minus that of {} {change}", metric.name, name(network), name(row)))
+        Some(format!(
+            "difference: {} of {} minus that of {} {change}",
+            metric.name,
+            network.printed_name(),
+            row.printed_name()
+        ))
     };
     others.filter_map(text).collect()
 }
@@ -110,11 +110,6 @@ fn change_of_difference(runs: [MethodRun<'_>; 2], metric: &'static Definition, a
     let (slope, scenes) = (signed(slope * unit, decimals_of(interval, 3)), counted(scenes, "scene"));
     let interval = interval_in_words(interval);
     Some(format!("changes by {slope} {interval} per {per}, over {scenes}, leaked targets excluded"))
-}
-
-/// Measured rows over all of their targets.
-fn measured(table: &Table) -> impl Iterator<Item = &Row> {
-    table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked)
 }
 
 /// The interval of a slope in a sentence.

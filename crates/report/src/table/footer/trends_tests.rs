@@ -1,0 +1,51 @@
+//! The slope over budgets, in the table and in its plot.
+
+use serde_json::json;
+
+use crate::definition::TableDefinition;
+use crate::plot_data::table_plots;
+use crate::sample::{atsplat, preset, results_over};
+use crate::table::test_tables::{measured, notes_as_text, table_of};
+use crate::table::{NoteKind, Source};
+
+#[test]
+fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
+    let by_quantile = |published: [f64; 3], at: f64, gaussians: u64| {
+        let mut method =
+            atsplat(&format!("quantiles {at}"), |config| *config = config.with_thresholds(&[at; 3]).unwrap());
+        method.title = format!("ATSplat at {at}");
+        method.parameters.insert("threshold-quantiles".to_owned(), json!([0.8, 0.8, 0.9]));
+        method.parameters.insert("published-thresholds".to_owned(), json!(published));
+        (method, gaussians)
+    };
+    let methods = [by_quantile([0.1, 0.1, 0.4], 0.3, 16_384), by_quantile([0.01, 0.01, 0.04], 0.2, 4_096)];
+    let records = methods.iter().map(|(method, _)| method.clone()).collect();
+    let mut results = results_over(vec![preset("rooms-2v-128")], records, 8);
+    for trial in &mut results.trials {
+        let method = methods.iter().find(|(method, _)| method.name == trial.key.method);
+        trial.gaussians = method.map(|(_, gaussians)| *gaussians);
+    }
+    let table = table_of("dynamic_budget", &results);
+    let labels: Vec<String> =
+        measured(&table).filter(|row| !row.without_leaked).map(|row| row.printed_labels().concat()).collect();
+    let expected = "0.1 / 0.1 / 0.4, thresholds by quantile 0.8 / 0.8 / 0.9 of its own scores: 0.3 / 0.3 / 0.3";
+    assert_eq!(labels[0], expected);
+    assert_eq!(labels.len(), 2);
+    // The second method is 3 dB worse with a quarter of the Gaussians, in the seven scenes where it does not fail.
+    let trend = notes_as_text(&table, NoteKind::Trend);
+    assert!(trend.starts_with("trend: PSNR changes by +1.500 [+1.500, +1.500] per doubling"), "{trend}");
+    assert!(trend.contains("over 2 settings and 7 scenes"), "{trend}");
+
+    // The plot needs counts that differ between scenes; its rows are named like the table's.
+    for (at, trial) in results.trials.iter_mut().enumerate() {
+        trial.gaussians = trial.gaussians.map(|gaussians| gaussians + at as u64);
+    }
+    let table = table_of("dynamic_budget", &results);
+    let plots = table_plots(
+        &TableDefinition::named("dynamic_budget").unwrap(),
+        &table,
+        &[Source { label: "run", results: &results }],
+    );
+    let text: Vec<&str> = plots[0].1.texts().collect();
+    assert!(text.join(" ").contains("thresholds by quantile 0.8 / 0.8 / 0.9 of its own"), "{text:?}");
+}
