@@ -1,17 +1,13 @@
 //! Which results share a table: for each preset those of one protocol, one index, and one set of images and cameras.
 
-use atsplat_metrics::Definition;
-use atsplat_protocol::{OverlapBins, Preset};
-use atsplat_results::statistics::{Identical, Leaked, MetricQuery};
+use atsplat_results::PresetRecord;
 use atsplat_results::store::Unfinished;
-use atsplat_results::{MethodRecord, PresetRecord, Results, TargetRow, TrialRow};
 
-use super::has_trials;
-use super::known_dataset::{in_words, known_dataset};
-use super::trial_data::trials_of_other_data;
+use super::known_dataset::known_dataset;
+use super::{MethodRun, Part, StoreMethod};
+use crate::ReportError;
 use crate::definition::{Choice, TableDefinition};
 use crate::table::{Row, Source, StoreProtocol, Table};
-use crate::{ReportError, counted};
 
 /// Results that may share a table.
 #[derive(Debug)]
@@ -26,33 +22,6 @@ pub(in crate::table) struct ComparableResults<'a> {
     pub(in crate::table) separated_because: Option<String>,
     /// What the definition shows of them.
     pub(in crate::table) choice: Choice,
-}
-
-/// The results of one store under one preset.
-#[derive(Clone, Debug)]
-pub(in crate::table) struct Part<'a> {
-    pub(in crate::table) source: Source<'a>,
-    pub(in crate::table) preset: &'a PresetRecord,
-    /// The protocol that the record contains as text.
-    pub(in crate::table) protocol: Preset,
-    /// Id of the dataset that its data are known to be of.
-    pub(in crate::table) dataset: Option<String>,
-    /// For each method with rows whose run is unfinished, how far it got.
-    pub(in crate::table) unfinished: Vec<String>,
-}
-
-/// A method under one preset of one store.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::table) struct MethodRun<'a> {
-    pub(in crate::table) part: &'a Part<'a>,
-    pub(in crate::table) record: &'a MethodRecord,
-}
-
-/// A method of a store.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::table) struct StoreMethod<'a> {
-    pub(in crate::table) store: &'a str,
-    pub(in crate::table) record: &'a MethodRecord,
 }
 
 /// The groups of results for a definition, each for one table: results join the first group that they are comparable with.
@@ -196,118 +165,5 @@ impl ComparableResults<'_> {
         methods
             .filter(|run| shown.iter().any(|protocol| run.part.is(protocol) && protocol.method == run.record.name))
             .collect()
-    }
-}
-
-impl Part<'_> {
-    /// Whether its results may share a table with those of another: both are of different published presets, or of one
-    /// protocol, index, and set of images and cameras.
-    pub(in crate::table) fn is_comparable_with(&self, other: &Part<'_>) -> bool {
-        self.why_not_comparable(other).is_none()
-    }
-
-    /// Why its results may not share a table with those of another; `None` if they may.
-    pub(super) fn why_not_comparable(&self, other: &Part<'_>) -> Option<String> {
-        let (record, known) = (self.preset, other.preset);
-        if record.published() != known.published() {
-            return None;
-        }
-        let why = if record.hash != known.hash {
-            "the protocols differ".to_owned()
-        } else if record.index_sha256 != known.index_sha256 {
-            "the indices differ".to_owned()
-        } else {
-            let differing =
-                trials_of_other_data([self, other].map(|part| (part.source.results, part.preset.name.as_str())));
-            let (scene, entry) = differing.first()?;
-            let trials = counted(differing.len() as u64, "trial");
-            format!("{trials} that both have read different images or cameras, first scene {scene}, entry {entry}")
-        };
-        Some(format!("{}: not in one table with the results of {}: {why}", record.name, other.source.label))
-    }
-
-    /// The data in words.
-    pub(in crate::table) fn data(&self) -> String {
-        in_words(self.dataset.as_deref(), &self.protocol.dataset, &self.preset.dataset)
-    }
-
-    /// Whether it is the protocol that was measured.
-    pub(in crate::table) fn is(&self, protocol: &StoreProtocol) -> bool {
-        protocol.store == self.source.label && protocol.preset == self.preset.name
-    }
-
-    /// [`Self::mismatched_overlaps`] for the bins of the preset.
-    pub(in crate::table) fn forced_overlaps(&self) -> Option<String> {
-        self.mismatched_overlaps(self.protocol.overlap_bins.as_ref()?)
-    }
-
-    /// Why its overlaps do not belong in `bins`; `None` if they do.
-    pub(in crate::table) fn mismatched_overlaps(&self, bins: &OverlapBins) -> Option<String> {
-        let found = bins.mismatched_estimator(&self.preset.overlap_estimators)?;
-        let published = bins.estimator().unwrap_or("one estimator");
-        Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
-    }
-}
-
-impl<'a> Part<'a> {
-    /// The first such method that was run under the preset.
-    pub(in crate::table) fn first_run(&'a self, is_wanted: impl Fn(&MethodRecord) -> bool) -> Option<MethodRun<'a>> {
-        let results = self.source.results;
-        let mut records = results.provenance.methods.iter();
-        let record =
-            records.find(|record| is_wanted(record) && has_trials(results, &self.preset.name, &record.name))?;
-        Some(MethodRun { part: self, record })
-    }
-}
-
-impl StoreMethod<'_> {
-    /// Whether it is the method of the same name in the same store.
-    pub(in crate::table) fn is(self, other: StoreMethod<'_>) -> bool {
-        self.store == other.store && self.record.name == other.record.name
-    }
-}
-
-impl<'a> MethodRun<'a> {
-    /// All results of its store.
-    pub(in crate::table) fn results(self) -> &'a Results {
-        self.part.source.results
-    }
-
-    /// Name of the preset in rows.
-    pub(in crate::table) fn preset_name(self) -> &'a str {
-        &self.part.preset.name
-    }
-
-    /// Name of the method in rows.
-    pub(in crate::table) fn method_name(self) -> &'a str {
-        &self.record.name
-    }
-
-    /// Its trials.
-    pub(in crate::table) fn trials(self) -> impl Iterator<Item = &'a TrialRow> {
-        self.results().trials_of(self.preset_name(), self.method_name())
-    }
-
-    /// Its targets.
-    pub(in crate::table) fn targets(self) -> impl Iterator<Item = &'a TargetRow> {
-        self.results().targets_of(self.preset_name(), self.method_name())
-    }
-
-    /// A metric over targets, without renders that are identical to the truth.
-    pub(in crate::table) fn query(self, metric: &'static Definition, leaked: Leaked) -> MetricQuery<'a> {
-        let identical = Identical::Excluded;
-        MetricQuery { preset: self.preset_name(), method: self.method_name(), metric: metric.id, leaked, identical }
-    }
-
-    /// The results of its store, and a metric over all of its targets in them.
-    pub(in crate::table) fn over_all_targets(self, metric: &'static Definition) -> (&'a Results, MetricQuery<'a>) {
-        (self.results(), self.query(metric, Leaked::Included))
-    }
-
-    /// Its names in rows of tables, with the remarks on it.
-    pub(in crate::table) fn store_protocol(self, remarks: Vec<String>) -> StoreProtocol {
-        let [store, preset, method] =
-            [self.part.source.label, self.preset_name(), self.method_name()].map(str::to_owned);
-        StoreProtocol { store, preset, method, remarks }
     }
 }

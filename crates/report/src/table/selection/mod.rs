@@ -8,6 +8,8 @@ mod comparable;
 #[cfg(test)]
 mod comparable_tests;
 mod known_dataset;
+mod method_run;
+mod part;
 mod published_setting;
 #[cfg(test)]
 mod published_setting_tests;
@@ -16,8 +18,10 @@ mod trial_data;
 
 use atsplat_results::Results;
 
-pub(super) use comparable::{ComparableResults, MethodRun, Part, StoreMethod, comparable_groups};
+pub(super) use comparable::{ComparableResults, comparable_groups};
 pub(crate) use known_dataset::other_data;
+pub(super) use method_run::{MethodRun, StoreMethod};
+pub(super) use part::Part;
 pub(crate) use published_setting::is_changed;
 pub(super) use seeds::{is_further_training, is_network_of_another_seed};
 pub(crate) use trial_data::is_same_data;
