@@ -40,6 +40,18 @@ pub fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     found
 }
 
+/// The values of each key, with the keys where they are first.
+pub fn grouped<K: PartialEq, V>(pairs: impl IntoIterator<Item = (K, V)>) -> Vec<(K, Vec<V>)> {
+    let mut groups: Vec<(K, Vec<V>)> = Vec::new();
+    for (key, value) in pairs {
+        match groups.iter_mut().find(|(known, _)| *known == key) {
+            Some((_, values)) => values.push(value),
+            None => groups.push((key, vec![value])),
+        }
+    }
+    groups
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -73,5 +85,11 @@ mod tests {
     #[test]
     fn distinct_values_stay_where_they_are_first() {
         assert_eq!(distinct(["b", "a", "b", "c", "a"]), ["b", "a", "c"]);
+    }
+
+    #[test]
+    fn keys_stay_where_they_are_first_with_their_values_in_order() {
+        let found = grouped([("b", 3), ("a", 1), ("b", 2), ("b", 3)]);
+        assert_eq!(found, [("b", vec![3, 2, 3]), ("a", vec![1])]);
     }
 }

@@ -1,6 +1,6 @@
 //! Measured rows with numbers that are not ranked, because they lack targets or trials.
 
-use atsplat_numeric::distinct;
+use atsplat_numeric::{distinct, grouped};
 
 use super::rank::is_ranked;
 use crate::plot::Origin;
@@ -9,7 +9,7 @@ use crate::table::{Cell, CellIndex, Note, NoteKind, Row, Table};
 /// A note for each reason, with the rows; after a row the columns, unless it is ranked in none. What lacks a score alone, and a busy
 /// machine, have notes of their own, and a number that no other is compared with needs none.
 pub(super) fn notes_on_rows(table: &Table, one_ranking: bool) -> Vec<Note> {
-    let mut rows_by_reason: Vec<(&'static str, Vec<String>)> = Vec::new();
+    let mut named: Vec<(&'static str, String)> = Vec::new();
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured && is_ranked(row)) {
         let columns = reasons_by_column(table, row, one_ranking);
         for why in distinct(columns.iter().filter_map(|(_, why)| *why)) {
@@ -17,15 +17,11 @@ pub(super) fn notes_on_rows(table: &Table, one_ranking: bool) -> Vec<Note> {
             let headings: Vec<String> = of_reason.map(|(index, _)| table.heading(*index)).collect();
             let name = row.printed_name();
             let is_everywhere = headings.len() == columns.len();
-            let row = if is_everywhere { name } else { format!("{name} ({})", headings.join(", ")) };
-            match rows_by_reason.iter_mut().find(|(known, _)| *known == why) {
-                Some((_, rows)) => rows.push(row),
-                None => rows_by_reason.push((why, vec![row])),
-            }
+            named.push((why, if is_everywhere { name } else { format!("{name} ({})", headings.join(", ")) }));
         }
     }
     let text = |(why, rows): (&str, Vec<String>)| format!("not ranked, because {why}: {}", rows.join("; "));
-    rows_by_reason.into_iter().map(|reason| Note { kind: NoteKind::Unranked, text: text(reason) }).collect()
+    grouped(named).into_iter().map(|reason| Note { kind: NoteKind::Unranked, text: text(reason) }).collect()
 }
 
 /// The columns in which a row has a number beside others, each with why it is not ranked there.

@@ -1,3 +1,5 @@
+//! A value of a table with its interval, counts and time, and how it is printed.
+
 use atsplat_results::times::{Machine, Spread};
 use serde::Serialize;
 

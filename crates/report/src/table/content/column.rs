@@ -1,3 +1,5 @@
+//! Columns in groups, and the positions of their cells.
+
 use atsplat_metrics::Direction;
 use serde::Serialize;
 

@@ -1,3 +1,5 @@
+//! A line below a table, by its subject.
+
 use serde::Serialize;
 
 /// A line below a table.

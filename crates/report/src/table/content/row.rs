@@ -1,3 +1,5 @@
+//! A row with its labels, cells, and the protocols that were measured for it.
+
 use serde::Serialize;
 
 use super::{Cell, CellIndex};

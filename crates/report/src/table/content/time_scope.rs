@@ -1,3 +1,5 @@
+//! What a time covers, and the marks and words that say so.
+
 use serde::Serialize;
 
 use super::{Cell, CellTiming};

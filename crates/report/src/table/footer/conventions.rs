@@ -1,10 +1,12 @@
+//! Protocols, metrics with their weights, renderers and training data; what was skipped or not computed.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::{Definition, Measure};
-use atsplat_numeric::distinct;
+use atsplat_numeric::{distinct, grouped};
 use atsplat_results::warning_kinds::MISSING_SCENES;
 
-use super::Notes;
+use super::{Notes, counts_of_each};
 use crate::counted;
 use crate::definition::TableDefinition;
 use crate::hashes::short;
@@ -58,7 +60,8 @@ impl Notes {
         if entries.is_empty() {
             return;
         }
-        let reasons = counts_of_each(skipped.map(|entry| entry.reason.as_str()));
+        let reasons = counts_of_each(skipped.map(|entry| entry.reason.as_str())).into_iter();
+        let reasons = reasons.map(|(reason, count)| format!("{reason} {count}")).collect::<Vec<_>>().join(", ");
         let text = format!("{preset}: {} skipped ({reasons})", counted(entries.len() as u64, "index entry"));
         self.add(NoteKind::Counts, text);
     }
@@ -189,28 +192,9 @@ fn trainings_by_data(runs: &[MethodRun<'_>]) -> Option<String> {
     if !runs.iter().enumerate().any(|(at, a)| runs.iter().skip(at + 1).any(|b| is_apart(a, b))) {
         return None;
     }
-    let mut by_data: Vec<(String, Vec<&str>)> = Vec::new();
-    for run in runs {
-        let Some(data) = data(run) else { continue };
-        match by_data.iter_mut().find(|(known, _)| *known == data) {
-            Some((_, names)) => names.push(run.method_name()),
-            None => by_data.push((data, vec![run.method_name()])),
-        }
-    }
+    let by_data = grouped(runs.iter().filter_map(|run| Some((data(run)?, run.method_name()))));
     let of_data = |(data, names): (String, Vec<&str>)| format!("{} on {data}", distinct(names).join(", "));
     Some(by_data.into_iter().map(of_data).collect::<Vec<_>>().join("; "))
-}
-
-/// `missing-frame 1, baseline 2`, in the order of their first occurrence.
-fn counts_of_each<'a>(values: impl Iterator<Item = &'a str>) -> String {
-    let mut counts: Vec<(&str, u64)> = Vec::new();
-    for value in values {
-        match counts.iter_mut().find(|(known, _)| *known == value) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((value, 1)),
-        }
-    }
-    counts.iter().map(|(value, count)| format!("{value} {count}")).collect::<Vec<_>>().join(", ")
 }
 
 fn weights_of<'a>(metric: &Definition, results: &'a ComparableResults<'a>) -> WeightsOfStores<'a> {

@@ -1,10 +1,12 @@
+//! Scenes and targets of rows, their intervals, and trials that look wrong.
+
 use atsplat_eval::method::SAW_RESIZED;
 use atsplat_eval::suspicious_notes::SUSPICIOUS_NOTES;
-use atsplat_numeric::distinct;
+use atsplat_numeric::{distinct, grouped};
 use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES, outside_bins_in_words};
 
-use super::Notes;
+use super::{Notes, counts_of_each};
 use crate::definition::Quantity;
 use crate::table::selection::{ComparableResults, MethodRun};
 use crate::table::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
@@ -12,18 +14,14 @@ use crate::table::{Cell, Column, Counts, Group, NoteKind, Row, Table, Value};
 impl Notes {
     /// Scenes and targets of a row, and its targets outside all bins; groups of columns with equal counts are listed together.
     pub(super) fn counts(&mut self, table: &Table, row: &Row) {
-        let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
-        for (group, cells) in table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_derived(group)) {
-            let Some(text) = counts_of(cells) else { continue };
+        let groups = table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_derived(group));
+        let titles_by_text = grouped(groups.filter_map(|(group, cells)| {
             let title = if group.title.is_empty() { "all" } else { group.title.as_str() };
-            match by_text.iter_mut().find(|(_, known)| *known == text) {
-                Some((titles, _)) => titles.push(title),
-                None => by_text.push((vec![title], text)),
-            }
-        }
-        let mut parts: Vec<String> = match by_text.as_slice() {
-            [(_, text)] => vec![text.clone()],
-            several => several.iter().map(|(titles, text)| format!("{}: {text}", titles.join(", "))).collect(),
+            Some((counts_of(cells)?, title))
+        }));
+        let mut parts: Vec<String> = match titles_by_text.as_slice() {
+            [(text, _)] => vec![text.clone()],
+            several => several.iter().map(|(text, titles)| format!("{}: {text}", titles.join(", "))).collect(),
         };
         // The same for each bin.
         let outside = row.cells.iter().flatten().filter_map(|cell| cell.counts).map(|counts| counts.outside_bins).max();
@@ -65,13 +63,8 @@ impl Notes {
     /// Trials whose network saw context images at another size than the protocol's, which decides its tokens and Gaussians.
     pub(super) fn resized(&mut self, row: &Row, results: &ComparableResults<'_>) {
         let trials = trials_of(row, results);
-        let mut sizes: Vec<(&str, usize)> = Vec::new();
-        for size in trials.iter().flat_map(|trial| &trial.notes).filter_map(|note| resized_sizes(note)) {
-            match sizes.iter_mut().find(|(known, _)| *known == size) {
-                Some((_, count)) => *count += 1,
-                None => sizes.push((size, 1)),
-            }
-        }
+        let notes = trials.iter().flat_map(|trial| &trial.notes);
+        let sizes = counts_of_each(notes.filter_map(|note| resized_sizes(note)));
         let all = trials.len();
         let parts: Vec<String> =
             sizes.into_iter().map(|(sizes, count)| format!("{sizes} in {count} of {all} trials")).collect();

@@ -12,6 +12,8 @@ mod trends;
 #[cfg(test)]
 mod trends_tests;
 
+use atsplat_numeric::grouped;
+
 use super::selection::ComparableResults;
 use super::{Note, NoteKind, Row, Table, Trainings};
 use crate::definition::TableDefinition;
@@ -126,4 +128,9 @@ impl Notes {
             }
         }
     }
+}
+
+/// Each value once, with how often it occurs.
+fn counts_of_each<'a>(values: impl Iterator<Item = &'a str>) -> Vec<(&'a str, usize)> {
+    grouped(values.map(|value| (value, ()))).into_iter().map(|(value, times)| (value, times.len())).collect()
 }

@@ -1,3 +1,5 @@
+//! Machines and devices of times, their spread and their marks.
+
 use super::Notes;
 use crate::counted;
 use crate::table::content::was_busy;

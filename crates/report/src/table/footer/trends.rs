@@ -1,3 +1,5 @@
+//! Slopes over the number of Gaussians, and of differences between methods.
+
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::{
     Leaked, Trend, along_setting, cost, lead_along_distance, lead_along_overlap, scene_means,
