@@ -68,7 +68,9 @@ impl ProtocolArgs {
         warnings: &mut Warnings,
     ) -> anyhow::Result<Vec<Dataset>> {
         let data = remote.map_or(self.data.as_path(), |remote| remote.path());
-        let expected_size = self.expected_size();
+        let presets = self.presets.iter().map(|name| Ok((name, Preset::resolve(name)?)));
+        let presets = presets.collect::<anyhow::Result<Vec<_>>>()?;
+        let expected_size = self.expected_size(&presets);
         let source: Arc<dyn SceneSource> =
             Arc::new(self.images.open_at(&self.data, remote, expected_size, warnings)?);
         let opening = warnings.clone();
@@ -82,12 +84,11 @@ impl ProtocolArgs {
             (None, None, Some(path)) => IndexChoice::At(path),
             (None, None, None) => IndexChoice::NextToData,
         };
-        let open = |name: &String, warnings: &mut Warnings| -> anyhow::Result<Dataset> {
-            let (preset, source) = (Preset::resolve(name)?, Arc::clone(&source));
+        let open = |name: &String, preset: Preset, warnings: &mut Warnings| -> anyhow::Result<Dataset> {
             if let (Some(remote), IndexChoice::NextToData) = (remote, index) {
                 remote.fetch(PlannedIndex::next_to(data, &preset).as_slice())?;
             }
-            let opened = Dataset::new(preset, source, data, index, self.any_size, warnings);
+            let opened = Dataset::new(preset, Arc::clone(&source), data, index, self.any_size, warnings);
             let mut opened = opened.with_context(|| format!("protocol {name}"))?;
             if rule.is_some() {
                 opened.index.note_unread(&opening);
@@ -97,16 +98,15 @@ impl ProtocolArgs {
             opened.index.description = with_urls(&opened.index.description);
             Ok(opened)
         };
-        self.presets.iter().map(|name| open(name, warnings)).collect()
+        presets.into_iter().map(|(name, preset)| open(name, preset, warnings)).collect()
     }
 
     /// The size of images that all of the protocols expect, if it is one.
-    fn expected_size(&self) -> Option<ImageSize> {
+    fn expected_size(&self, presets: &[(&String, Preset)]) -> Option<ImageSize> {
         if self.any_size {
             return None;
         }
-        let size = |name: &String| Preset::resolve(name).ok()?.preprocessing.expected_size;
-        let mut sizes = self.presets.iter().map(size);
+        let mut sizes = presets.iter().map(|(_, preset)| preset.preprocessing.expected_size);
         let first = sizes.next()??;
         sizes.all(|size| size == Some(first)).then_some(first)
     }

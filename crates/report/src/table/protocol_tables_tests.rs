@@ -5,7 +5,7 @@ use atsplat_numeric::Tolerance;
 use crate::csv_text;
 use crate::emit::TableFormat;
 use crate::sample::{floor, preset, results_over};
-use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols, trained};
+use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols};
 use crate::table::{CellIndex, NoteKind};
 
 /// A capture has a table in every format; with six of them also intervals.
@@ -13,7 +13,6 @@ use crate::table::{CellIndex, NoteKind};
 fn a_capture_has_a_protocol_table_in_every_format() {
     let mut capture = preset("photos-3v-256");
     (capture.dataset, capture.index_name) = ("/home/me/fox".to_owned(), None);
-    let methods = || vec![trained("atsplat", "1", "simulated rooms"), floor()];
     for (scenes, intervals) in [(4, false), (7, true)] {
         let found = protocols(&results_over(vec![capture.clone()], paper_methods(), scenes));
         let [table] = found.as_slice() else { panic!("one table: {}", found.len()) };
