@@ -21,9 +21,14 @@ pub fn trainings(description: &str) -> impl Iterator<Item = &str> {
     description.split(BEFORE)
 }
 
+/// The descriptions of the sources of a single training.
+pub fn sources_of(training: &str) -> impl Iterator<Item = &str> {
+    training.split(AND)
+}
+
 /// The descriptions of the sources of all trainings.
 pub fn sources(description: &str) -> impl Iterator<Item = &str> {
-    trainings(description).flat_map(|training| training.split(AND))
+    trainings(description).flat_map(sources_of)
 }
 
 #[cfg(test)]
@@ -36,6 +41,7 @@ mod tests {
         let description = continued(&last, "photographs");
         assert_eq!(description, "1 × rooms + 2 × yards; before: photographs");
         assert_eq!(trainings(&description).collect::<Vec<_>>(), ["1 × rooms + 2 × yards", "photographs"]);
+        assert_eq!(sources_of(&last).collect::<Vec<_>>(), ["1 × rooms", "2 × yards"]);
         assert_eq!(sources(&description).collect::<Vec<_>>(), ["1 × rooms", "2 × yards", "photographs"]);
     }
 }

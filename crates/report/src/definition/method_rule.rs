@@ -226,7 +226,7 @@ mod tests {
         let rule = |unified| MethodRule { unified: Some(unified), ..full() };
         let mut record = record(&ModelConfig::named("nano").unwrap());
         assert!(rule(false).accepts(&record) && !rule(true).accepts(&record), "separate weights");
-        let data = "1 × data/re10k/train under re10k-2v-256, 1 × data/dl3dv/train under dl3dv-6v-256x448".to_owned();
+        let data = "1 × data/re10k/train under re10k-2v-256 + 1 × data/dl3dv/train under dl3dv-6v-256x448".to_owned();
         record.training = Some(atsplat_results::TrainingRecord { data, seed: None });
         assert!(!rule(false).accepts(&record) && rule(true).accepts(&record), "unified weights");
         assert!(full().accepts(&record), "tables that do not ask take either");

@@ -34,11 +34,15 @@ const UNDER: &str = " under ";
 /// network may have seen anything in the others. A folder is known by its name, not by that of the preset beside it.
 fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
     let description = record.training.as_ref().map_or("", |training| training.data.as_str());
-    let sources: Vec<&str> = training_data::sources(description).collect();
-    if sources.iter().any(|source| datasets_in(data_of(source)).is_empty()) {
+    let of_sources: Vec<BTreeSet<&str>> = training_data::sources(description).map(datasets_of_source).collect();
+    if of_sources.iter().any(BTreeSet::is_empty) {
         return BTreeSet::new();
     }
-    sources.into_iter().flat_map(datasets_in).collect()
+    of_sources.into_iter().flatten().collect()
+}
+
+fn datasets_of_source(source: &str) -> BTreeSet<&'static str> {
+    datasets_in(data_of(source))
 }
 
 /// The data of a source, without its preset.
@@ -70,7 +74,8 @@ pub(crate) fn is_unified(record: &MethodRecord) -> bool {
     let stated = record.parameters.get("variant").and_then(serde_json::Value::as_str) == Some("unified");
     // A network that was fine-tuned on the second dataset is not one for both.
     let last = record.training.as_ref().and_then(|training| training_data::trainings(&training.data).next());
-    let datasets = last.map_or_else(BTreeSet::new, datasets_in);
+    let sources = last.into_iter().flat_map(training_data::sources_of);
+    let datasets: BTreeSet<&str> = sources.flat_map(datasets_of_source).collect();
     stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| datasets.contains(id)))
 }
 
@@ -137,6 +142,10 @@ mod tests {
         for preset in ["dl3dv-128.toml", "rooms-2v-128"] {
             assert_eq!(note(&format!("1 × ch under {preset} (2 views); before: {before}")), None, "{preset}");
         }
+        let of_its_preset = "1 × data/yards/train under rooms-2v-128 (2 views)";
+        let unseen = zero_shot_note(&trained_on(of_its_preset), "rooms");
+        assert_eq!(unseen.as_deref(), Some("zero-shot: not trained on rooms"), "rooms are only in the preset's name");
+        assert_eq!(zero_shot_note(&trained_on(of_its_preset), "yards"), None);
         let yards = note(&format!("{rooms} + 2 × yards train 0 to 9 at 64x112; before: {before}"));
         assert_eq!(yards.as_deref(), Some("zero-shot: not trained on RE10K"));
     }
@@ -158,10 +167,15 @@ mod tests {
 
     #[test]
     fn unified_networks_were_trained_on_both_datasets() {
-        assert!(is_unified(&trained_on(
-            "1 × data/re10k/train under re10k-2v-256, 1 × data/dl3dv/train under dl3dv-6v"
-        )));
-        assert!(is_unified(&trained_on("1 × rooms train 0 to 9 at 128x128, 1 × yards train 0 to 9 at 128x128")));
+        let sources = ["1 × data/re10k/train under re10k-2v-256", "1 × data/dl3dv/train under dl3dv-6v"];
+        assert!(is_unified(&trained_on(&training_data::of_sources(sources.map(str::to_owned)))));
+        assert!(is_unified(&trained_on("1 × rooms train 0 to 9 at 128x128 + 1 × yards train 0 to 9 at 128x128")));
+        for of_one in [
+            "1 × data/dl3dv/train under re10k-to-dl3dv-256",
+            "1 × data/yards/train under rooms-to-yards-128 + 1 × data/yards/more under yards-2v-128x224",
+        ] {
+            assert!(!is_unified(&trained_on(of_one)), "{of_one}: the other dataset is only in the preset's name");
+        }
         assert!(!is_unified(&trained_on("simulated rooms")) && !is_unified(&trained_on("dl3dv and rooms")));
         let fine_tuned = trained_on("data/dl3dv/train under dl3dv-6v; before: data/re10k/train under re10k-2v-256");
         assert!(!is_unified(&fine_tuned));

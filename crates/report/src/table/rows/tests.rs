@@ -163,7 +163,7 @@ fn unified_columns_are_filled_by_unified_weights_alone() {
         [0, 1].map(|group| row.cells[group][0].value.number().is_some())
     };
     let separate = || trained("atsplat", "1", "simulated rooms");
-    let unified = || trained("joint", "1", "rooms train 0 to 9, yards train 0 to 9");
+    let unified = || trained("joint", "1", "rooms train 0 to 9 + yards train 0 to 9");
     assert_eq!(filled(vec![separate()]), [true, false]);
     assert_eq!(filled(vec![unified()]), [false, true]);
     assert_eq!(filled(vec![separate(), unified()]), [true, true]);
