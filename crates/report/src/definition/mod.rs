@@ -3,6 +3,7 @@
 
 mod builtin;
 mod choice;
+mod group;
 mod method_rule;
 mod published;
 mod quantity;
@@ -16,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub use choice::Choice;
 pub(crate) use choice::is_called;
+pub use group::{ColumnGroup, TargetSet};
 pub use method_rule::MethodRule;
 pub(crate) use method_rule::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 pub use published::{Published, PublishedRow};
@@ -127,32 +129,6 @@ pub enum PlotKind {
     BudgetHistogram,
 }
 
-/// Columns with a common heading.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct ColumnGroup {
-    /// The heading; empty for none.
-    #[serde(default)]
-    pub title: String,
-    /// The measured preset, unless rows specify it.
-    #[serde(default)]
-    pub preset: Option<String>,
-    /// The measured methods, unless rows specify them.
-    #[serde(default)]
-    pub method: Option<MethodRule>,
-    /// The overlap bin, or `average` over all bins.
-    #[serde(default)]
-    pub bin: Option<String>,
-    /// Range of the targets' distance from the window of context frames, in frames on either side; absent: all targets.
-    #[serde(default)]
-    pub distances: Option<[u64; 2]>,
-    /// Suffix of the names of published columns.
-    #[serde(default)]
-    pub suffix: String,
-    /// The columns.
-    pub columns: Vec<ColumnDefinition>,
-}
-
 /// A column.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, from = "ColumnToml")]
@@ -209,13 +185,6 @@ impl From<ColumnToml> for ColumnDefinition {
             ColumnToml::Table(table) => table,
         };
         Self { quantity, published: published.unwrap_or_else(|| quantity.id().to_owned()), title, exact }
-    }
-}
-
-impl ColumnGroup {
-    /// Whether it is over one bin of overlap, not over all of them.
-    pub(crate) fn is_single_bin(&self) -> bool {
-        self.bin.as_deref().is_some_and(|bin| bin != "average")
     }
 }
 

@@ -29,9 +29,10 @@ fn every_built_in_table_has_published_numbers_and_known_presets() {
 fn the_overlap_table_has_the_bins_of_its_preset() {
     let definition = TableDefinition::named("re10k_overlap").unwrap();
     let bins = atsplat_protocol::Preset::named("re10k-overlap").unwrap().overlap_bins.unwrap();
-    let bins_of_table: Vec<&str> = definition.groups.iter().filter_map(|group| group.bin.as_deref()).collect();
-    let known: Vec<&str> = bins.names().iter().map(String::as_str).chain(["average"]).collect();
-    assert_eq!(bins_of_table, known);
+    let sets_of_table: Vec<TargetSet> = definition.groups.into_iter().map(|group| group.targets).collect();
+    let of_bins = bins.names().iter().cloned().map(TargetSet::Bin);
+    let expected: Vec<TargetSet> = [TargetSet::All].into_iter().chain(of_bins).chain([TargetSet::AllBins]).collect();
+    assert_eq!(sets_of_table, expected);
 }
 
 /// NoPoSplat's "Average", computed from the published bins and their numbers of scenes, to 0.005 dB, for the four other
@@ -103,6 +104,8 @@ fn rejects_inconsistent_definitions() {
         ("{method}", "{methods}", "methods"),
         ("\"lpips\"", "\"lpisp\"", "lpisp"),
         ("others = true", "other = true", "other"),
+        ("[[groups]]", "[[groups]]\nbin = \"low\"\ndistances = [1, 9]", "one of `bin` and `distances`, found both"),
+        ("[[groups]]", "[[groups]]\nbins = \"low\"", "`bins`"),
     ] {
         let broken = good.replace(from, to);
         assert_ne!(broken, good);

@@ -12,7 +12,7 @@ use super::selection::{ComparableResults, comparable_groups};
 use super::{Mixing, Source, Table};
 use crate::ReportError;
 use crate::definition::{
-    Choice, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
+    Choice, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition, TargetSet,
 };
 use crate::emit::CSV_SUFFIXES;
 use crate::file_names::{plain, unused};
@@ -92,8 +92,7 @@ fn group(protocol: &str, title: &str, quantities: Vec<Quantity>) -> ColumnGroup 
         title: title.to_owned(),
         preset: Some(protocol.to_owned()),
         method: None,
-        bin: None,
-        distances: None,
+        targets: TargetSet::All,
         suffix: String::new(),
         columns: quantities.into_iter().map(column).collect(),
     }
@@ -106,18 +105,18 @@ fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
     let sizes = [Quantity::Gaussians, Quantity::Seconds];
     let mut groups = vec![group(protocol, "", metrics.iter().copied().map(Quantity::Metric).chain(sizes).collect())];
     let Some(metric) = metrics.first().copied() else { return groups };
-    let breakdown = |title: String, suffix: String, change: &dyn Fn(&mut ColumnGroup)| {
-        let mut group = ColumnGroup { suffix, ..group(protocol, &title, vec![Quantity::Metric(metric)]) };
-        change(&mut group);
-        group
+    let breakdown = |title: &str, suffix: String, targets: TargetSet| ColumnGroup {
+        targets,
+        suffix,
+        ..group(protocol, title, vec![Quantity::Metric(metric)])
     };
     let slope = |along| group(protocol, &format!("Trend of {}", metric.name), vec![Quantity::Slope(metric, along)]);
     let bins = results.parts.first().and_then(|part| part.protocol.overlap_bins.as_ref());
     for name in bins.iter().flat_map(|bins| bins.names()) {
-        let set = |group: &mut ColumnGroup| group.bin = Some(name.clone());
         // Another ending, where the name is that of an end of an interval.
         let ending = if CSV_SUFFIXES.contains(&name.as_str()) { "_overlap" } else { "" };
-        groups.push(breakdown(format!("{name} overlap"), format!("_{name}{ending}"), &set));
+        let targets = TargetSet::Bin(name.clone());
+        groups.push(breakdown(&format!("{name} overlap"), format!("_{name}{ending}"), targets));
     }
     if bins.is_some() {
         groups.push(slope(SlopeOver::Overlap));
@@ -129,8 +128,7 @@ fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
             (low, high) if low == high => format!("{low} outside"),
             (low, high) => format!("{low} to {high} outside"),
         };
-        let set = |group: &mut ColumnGroup| group.distances = Some([*low, *high]);
-        groups.push(breakdown(title, format!("_{low}_to_{high}"), &set));
+        groups.push(breakdown(&title, format!("_{low}_to_{high}"), TargetSet::Distances([*low, *high])));
     }
     if !ranges.is_empty() {
         groups.push(slope(SlopeOver::Distance));

@@ -1,12 +1,14 @@
 //! Tables of protocols: every format, bins of overlap and distances with their slopes.
 
 use atsplat_numeric::Tolerance;
+use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::csv_text;
+use crate::definition::Choice;
 use crate::emit::TableFormat;
 use crate::sample::{floor, preset, results_over};
-use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols};
-use crate::table::{CellIndex, NoteKind};
+use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols, row_of, trained};
+use crate::table::{CellIndex, Column, Mixing, NoteKind, Source, chosen_protocol_tables};
 
 /// A capture has a table in every format; with six of them also intervals.
 #[test]
@@ -102,4 +104,23 @@ fn a_trend_of_few_scenes_or_close_overlaps_is_not_computed() {
         let why = Some(format!("n/c per 0.1 of overlap: not computed: {expected}"));
         assert_eq!(said(scenes, step), ("n/c".to_owned(), why));
     }
+}
+
+/// The average over bins, in tables of the paper, is another set of targets.
+#[test]
+fn a_bin_named_average_is_one_bin() {
+    let mut record = preset("rooms-overlap-128");
+    let mut protocol = record.protocol().unwrap();
+    let names = ["low", "average", "high"].map(str::to_owned).to_vec();
+    protocol.overlap_bins = Some(OverlapBins::new(BinRule::Strict, names, vec![0.0, 0.4, 0.6, 1.0]).unwrap());
+    (record.hash, record.toml) = (protocol.hash().unwrap().to_string(), protocol.to_toml().unwrap());
+    let results = results_over(vec![record], vec![trained("atsplat", "1", "simulated rooms"), floor()], 8);
+    let choice = Choice { against: Some(floor().name), ..Choice::default() };
+    let source = Source { label: "run", results: &results };
+    let table = chosen_protocol_tables(&[source], Mixing::Apart, &choice).unwrap().swap_remove(0);
+    assert_eq!(table.groups[2].title, "average overlap");
+    let in_bin = row_of(&table, "atsplat").cells[2][0].value.number();
+    Tolerance::absolute(1e-9).assert(in_bin, [19.25], "the third scene and the seventh, not all with 20.25");
+    let heads: Vec<String> = table.groups.last().unwrap().columns.iter().map(Column::head).collect();
+    assert_eq!(heads, ["ΔPSNR"], "no difference over all targets stands under the heading of a bin");
 }

@@ -51,8 +51,8 @@ pub(super) fn metric_over_all(
     group: usize,
     column: &Column,
 ) -> Option<&'static Definition> {
-    let group = definition.groups.get(group).filter(|group| group.distances.is_none())?;
-    if group.is_single_bin() { None } else { column.quantity.metric() }
+    let is_overall = definition.groups.get(group)?.targets.is_overall();
+    if is_overall { column.quantity.metric() } else { None }
 }
 
 /// Why a difference over all targets is none of the numbers in a column: they were not computed, or lack targets outside all bins.

@@ -136,7 +136,7 @@ impl Notes {
 
     fn not_computed(&mut self, table: &Table, definition: &TableDefinition) {
         for (index, column) in table.columns() {
-            let is_of_bin = definition.groups.get(index.group).is_some_and(|group| group.bin.is_some());
+            let is_of_bin = definition.groups.get(index.group).is_some_and(|group| group.targets.is_by_overlap());
             for row in &table.rows {
                 let Cell { value, counts, not_computed: Some(reason), .. } = row.cell(index) else { continue };
                 let text = match (value, counts) {

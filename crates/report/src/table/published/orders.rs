@@ -91,7 +91,7 @@ fn order_in(
     let (column, metric) = columns.find_map(|(at, column)| Some((at, column.quantity.metric()?)))?;
     let number = |row: &Row| row.cell(CellIndex { group, column }).value.number();
     let published = number(rows[0])? - number(rows[1])?;
-    let is_order = published != 0.0 && !definition.groups[group].is_single_bin();
+    let is_order = published != 0.0 && definition.groups[group].targets.is_overall();
     let trainings = rows.map(|row| reproducing_methods(table, definition, results, row, group));
     let trainings = trainings.each_ref().map(Vec::as_slice);
     is_order.then(|| compared(results, trainings, metric, published, rows)).flatten()

@@ -7,14 +7,14 @@ use atsplat_results::statistics::{
 use atsplat_results::times::{NOTHING_ENCODED, Times, times};
 use atsplat_results::{Results, TargetStatus};
 
-use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver};
+use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver, TargetSet};
 use crate::table::selection::MethodRun;
 use crate::table::{Cell, CellTiming, Counts, TimeScope, Value};
 
 /// The cells of a method under a preset for a group of columns.
 pub(super) fn cells(run: MethodRun<'_>, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
     let part = run.part;
-    let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
+    let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.targets.is_by_overlap());
     if let Some(why) = bins.and_then(|bins| part.mismatched_overlaps(bins)).filter(|_| !forced) {
         let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
@@ -54,26 +54,28 @@ fn metric_cell(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup)
 /// A metric over the targets of a group of columns.
 struct GroupSummary {
     summary: Summary,
-    /// Targets outside all bins of overlap, if the group is a bin.
+    /// Targets outside all bins of overlap, if the group is by overlap.
     outside_bins: u64,
 }
 
-/// Over all targets, those at some distances from the window, or those in a bin of overlap.
 fn summary_of_group(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> GroupSummary {
     let (results, protocol) = (run.results(), &run.part.protocol);
     let over = |summary| GroupSummary { summary, outside_bins: 0 };
-    match (&group.bin, &protocol.overlap_bins) {
-        (None, _) => match group.distances {
-            Some([low, high]) => over(within_distances(results, query, low..=high, protocol.aggregation)),
-            None => over(summary(results, query, protocol.aggregation)),
-        },
-        (Some(bin), Some(bins)) => {
-            let Binned { bins, average, ignored } = by_overlap(results, query, bins, protocol.aggregation);
-            let in_bin = bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
-            let summary = in_bin.or_else(|| (*bin == "average").then_some(average)).unwrap_or_default();
-            GroupSummary { summary, outside_bins: ignored }
+    match (&group.targets, &protocol.overlap_bins) {
+        (TargetSet::All, _) => over(summary(results, query, protocol.aggregation)),
+        (TargetSet::Distances([low, high]), _) => {
+            over(within_distances(results, query, *low..=*high, protocol.aggregation))
         }
-        (Some(_), None) => over(Summary::default()),
+        (TargetSet::Bin(bin), Some(bins)) => {
+            let Binned { bins, ignored, .. } = by_overlap(results, query, bins, protocol.aggregation);
+            let in_bin = bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
+            GroupSummary { summary: in_bin.unwrap_or_default(), outside_bins: ignored }
+        }
+        (TargetSet::AllBins, Some(bins)) => {
+            let Binned { average, ignored, .. } = by_overlap(results, query, bins, protocol.aggregation);
+            GroupSummary { summary: average, outside_bins: ignored }
+        }
+        (TargetSet::Bin(_) | TargetSet::AllBins, None) => over(Summary::default()),
     }
 }
 

@@ -6,7 +6,7 @@ use atsplat_metrics::Definition;
 use atsplat_numeric::distinct;
 use atsplat_results::statistics::{SceneMean, of_seeds, weighted_scene_means};
 
-use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, TableDefinition};
+use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, TableDefinition, TargetSet};
 use crate::table::selection::{ComparableResults, MethodRun, is_further_training};
 use crate::table::{Cell, CellIndex, Counts, MeasuredOn, Row, Trainings, Value};
 
@@ -14,7 +14,7 @@ use crate::table::{Cell, CellIndex, Counts, MeasuredOn, Row, Trainings, Value};
 struct TrainingGroup<'a> {
     trainings: Vec<MethodRun<'a>>,
     rows: Vec<&'a Row>,
-    /// For each group of columns, the trainings under its preset, if it has one and no bins.
+    /// For each group of columns, the trainings under its preset, if it has one and is over all targets.
     groups: Vec<(&'a ColumnGroup, Vec<MethodRun<'a>>)>,
 }
 
@@ -68,7 +68,7 @@ fn training_groups<'a>(
         }
     }
     let methods = |group: &'a ColumnGroup, rows: &[&Row]| {
-        let preset = group.preset.as_deref().filter(|_| group.bin.is_none() && group.distances.is_none());
+        let preset = group.preset.as_deref().filter(|_| group.targets == TargetSet::All);
         // A mean over some of the trainings would not be the row's.
         let of_rows = |preset: &str| rows.iter().map(|row| results.run_under(preset, row)).collect::<Option<Vec<_>>>();
         (group, preset.and_then(of_rows).unwrap_or_default())
