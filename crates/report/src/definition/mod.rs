@@ -10,6 +10,7 @@ mod quantity;
 #[cfg(test)]
 mod tests;
 mod training;
+mod variant;
 
 use std::collections::BTreeMap;
 
@@ -19,10 +20,11 @@ pub use choice::Choice;
 pub(crate) use choice::is_called;
 pub use group::{ColumnGroup, TargetSet};
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Quantity, SlopeOver};
 pub(crate) use training::{is_named as is_named_dataset, name as dataset_name, zero_shot_note};
+pub use variant::Variant;
+pub(crate) use variant::{by_quantile, has_thresholds, is_ablation, is_full, is_trained_separately};
 
 use crate::ReportError;
 

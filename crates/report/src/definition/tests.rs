@@ -104,6 +104,9 @@ fn rejects_inconsistent_definitions() {
         ("{method}", "{methods}", "methods"),
         ("\"lpips\"", "\"lpisp\"", "lpisp"),
         ("others = true", "other = true", "other"),
+        ("variant = \"full\"", "variant = \"ful\"", "unknown variant `ful`, expected one of `full`, `ray-depth`"),
+        ("kind = \"atsplat\"", "kind = \"atsplatt\"", "expected one of atsplat, atsplat+refine"),
+        ("variant = \"full\"", "variant = \"full\", thresholds = [0.1]", "one of `variant` and `thresholds`"),
         ("[[groups]]", "[[groups]]\nbin = \"low\"\ndistances = [1, 9]", "one of `bin` and `distances`, found both"),
         ("[[groups]]", "[[groups]]\nbins = \"low\"", "`bins`"),
     ] {

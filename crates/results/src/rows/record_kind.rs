@@ -46,6 +46,11 @@ impl RecordKind {
         NAMES.iter().find(|(known, _)| *known == name).map_or(Self::Other, |(_, kind)| *kind)
     }
 
+    /// The names of known kinds.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        NAMES.iter().map(|(name, _)| *name)
+    }
+
     /// Whether it imports files of another program: images or Gaussians.
     pub const fn imports_files(self) -> bool {
         match self {
@@ -84,7 +89,7 @@ mod tests {
         assert_eq!(["exec", "python"].map(of), [[false, true]; 2]);
         let inside = ["atsplat", "atsplat+refine", "mip-splatting", "fixed", "nearest-view", "warp"];
         assert_eq!(inside.map(of), [[false, false]; 6]);
-        assert!(inside.iter().all(|name| RecordKind::of(name) != RecordKind::Other));
         assert_eq!(RecordKind::of("renders2"), RecordKind::Other);
+        assert!(RecordKind::names().all(|name| RecordKind::of(name) != RecordKind::Other));
     }
 }
