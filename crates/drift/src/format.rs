@@ -1,6 +1,6 @@
 //! Human-readable numbers; JSON keeps every digit.
 
-use atsplat_metrics::definition;
+use atsplat_metrics::{Scale, definition};
 
 /// A score as papers print it, with its unit: `21.97 dB`, `0.812`.
 pub(super) fn score(metric: &str, value: f64) -> String {
@@ -59,7 +59,7 @@ fn decimals_of(size: f64) -> usize {
 
 fn style(metric: &str) -> (usize, &'static str) {
     let unit = definition(metric).map_or("", |definition| definition.unit);
-    (if unit == "dB" { 2 } else { 3 }, unit)
+    (Scale::of(metric).decimals(), unit)
 }
 
 fn with_unit(number: String, unit: &str) -> String {

@@ -1,5 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_metrics::Scale;
 use atsplat_numeric::{Extremes as _, Tolerance, mean};
 use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{SelectedTarget, mean_of, scene_differences, score_of, student_quantile};
@@ -27,7 +28,10 @@ pub struct Limit {
 
 /// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
 pub fn least_limit(metric: &str) -> f64 {
-    if is_decibels(metric) { 0.01 } else { 0.0005 }
+    match Scale::of(metric) {
+        Scale::Decibels => 0.01,
+        Scale::Unit => 0.0005,
+    }
 }
 
 /// How far the mean of one of several scenes may change: as far as repeated runs showed, and at least by 0.5 dB, or 0.02 for
@@ -42,7 +46,10 @@ pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
         is_noise.then(|| 2.0 * known.limit * (scenes as f64).sqrt())
     };
     let noise = known.and_then(|known| known.scene.or_else(|| estimated(known)));
-    let least = if is_decibels(metric) { 0.5 } else { 0.02 };
+    let least = match Scale::of(metric) {
+        Scale::Decibels => 0.5,
+        Scale::Unit => 0.02,
+    };
     noise.map_or(least, |noise| least.maximum_of(noise))
 }
 
@@ -50,11 +57,10 @@ pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
 /// 1e-5 for everything else. Fused multiply-adds change the last bits of networks and renders; a larger change means that
 /// another token was selected, or a real change.
 pub fn metric_bound(metric: &str) -> Tolerance {
-    Tolerance::absolute(if is_decibels(metric) { 1e-3 } else { 1e-5 })
-}
-
-fn is_decibels(metric: &str) -> bool {
-    atsplat_metrics::definition(metric).is_some_and(|definition| definition.unit == "dB")
+    Tolerance::absolute(match Scale::of(metric) {
+        Scale::Decibels => 1e-3,
+        Scale::Unit => 1e-5,
+    })
 }
 
 /// Limits above this multiple of the least one let real changes pass, and are pointed out.

@@ -14,8 +14,11 @@ pub struct Definition {
     pub name: &'static str,
     /// Which way is better.
     pub direction: Direction,
-    /// Unit; empty if dimensionless.
+    /// Unit in texts; empty if dimensionless.
     pub unit: &'static str,
+    /// How large its scores and their differences are.
+    #[serde(skip)]
+    pub scale: Scale,
     /// What is computed.
     pub measure: Measure,
     /// Description of the convention, and who uses it.
@@ -32,6 +35,30 @@ pub enum Direction {
     Higher,
     /// Less is better.
     Lower,
+}
+
+/// How large a metric's scores are, and so which of their differences matter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Tens of decibels.
+    Decibels,
+    /// Up to about 1.
+    Unit,
+}
+
+impl Scale {
+    /// That of the metric with this id; [`Self::Unit`] for metrics of other versions.
+    pub fn of(metric: &str) -> Self {
+        definition(metric).map_or(Self::Unit, |definition| definition.scale)
+    }
+
+    /// The decimals that papers print.
+    pub const fn decimals(self) -> usize {
+        match self {
+            Self::Decibels => 2,
+            Self::Unit => 3,
+        }
+    }
 }
 
 /// What is computed, with all parameters that affect the number.
@@ -270,6 +297,7 @@ const DEFINITIONS: &[Definition] = &[
         name: "L1",
         direction: Direction::Lower,
         unit: "",
+        scale: Scale::Unit,
         measure: Measure::L1 { values: CLIPPED },
         convention: "mean absolute difference over pixels and channels, both images clipped to [0, 1]",
         link: "https://github.com/nerfbaselines/nerfbaselines/blob/main/nerfbaselines/metrics.json",
@@ -294,6 +322,7 @@ const fn psnr(id: Text, name: Text, values: Values, convention: Text, link: Text
         name,
         direction: Direction::Higher,
         unit: "dB",
+        scale: Scale::Decibels,
         measure: Measure::Psnr { values },
         convention,
         link,
@@ -306,6 +335,7 @@ const fn ssim(id: Text, name: Text, values: Values, ssim: Ssim, convention: Text
         name,
         direction: Direction::Higher,
         unit: "",
+        scale: Scale::Unit,
         measure: Measure::Ssim { values, ssim },
         convention,
         link,
@@ -314,7 +344,8 @@ const fn ssim(id: Text, name: Text, values: Values, ssim: Ssim, convention: Text
 
 const fn lpips(id: Text, name: Text, values: Values, network: Network, convention: Text, link: Text) -> Definition {
     let measure = Measure::Perceptual { values, network, normalize: true };
-    Definition { id, name, direction: Direction::Lower, unit: "", measure, convention, link }
+    let (unit, scale) = ("", Scale::Unit);
+    Definition { id, name, direction: Direction::Lower, unit, scale, measure, convention, link }
 }
 
 #[cfg(test)]
@@ -359,5 +390,7 @@ mod tests {
             assert_eq!(super::definition(definition.id), Some(definition));
         }
         assert_eq!(definition("ssim2"), None);
+        let ids = ["psnr-8bit-rounded", "ssim-inria", "lpips-alex", "l1", "ssim2"];
+        assert_eq!(ids.map(|id| Scale::of(id).decimals()), [2, 3, 3, 3, 3]);
     }
 }

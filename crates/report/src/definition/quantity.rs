@@ -99,8 +99,8 @@ impl Quantity {
     /// to thousands unless `exact` (23 040 → `23K`), tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
-            Self::Metric(metric) if metric.unit == "dB" => fixed(value, 2),
-            Self::Metric(_) | Self::Seconds => fixed(value, 3),
+            Self::Metric(metric) => fixed(value, metric.scale.decimals()),
+            Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
             Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
@@ -120,7 +120,7 @@ impl Quantity {
 
     /// A slope or difference.
     fn print_signed(self, value: f64, interval: Option<[f64; 2]>) -> String {
-        let decimals = if matches!(self, Self::Difference(metric) if metric.unit == "dB") { 2 } else { 3 };
+        let decimals = if let Self::Difference(metric) = self { metric.scale.decimals() } else { 3 };
         signed(value, decimals_of(interval, decimals))
     }
 
@@ -179,6 +179,8 @@ mod tests {
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");
         assert_eq!(Quantity::from_str("psnr").unwrap().print(28.456, false), "28.46");
         assert_eq!(Quantity::from_str("lpips").unwrap().print(0.1184, false), "0.118");
+        let renamed: &Definition = Box::leak(Box::new(Definition { unit: "decibels", ..definitions()[0] }));
+        assert_eq!(Quantity::Metric(renamed).print(28.456, false), "28.46", "whatever its unit is called");
         let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::from_str("ssim").unwrap().print(value, false));
         assert_eq!(ssims, ["0.000", "-0.001", "0.000"], "no sign without a digit");
         let difference = |id: &str| match Quantity::from_str(id).unwrap() {

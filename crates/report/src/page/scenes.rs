@@ -20,8 +20,8 @@ pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
         .collect();
     let known = definitions().iter().filter(|metric| scored.contains(metric.id));
     let to_json = |metric: &Definition| {
-        let decimals = if metric.unit == "dB" { 2 } else { 3 };
-        json!({ "id": metric.id, "name": metric.name, "higher": metric.direction == Direction::Higher, "decimals": decimals })
+        let (higher, decimals) = (metric.direction == Direction::Higher, metric.scale.decimals());
+        json!({ "id": metric.id, "name": metric.name, "higher": higher, "decimals": decimals })
     };
     known.map(to_json).collect()
 }

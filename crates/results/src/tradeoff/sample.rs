@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-use atsplat_metrics::definition;
+use atsplat_metrics::{Scale, definition};
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
@@ -216,5 +216,8 @@ fn incomplete(scored: &[Scored<'_>]) -> Vec<Incomplete> {
 
 /// The step of quality that is priced: 0.1 for decibels, 0.01 for everything else, in the metric's unit.
 pub fn quality_step(metric: &str) -> f64 {
-    if definition(metric).is_some_and(|definition| definition.unit == "dB") { 0.1 } else { 0.01 }
+    match Scale::of(metric) {
+        Scale::Decibels => 0.1,
+        Scale::Unit => 0.01,
+    }
 }

@@ -37,6 +37,8 @@ pub struct QualityMetric {
     pub unit: &'static str,
     /// Which direction is better.
     pub direction: Direction,
+    /// The decimals that papers print.
+    pub decimals: usize,
 }
 
 impl Estimate {
@@ -53,7 +55,8 @@ impl Estimate {
 
 impl From<&Definition> for QualityMetric {
     fn from(definition: &Definition) -> Self {
-        Self { name: definition.name, unit: definition.unit, direction: definition.direction }
+        let Definition { name, unit, direction, scale, .. } = *definition;
+        Self { name, unit, direction, decimals: scale.decimals() }
     }
 }
 
@@ -82,7 +85,8 @@ impl QualityMetric {
 
     /// Formats a value as papers do: decibels with two decimals, other metrics with three.
     pub(in crate::plot) fn print(self, value: f64) -> String {
-        if self.unit == "dB" { format!("{value:.2}") } else { format!("{value:.3}") }
+        let decimals = self.decimals;
+        format!("{value:.decimals$}")
     }
 }
 

@@ -115,7 +115,7 @@ impl<'a> ProtocolResults<'a> {
         let against = |other: &&'a MethodRecord| {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
             let pair = paired(self.results, &queries[0], &queries[1], aggregation)?;
-            let decimals = decimals_of(pair.interval, if metric.unit == "dB" { 2 } else { 3 });
+            let decimals = decimals_of(pair.interval, metric.scale.decimals());
             let signed = |value: f64| signed(value, decimals).replace('-', "−");
             let interval = pair.interval.map(|ends| ends.map(signed));
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
