@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use atsplat_results::MethodRecord;
+
 use super::change::Change;
 use super::provenance::is_of_network;
 use super::{Cause, Comparison, Difference, DriftReport, DriftVerdict, Finding, FindingKind, Setting};
@@ -12,9 +14,9 @@ const OF_METHOD: &str = "outside atsplat's pipeline: the method's files, such as
 const NOT_RUN: &str = "outside atsplat's pipeline: a part of the targets was run, as with a limit, a shard, scenes that are not \
                        in the data, or a run that is not done";
 /// Fields of a method that say what its weights are.
-const WEIGHTS: [&str; 3] = ["weights-sha256", "weights-seed", "backbone-sha256"];
+const WEIGHTS: [&str; 3] = ["weights-sha256", MethodRecord::WEIGHTS_SEED, MethodRecord::BACKBONE_SHA256];
 /// Fields of a method that say what its network is.
-const NETWORK: [&str; 2] = ["model", "model-hash"];
+const NETWORK: [&str; 2] = [MethodRecord::MODEL, MethodRecord::MODEL_HASH];
 
 /// Metrics that drifted and are not measured as in the baseline, metrics that are not computed any more, and methods that drifted with
 /// other settings or weights or were not run.

@@ -45,17 +45,18 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
 pub(crate) fn atsplat(name: &str, change: impl FnOnce(&mut ModelConfig)) -> MethodRecord {
     let mut config = ModelConfig::named("nano").unwrap();
     change(&mut config);
-    MethodRecord {
+    let mut record = MethodRecord {
         name: name.to_owned(),
         kind: "atsplat".to_owned(),
         title: "ATSplat".to_owned(),
-        parameters: [("configuration".to_owned(), serde_json::to_value(&config).unwrap())].into(),
         weights_sha256: Some("0123456789abcdef0123456789abcdef".to_owned()),
         constants: Some("gsplat".to_owned()),
         backend: Some("cpu".to_owned()),
         deterministic: true,
         ..MethodRecord::default()
-    }
+    };
+    record.record_configuration(serde_json::to_value(&config).unwrap());
+    record
 }
 
 pub(crate) fn floor() -> MethodRecord {

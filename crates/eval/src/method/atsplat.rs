@@ -56,16 +56,11 @@ impl WeightsSource {
     /// [`EvalError::Model`] for a configuration that cannot be hashed.
     pub(super) fn describe(&self, network: &Network, record: &mut MethodRecord) -> Result<(), EvalError> {
         let config = network.config();
-        record.parameters.insert("model".to_owned(), config.name.clone().into());
-        record.parameters.insert("model-hash".to_owned(), config.hash()?.into());
+        record.record_model(&config.name, &config.hash()?);
         match self {
             Self::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
             Self::Random { seed, backbone_sha256 } => {
-                record.untrained = true;
-                record.parameters.insert("weights-seed".to_owned(), (*seed).into());
-                if let Some(hash) = backbone_sha256 {
-                    record.parameters.insert("backbone-sha256".to_owned(), hash.clone().into());
-                }
+                record.record_random_weights(*seed, backbone_sha256.as_deref());
             }
         }
         if let Some(size) = network.trained_size() {
@@ -94,9 +89,10 @@ impl AtSplat {
             name: name.to_owned(),
             kind: "atsplat".to_owned(),
             title: title(&config.name, None, untrained),
-            parameters: parameters([("configuration", as_json(config)?), ("call-seed", call_seed.into())]),
+            parameters: parameters([("call-seed", call_seed.into())]),
             ..MethodRecord::default()
         };
+        record.record_configuration(as_json(config)?);
         weights.describe(&network, &mut record)?;
         splatting.describe(&mut record);
         record.record_network(network.adapter().as_ref().map(adapter_record));
@@ -145,15 +141,14 @@ impl AtSplat {
     /// Adds the variant to the record, for differences that the configuration does not show.
     #[must_use]
     pub fn with_recorded_variant(mut self, variant: &str) -> Self {
-        self.record.parameters.insert("variant".to_owned(), variant.into());
+        self.record.record_variant(variant);
         self
     }
 
     /// Records that its thresholds are these quantiles of its scores, instead of the published thresholds.
     #[must_use]
     pub fn with_thresholds_at(mut self, quantiles: &[f64], published: &[f64]) -> Self {
-        self.record.parameters.insert("threshold-quantiles".to_owned(), quantiles.into());
-        self.record.parameters.insert("published-thresholds".to_owned(), published.into());
+        self.record.record_threshold_quantiles(quantiles, published);
         self
     }
 

@@ -1,4 +1,5 @@
 use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalPoint};
+use atsplat_results::MethodRecord;
 use atsplat_splat::{ClampedGradient, Extent, MAX_SH_DEGREE, PrincipalPoint, RendererConstants, ShAxes};
 
 use crate::EvalError;
@@ -31,9 +32,8 @@ impl ChangedConstants {
     /// # Errors
     /// [`EvalError::Settings`] for values that no renderer accepts.
     pub fn new(overrides: RendererOverrides) -> Result<Self, EvalError> {
-        let name = overrides
-            .applied(&RendererConstants { name: "of the preset".to_owned(), ..RendererConstants::default() })?
-            .name;
+        let of_preset = RendererConstants { name: MethodRecord::OF_PRESET.to_owned(), ..RendererConstants::default() };
+        let name = overrides.applied(&of_preset)?.name;
         Ok(Self { name, overrides })
     }
 
@@ -76,7 +76,7 @@ impl ConstantsChoice {
     /// Name in records.
     pub fn name(&self) -> &str {
         match self {
-            Self::FromPreset => "of the preset",
+            Self::FromPreset => MethodRecord::OF_PRESET,
             Self::Fixed(constants) => &constants.name,
             Self::Changed(changed) => &changed.name,
         }

@@ -258,8 +258,8 @@ impl Method for Ply {
             record.parameters.insert("planes".to_owned(), "in the dataset's unit".into());
         }
         // Records of stores without a chosen setting stay as they are.
-        if let Some(setting) = &self.setting {
-            record.parameters.insert("setting".to_owned(), setting.as_str().into());
+        if self.setting.is_some() {
+            record.record_setting(self.setting.as_deref());
         }
         record.deterministic &= self.deterministic;
         record

@@ -183,14 +183,12 @@ impl Splatting {
         record.backend = Some(self.backend.name());
         record.renderer_adapter = self.backend.adapter().cloned();
         record.deterministic = self.backend.is_deterministic();
-        let background = self.background.map_or_else(|| "of the preset".into(), |rgb| serde_json::json!(rgb));
-        let parameters: [(&str, serde_json::Value); 4] = [
-            ("background", background),
+        record.record_background(self.background);
+        record.parameters.extend(parameters([
             ("effects", self.effects.to_string().into()),
             ("tolerance", self.tolerance.into()),
             ("renderer", self.explicit_constants()),
-        ];
-        record.parameters.extend(parameters.map(|(name, value)| (name.to_owned(), value)));
+        ]));
         // Records of stores without a chosen mode stay as they are, and so do their renders.
         if let Some(mode) = self.mode {
             record.parameters.insert("mode".to_owned(), as_json(&mode));
@@ -199,7 +197,7 @@ impl Splatting {
 
     fn explicit_constants(&self) -> serde_json::Value {
         match &self.constants {
-            ConstantsChoice::FromPreset => "of the preset".into(),
+            ConstantsChoice::FromPreset => MethodRecord::OF_PRESET.into(),
             ConstantsChoice::Fixed(constants) => {
                 let mut fields = as_json(constants);
                 // JSON has no infinity.

@@ -95,8 +95,14 @@ mod tests {
     use crate::definition::by_quantile;
 
     fn record(config: &ModelConfig) -> MethodRecord {
-        let parameters = [("configuration".to_owned(), serde_json::to_value(config).unwrap())];
-        MethodRecord { kind: "atsplat".to_owned(), parameters: parameters.into(), ..MethodRecord::default() }
+        let mut record = unknown();
+        record.record_configuration(serde_json::to_value(config).unwrap());
+        record
+    }
+
+    /// A network of which only the kind is known.
+    fn unknown() -> MethodRecord {
+        MethodRecord { kind: "atsplat".to_owned(), ..MethodRecord::default() }
     }
 
     fn full() -> MethodRule {
@@ -143,8 +149,7 @@ mod tests {
             ..MethodRule::default()
         };
         assert!(rule([0.3, 0.2, 0.7]).accepts(&record) && by_quantile(&record).is_none());
-        record.parameters.insert("published-thresholds".to_owned(), serde_json::json!([0.1, 0.1, 0.4]));
-        record.parameters.insert("threshold-quantiles".to_owned(), serde_json::json!([0.8, 0.8, 0.9]));
+        record.record_threshold_quantiles(&[0.8, 0.8, 0.9], &[0.1, 0.1, 0.4]);
         assert!(rule([0.1, 0.1, 0.4]).accepts(&record) && !rule([0.05, 0.05, 0.2]).accepts(&record));
         assert!(!rule([0.3, 0.2, 0.7]).accepts(&record), "it is in one row only");
         let text = by_quantile(&record).unwrap();
@@ -175,22 +180,19 @@ mod tests {
     #[test]
     fn a_built_in_configuration_counts_only_with_its_hash() {
         let nano = ModelConfig::named("nano").unwrap();
-        let record = |hash: String| MethodRecord {
-            kind: "atsplat".to_owned(),
-            parameters: [("model".to_owned(), "nano".into()), ("model-hash".to_owned(), hash.into())].into(),
-            ..MethodRecord::default()
+        let record = |hash: &str| {
+            let mut record = unknown();
+            record.record_model("nano", hash);
+            record
         };
-        assert!(full().accepts(&record(nano.hash().unwrap())));
-        assert!(!full().accepts(&record("another".to_owned())), "a changed configuration is not the full method");
+        assert!(full().accepts(&record(&nano.hash().unwrap())));
+        assert!(!full().accepts(&record("another")), "a changed configuration is not the full method");
     }
 
     #[test]
     fn a_stated_variant_and_another_kind_are_no_full_network() {
-        let record = MethodRecord {
-            kind: "atsplat".to_owned(),
-            parameters: [("variant".to_owned(), "unified".into())].into(),
-            ..MethodRecord::default()
-        };
+        let mut record = unknown();
+        record.record_variant("unified");
         assert!(!full().accepts(&record));
         assert!(!full().accepts(&MethodRecord { kind: "renders".to_owned(), ..record }));
     }

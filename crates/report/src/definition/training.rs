@@ -71,7 +71,7 @@ pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<Str
 
 /// Whether one network was trained on both datasets of a unified model, or says that it is one.
 pub(crate) fn is_unified(record: &MethodRecord) -> bool {
-    let stated = record.parameters.get("variant").and_then(serde_json::Value::as_str) == Some("unified");
+    let stated = record.stated_variant() == Some("unified");
     // A network that was fine-tuned on the second dataset is not one for both.
     let last = record.training.as_ref().and_then(|training| training_data::trainings(&training.data).next());
     let sources = last.into_iter().flat_map(training_data::sources_of);

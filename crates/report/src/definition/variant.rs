@@ -3,6 +3,7 @@
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{AnchorDesign, BlockConfig, BlockExpansion, Selection};
 use atsplat_results::MethodRecord;
+use serde::de::{self, value::StrDeserializer};
 use serde::{Deserialize, Serialize};
 
 /// How a network differs from the full ATSplat; definitions of tables name it so.
@@ -37,14 +38,21 @@ pub enum Variant {
     Other,
 }
 
+impl Variant {
+    /// The variant that definitions call so.
+    fn named(name: &str) -> Option<Self> {
+        Self::deserialize(StrDeserializer::<de::value::Error>::new(name)).ok()
+    }
+}
+
 /// The paper's expansion ratios, and those at its highest resolution, where the coarse branch sees images at half their size.
 const RATIOS: [[f64; 3]; 2] = [[0.5, 0.5, 0.25], [0.8, 0.5, 0.25]];
 
 /// How a method differs from ATSplat. It is taken from the parameter `variant`, or else from the configuration; `None` if neither is
 /// known.
 pub(super) fn variant(record: &MethodRecord) -> Option<Variant> {
-    if let Some(stated) = record.parameters.get("variant").filter(|stated| stated.is_string()) {
-        return Some(Variant::deserialize(stated).unwrap_or(Variant::Other));
+    if let Some(stated) = record.stated_variant() {
+        return Some(Variant::named(stated).unwrap_or(Variant::Other));
     }
     let config = configuration(record)?;
     let design = match config.anchors.design {
@@ -78,8 +86,7 @@ fn expansion(record: &MethodRecord, config: &ModelConfig) -> Option<Variant> {
         Some(Variant::PartialExpansion)
     } else if ratios.is_empty() {
         // Thresholds by quantile represent the published ones that they were chosen for.
-        let published = numbers(record, "published-thresholds");
-        Some(Variant::Thresholds(published.unwrap_or_else(|| thresholds(config))))
+        Some(Variant::Thresholds(record.published_thresholds().unwrap_or_else(|| thresholds(config))))
     } else if RATIOS[usize::from(config.coarse.image_downscale == 2)].as_slice() != ratios {
         Some(Variant::OtherRatios)
     } else {
@@ -120,7 +127,7 @@ pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
 /// How its thresholds were chosen, if by quantile of its own scores.
 pub(crate) fn by_quantile(record: &MethodRecord) -> Option<String> {
     let text = |values: Vec<f64>| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" / ");
-    let quantiles = numbers(record, "threshold-quantiles")?;
+    let quantiles = record.threshold_quantiles()?;
     let values = configuration(record).map(|config| format!(": {}", text(thresholds(&config)))).unwrap_or_default();
     Some(format!("by quantile {} of its own scores{values}", text(quantiles)))
 }
@@ -128,10 +135,6 @@ pub(crate) fn by_quantile(record: &MethodRecord) -> Option<String> {
 /// Whether thresholds decide which tokens expand, not ratios.
 pub(crate) fn has_thresholds(record: &MethodRecord) -> bool {
     configuration(record).is_some_and(|config| !thresholds(&config).is_empty())
-}
-
-fn numbers(record: &MethodRecord, parameter: &str) -> Option<Vec<f64>> {
-    record.parameters.get(parameter)?.as_array()?.iter().map(serde_json::Value::as_f64).collect()
 }
 
 fn thresholds(config: &ModelConfig) -> Vec<f64> {
@@ -146,12 +149,11 @@ fn thresholds(config: &ModelConfig) -> Vec<f64> {
 /// The configuration stored in the record, or the built-in one with the recorded name and hash. `None` if there is
 /// neither, or if this version cannot read the stored one.
 pub(super) fn configuration(record: &MethodRecord) -> Option<ModelConfig> {
-    if let Some(stored) = record.parameters.get("configuration") {
+    if let Some(stored) = record.configuration() {
         return serde_json::from_value(stored.clone()).ok();
     }
-    let name = record.parameters.get("model")?.as_str()?;
-    let config = ModelConfig::named(name).ok()?;
-    let hash = record.parameters.get("model-hash")?.as_str()?;
+    let config = ModelConfig::named(record.model()?).ok()?;
+    let hash = record.model_hash()?;
     (config.hash().ok()? == hash).then_some(config)
 }
 
@@ -162,8 +164,9 @@ mod tests {
     use super::*;
 
     fn record(config: &ModelConfig) -> MethodRecord {
-        let parameters = [("configuration".to_owned(), serde_json::to_value(config).unwrap())];
-        MethodRecord { parameters: parameters.into(), ..MethodRecord::default() }
+        let mut record = MethodRecord::default();
+        record.record_configuration(serde_json::to_value(config).unwrap());
+        record
     }
 
     #[test]
@@ -202,8 +205,9 @@ mod tests {
     #[test]
     fn a_method_may_state_its_variant() {
         let stated = |name: &str| {
-            let parameters = [("variant".to_owned(), name.into())].into();
-            variant(&MethodRecord { parameters, ..MethodRecord::default() })
+            let mut record = MethodRecord::default();
+            record.record_variant(name);
+            variant(&record)
         };
         assert_eq!(stated("farthest-point"), Some(Variant::FarthestPoint));
         assert_eq!(stated("unified"), Some(Variant::Other));

@@ -157,7 +157,7 @@ fn numbers_and_links_are_of_their_own_protocol() {
 /// The interval is printed in the cell too, and the names are longer than a shortened hash.
 #[test]
 fn a_citation_has_its_interval_once_and_whole_names() {
-    let (constants, backend) = (Some("of the preset".to_owned()), Some("on a card of a long name".to_owned()));
+    let (constants, backend) = (Some(MethodRecord::OF_PRESET.to_owned()), Some("on a card of a long name".to_owned()));
     let method = MethodRecord { constants, backend, ..atsplat("atsplat", |_| ()) };
     let results = results_over(vec![preset("rooms-2v-128")], vec![method], 7);
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
@@ -199,7 +199,7 @@ fn a_citation_names_the_method_of_its_column() {
 fn a_citation_has_the_caveats_of_its_row() {
     let training = Some(TrainingRecord { data: "simulated yards".to_owned(), seed: None });
     let mut changed = MethodRecord { training: training.clone(), ..random() };
-    changed.parameters.insert("threshold-quantiles".to_owned(), json!([0.8, 0.8, 0.9]));
+    changed.record_threshold_quantiles(&[0.8, 0.8, 0.9], &[0.1, 0.1, 0.4]);
     let methods = vec![MethodRecord { training, ..atsplat("atsplat", |_| ()) }, changed];
     let mut results = results_over(vec![preset("rooms-2v-128")], methods, 7);
     results.provenance.shard = Some(Shard { number: 2, count: 3 });

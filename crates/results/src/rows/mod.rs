@@ -4,6 +4,7 @@ mod adapter;
 mod additions;
 pub(crate) mod difference;
 mod join;
+mod parameters;
 mod place;
 mod provenance;
 mod record_kind;

@@ -216,13 +216,13 @@ fn record(
             ("files", serde_json::json!(files)),
             ("states-name", hello.name.clone().into()),
             ("version", hello.version.clone().into()),
-            ("setting", hello.setting.clone().into()),
             ("protocol", VERSION.into()),
         ]),
         weights_sha256: hello.weights_sha256.clone(),
         untrained: hello.untrained,
         ..MethodRecord::default()
     };
+    record.record_setting(hello.setting.as_deref());
     if hello.gives == OutputKind::Gaussians {
         splatting.describe(&mut record);
         if opacities_as_stored {

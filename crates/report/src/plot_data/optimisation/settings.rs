@@ -34,7 +34,7 @@ pub(super) struct PanelPoint<'a> {
 impl<'a> PanelPoint<'a> {
     /// Hash of its network's configuration.
     pub(super) fn model(&self) -> Option<&'a str> {
-        self.method.parameters.get("model-hash").and_then(|hash| hash.as_str())
+        self.method.model_hash()
     }
 }
 

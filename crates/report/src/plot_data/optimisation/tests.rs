@@ -6,10 +6,10 @@ use crate::sample::{atsplat, floor, preset, results, results_over};
 
 /// Two budgets of refinement and one of 3DGS, with the network that refinement starts from and a baseline.
 fn methods() -> Vec<MethodRecord> {
-    let optimised = |name: &str, kind: &str| MethodRecord {
-        kind: kind.to_owned(),
-        parameters: [("model-hash".to_owned(), "1f".into())].into(),
-        ..atsplat(name, |_| ())
+    let optimised = |name: &str, kind: &str| {
+        let mut record = MethodRecord { kind: kind.to_owned(), parameters: [].into(), ..atsplat(name, |_| ()) };
+        record.record_model("nano", "1f");
+        record
     };
     vec![
         optimised("atsplat", "atsplat"),

@@ -80,15 +80,13 @@ impl Notes {
 
     /// Methods that are rendered as the protocol lists for the published method whose setting they name.
     fn renderers_of_settings(&mut self, table: &Table, results: &ComparableResults<'_>) {
-        const OF_PRESET: &str = "of the preset";
         for MethodRun { part, record } in results.methods_in(table) {
-            let parameter = |name: &str| record.parameters.get(name).and_then(|value| value.as_str());
             let is_listed = |setting: &&str| part.protocol.renderer_overrides_of(setting).is_some();
-            let Some(setting) = parameter("setting").filter(is_listed) else { continue };
-            if record.constants.as_deref() == Some(OF_PRESET) {
+            let Some(setting) = record.setting().filter(is_listed) else { continue };
+            if record.has_constants_of_preset() {
                 let renderer = part.protocol.renderer_for(setting);
-                let background = parameter("background").filter(|chosen| *chosen == OF_PRESET);
-                let background = background.map_or_else(String::new, |_| format!(", on {:?}", renderer.background));
+                let of_preset = record.has_background_of_preset();
+                let background = if of_preset { format!(", on {:?}", renderer.background) } else { String::new() };
                 let (preset, rasteriser) = (&part.preset.name, &renderer.rasteriser);
                 let text =
                     format!("{} is rendered as {preset} lists for {setting}: {rasteriser}{background}", record.title);

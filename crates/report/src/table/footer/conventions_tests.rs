@@ -67,28 +67,27 @@ fn an_entry_that_is_skipped_for_two_reasons_counts_once() {
 /// iLRM's entry in the protocol has a renderer, `DepthSplat`'s has none.
 #[test]
 fn the_renderer_of_a_setting_is_named() {
-    let named = |setting: &str, constants: &str, background: serde_json::Value| {
+    let named = |setting: &str, constants: &str, background: Option<[f64; 3]>| {
         let mut results = store();
         let record = &mut results.provenance.methods[0];
         record.kind = "exec".to_owned();
         record.constants = Some(constants.to_owned());
-        record.parameters.insert("setting".to_owned(), setting.into());
-        record.parameters.insert("background".to_owned(), background);
+        record.record_setting(Some(setting));
+        record.record_background(background);
         let table = table_of("re10k", &results);
         let found = table.footer.into_iter().find(|note| note.text.contains(" is rendered as "));
         found.map(|note| note.text)
     };
-    let of_preset = || "of the preset".into();
     assert_eq!(
-        named("iLRM", "of the preset", of_preset()).as_deref(),
+        named("iLRM", MethodRecord::OF_PRESET, None).as_deref(),
         Some("ATSplat is rendered as re10k-2v-256 lists for iLRM: gsplat, on [1.0, 1.0, 1.0]")
     );
     assert_eq!(
-        named("iLRM", "of the preset", serde_json::json!([0.0, 0.0, 0.0])).as_deref(),
+        named("iLRM", MethodRecord::OF_PRESET, Some([0.0; 3])).as_deref(),
         Some("ATSplat is rendered as re10k-2v-256 lists for iLRM: gsplat")
     );
-    assert_eq!(named("DepthSplat", "of the preset", of_preset()), None);
-    assert_eq!(named("iLRM", "inria", of_preset()), None, "constants that were chosen");
+    assert_eq!(named("DepthSplat", MethodRecord::OF_PRESET, None), None);
+    assert_eq!(named("iLRM", "inria", None), None, "constants that were chosen");
 }
 
 /// Its rows have no method as a whole. The ablation is in none of them.

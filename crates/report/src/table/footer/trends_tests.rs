@@ -1,7 +1,5 @@
 //! The slope over budgets, in the table and in its plot.
 
-use serde_json::json;
-
 use crate::definition::TableDefinition;
 use crate::plot_data::table_plots;
 use crate::sample::{atsplat, preset, results_over};
@@ -14,8 +12,7 @@ fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
         let mut method =
             atsplat(&format!("quantiles {at}"), |config| *config = config.with_thresholds(&[at; 3]).unwrap());
         method.title = format!("ATSplat at {at}");
-        method.parameters.insert("threshold-quantiles".to_owned(), json!([0.8, 0.8, 0.9]));
-        method.parameters.insert("published-thresholds".to_owned(), json!(published));
+        method.record_threshold_quantiles(&[0.8, 0.8, 0.9], &published);
         (method, gaussians)
     };
     let methods = [by_quantile([0.1, 0.1, 0.4], 0.3, 16_384), by_quantile([0.01, 0.01, 0.04], 0.2, 4_096)];
