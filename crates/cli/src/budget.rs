@@ -75,8 +75,8 @@ impl Args {
         let published = published_budgets()?;
         let Some(name) = &self.model else {
             let case = |row: PublishedBudget| -> anyhow::Result<BudgetCase> {
-                let config = self.changes.applied(&ModelConfig::named(row.model)?)?;
-                let (dataset, views, size) = (Some(row.dataset), row.views, row.size);
+                let config = self.changes.applied(&ModelConfig::named(&row.model)?)?;
+                let (dataset, views, size) = (Some(row.dataset.clone()), row.views, row.size);
                 // Nothing is published about a changed configuration.
                 let published = self.changes.is_empty().then_some(row);
                 Ok(BudgetCase { dataset, config, views, size, published })
@@ -88,7 +88,7 @@ impl Args {
         let size = self.size.map_or(config.resolution, Into::into);
         let hash = config.hash()?;
         let is_this = |row: &PublishedBudget| -> anyhow::Result<bool> {
-            Ok((row.views, row.size) == (views, size) && ModelConfig::named(row.model)?.hash()? == hash)
+            Ok((row.views, row.size) == (views, size) && ModelConfig::named(&row.model)?.hash()? == hash)
         };
         let mut matching = None;
         for row in published {
@@ -96,7 +96,7 @@ impl Args {
                 matching = Some(row);
             }
         }
-        let dataset = matching.as_ref().map(|row| row.dataset);
+        let dataset = matching.as_ref().map(|row| row.dataset.clone());
         Ok(vec![BudgetCase { dataset, config, views, size, published: matching }])
     }
 }

@@ -1,5 +1,5 @@
-//! Atomic file writes, locks of folders, embedded files, SHA-256 digests, dates, changes of records, escaped Markdown, messages
-//! of panics, and the parts that errors about files share.
+//! Atomic file writes, locks of folders, embedded files, CSV, SHA-256 digests, dates, changes of records, escaped Markdown,
+//! messages of panics, and the parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -8,6 +8,7 @@
 mod atomic;
 mod cache;
 mod changes;
+pub mod csv;
 mod date;
 mod digest;
 mod embedded;

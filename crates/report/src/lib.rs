@@ -10,7 +10,6 @@
     reason = "tables and pages are built as text piece by piece, in proportion to their content"
 )]
 
-mod csv_text;
 pub mod definition;
 pub mod emit;
 mod error;

@@ -1,18 +1,21 @@
+use atsplat_files::csv;
 use atsplat_model::ImageSize;
 use atsplat_model::budget::Budget;
 use serde::Serialize;
 
 /// The numbers of the paper (`eval/published/README.md`).
 const TABLE: &str = include_str!("../../../../eval/published/budget.csv");
+const COLUMNS: [&str; 8] =
+    ["dataset", "model", "height", "width", "views", "initial-tokens", "final-tokens", "gaussians"];
 
 /// A row of the paper's table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PublishedBudget {
     /// The dataset.
-    pub dataset: &'static str,
+    pub dataset: String,
     /// Name of the configuration.
-    pub model: &'static str,
+    pub model: String,
     /// Number of context views.
     pub views: usize,
     /// Height and width in pixels.
@@ -64,32 +67,37 @@ impl PublishedBudget {
 
 /// The embedded table of published budgets is broken.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("eval/published/budget.csv, line {line}: {problem}")]
-pub struct BrokenTable {
-    line: usize,
-    problem: String,
-}
+#[error("eval/published/budget.csv: {0}")]
+pub struct BrokenTable(String);
 
 /// All rows, in the order of the file.
 ///
 /// # Errors
 /// [`BrokenTable`] if the embedded file is broken.
 pub fn published_budgets() -> Result<Vec<PublishedBudget>, BrokenTable> {
-    let rows = TABLE.lines().skip(1).enumerate();
-    rows.map(|(at, line)| row(line).map_err(|problem| BrokenTable { line: at + 2, problem })).collect()
+    read(TABLE).map_err(BrokenTable)
 }
 
-fn row(line: &'static str) -> Result<PublishedBudget, String> {
-    let fields: Vec<&'static str> = line.split(',').collect();
-    let [dataset, model, height, width, views, initial, last, gaussians] = *fields.as_slice() else {
-        return Err(format!("expected 8 fields, found {}", fields.len()));
+fn read(text: &str) -> Result<Vec<PublishedBudget>, String> {
+    let records = csv::parse(text)?;
+    let (header, rows) = records.split_first().ok_or("expected a header, found an empty file")?;
+    if *header != COLUMNS {
+        return Err(format!("expected the columns {}, found {}", COLUMNS.join(", "), header.join(", ")));
+    }
+    let numbered = (2..).zip(rows);
+    numbered.map(|(line, record)| row(record).map_err(|problem| format!("line {line}: {problem}"))).collect()
+}
+
+fn row(record: &[String]) -> Result<PublishedBudget, String> {
+    let [dataset, model, height, width, views, initial, last, gaussians] = record else {
+        return Err(format!("expected {} fields, found {}", COLUMNS.len(), record.len()));
     };
     let count =
         |text: &str| text.parse::<usize>().map_err(|error| format!("expected a number, found {text:?}: {error}"));
     let optional = |text: &str| if text.is_empty() { Ok(None) } else { count(text).map(Some) };
     Ok(PublishedBudget {
-        dataset,
-        model,
+        dataset: dataset.clone(),
+        model: model.clone(),
         views: count(views)?,
         size: ImageSize::new(count(height)?, count(width)?),
         initial_tokens: optional(initial)?,
@@ -108,9 +116,16 @@ mod tests {
     #[test]
     fn reads_the_committed_table_and_rejects_broken_rows() {
         assert_eq!(published_budgets().unwrap().len(), 6);
+        let (header, _) = TABLE.split_once('\n').unwrap();
+        let read_row = |row: &str| read(&format!("{header}\n{row}\n"));
         for broken in ["", "RE10K,a,1,2,3,4,5", "RE10K,a,1,2,3,4,5,6,7", "RE10K,a,x,2,3,4,5,6", "RE10K,a,1,2,3,4,5,K"] {
-            assert!(row(broken).is_err(), "{broken:?}");
+            let error = read_row(broken).unwrap_err();
+            assert!(error.starts_with("line 2: "), "{broken:?}: {error}");
         }
+        let quoted = read_row("\"RE10K, all\",a,1,2,3,4,5,6K").unwrap();
+        assert_eq!((quoted[0].dataset.as_str(), quoted[0].gaussians), ("RE10K, all", Count::Thousands(6)));
+        let swapped = TABLE.replace("initial-tokens,final-tokens", "final-tokens,initial-tokens");
+        assert!(read(&swapped).unwrap_err().starts_with("expected the columns dataset, model, "));
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub struct BudgetReport {
 #[derive(Clone, Debug)]
 pub struct BudgetCase {
     /// The dataset, if the case is published.
-    pub dataset: Option<&'static str>,
+    pub dataset: Option<String>,
     /// Configuration whose budget is computed.
     pub config: ModelConfig,
     /// Number of context views.
@@ -38,7 +38,7 @@ pub struct BudgetCase {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BudgetRow {
-    dataset: Option<&'static str>,
+    dataset: Option<String>,
     model: String,
     views: usize,
     /// Height and width in pixels.
@@ -251,7 +251,7 @@ impl BudgetRow {
             PaperAgreement::Differs => "DIFFERS",
             PaperAgreement::NotPublished => "-",
         };
-        let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
+        let (dataset, size) = (dataset.as_deref().unwrap_or("-"), self.size.to_string());
         let memory = format_bytes(self.memory.peak_bytes());
         writeln!(
             f,

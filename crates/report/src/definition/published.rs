@@ -1,8 +1,9 @@
+use atsplat_files::csv;
 use serde::Serialize;
 
 use super::{ColumnGroup, TableDefinition};
+use crate::ReportError;
 use crate::table::Value;
-use crate::{ReportError, csv_text};
 
 /// The numbers that a paper printed, in its order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -27,7 +28,7 @@ impl Published {
     /// [`ReportError::Csv`]; [`ReportError::Definition`] if a column of the definition is missing.
     pub(super) fn parse(file: &str, text: &str, definition: &TableDefinition) -> Result<Self, ReportError> {
         let malformed = |problem| ReportError::Csv { file: file.to_owned(), problem };
-        let mut records = csv_text::parse(text).map_err(malformed)?.into_iter();
+        let mut records = csv::parse(text).map_err(malformed)?.into_iter();
         let header = records.next().ok_or_else(|| malformed("expected a header, found an empty file".to_owned()))?;
         let place = |name: &str| {
             let found = header.iter().position(|known| known == name);

@@ -1,4 +1,5 @@
-use crate::csv_text::line;
+use atsplat_files::csv::line;
+
 use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{CellIndex, CellTiming, Row, Table, Value};

@@ -107,7 +107,7 @@ fn escapes_hostile_names_in_every_format() {
     assert!(!body.replace("\\%", "").contains('%'), "nothing else is a comment: {latex}");
     assert!(!body.contains('|') && body.contains("&\\textbar{}*"), "a bar is a dash in LaTeX's default font: {latex}");
     let csv = write(TableFormat::Csv);
-    assert_eq!(crate::csv_text::parse(&csv).unwrap().len(), table.rows.len() + 1, "{csv}");
+    assert_eq!(atsplat_files::csv::parse(&csv).unwrap().len(), table.rows.len() + 1, "{csv}");
     serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();
 }
 
@@ -192,7 +192,7 @@ fn stated_costs_are_said_to_be_stated_in_every_format() {
         assert_eq!(text.matches("was stated, not counted").count(), 2, "also without leaked targets: {text}");
     }
     let csv = TableFormat::Csv.write(&table).unwrap();
-    let fields = crate::csv_text::parse(&csv).unwrap();
+    let fields = atsplat_files::csv::parse(&csv).unwrap();
     let column = |name: &str| fields[0].iter().position(|head| head == name);
     let of = |id: &str, name: &str| {
         let row = fields.iter().find(|row| row[column("method_id").unwrap()] == id).unwrap();
@@ -218,7 +218,7 @@ fn columns_of_numbers_have_no_other_text() {
         ("ablation_anchor_dl3dv", "psnr", &["Diverged"]),
         ("re10k", "psnr", &[]),
     ] {
-        let records = crate::csv_text::parse(&TableFormat::Csv.write(&published(name)).unwrap()).unwrap();
+        let records = atsplat_files::csv::parse(&TableFormat::Csv.write(&published(name)).unwrap()).unwrap();
         let (head, rows) = records.split_first().unwrap();
         let values = |column: &str| {
             let at = head.iter().position(|known| known == column);
@@ -349,7 +349,7 @@ fn csv_has_full_precision_and_json_every_row() {
     let results = results_over(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()], 7);
     let table = table_of("re10k", &results);
     let text = TableFormat::Csv.write(&table).unwrap();
-    let records = crate::csv_text::parse(&text).unwrap();
+    let records = atsplat_files::csv::parse(&text).unwrap();
     let at = |name: &str| records[0].iter().position(|head| head == name).unwrap();
     let position = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
     let record = &records[position + 1];

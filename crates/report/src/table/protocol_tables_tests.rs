@@ -1,9 +1,9 @@
 //! Tables of protocols: every format, bins of overlap and distances with their slopes.
 
+use atsplat_files::csv;
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::{BinRule, OverlapBins};
 
-use crate::csv_text;
 use crate::definition::Choice;
 use crate::emit::TableFormat;
 use crate::sample::{floor, preset, results_over};
@@ -68,7 +68,7 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
     assert_eq!((counts.scenes, counts.targets), (8, 16), "without the targets inside the window");
     // Files have the scenes of slopes; footers list those of means.
     for (table, column) in tables.iter().zip(["slope-over-overlap_scenes", "slope-over-distance_scenes"]) {
-        let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+        let records = csv::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
         let at = records[0].iter().position(|name| name == column).unwrap();
         let position = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
         assert_eq!(records[position + 1][at], "8", "{column}");

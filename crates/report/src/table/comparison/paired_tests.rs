@@ -1,11 +1,11 @@
 //! Paired differences to a chosen method, and undecided leads.
 
+use atsplat_files::csv;
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_results::{MethodRecord, Results, TargetStatus};
 
-use crate::csv_text;
 use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::emit::TableFormat;
 use crate::sample::{SCENES, floor, preset, results_over};
@@ -79,7 +79,7 @@ fn rows_are_compared_with_a_method_of_another_store() {
     let said = notes(&table, NoteKind::Counts).join("\n");
     assert!(said.contains("the mine: 1 target that only it or the warp has, not in the difference"), "{said}");
     assert!(notes(&table, NoteKind::Paired).iter().any(|note| note.starts_with("Δ: the row minus the warp")));
-    let records = csv_text::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
+    let records = csv::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
     let ends = ["psnr_difference", "psnr_difference_low", "psnr_difference_high", "psnr_difference_scenes"];
     assert!(records[0].ends_with(&ends.map(str::to_owned)), "{:?}", records[0]);
     let record = records.iter().find(|record| record[0] == "the mine").unwrap();

@@ -1,8 +1,8 @@
 //! What rows say about their data, sizes, scenes and context views.
 
+use atsplat_files::csv;
 use atsplat_results::{PresetRecord, Results};
 
-use crate::csv_text;
 use crate::definition::{Choice, TableDefinition};
 use crate::emit::{TableFormat, Terminal};
 use crate::sample::{SCENES, UNKNOWN_HASH, atsplat, floor, preset, results};
@@ -165,7 +165,7 @@ fn every_row_that_is_not_the_published_setting_says_so() {
             assert_eq!(rows.len(), measured(table).count(), "{name}:\n{markdown}");
             assert!(rows.iter().all(|row| says(row)), "{name}:\n{markdown}");
 
-            let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+            let records = csv::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
             let at = |field: &str| records[0].iter().position(|head| head == field).unwrap();
             let rows = records.iter().skip(1).filter(|record| record[at("from")] == "measured");
             for record in rows {

@@ -1,9 +1,9 @@
 //! Which rows a table has, and which results fill them.
 
+use atsplat_files::csv;
 use atsplat_numeric::Tolerance;
 use atsplat_results::{MethodRecord, TrialKey};
 
-use crate::csv_text;
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::plot::Origin;
@@ -69,7 +69,7 @@ fn files_mark_the_rows_whose_labels_say_that_they_were_changed_at_inference() {
             table.footer
         );
         assert!(!agreement(table).inference_only, "{}", table.name);
-        let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+        let records = csv::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
         let at = records[0].iter().position(|name| name == "inference_only").unwrap();
         let says = |record: &[String]| record.iter().any(|text| text.contains("changed at inference only"));
         let marked: Vec<bool> = records[1..].iter().map(|record| record[at] == "true").collect();

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_files::csv;
 use atsplat_numeric::Tolerance;
 use atsplat_results::Results;
 
-use crate::csv_text;
 use crate::definition::Quantity;
 use crate::emit::TableFormat;
 use crate::sample::store;
@@ -81,7 +81,7 @@ fn files_say_what_times_cover_and_on_which_device() {
     let explained = "$^\\dagger$ as the method states";
     assert!(printed.iter().any(|line| line.contains(explained)), "{latex}");
     assert!(!latex.lines().any(|line| line.starts_with('%') && line.contains('†')), "{latex}");
-    let records = csv_text::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
+    let records = csv::parse(&TableFormat::Csv.write(&table).unwrap()).unwrap();
     let at = |name: &str| records[0].iter().position(|head| head == name).unwrap_or_else(|| panic!("{:?}", records[0]));
     let of = |method: &str| {
         let record = records.iter().find(|record| record[at("method_id")] == method).unwrap();

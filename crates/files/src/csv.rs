@@ -5,7 +5,7 @@
 /// # Errors
 /// The line, counted from 1, of an unterminated quote, of text after a closing quote, and of a record with a different
 /// number of fields than the header.
-pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
+pub fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
     let mut records: Vec<Vec<String>> = Vec::new();
     let (mut record, mut line) = (Vec::new(), 1);
     let mut rest = text;
@@ -50,7 +50,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
 }
 
 /// A record with its line end; fields are quoted if necessary.
-pub(crate) fn line(fields: &[String]) -> String {
+pub fn line(fields: &[String]) -> String {
     let written: Vec<String> = fields.iter().map(|field| quoted(field)).collect();
     format!("{}\n", written.join(","))
 }
