@@ -1,13 +1,19 @@
-macro_rules! texts {
-    ($folder:literal, $ending:literal, $($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../../eval/", $folder, "/", $name, $ending)))),*]
+use atsplat_files::Embedded;
+
+macro_rules! embedded {
+    ($($name:literal),* $(,)?) => {
+        /// The tables embedded in the binary, in the order of a report: the TOML texts in `eval/tables`.
+        pub(super) const TABLES: Embedded =
+            Embedded(&[$(($name, include_str!(concat!("../../../../eval/tables/", $name, ".toml")))),*]);
+
+        /// Their published numbers: the CSV texts in `eval/published`.
+        pub(super) const PUBLISHED: Embedded = Embedded(&[
+            $((concat!($name, ".csv"), include_str!(concat!("../../../../eval/published/", $name, ".csv")))),*
+        ]);
     };
 }
 
-/// The tables embedded in the binary, in the order of a report: name and TOML text.
-pub(super) const TABLES: &[(&str, &str)] = texts![
-    "tables",
-    ".toml",
+embedded![
     "re10k",
     "re10k_overlap",
     "dl3dv",
@@ -23,25 +29,4 @@ pub(super) const TABLES: &[(&str, &str)] = texts![
     "dynamic_budget",
     "unified",
     "budget",
-];
-
-/// The embedded files of published numbers: name and CSV text.
-pub(super) const PUBLISHED: &[(&str, &str)] = texts![
-    "published",
-    "",
-    "re10k.csv",
-    "re10k_overlap.csv",
-    "dl3dv.csv",
-    "dl3dv_hr.csv",
-    "dl3dv_224.csv",
-    "cross_dataset.csv",
-    "extrapolation.csv",
-    "ablation_anchor.csv",
-    "ablation_anchor_dl3dv.csv",
-    "ablation_ate.csv",
-    "ablation_ate_dl3dv.csv",
-    "k_scaling.csv",
-    "dynamic_budget.csv",
-    "unified.csv",
-    "budget.csv",
 ];

@@ -200,7 +200,7 @@ impl ColumnDefinition {
 impl TableDefinition {
     /// Names of the built-in tables, in the order of a report.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        builtin::TABLES.iter().map(|(name, _)| *name)
+        builtin::TABLES.names()
     }
 
     /// A built-in table by name.
@@ -208,8 +208,7 @@ impl TableDefinition {
     /// # Errors
     /// [`ReportError::UnknownTable`].
     pub fn named(name: &str) -> Result<Self, ReportError> {
-        let known = builtin::TABLES.iter().find(|(known, _)| *known == name);
-        let (_, text) = known.ok_or_else(|| ReportError::UnknownTable {
+        let text = builtin::TABLES.text(name).ok_or_else(|| ReportError::UnknownTable {
             expected: Self::names().collect::<Vec<_>>().join(", "),
             found: name.to_owned(),
         })?;
@@ -233,9 +232,9 @@ impl TableDefinition {
     /// # Errors
     /// [`ReportError::Csv`], [`ReportError::Definition`] if there is no such file.
     pub fn published(&self) -> Result<Published, ReportError> {
-        let known = builtin::PUBLISHED.iter().find(|(file, _)| *file == self.published);
-        let (file, text) = known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
-        Published::parse(file, text, self)
+        let text = builtin::PUBLISHED.text(&self.published);
+        let text = text.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
+        Published::parse(&self.published, text, self)
     }
 
     /// Every preset that it needs.

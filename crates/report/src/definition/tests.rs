@@ -1,3 +1,6 @@
+use std::collections::BTreeSet;
+use std::path::Path;
+
 use atsplat_protocol::IndexFile;
 use atsplat_tests::shared_data;
 
@@ -9,6 +12,7 @@ fn every_built_in_table_has_published_numbers_and_known_presets() {
     for name in TableDefinition::names() {
         let definition = TableDefinition::named(name).unwrap();
         assert_eq!(definition.name, name, "a table has the name of its file");
+        assert_eq!(definition.published, format!("{name}.csv"), "and so have its published numbers");
         let published = definition.published().unwrap();
         assert!(published.rows.len() > 1, "{name}");
         let numbers = published.rows.iter().flat_map(|row| row.values.iter().flatten());
@@ -22,6 +26,17 @@ fn every_built_in_table_has_published_numbers_and_known_presets() {
         }
         let back: TableDefinition = toml::from_str(&toml::to_string(&definition).unwrap()).unwrap();
         assert_eq!(back, definition, "{name} changes when written and read back");
+    }
+}
+
+#[test]
+fn every_file_of_a_table_is_built_in() {
+    for (folder, ending) in [("tables", "toml"), ("published", "csv")] {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval").join(folder);
+        let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        let of_tables = files.filter(|path| path.extension().is_some_and(|extension| extension == ending));
+        let names: BTreeSet<String> = of_tables.map(|path| path.file_stem().unwrap().display().to_string()).collect();
+        assert_eq!(names, TableDefinition::names().map(str::to_owned).collect(), "{ending}");
     }
 }
 
@@ -95,7 +110,7 @@ fn reads_text_and_missing_values() {
 
 #[test]
 fn rejects_inconsistent_definitions() {
-    let good = builtin::TABLES.iter().find(|(name, _)| *name == "extrapolation").unwrap().1;
+    let good = builtin::TABLES.text("extrapolation").unwrap();
     assert!(TableDefinition::from_toml("good", good).is_ok());
     for (from, to, expected) in [
         ("extrapolation.csv", "absent.csv", "eval/published"),
