@@ -23,7 +23,7 @@ pub fn table_plots(definition: &TableDefinition, table: &Table, sources: &[Sourc
     match kind {
         PlotKind::Frontier => frontiers(table, sources),
         PlotKind::Ablation => ablation(definition, table, sources).into_iter().collect(),
-        PlotKind::KScaling => k_scaling(table, sources).into_iter().collect(),
+        PlotKind::KScaling => k_scaling(definition, table, sources).into_iter().collect(),
         PlotKind::OverlapBins => overlap_bins(table, sources).into_iter().collect(),
         PlotKind::BudgetHistogram => budget_histogram(table, sources).into_iter().collect(),
     }
@@ -104,15 +104,19 @@ fn measured_from<'a>(sources: &[Source<'a>], row: &'a Row) -> Option<(&'a Result
 /// What a reader must know of a plot without names.
 const MEANS: &str = "Each training is a point, and so is their mean.";
 
-fn k_scaling(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let published = definition.published().ok()?.rows;
+    let k_of = |row: &Row| {
+        let labels = &published.get(row.published_row?)?.labels;
+        definition.row(labels)?.method.as_ref()?.gaussians_per_token
+    };
     let group = table.groups.first()?;
     let (quality, metric) = metric_of(group)?;
     let gaussians = column_of(group, Quantity::Gaussians);
     let point = |row: &Row| {
         let cell = |column: usize| row.cell(CellIndex { group: 0, column });
-        let digits: String = row.labels.first()?.chars().take_while(char::is_ascii_digit).collect();
         Some(KPoint {
-            k: digits.parse().ok()?,
+            k: k_of(row)? as f64,
             quality: estimate(cell(quality))?,
             gaussians: gaussians.and_then(|column| cell(column).value.number()),
             origin: row.origin,
@@ -226,6 +230,24 @@ mod tests {
         assert!(!thresholds.contains("fixed ratios") && thresholds.contains("0.1 / 0.1 / 0.4"), "{thresholds}");
         let all = texts(vec![atsplat("atsplat", |_| ())]);
         assert!(all.contains("fixed ratios, 23K") && all.contains("0.1 / 0.1 / 0.4"), "{all}");
+    }
+
+    #[test]
+    fn a_plot_over_k_does_not_depend_on_how_rows_are_called() {
+        let k = |k| atsplat(&format!("network {k}"), |config| config.head.gaussians_per_token = k);
+        let results = results_over(vec![preset("re10k-2v-256")], vec![k(8), k(32)], 4);
+        let sources = [Source { label: "run", results: &results }];
+        let texts = |definition: &TableDefinition| {
+            let table = tables(definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let plots = table_plots(definition, &table, &sources);
+            plots.iter().flat_map(|(_, plot)| plot.texts()).map(str::to_owned).collect::<Vec<_>>()
+        };
+        let definition = TableDefinition::named("k_scaling").unwrap();
+        let mut renamed = definition.clone();
+        renamed.labels[0].text.insert_str(0, "K=");
+        renamed.rows.iter_mut().for_each(|row| row.published[0].insert_str(0, "K="));
+        assert!(!texts(&definition).is_empty());
+        assert_eq!(texts(&renamed), texts(&definition));
     }
 
     /// Eight scenes with two views, three with four.
