@@ -12,7 +12,8 @@ use super::selection::{ComparableResults, comparable_groups};
 use super::{Mixing, Source, Table};
 use crate::ReportError;
 use crate::definition::{
-    Choice, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition, TargetSet,
+    Choice, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
+    TargetSet,
 };
 use crate::emit::CSV_SUFFIXES;
 use crate::file_names::{plain, unused};
