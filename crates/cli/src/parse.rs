@@ -1,5 +1,6 @@
 //! Parsers of command-line arguments.
 
+use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -10,8 +11,8 @@ use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
 use atsplat_splat::{RasterMode, RendererConstants};
-use clap::ValueEnum;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command, ValueEnum};
 use glam::DVec3;
 
 /// Maximum number of frames that one call renders.
@@ -107,8 +108,23 @@ pub(crate) fn background(text: &str) -> Result<[f64; 3], String> {
     rgb.ok_or_else(|| format!("expected black, white or R,G,B from 0 to 1, found {text:?}"))
 }
 
-/// The name or path of a preset of renderer constants.
-pub(crate) fn constants_name(text: &str) -> Result<String, String> {
+/// The name or path of a preset of renderer constants; help lists the names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ConstantsName;
+
+impl TypedValueParser for ConstantsName {
+    type Value = String;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<String, clap::Error> {
+        constants_name.parse_ref(command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(RendererConstants::PRESETS.into_iter().map(PossibleValue::new)))
+    }
+}
+
+fn constants_name(text: &str) -> Result<String, String> {
     if is_toml_path(text) || RendererConstants::named(text).is_some() {
         return Ok(text.to_owned());
     }
@@ -116,7 +132,7 @@ pub(crate) fn constants_name(text: &str) -> Result<String, String> {
     Err(format!("expected {names} or a path that ends in .toml, found {text:?}"))
 }
 
-/// Resolves a name or path that [`constants_name`] accepted.
+/// Resolves a name or path that [`ConstantsName`] accepted.
 pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     if let Some(preset) = RendererConstants::named(text) {
         return Ok(preset);
@@ -243,7 +259,7 @@ pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
 mod tests {
     use std::collections::BTreeSet;
 
-    use clap::{Arg, Command, CommandFactory as _, Parser as _};
+    use clap::{CommandFactory as _, Parser as _};
 
     use super::*;
     use crate::Cli;
@@ -352,6 +368,19 @@ mod tests {
         let message = format!("{:#}", constants(text).unwrap_err());
         assert!(message.contains("line 2 column 8: expected a number, found ") && !message.contains('\n'), "{message}");
         assert!(constants("no/such.toml").is_err());
+    }
+
+    /// In every command that takes one.
+    #[test]
+    fn help_lists_the_names_of_constants() {
+        fn listed(command: &Command, found: &mut Vec<Vec<String>>) {
+            let args = command.get_arguments().filter(|arg| arg.get_id() == "constants");
+            found.extend(args.map(|arg| arg.get_possible_values().iter().map(|v| v.get_name().to_owned()).collect()));
+            command.get_subcommands().for_each(|below| listed(below, found));
+        }
+        let mut found = Vec::new();
+        listed(&Cli::command(), &mut found);
+        assert!(found.len() >= 3 && found.iter().all(|names| *names == RendererConstants::PRESETS), "{found:?}");
     }
 
     #[test]

@@ -139,10 +139,65 @@ pub enum ClampedGradient {
     Inria,
 }
 
+/// The presets by name; the first is the default.
+const NAMED: [(&str, fn() -> RendererConstants); 6] = [
+    ("exact", gsplat),
+    ("gsplat-1.5", gsplat),
+    ("gsplat-1.6", || RendererConstants { max_alpha: 0.99, min_compensation: 0.005, ..gsplat() }),
+    ("inria", inria),
+    ("pixelsplat-family", || RendererConstants {
+        principal_point: PrincipalPoint::FieldOfView,
+        sh_axes: ShAxes::E3nn,
+        ..inria()
+    }),
+    // What `atsplat fit` optimises with, in the antialiased mode.
+    ("mip-splatting", || RendererConstants { blur: RendererConstants::MIP_BLUR, ..gsplat() }),
+];
+
+/// gsplat 1.5, without a name.
+const fn gsplat() -> RendererConstants {
+    RendererConstants {
+        name: String::new(),
+        near: 0.01,
+        far: 1e10,
+        near_is_culled: false,
+        blur: 0.3,
+        max_alpha: 0.999,
+        min_alpha: 1.0 / 255.0,
+        min_transmittance: 1e-4,
+        jacobian_margin: 0.3,
+        min_compensation: 0.0,
+        extent: Extent::Exact,
+        principal_point: PrincipalPoint::Full,
+        sh_axes: ShAxes::Standard,
+        max_sh_degree: MAX_SH_DEGREE,
+        clamped_gradient: ClampedGradient::Exact,
+    }
+}
+
+/// diff-gaussian-rasterization, without a name.
+fn inria() -> RendererConstants {
+    RendererConstants {
+        near: 0.2,
+        far: f64::INFINITY,
+        near_is_culled: true,
+        max_alpha: 0.99,
+        // √0.000025, in the versions with anti-aliasing.
+        min_compensation: 0.005,
+        extent: Extent::ThreeSigmaTiles,
+        principal_point: PrincipalPoint::Centre,
+        max_sh_degree: RendererConstants::INRIA_SH_DEGREE,
+        clamped_gradient: ClampedGradient::Inria,
+        ..gsplat()
+    }
+}
+
 impl RendererConstants {
     /// Names accepted by [`Self::named`].
-    pub const PRESETS: [&'static str; 6] =
-        ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family", "mip-splatting"];
+    pub const PRESETS: [&'static str; 6] = {
+        let [(first, _), (second, _), (third, _), (fourth, _), (fifth, _), (sixth, _)] = NAMED;
+        [first, second, third, fourth, fifth, sixth]
+    };
 
     /// Highest degree that diff-gaussian-rasterization and its modified version evaluate: 16 coefficients (`forward.cu`,
     /// `computeColorFromSH`).
@@ -153,47 +208,8 @@ impl RendererConstants {
 
     /// A preset by name, `None` for a name outside [`Self::PRESETS`].
     pub fn named(name: &str) -> Option<Self> {
-        let gsplat = Self {
-            name: name.to_owned(),
-            near: 0.01,
-            far: 1e10,
-            near_is_culled: false,
-            blur: 0.3,
-            max_alpha: 0.999,
-            min_alpha: 1.0 / 255.0,
-            min_transmittance: 1e-4,
-            jacobian_margin: 0.3,
-            min_compensation: 0.0,
-            extent: Extent::Exact,
-            principal_point: PrincipalPoint::Full,
-            sh_axes: ShAxes::Standard,
-            max_sh_degree: MAX_SH_DEGREE,
-            clamped_gradient: ClampedGradient::Exact,
-        };
-        let inria = Self {
-            near: 0.2,
-            far: f64::INFINITY,
-            near_is_culled: true,
-            max_alpha: 0.99,
-            // √0.000025, in the versions with anti-aliasing.
-            min_compensation: 0.005,
-            extent: Extent::ThreeSigmaTiles,
-            principal_point: PrincipalPoint::Centre,
-            max_sh_degree: Self::INRIA_SH_DEGREE,
-            clamped_gradient: ClampedGradient::Inria,
-            ..gsplat.clone()
-        };
-        Some(match name {
-            "exact" | "gsplat-1.5" => gsplat,
-            "gsplat-1.6" => Self { max_alpha: 0.99, min_compensation: 0.005, ..gsplat },
-            "inria" => inria,
-            // What `atsplat fit` optimises with, in the antialiased mode.
-            "mip-splatting" => Self { blur: Self::MIP_BLUR, ..gsplat },
-            "pixelsplat-family" => {
-                Self { sh_axes: ShAxes::E3nn, principal_point: PrincipalPoint::FieldOfView, ..inria }
-            }
-            _ => return None,
-        })
+        let (name, constants) = NAMED.into_iter().find(|(known, _)| *known == name)?;
+        Some(Self { name: name.to_owned(), ..constants() })
     }
 
     /// Checks the ranges; every backend calls this first. Values outside them give empty images, divisions by zero, or
@@ -259,6 +275,21 @@ mod tests {
         assert_eq!(RendererConstants::named("brush"), None);
         let mip = RendererConstants::named("mip-splatting").unwrap();
         assert_eq!(mip, RendererConstants { name: mip.name.clone(), blur: 0.1, ..RendererConstants::default() });
+        let [exact, older, newer] =
+            ["exact", "gsplat-1.5", "gsplat-1.6"].map(|name| RendererConstants::named(name).unwrap());
+        assert_eq!(exact, RendererConstants { name: exact.name.clone(), ..older });
+        assert!(newer.max_alpha < exact.max_alpha && newer.max_sh_degree == 4);
+    }
+
+    #[test]
+    fn presets_are_documented() {
+        let page = include_str!("../../../docs/rendering.md");
+        let python = include_str!("../../python/python/atsplat/rendering.py");
+        let line = page.lines().find(|line| line.starts_with("| constants | ")).unwrap();
+        for name in RendererConstants::PRESETS {
+            assert!(line.contains(&format!("`{name}`")), "docs/rendering.md lacks {name}");
+            assert!(python.contains(&format!("``{name}``")), "rendering.py lacks {name}");
+        }
     }
 
     #[test]

@@ -36,9 +36,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DIR")]
     renders: Option<PathBuf>,
 
-    /// Constants and rules of a published rasterizer: exact (the default), gsplat-1.5, gsplat-1.6, inria, pixelsplat-family,
-    /// mip-splatting, or a .toml.
-    #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
+    /// Constants and rules of a published rasterizer, by name (exact by default) or in a .toml.
+    #[arg(long, value_name = "PRESET", value_parser = parse::ConstantsName)]
     constants: Option<String>,
 
     /// black (the default), white, or R,G,B from 0 to 1.

@@ -11,10 +11,10 @@ use crate::parse;
 /// Render options.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RenderSettingsArgs {
-    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, mip-splatting (with
-    /// --mode antialiased), or a .toml. With pixelsplat-family, see --near; coefficient 14 of harmonics is evaluated as in its
-    /// rasterizer's backward pass, which its forward pass contradicts.
-    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
+    /// Constants and rules of a published rasterizer, by name or in a .toml; mip-splatting belongs to --mode antialiased. With
+    /// pixelsplat-family, see --near; coefficient 14 of harmonics is evaluated as in its rasterizer's backward pass, which its
+    /// forward pass contradicts.
+    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::ConstantsName)]
     constants: String,
 
     /// Near plane in scene units, instead of the preset's. The code of pixelsplat-family divides scenes by their dataset's near

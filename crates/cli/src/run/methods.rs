@@ -47,10 +47,9 @@ pub(super) struct MethodArgs {
 /// Arguments for reading and rendering Gaussians.
 #[derive(Debug, clap::Args)]
 pub(super) struct GaussianArgs {
-    /// Constants and rules of a rasterizer instead of the protocol's: exact, gsplat-1.5, gsplat-1.6, inria,
-    /// pixelsplat-family, mip-splatting, or a .toml. Their near and far planes are in the unit of the Gaussians: of imported files, that of
-    /// --ply-frame.
-    #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
+    /// Constants and rules of a rasterizer instead of the protocol's, by name or in a .toml. Their near and far planes are in the unit
+    /// of the Gaussians: of imported files, that of --ply-frame.
+    #[arg(long, value_name = "PRESET", value_parser = parse::ConstantsName)]
     constants: Option<String>,
 
     /// black, white, or R,G,B from 0 to 1, instead of the protocol's.
