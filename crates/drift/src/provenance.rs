@@ -1,6 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
+use atsplat_protocol::Preset;
 use atsplat_results::{PresetRecord, Provenance, excerpts};
 use serde::ser::{Serialize, SerializeStruct as _, Serializer};
 
@@ -190,9 +191,11 @@ fn fields<const N: usize>(all: [(&str, Option<String>); N]) -> Fields {
     all.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
 }
 
-/// The fields of a preset's TOML that can change a number, and whether it is TOML.
+/// The fields of a preset's TOML that can change a number, and whether it is TOML. A preset of an older version has the fields of this
+/// one.
 fn protocol(text: &str) -> Fields {
-    let table = match text.parse::<toml::Table>() {
+    let written = Preset::from_toml(text).and_then(|preset| preset.to_toml());
+    let table = match written.as_deref().unwrap_or(text).parse::<toml::Table>() {
         Ok(table) => table,
         Err(error) => {
             let why = error.message().lines().next().unwrap_or_default();

@@ -11,7 +11,7 @@ use atsplat_camera::{Camera, Similarity};
 use atsplat_eval::GaussianFrame;
 use atsplat_eval::method::{ChangedConstants, ConstantsChoice, Method, Ply, Splatting, TrialInput};
 use atsplat_eval::runner::Dataset;
-use atsplat_eval::sweep::RendererOverrides;
+use atsplat_eval::sweep::ConstantChanges;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_pixels::Image;
 use atsplat_protocol::EvaluationIndex;
@@ -124,7 +124,7 @@ fn planes_of_constants_are_in_the_unit_of_the_dataset() {
     let between = |plane: f64| plane / scale.sqrt();
     let gaussians = row(1, &[between(0.2), 2.0, 4.0, 6.0, between(8.0)]);
     let far = RendererConstants { far: 8.0, ..named("inria") };
-    let overrides = RendererOverrides { constants: Some("inria".to_owned()), ..RendererOverrides::default() };
+    let overrides = ConstantChanges { constants: Some("inria".to_owned()), ..ConstantChanges::default() };
     let cases = [
         ("near", named("inria"), ConstantsChoice::Fixed(named("inria"))),
         ("near and far", far.clone(), ConstantsChoice::Fixed(far)),

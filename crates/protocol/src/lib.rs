@@ -31,9 +31,8 @@ pub use lint::{
 };
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DisparityPlanes, DropReason, Dropped, EffectiveSetting, Filters,
-    IndexMatch, IndexRule, LensDistortion, LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull,
-    NearFar, PixelValues, PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererOverrides,
-    RendererPrincipalPoint, SsimConvention,
+    IndexMatch, IndexRule, LensDistortion, MeanCameraScale, MethodSetting, MetricIds, NearCull, NearFar,
+    PoseNormalisation, Preset, RendererConvention, RendererExtent, RendererOverrides, RendererPrincipalPoint,
 };
 pub use samplers::NoEntry;
 pub use sampling_rule::{BuiltIndex, OverlapRule, SamplingRule};

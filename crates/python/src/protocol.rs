@@ -62,6 +62,11 @@ impl Protocol {
     }
 
     #[getter]
+    fn metrics(&self) -> Vec<&str> {
+        self.preset.metrics.ids().to_vec()
+    }
+
+    #[getter]
     fn settings(&self) -> Vec<&str> {
         self.preset.methods.iter().map(|setting| setting.method.as_str()).collect()
     }

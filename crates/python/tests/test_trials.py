@@ -206,6 +206,23 @@ def test_options_that_would_be_ignored_are_errors(rooms, options, field):
     assert raised.value.field == field
 
 
+def test_a_protocol_names_its_metrics(rooms, tmp_path):
+    usual = atsplat.protocol(PROTOCOL)
+    assert usual.metrics == ["psnr", "ssim", "lpips"]
+    own = tmp_path / "own.toml"
+    text = usual.toml.replace(f'name = "{usual.name}"', 'name = "own"', 1)
+    own.write_text(text.replace('ssim = "ssim"', 'ssim = "ssim-inria-8bit-rounded"'))
+    protocol = atsplat.protocol(own)
+    assert protocol.metrics == ["psnr", "ssim-inria-8bit-rounded", "lpips"] and protocol.hash != usual.hash
+    trial = next(iter(protocol.trials(rooms, index=INDEX, limit=1)))
+    scored = trial.score(np.full((3, 128, 128, 3), 0.5, np.float32))
+    assert {"psnr", "ssim-inria-8bit-rounded"} <= scored.targets[0].keys() and "ssim" not in scored.targets[0]
+    own.write_text(text.replace('ssim = "ssim"', 'ssim = "ssim-inria-8bits"'))
+    with pytest.raises(atsplat.InvalidError, match="expected one of ssim, ssim-clipped, ") as raised:
+        atsplat.protocol(own)
+    assert raised.value.file == str(own)
+
+
 def test_errors_name_file_and_field(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError, match="re10k-2v-256") as raised:
         atsplat.protocol("re10k")

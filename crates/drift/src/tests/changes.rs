@@ -102,9 +102,9 @@ fn each_cause_is_named_and_nothing_else() {
             "sampled, scene scene 004, frame 9 (context)",
         ),
         (
-            |now| set_preset(now, |preset| preset.metrics.clip_before_ssim_and_lpips = true),
+            |now| set_preset(now, |preset| preset.metrics.ssim = "ssim-clipped"),
             Cause::Metric,
-            "preset sampled, metrics.clip-before-ssim-and-lpips: was false, is now true",
+            "preset sampled, metrics.ssim: was ssim, is now ssim-clipped",
         ),
         (
             |now| now.provenance.methods[0].weights_sha256 = Some("trained again".to_owned()),
@@ -347,6 +347,27 @@ fn a_method_of_one_run_alone_is_one_difference() {
     };
     assert_eq!(differences(&one, &two), ["method n: was absent, is now present"]);
     assert_eq!(differences(&two, &one), ["method n: was present, is now absent"]);
+}
+
+/// Only the fields that mean something else are different.
+#[test]
+fn a_protocol_in_the_words_of_an_older_version_has_the_fields_of_this_one() {
+    let mut then = base();
+    let record = &mut then.provenance.presets[0];
+    let words = "psnr = \"clipped\"\nssim = \"skimage-gaussian\"\nlpips = \"vgg-v01\"\npixels = \"float\"\n\
+                 clip-before-ssim-and-lpips = false";
+    for (now, older) in [
+        ("psnr = \"psnr\"\nssim = \"ssim\"\nlpips = \"lpips\"", words),
+        ("extent = \"three-sigma-tiles\"\nmax-sh-degree = 3", "extent-sigmas = 3.0"),
+    ] {
+        assert!(record.toml.contains(now), "{}", record.toml);
+        record.toml = record.toml.replace(now, older);
+    }
+    let mut now = base();
+    set_preset(&mut now, |preset| preset.renderer.dilation = 0.1);
+    let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+    let whats: Vec<String> = report.differences.iter().map(Difference::what).collect();
+    assert_eq!(whats, ["hash", "renderer.dilation"].map(|field| format!("preset {PRESET}, {field}")));
 }
 
 /// Its fields are unknown; they are not all different.

@@ -1,9 +1,9 @@
-use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalPoint};
+use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererExtent, RendererPrincipalPoint};
 use atsplat_results::MethodRecord;
 use atsplat_splat::{ClampedGradient, Extent, MAX_SH_DEGREE, PrincipalPoint, RendererConstants, ShAxes};
 
 use crate::EvalError;
-use crate::sweep::RendererOverrides;
+use crate::sweep::ConstantChanges;
 
 /// Which renderer constants a method uses.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,7 +23,7 @@ pub enum ConstantsChoice {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChangedConstants {
     name: String,
-    overrides: RendererOverrides,
+    overrides: ConstantChanges,
 }
 
 impl ChangedConstants {
@@ -31,14 +31,14 @@ impl ChangedConstants {
     ///
     /// # Errors
     /// [`EvalError::Settings`] for values that no renderer accepts.
-    pub fn new(overrides: RendererOverrides) -> Result<Self, EvalError> {
+    pub fn new(overrides: ConstantChanges) -> Result<Self, EvalError> {
         let of_preset = RendererConstants { name: MethodRecord::OF_PRESET.to_owned(), ..RendererConstants::default() };
         let name = overrides.applied(&of_preset)?.name;
         Ok(Self { name, overrides })
     }
 
     /// The overrides.
-    pub const fn overrides(&self) -> &RendererOverrides {
+    pub const fn overrides(&self) -> &ConstantChanges {
         &self.overrides
     }
 }
@@ -87,14 +87,9 @@ impl ConstantsChoice {
 ///
 /// - A near cull in near planes is a multiple of the trial's near plane; one in scene units is used as is. A centre
 ///   exactly on it is culled, as in diff-gaussian-rasterization. There is no far cull.
-/// - An extent of 3 standard deviations is that rasterizer's, applied by tiles; any other extent draws everything that
-///   reaches the smallest alpha.
 /// - An ignored principal point is the image's centre.
-/// - diff-gaussian-rasterization and its modified versions evaluate spherical harmonics up to degree 3.
 /// - Spherical harmonics use 3DGS's axes: their order is a property of the Gaussians, not of the protocol.
 pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> RendererConstants {
-    const THREE_SIGMAS: f64 = 3.0;
-    let by_tiles = convention.extent_sigmas.total_cmp(&THREE_SIGMAS).is_eq();
     let unit = match convention.near_cull_unit {
         NearCull::SceneUnits => 1.0,
         NearCull::NearPlanes => planes.near,
@@ -110,23 +105,22 @@ pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> Rendere
         min_transmittance: convention.transmittance_stop,
         jacobian_margin: 0.3,
         min_compensation: 0.0,
-        extent: if by_tiles { Extent::ThreeSigmaTiles } else { Extent::Exact },
+        extent: match convention.extent {
+            RendererExtent::ThreeSigmaTiles => Extent::ThreeSigmaTiles,
+            RendererExtent::Exact => Extent::Exact,
+        },
         principal_point: match convention.principal_point {
             RendererPrincipalPoint::Ignored => PrincipalPoint::FieldOfView,
             RendererPrincipalPoint::Used => PrincipalPoint::Full,
         },
         sh_axes: ShAxes::Standard,
-        max_sh_degree: if convention.rasteriser.starts_with(INRIA) {
-            RendererConstants::INRIA_SH_DEGREE
-        } else {
-            MAX_SH_DEGREE
-        },
+        max_sh_degree: convention.max_sh_degree,
         clamped_gradient: ClampedGradient::Exact,
     }
 }
 
-/// How the names of diff-gaussian-rasterization and its modified versions begin in presets.
-const INRIA: &str = "diff-gaussian-rasterization";
+// What a preset accepts is drawn.
+const _: () = assert!(RendererConvention::MAX_SH_DEGREE == MAX_SH_DEGREE);
 
 #[cfg(test)]
 mod tests {
@@ -157,9 +151,15 @@ mod tests {
             let preset = Preset::named(preset).unwrap();
             assert_eq!(constants_of(&preset.renderer, planes).max_sh_degree, expected, "{}", preset.name);
         }
-        let mut convention = Preset::named("re10k-2v-256").unwrap().renderer;
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let degree = |convention: &RendererConvention| constants_of(convention, planes).max_sh_degree;
+        assert_eq!(["iLRM", "DepthSplat"].map(|method| degree(&preset.renderer_for(method))), [4, 3]);
+        // A name tells nothing.
+        let mut convention = preset.renderer;
         convention.rasteriser = "gsplat 1.5".to_owned();
-        assert_eq!(constants_of(&convention, planes).max_sh_degree, 4);
+        assert_eq!(degree(&convention), 3);
+        convention.max_sh_degree = 2;
+        assert_eq!(degree(&convention), 2);
     }
 
     /// A unit of the dataset has the length 2.5 in the trial's world.
@@ -168,10 +168,10 @@ mod tests {
         let convention = Preset::named("re10k-2v-256").unwrap().renderer;
         let planes = NearFar { near: 0.5, far: 100.0 };
         let named = |constants: Option<&str>| {
-            let overrides = RendererOverrides {
+            let overrides = ConstantChanges {
                 constants: constants.map(str::to_owned),
                 blur: Some(0.1),
-                ..RendererOverrides::default()
+                ..ConstantChanges::default()
             };
             ConstantsChoice::Changed(ChangedConstants::new(overrides).unwrap())
         };
@@ -201,7 +201,7 @@ mod tests {
         atsplat_numeric::Tolerance::EXACT.assert([near(&convention)], [0.1], "in near planes");
         convention.near_cull_unit = NearCull::SceneUnits;
         convention.principal_point = RendererPrincipalPoint::Used;
-        convention.extent_sigmas = 3.33;
+        convention.extent = RendererExtent::Exact;
         atsplat_numeric::Tolerance::EXACT.assert([near(&convention)], [0.2], "in scene units");
         let constants = constants_of(&convention, planes);
         assert_eq!((constants.extent, constants.principal_point), (Extent::Exact, PrincipalPoint::Full));

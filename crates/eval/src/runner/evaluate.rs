@@ -17,7 +17,6 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::kept_images::ImageSink;
-use super::metric_ids;
 use super::resemblance::{self, Compared};
 use super::scored::{compare, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
@@ -130,8 +129,7 @@ impl Evaluation<'_> {
             result.effects.extend(effects);
             result.compared.extend(compared);
         }
-        let [psnr, ..] = metric_ids(&self.preset.metrics);
-        if let Some(store) = self.images.worst(key, &result.rows, psnr) {
+        if let Some(store) = self.images.worst(key, &result.rows, self.preset.metrics.psnr) {
             write_inputs(store, key, decoded)?;
             write_renders(store, &result.rows, prediction)?;
         }

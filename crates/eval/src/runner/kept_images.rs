@@ -9,7 +9,7 @@ use atsplat_results::statistics::is_psnr;
 use atsplat_results::store::images::{self, CONTEXT, TRUTH};
 use atsplat_results::{Results, TargetRow, TrialKey};
 
-use super::{Dataset, metric_ids};
+use super::Dataset;
 use crate::EvalError;
 
 /// Which images a store keeps in addition to its rows.
@@ -88,7 +88,7 @@ fn draw(key: &TrialKey) -> f64 {
 
 /// Removes images of trials that are kept for no method at the end of a run.
 pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Result<(), EvalError> {
-    let (preset, [psnr, ..]) = (dataset.name.as_str(), metric_ids(&dataset.preset.metrics));
+    let (preset, psnr) = (dataset.name.as_str(), dataset.preset.metrics.psnr);
     let methods: BTreeSet<&str> = results
         .trials
         .iter()

@@ -32,7 +32,7 @@ pub use index::PlannedIndex;
 pub use index_folder::IndexFolder;
 pub use index_notices::{IndexNotice, Missing};
 pub use kept_images::KeepImages;
-pub use metrics::{metric_ids, metric_records, named_metrics, suite};
+pub use metrics::{metric_records, named_metrics, suite};
 pub use plan::{Dataset, Plan, current_provenance};
 pub use run::{run, run_until};
 pub use selection::Selection;

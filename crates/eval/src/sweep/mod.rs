@@ -11,6 +11,6 @@ mod parts;
 mod parts_tests;
 mod settings;
 
-pub use overrides::{Overrides, RendererOverrides};
+pub use overrides::{ConstantChanges, Overrides};
 pub use parts::{Part, SweepBase, parts};
 pub use settings::{Setting, Sweep};

@@ -53,14 +53,14 @@ pub struct Overrides {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
     /// Overrides of the renderer's constants.
-    #[serde(default, skip_serializing_if = "RendererOverrides::is_empty")]
-    pub renderer: RendererOverrides,
+    #[serde(default, skip_serializing_if = "ConstantChanges::is_empty")]
+    pub renderer: ConstantChanges,
 }
 
-/// Overrides of [`RendererConstants`] that trade quality for time.
+/// Changes of [`RendererConstants`] that trade quality for time.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct RendererOverrides {
+pub struct ConstantChanges {
     /// Name of the preset of [`RendererConstants`] to start from; its near and far planes are in the unit of the Gaussians as they
     /// are given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -88,8 +88,8 @@ fn list(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
 
-impl RendererOverrides {
-    /// Whether there are no overrides.
+impl ConstantChanges {
+    /// Whether nothing changes.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

@@ -31,17 +31,15 @@ fn overrides_change_token_budgets() {
 #[test]
 fn renderer_overrides_are_listed_in_the_name() {
     let exact = RendererConstants::default();
-    let overrides = RendererOverrides { min_alpha: Some(0.0625), ..RendererOverrides::default() };
+    let overrides = ConstantChanges { min_alpha: Some(0.0625), ..ConstantChanges::default() };
     let changed = overrides.applied(&exact).unwrap();
     assert_eq!(
         changed,
         RendererConstants { min_alpha: 0.0625, name: "exact, min-alpha 0.0625".to_owned(), ..exact.clone() }
     );
-    assert!(RendererOverrides { min_alpha: Some(2.0), ..RendererOverrides::default() }.applied(&exact).is_err());
+    assert!(ConstantChanges { min_alpha: Some(2.0), ..ConstantChanges::default() }.applied(&exact).is_err());
     assert!(
-        RendererOverrides { constants: Some("none".to_owned()), ..RendererOverrides::default() }
-            .applied(&exact)
-            .is_err()
+        ConstantChanges { constants: Some("none".to_owned()), ..ConstantChanges::default() }.applied(&exact).is_err()
     );
 }
 

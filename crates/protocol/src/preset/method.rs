@@ -168,6 +168,7 @@ mod tests {
             near_cull: 0.01,
             near_cull_unit: NearCull::SceneUnits,
             alpha_max: 0.999,
+            max_sh_degree: 4,
             background: [1.0; 3],
             principal_point: RendererPrincipalPoint::Used,
             ..preset.renderer.clone()
@@ -189,8 +190,8 @@ mod tests {
         let fields = serde_json::to_value(&renderer).unwrap();
         let other = serde_json::json!({
             "rasteriser": "another", "near-cull": 0.05, "near-cull-unit": "scene-units", "dilation": 0.1, "alpha-max": 0.9,
-            "alpha-min-inverse": 100.0, "transmittance-stop": 1e-3, "extent-sigmas": 2.0, "background": [0.1, 0.2, 0.3],
-            "principal-point": "used",
+            "alpha-min-inverse": 100.0, "transmittance-stop": 1e-3, "extent": "exact", "max-sh-degree": 1,
+            "background": [0.1, 0.2, 0.3], "principal-point": "used",
         });
         assert_eq!(fields.as_object().unwrap().len(), other.as_object().unwrap().len(), "every constant");
         for (name, value) in other.as_object().unwrap() {
@@ -210,11 +211,12 @@ mod tests {
             let preset = Preset::named(name).unwrap();
             for setting in &preset.methods {
                 let used = preset.renderer_for(&setting.method);
-                let found = (used.rasteriser.as_str(), used.background.map(f64::to_bits), used.principal_point);
+                let names = (used.rasteriser.as_str(), used.max_sh_degree);
+                let found = (names, used.background.map(f64::to_bits), used.principal_point);
                 let [black, white] = [0.0_f64, 1.0].map(|level| [level.to_bits(); 3]);
-                let of_preset = (preset.renderer.rasteriser.as_str(), black, RendererPrincipalPoint::Ignored);
+                let of_preset = ((preset.renderer.rasteriser.as_str(), 3), black, RendererPrincipalPoint::Ignored);
                 let expected = match setting.method.as_str() {
-                    "iLRM" | "Long-LRM" => ("gsplat", white, RendererPrincipalPoint::Used),
+                    "iLRM" | "Long-LRM" => (("gsplat", 4), white, RendererPrincipalPoint::Used),
                     _ => of_preset,
                 };
                 assert_eq!(found, expected, "{name}, {}", setting.method);

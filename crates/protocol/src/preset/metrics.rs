@@ -1,4 +1,8 @@
-use serde::{Deserialize, Serialize};
+use atsplat_metrics::{Measure, definitions};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::older;
 
 /// How the scores of single images are aggregated into the protocol's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -21,71 +25,130 @@ impl Aggregation {
     }
 }
 
-/// Which definitions of PSNR, SSIM and LPIPS a protocol uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+/// Which metrics are a protocol's PSNR, SSIM and LPIPS, by their ids among [`atsplat_metrics::definitions`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct MetricIds {
+    /// A kind of PSNR.
+    pub psnr: &'static str,
+    /// A kind of SSIM.
+    pub ssim: &'static str,
+    /// A kind of LPIPS or ST-LPIPS.
+    pub lpips: &'static str,
+}
+
+impl MetricIds {
+    /// PSNR, SSIM and LPIPS, in this order.
+    pub const fn ids(self) -> [&'static str; 3] {
+        let Self { psnr, ssim, lpips } = self;
+        [psnr, ssim, lpips]
+    }
+}
+
+impl Default for MetricIds {
+    /// Those of most papers: PSNR of clipped values, and SSIM and LPIPS by VGG of values as rendered.
+    fn default() -> Self {
+        Self { psnr: "psnr", ssim: "ssim", lpips: "lpips" }
+    }
+}
+
+/// The table `[metrics]` of a preset, or of one of an older version, which always has the last two fields.
+#[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct MetricConvention {
-    /// Which PSNR.
-    pub psnr: PsnrConvention,
-    /// Which SSIM.
-    pub ssim: SsimConvention,
-    /// Which LPIPS.
-    pub lpips: LpipsConvention,
-    /// How the pixel values of renders reach the metrics.
-    pub pixels: PixelValues,
-    /// Whether renders are clipped to [0, 1] before SSIM and LPIPS; PSNR has its own rule.
-    pub clip_before_ssim_and_lpips: bool,
+pub(super) struct MetricsTable {
+    pub(super) psnr: Option<String>,
+    pub(super) ssim: Option<String>,
+    pub(super) lpips: Option<String>,
+    pub(super) pixels: Option<String>,
+    pub(super) clip_before_ssim_and_lpips: Option<bool>,
 }
 
-/// Which PSNR.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PsnrConvention {
-    /// Both images clipped to [0, 1], one mean squared error over all channels and pixels
-    /// (pixelSplat `src/evaluation/metrics.py:11-19`).
-    Clipped,
+// Derived, it would borrow the ids from the text.
+impl<'de> Deserialize<'de> for MetricIds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let table = MetricsTable::deserialize(deserializer)?;
+        let is_older = table.pixels.is_some() || table.clip_before_ssim_and_lpips.is_some();
+        let ids = if is_older { older::metrics(&table) } else { of_ids(&table) };
+        ids.map_err(D::Error::custom)
+    }
 }
 
-/// Which SSIM.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SsimConvention {
-    /// scikit-image with an 11×11 Gaussian of σ 1.5, sample covariance, data range 1; the mean over the
-    /// image without a border of 5 pixels, then over channels (pixelSplat `src/evaluation/metrics.py`).
-    SkimageGaussian,
-    /// scikit-image's uniform 7×7 window on clamped renders (Long-LRM `model/loss.py:66-82`); not comparable.
-    SkimageUniform,
+fn of_ids(MetricsTable { psnr, ssim, lpips, .. }: &MetricsTable) -> Result<MetricIds, String> {
+    let usual = MetricIds::default();
+    Ok(MetricIds {
+        psnr: of_column("psnr", psnr.as_deref(), usual.psnr, |measure| matches!(measure, Measure::Psnr { .. }))?,
+        ssim: of_column("ssim", ssim.as_deref(), usual.ssim, |measure| matches!(measure, Measure::Ssim { .. }))?,
+        lpips: of_column("lpips", lpips.as_deref(), usual.lpips, |measure| {
+            matches!(measure, Measure::Perceptual { .. })
+        })?,
+    })
 }
 
-/// Which LPIPS.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LpipsConvention {
-    /// `lpips.LPIPS(net="vgg")`, version 0.1, `normalize=True`.
-    VggV01,
-    /// The same with `AlexNet`.
-    AlexV01,
-}
-
-/// How the pixel values of renders reach the metrics.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelValues {
-    /// Float values straight from the renderer (MVSplat, DepthSplat, iLRM, TokenGS, NoPoSplat online).
-    Float,
-    /// Clipped, multiplied by 255 and truncated to bytes, through PNG files (pixelSplat's published path,
-    /// `src/misc/image_io.py`).
-    TruncatedToBytes,
+/// The id that a column states, which must be one of its metrics.
+fn of_column(
+    column: &str,
+    stated: Option<&str>,
+    usual: &'static str,
+    is_its: fn(&Measure) -> bool,
+) -> Result<&'static str, String> {
+    let Some(stated) = stated else { return Ok(usual) };
+    let known = definitions().iter().filter(|metric| is_its(&metric.measure)).map(|metric| metric.id);
+    known.clone().find(|id| *id == stated).ok_or_else(|| {
+        let known: Vec<&str> = known.collect();
+        format!("{column} = {stated:?}, expected one of {}", known.join(", "))
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Aggregation::{self, AllImages, SceneMeans};
+    use super::Aggregation::{AllImages, SceneMeans};
+    use super::*;
+    use crate::Preset;
 
     #[test]
     fn the_common_aggregation_is_that_of_all() {
         assert_eq!(Aggregation::common([AllImages, AllImages, AllImages]), Some(AllImages));
         assert_eq!(Aggregation::common([SceneMeans, AllImages, SceneMeans]), None);
         assert_eq!(Aggregation::common([]), None);
+    }
+
+    /// `rooms-2v-64` with these metrics.
+    fn with_metrics(fields: &str) -> Result<Preset, String> {
+        let text = Preset::text_of("rooms-2v-64").unwrap();
+        Preset::from_toml(&format!("{text}\n[metrics]\n{fields}\n")).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_protocol_names_any_metric_of_a_column() {
+        for metric in definitions() {
+            let column = match metric.measure {
+                Measure::Psnr { .. } => "psnr",
+                Measure::Ssim { .. } => "ssim",
+                Measure::Perceptual { .. } => "lpips",
+                Measure::L1 { .. } => continue,
+            };
+            let preset = with_metrics(&format!("{column} = \"{}\"", metric.id)).unwrap();
+            let of = |name: &str, usual: &'static str| if name == column { metric.id } else { usual };
+            let expected = [of("psnr", "psnr"), of("ssim", "ssim"), of("lpips", "lpips")];
+            assert_eq!(preset.metrics.ids(), expected, "what is not stated is as usual");
+            let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
+            assert_eq!((&again, again.hash().unwrap()), (&preset, preset.hash().unwrap()), "{}", metric.id);
+        }
+        assert_eq!(with_metrics("").unwrap().metrics.ids(), ["psnr", "ssim", "lpips"]);
+    }
+
+    #[test]
+    fn a_metric_of_another_column_or_of_none_is_an_error_with_the_known_ones() {
+        for (fields, found, known, other) in [
+            ("ssim = \"ssim-iniria\"", "ssim = \"ssim-iniria\"", "ssim-inria-8bit-rounded", "psnr-unclipped"),
+            ("psnr = \"ssim\"", "psnr = \"ssim\"", "psnr-unclipped", "ssim-inria"),
+            ("lpips = \"l1\"", "lpips = \"l1\"", "lpips-alex", "ssim-inria"),
+            ("psnr = \"clipped\"", "psnr = \"clipped\"", "psnr-8bit-rounded", "lpips"),
+        ] {
+            let error = with_metrics(fields).unwrap_err();
+            let is_found = error.starts_with("preset: line ") && error.contains(&format!(", found {found}"));
+            assert!(is_found && error.contains(known) && !error.contains(other), "{error}");
+        }
+        let error = with_metrics("mse = \"l1\"").unwrap_err();
+        assert!(error.contains("unknown field `mse`"), "{error}");
     }
 }

@@ -5,10 +5,12 @@
 
 mod builtin;
 mod filters;
+mod hashed;
 mod index_rule;
 mod lens;
 mod method;
 mod metrics;
+mod older;
 mod renderer;
 mod validate;
 
@@ -24,10 +26,11 @@ pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
 pub use lens::LensDistortion;
 pub use method::{DisparityPlanes, EffectiveSetting, MethodSetting, NearFar};
-pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
-pub use renderer::{NearCull, RendererConvention, RendererOverrides, RendererPrincipalPoint};
+pub use metrics::{Aggregation, MetricIds};
+pub use renderer::{NearCull, RendererConvention, RendererExtent, RendererOverrides, RendererPrincipalPoint};
 
 use crate::{OverlapBins, ProtocolError};
+use hashed::Hashed;
 
 /// A protocol: everything that defines a benchmark number except the method and the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,8 +76,9 @@ pub struct Preset {
     pub overlap_bins: Option<OverlapBins>,
     /// How scores of images are aggregated into one number.
     pub aggregation: Aggregation,
-    /// Which definitions of PSNR, SSIM and LPIPS are used.
-    pub metrics: MetricConvention,
+    /// Which PSNR, SSIM and LPIPS are used.
+    #[serde(default)]
+    pub metrics: MetricIds,
     /// The renderer constants behind the published numbers.
     pub renderer: RendererConvention,
 }
@@ -132,7 +136,11 @@ impl Preset {
     /// [`ProtocolError::Malformed`]: with line and column for text that is not a preset, with the field for
     /// contradictory values.
     pub fn from_toml(text: &str) -> Result<Self, ProtocolError> {
-        let preset: Self = toml::from_str(text).map_err(|error| malformed_toml("preset", "a preset", text, &error))?;
+        let mut preset: Self =
+            toml::from_str(text).map_err(|error| malformed_toml("preset", "a preset", text, &error))?;
+        if older::has_sigmas(text) {
+            older::state_degrees(&mut preset.methods);
+        }
         validate::check(&preset)?;
         Ok(preset)
     }
@@ -147,26 +155,13 @@ impl Preset {
 
     /// Hash of everything that can change a number: the preset's fields as compact JSON in declaration order, without
     /// name, title, notes, inferences, sources, the preset that it stands for, the sampler and the estimator of the bins.
+    /// Metrics and renderers are in the words of presets of older versions, so that hashes of stored results stay what they are.
     /// Results with different protocol hashes do not share a table.
     ///
     /// # Errors
     /// [`ProtocolError::Malformed`] for a value that JSON cannot represent; impossible if it was read from TOML.
     pub fn hash(&self) -> Result<Sha256Digest, ProtocolError> {
-        let mut bare = self.clone();
-        for text in [&mut bare.name, &mut bare.title] {
-            text.clear();
-        }
-        for texts in [&mut bare.notes, &mut bare.inferred, &mut bare.sources] {
-            texts.clear();
-        }
-        bare.stands_for = None;
-        // The estimator that the edges were published for affects how results are binned, not the numbers.
-        bare.overlap_bins = bare.overlap_bins.map(OverlapBins::without_estimator);
-        // The hash of the index identifies what was sampled.
-        bare.index.sampler = None;
-        bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);
-        bare.methods.iter_mut().for_each(|method| method.source.clear());
-        let json = serde_json::to_vec(&bare)
+        let json = serde_json::to_vec(&Hashed::from(self))
             .map_err(|error| validate::malformed("JSON", "a value that JSON can represent", &error))?;
         Ok(Sha256Digest::of(&json))
     }

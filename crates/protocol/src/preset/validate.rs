@@ -67,10 +67,12 @@ fn method(preset: &Preset, setting: &MethodSetting) -> Result<(), ProtocolError>
         let found = format!("{near_sides} and {far_pixels}");
         ensure(in_order, &format!("{field}, disparity-planes"), "near-sides > far-pixels > 0", &found)?;
     }
-    if setting.renderer.is_none() {
-        return Ok(());
-    }
-    renderer(&format!("{field}, renderer"), &preset.renderer_for(&setting.method))
+    let Some(own) = &setting.renderer else { return Ok(()) };
+    // Otherwise it would be that of another rasteriser.
+    let has_degree = own.rasteriser.is_none() || own.max_sh_degree.is_some();
+    let field = format!("{field}, renderer");
+    ensure(has_degree, &format!("{field}.max-sh-degree"), "the degree of this rasteriser", &"none")?;
+    renderer(&field, &own.applied_to(&preset.renderer))
 }
 
 fn filters(filters: &Filters) -> Result<(), ProtocolError> {
@@ -165,7 +167,6 @@ fn renderer(place: &str, renderer: &RendererConvention) -> Result<(), ProtocolEr
         ("alpha-max", renderer.alpha_max),
         ("alpha-min-inverse", renderer.alpha_min_inverse),
         ("transmittance-stop", renderer.transmittance_stop),
-        ("extent-sigmas", renderer.extent_sigmas),
     ] {
         positive(&field(name), value)?;
     }
@@ -179,6 +180,8 @@ fn renderer(place: &str, renderer: &RendererConvention) -> Result<(), ProtocolEr
     ensure(inverse > least, &field("alpha-min-inverse"), "the inverse of an alpha below alpha-max", &inverse)?;
     let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
     ensure(dilation, &field("dilation"), "square pixels from 0", &renderer.dilation)?;
+    let most = RendererConvention::MAX_SH_DEGREE;
+    ensure(renderer.max_sh_degree <= most, &field("max-sh-degree"), &format!("0 to {most}"), &renderer.max_sh_degree)?;
     let in_range = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
     ensure(in_range, &field("background"), "channels from 0 to 1", &format!("{:?}", renderer.background))
 }
@@ -227,6 +230,12 @@ mod tests {
             ("transmittance-stop = 1e-4", "transmittance-stop = 0.01", "field renderer.transmittance-stop: expected a"),
             ("alpha-min-inverse = 255.0", "alpha-min-inverse = 0.5", "field renderer.alpha-min-inverse: expected the"),
             ("background = [0.0, 0.0, 0.0]", "background = [0.0, 0.0, 2.0]", "field renderer.background"),
+            ("max-sh-degree = 3", "max-sh-degree = 5", "field renderer.max-sh-degree: expected 0 to 4, found 5"),
+            (
+                "max-sh-degree = 4\n",
+                "",
+                "field methods, iLRM, renderer.max-sh-degree: expected the degree of this rasteriser, found none",
+            ),
             ("dataset = \"re10k\"", "dataset = \"acid\"", "expected an index of the preset's dataset"),
             (
                 "height = 256, width",
@@ -291,6 +300,15 @@ mod tests {
             ("edges = [0.05, 0.3", "edges = [0.5, 0.3", "finite edges that increase"),
             ("step = \"rescale-and-crop\"", "step = \"rescale\"", "unknown variant `rescale`"),
             ("[index]", "[index", "line "),
+            ("max-sh-degree = 3\n", "", "expected a field `max-sh-degree`, found none"),
+            ("extent = \"three-sigma-tiles\"\n", "", "expected a field `extent`, found none"),
+            ("extent = \"three-sigma-tiles\"", "extent = \"three-sigmas\"", "unknown variant `three-sigmas`"),
+            (
+                "extent = \"three-sigma-tiles\"",
+                "extent = \"exact\"\nextent-sigmas = 3.0",
+                "expected extent alone, found extent and extent-sigmas",
+            ),
+            ("max-sh-degree = 4", "max-sh-degree = 4\nextent-sigmas = 2.5", "found extent-sigmas = 2.5"),
             (
                 "targets = [3, 3]",
                 "targets = [3, 3]\nderivation = { rule = \"shifted-window\", margin = 0 }",

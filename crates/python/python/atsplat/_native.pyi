@@ -15,6 +15,7 @@ class Protocol:
     title: str
     hash: str
     toml: str
+    metrics: list[str]
     settings: list[str]
     def __init__(self, name_or_path: str) -> None: ...
     def open(

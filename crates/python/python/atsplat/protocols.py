@@ -57,6 +57,11 @@ class Protocol:
         return self._native.toml
 
     @property
+    def metrics(self) -> list[str]:
+        """Its PSNR, SSIM and LPIPS, by id (:func:`atsplat.metrics`)."""
+        return self._native.metrics
+
+    @property
     def settings(self) -> list[str]:
         """Methods that published another pose normalisation, other near and far planes or another renderer under this protocol."""
         return self._native.settings

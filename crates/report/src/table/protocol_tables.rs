@@ -26,7 +26,7 @@ pub fn protocol_tables(sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Tab
     chosen_protocol_tables(sources, mixing, &Choice::default())
 }
 
-/// What is chosen of [`protocol_tables`]. Metrics by bin of overlap or by distance are there if the first metric of all is chosen.
+/// What is chosen of [`protocol_tables`]. Columns by bin of overlap or by distance are there if their metric is chosen.
 ///
 /// # Errors
 /// As [`protocol_tables`].
@@ -99,13 +99,15 @@ fn group(protocol: &str, title: &str, quantities: Vec<Quantity>) -> ColumnGroup 
     }
 }
 
-/// All metrics with sizes and times; then the first metric by bin of overlap, or by distance outside the window, with its
-/// slope.
+/// All metrics with sizes and times; then the protocol's PSNR by bin of overlap, or by distance outside the window, with its slope; the
+/// first metric if its PSNR was not scored.
 fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
     let metrics = metrics(results);
     let sizes = [Quantity::Gaussians, Quantity::Seconds];
     let mut groups = vec![group(protocol, "", metrics.iter().copied().map(Quantity::Metric).chain(sizes).collect())];
-    let Some(metric) = metrics.first().copied() else { return groups };
+    let psnr = results.parts.first().map(|part| part.protocol.metrics.psnr);
+    let of_protocol = metrics.iter().find(|metric| Some(metric.id) == psnr);
+    let Some(metric) = of_protocol.or(metrics.first()).copied() else { return groups };
     let breakdown = |title: &str, suffix: String, targets: TargetSet| ColumnGroup {
         targets,
         suffix,

@@ -6,7 +6,7 @@ use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::definition::Choice;
 use crate::emit::TableFormat;
-use crate::sample::{floor, preset, results_over};
+use crate::sample::{floor, preset, results, results_over};
 use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols, row_of, trained};
 use crate::table::{CellIndex, Column, Mixing, NoteKind, Source, chosen_protocol_tables};
 
@@ -123,4 +123,24 @@ fn a_bin_named_average_is_one_bin() {
     Tolerance::absolute(1e-9).assert(in_bin, [19.25], "the third scene and the seventh, not all with 20.25");
     let heads: Vec<String> = table.groups.last().unwrap().columns.iter().map(Column::head).collect();
     assert_eq!(heads, ["ΔPSNR"], "no difference over all targets stands under the heading of a bin");
+}
+
+/// The clipped PSNR was scored too, and comes first of all metrics.
+#[test]
+fn columns_by_overlap_are_of_the_psnr_that_the_protocol_names() {
+    let mut store = results(vec![preset("re10k-overlap")], vec![floor()]);
+    let record = &mut store.provenance.presets[0];
+    let [usual, rounded] = ["psnr", "psnr-8bit-rounded"].map(|id| format!("[metrics]\npsnr = \"{id}\"\n"));
+    assert!(record.toml.contains(&usual), "{}", record.toml);
+    record.toml = record.toml.replace(&usual, &rounded);
+    for row in &mut store.targets {
+        if let Some(psnr) = row.scores.get("psnr").copied() {
+            row.scores.insert("psnr-8bit-rounded".to_owned(), psnr - 0.5);
+        }
+    }
+    let table = protocols(&store).swap_remove(0);
+    let of_groups: Vec<&str> = table.columns().map(|(_, column)| column.quantity.id()).collect();
+    assert_eq!(of_groups[..2], ["psnr", "psnr-8bit-rounded"], "all metrics");
+    let count = |of: &str| of_groups.iter().filter(|id| **id == of).count();
+    assert!(count("psnr") == 1 && count("psnr-8bit-rounded") >= 4, "{of_groups:?}");
 }

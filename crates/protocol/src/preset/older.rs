@@ -1,0 +1,222 @@
+//! What presets of older versions state otherwise: metrics by several words instead of ids, the extent of Gaussians in standard
+//! deviations, and the degree of harmonics by the name of the rasteriser. Such presets are read, and hashes are of these words.
+
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
+
+use super::metrics::MetricsTable;
+use super::{MethodSetting, MetricIds, RendererConvention, RendererExtent};
+
+/// The metrics of presets with their pixel values, and whether renders are clipped before SSIM and LPIPS.
+const OF_PIXELS: [(&str, bool, MetricIds); 4] = [
+    (FLOAT, false, MetricIds { psnr: "psnr", ssim: "ssim", lpips: "lpips" }),
+    (FLOAT, true, MetricIds { psnr: "psnr", ssim: "ssim-clipped", lpips: "lpips-clipped" }),
+    (TRUNCATED, false, OF_BYTES),
+    (TRUNCATED, true, OF_BYTES),
+];
+const FLOAT: &str = "float";
+const TRUNCATED: &str = "truncated-to-bytes";
+const OF_BYTES: MetricIds =
+    MetricIds { psnr: "psnr-8bit-truncated", ssim: "ssim-8bit-truncated", lpips: "lpips-8bit-truncated" };
+
+/// The words for metrics.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct MetricWords {
+    psnr: &'static str,
+    ssim: &'static str,
+    lpips: &'static str,
+    pixels: &'static str,
+    clip_before_ssim_and_lpips: bool,
+}
+
+impl MetricWords {
+    /// All words that mean metrics, with these.
+    fn all() -> impl Iterator<Item = (Self, MetricIds)> {
+        OF_PIXELS.into_iter().flat_map(|(pixels, clip_before_ssim_and_lpips, usual)| {
+            let is_float = pixels == FLOAT;
+            let uniform = is_float.then_some("ssim-uniform-7x7");
+            let alex = (is_float && !clip_before_ssim_and_lpips).then_some("lpips-alex");
+            let ssims = [("skimage-gaussian", Some(usual.ssim)), ("skimage-uniform", uniform)];
+            let lpipses = [("vgg-v01", Some(usual.lpips)), ("alex-v01", alex)];
+            ssims.into_iter().flat_map(move |(ssim, ssim_id)| {
+                lpipses.into_iter().filter_map(move |(lpips, lpips_id)| {
+                    let ids = MetricIds { psnr: usual.psnr, ssim: ssim_id?, lpips: lpips_id? };
+                    Some((Self { psnr: "clipped", ssim, lpips, pixels, clip_before_ssim_and_lpips }, ids))
+                })
+            })
+        })
+    }
+
+    /// The words for these metrics; `None` for metrics that only ids name.
+    pub(super) fn of(metrics: MetricIds) -> Option<Self> {
+        Self::all().find(|(_, ids)| *ids == metrics).map(|(words, _)| words)
+    }
+
+    fn are_of(&self, table: &MetricsTable) -> bool {
+        let words = [&table.psnr, &table.ssim, &table.lpips, &table.pixels].map(Option::as_deref);
+        words == [self.psnr, self.ssim, self.lpips, self.pixels].map(Some)
+            && table.clip_before_ssim_and_lpips == Some(self.clip_before_ssim_and_lpips)
+    }
+}
+
+/// The metrics of a table of words.
+pub(super) fn metrics(table: &MetricsTable) -> Result<MetricIds, String> {
+    let found = MetricWords::all().find(|(words, _)| words.are_of(table)).map(|(_, ids)| ids);
+    found.ok_or_else(|| {
+        let MetricsTable { psnr, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = table;
+        let word = |word: &Option<String>| word.as_ref().map_or_else(|| "nothing".to_owned(), |word| format!("{word:?}"));
+        let [psnr, ssim, lpips, pixels] = [psnr, ssim, lpips, pixels].map(word);
+        let clip = clip.map_or_else(|| "nothing".to_owned(), |clip| clip.to_string());
+        format!(
+            "psnr = {psnr}, ssim = {ssim}, lpips = {lpips}, pixels = {pixels} and clip-before-ssim-and-lpips = {clip}, expected \
+             ids of metrics without pixels and clip-before-ssim-and-lpips, such as ssim = \"ssim-8bit-truncated\""
+        )
+    })
+}
+
+const THREE_SIGMAS: f64 = 3.0;
+/// Where a Gaussian of opacity 1 has an alpha of 1/255.
+const ALL_SIGMAS: f64 = 3.33;
+
+/// The extent that is so many standard deviations.
+pub(super) fn extent(sigmas: f64) -> Result<RendererExtent, String> {
+    if sigmas.total_cmp(&THREE_SIGMAS).is_eq() {
+        Ok(RendererExtent::ThreeSigmaTiles)
+    } else if sigmas.total_cmp(&ALL_SIGMAS).is_eq() {
+        Ok(RendererExtent::Exact)
+    } else {
+        Err(format!(
+            "extent-sigmas = {sigmas}, which is not drawn, expected extent = \"three-sigma-tiles\" or extent = \"exact\""
+        ))
+    }
+}
+
+/// The standard deviations of an extent.
+pub(super) const fn sigmas(extent: RendererExtent) -> f64 {
+    match extent {
+        RendererExtent::ThreeSigmaTiles => THREE_SIGMAS,
+        RendererExtent::Exact => ALL_SIGMAS,
+    }
+}
+
+/// The highest degree of harmonics of a rasteriser of this name: of diff-gaussian-rasterization and its modified versions, 3.
+pub(super) fn sh_degree(rasteriser: &str) -> u8 {
+    if rasteriser.starts_with("diff-gaussian-rasterization") { 3 } else { RendererConvention::MAX_SH_DEGREE }
+}
+
+/// Whether the text of a preset states the extent in standard deviations, and so no degree of harmonics.
+pub(super) fn has_sigmas(text: &str) -> bool {
+    #[derive(Deserialize)]
+    struct Form {
+        renderer: RendererForm,
+    }
+    #[derive(Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    struct RendererForm {
+        extent_sigmas: Option<IgnoredAny>,
+    }
+    let is_there = || toml::from_str::<Form>(text).is_ok_and(|form| form.renderer.extent_sigmas.is_some());
+    text.contains("extent-sigmas") && is_there()
+}
+
+/// States the degree of harmonics of the renderers of methods that have a rasteriser of their own.
+pub(super) fn state_degrees(methods: &mut [MethodSetting]) {
+    for renderer in methods.iter_mut().filter_map(|setting| setting.renderer.as_mut()) {
+        renderer.max_sh_degree = renderer.max_sh_degree.or_else(|| renderer.rasteriser.as_deref().map(sh_degree));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Preset;
+
+    const IDS: &str = "[metrics]\npsnr = \"psnr\"\nssim = \"ssim\"\nlpips = \"lpips\"\n";
+
+    /// `re10k-2v-256` with this table of metrics.
+    fn with_metrics(table: &str) -> Result<Preset, String> {
+        let text = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        assert!(text.contains(IDS), "{text}");
+        Preset::from_toml(&text.replacen(IDS, table, 1)).map_err(|error| error.to_string())
+    }
+
+    fn words(ssim: &str, lpips: &str, pixels: &str, clip: bool) -> String {
+        format!(
+            "[metrics]\npsnr = \"clipped\"\nssim = \"{ssim}\"\nlpips = \"{lpips}\"\npixels = \"{pixels}\"\n\
+             clip-before-ssim-and-lpips = {clip}\n"
+        )
+    }
+
+    #[test]
+    fn words_mean_the_metrics_that_they_meant() {
+        let (gaussian, uniform, vgg, alex) = ("skimage-gaussian", "skimage-uniform", "vgg-v01", "alex-v01");
+        let of_bytes = ["psnr-8bit-truncated", "ssim-8bit-truncated", "lpips-8bit-truncated"];
+        for (table, expected) in [
+            (words(gaussian, vgg, FLOAT, false), ["psnr", "ssim", "lpips"]),
+            (words(gaussian, vgg, FLOAT, true), ["psnr", "ssim-clipped", "lpips-clipped"]),
+            (words(gaussian, vgg, TRUNCATED, false), of_bytes),
+            (words(gaussian, vgg, TRUNCATED, true), of_bytes),
+            (words(gaussian, alex, FLOAT, false), ["psnr", "ssim", "lpips-alex"]),
+            (words(uniform, vgg, FLOAT, true), ["psnr", "ssim-uniform-7x7", "lpips-clipped"]),
+            (words(uniform, alex, FLOAT, false), ["psnr", "ssim-uniform-7x7", "lpips-alex"]),
+        ] {
+            assert_eq!(with_metrics(&table).unwrap().metrics.ids(), expected, "{table}");
+        }
+    }
+
+    /// Each would be measured on other pixel values than the words say.
+    #[test]
+    fn words_without_a_metric_are_rejected_with_what_to_write() {
+        for table in [
+            words("skimage-uniform", "vgg-v01", TRUNCATED, false),
+            words("skimage-gaussian", "alex-v01", FLOAT, true),
+            words("skimage-gaussian", "alex-v01", TRUNCATED, false),
+            words("skimage-gauss", "vgg-v01", FLOAT, false),
+            words("skimage-gaussian", "vgg-v01", FLOAT, false).replace("psnr = \"clipped\"\n", ""),
+        ] {
+            let error = with_metrics(&table).unwrap_err();
+            let is_told =
+                error.contains("expected ids of metrics without pixels") && error.starts_with("preset: line ");
+            assert!(is_told, "{error}");
+        }
+    }
+
+    #[test]
+    fn metrics_are_hashed_by_their_words() {
+        let hash = |table: &str| with_metrics(table).unwrap().hash().unwrap();
+        let built_in = Preset::named("re10k-2v-256").unwrap().hash().unwrap();
+        assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, false)), built_in);
+        assert_eq!(hash(""), built_in, "the usual metrics");
+        let clipped = "[metrics]\nssim = \"ssim-clipped\"\nlpips = \"lpips-clipped\"\n";
+        assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, true)), hash(clipped));
+        let others = ["ssim-clipped", "ssim-inria", "ssim-inria-8bit-rounded"]
+            .map(|ssim| hash(&format!("[metrics]\nssim = \"{ssim}\"\n")));
+        assert!(!others.contains(&built_in) && others[1] != others[2], "{others:?}");
+    }
+
+    /// iLRM's renderer states the name of another rasteriser, and no extent.
+    #[test]
+    fn a_renderer_in_standard_deviations_has_the_degrees_of_the_names() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let text = preset.to_toml().unwrap();
+        let older = |sigmas: &str| {
+            let text = text.replace("extent = \"three-sigma-tiles\"", &format!("extent-sigmas = {sigmas}"));
+            text.replace("max-sh-degree = 3\n", "").replace("max-sh-degree = 4\n", "")
+        };
+        let read = Preset::from_toml(&older("3.0")).unwrap();
+        assert_eq!((&read, read.renderer.max_sh_degree, read.renderer_for("iLRM").max_sh_degree), (&preset, 3, 4));
+        assert_eq!(read.hash().unwrap(), preset.hash().unwrap());
+        let exact = Preset::from_toml(&older("3.33")).unwrap();
+        assert_eq!((exact.renderer.extent, exact.renderer.max_sh_degree), (RendererExtent::Exact, 3));
+        assert_ne!(exact.hash().unwrap(), preset.hash().unwrap());
+        let other = older("3.0").replacen("rasteriser = \"diff-gaussian-rasterization", "rasteriser = \"inria", 1);
+        assert_eq!(Preset::from_toml(&other).unwrap().renderer.max_sh_degree, 4, "as it was drawn");
+        for sigmas in ["2.0", "30.0", "3.0001"] {
+            let error = Preset::from_toml(&older(sigmas)).unwrap_err().to_string();
+            assert!(error.contains("expected extent = \"three-sigma-tiles\" or extent = \"exact\""), "{error}");
+            let found: f64 = sigmas.parse().unwrap();
+            assert!(error.contains(&format!("found extent-sigmas = {found}, which is not drawn")), "{error}");
+        }
+    }
+}
