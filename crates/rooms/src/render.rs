@@ -100,7 +100,7 @@ impl LensTable {
         let size = frame.size;
         let row = |row| (0..size.width).map(|column| frame.rays.pixel(column, row)).collect::<Result<Vec<_>, _>>();
         let rows = (0..size.height).into_par_iter().map(row).collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { k: frame.rays.k, lens: frame.effects.lens, size, pixels: rows.concat() })
+        Ok(Self { k: frame.rays.k, lens: frame.effects.lens(), size, pixels: rows.concat() })
     }
 }
 
@@ -120,9 +120,9 @@ impl<'a> Frame<'a> {
         size: ImageSize,
         samples: u32,
     ) -> Result<Self, RoomsError> {
-        let rays = Rays::new(shot, effects.lens, size)?;
+        let rays = Rays::new(shot, effects.lens(), size)?;
         let from = shot.camera.camera_from_world.inverse();
-        let open = shot.share_of_motion(effects.shutter);
+        let open = shot.share_of_motion(effects.shutter());
         let sample_at = |Sample { place, time }| Ok((interpolated_pose(&from, &shot.moving_to, open * time)?, place));
         let samples_at = sampling::samples(samples).into_iter().map(sample_at).collect::<Result<_, RoomsError>>()?;
         let seed = mix(effects.seed ^ mix(shot.timestamp_micros.cast_unsigned()));
@@ -141,7 +141,7 @@ impl<'a> Frame<'a> {
             let made = LensTable::new(&self)?;
             table.get_or_init(|| made)
         };
-        let fits = (filled.k, filled.lens, filled.size) == (self.rays.k, self.effects.lens, self.size);
+        let fits = (filled.k, filled.lens, filled.size) == (self.rays.k, self.effects.lens(), self.size);
         Ok(Self { lens_table: fits.then_some(filled), ..self })
     }
 

@@ -194,7 +194,7 @@ impl Simulation {
     /// # Errors
     /// [`RoomsError::NoFrame`].
     pub fn camera(&self, frame: usize) -> Result<Camera, RoomsError> {
-        Ok(Camera { distortion: self.effects.lens, ..self.shot(frame)?.camera })
+        Ok(Camera { distortion: self.effects.lens(), ..self.shot(frame)?.camera })
     }
 
     /// Renders a frame's image, sRGB-encoded in [0, 1].
@@ -210,7 +210,7 @@ impl Simulation {
     /// # Errors
     /// As [`Self::image`].
     pub fn geometry(&self, frame: usize) -> Result<Geometry, RoomsError> {
-        render::geometry(&self.world, self.effects.lens, self.shot(frame)?, self.request.size)
+        render::geometry(&self.world, self.effects.lens(), self.shot(frame)?, self.request.size)
     }
 
     /// Renders a frame with these effects at the exposure of the scene's own.

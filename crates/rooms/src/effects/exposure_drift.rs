@@ -3,7 +3,7 @@
 use atsplat_numeric::unit_of_bits;
 use glam::Vec3;
 
-use super::{Conditions, Effect, EffectKind, SceneContext};
+use super::{Conditions, SceneContext};
 use crate::path::Shot;
 use crate::rng::mix;
 
@@ -24,15 +24,10 @@ impl ExposureDrift {
         let draw = |salt: u64| unit_of_bits(mix(conditions.seed ^ salt));
         Self { stops: conditions.drift, phase: draw(21) * std::f64::consts::TAU, per_second: 0.5 + draw(22) }
     }
-}
 
-impl Effect for ExposureDrift {
-    fn kind(&self) -> EffectKind {
-        EffectKind::ExposureDrift
-    }
-
+    /// Light at the exposure of a shot.
     #[expect(clippy::cast_possible_truncation, reason = "a gain near 1")]
-    fn sensor_value(&self, shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
+    pub(super) fn exposed(&self, shot: &Shot, light: Vec3) -> Vec3 {
         let seconds = shot.timestamp_micros as f64 * 1e-6;
         light * (self.stops * (self.phase + self.per_second * seconds).sin()).exp2() as f32
     }

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Effect, EffectKind, SceneContext};
+use super::SceneContext;
 use crate::noise::as_f32;
 use crate::rng::sphere_point;
 use crate::world::World;
@@ -60,6 +60,11 @@ impl IndirectLight {
             }
         }
         light
+    }
+
+    /// Irradiance / π from everything except lamps; `None` where no point of a grid is outside solids.
+    pub(super) fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Option<Vec3> {
+        Some(world.ambient.lerp(self.at(point, normal)?, self.share))
     }
 
     fn cube(&self, world: &World, origin: DVec3) -> AmbientCube {
@@ -162,16 +167,6 @@ impl Grid {
             weights += weight;
         }
         (weights > 1e-4).then(|| sum / weights)
-    }
-}
-
-impl Effect for IndirectLight {
-    fn kind(&self) -> EffectKind {
-        EffectKind::IndirectLight
-    }
-
-    fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Option<Vec3> {
-        Some(world.ambient.lerp(self.at(point, normal)?, self.share))
     }
 }
 

@@ -3,12 +3,7 @@
 use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Extremes as _;
 
-use super::{Effect, EffectKind, SceneContext};
-
-#[derive(Debug)]
-pub(super) struct LensDistortion {
-    lens: Distortion,
-}
+use super::SceneContext;
 
 /// Largest displacement that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
@@ -25,6 +20,13 @@ pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
     let pixels = share * f64::from(scene.size.width.max(NARROWEST));
     (pixels > STRAIGHT)
         .then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move the image by up to {:.2} % of its width", share * 100.0))
+}
+
+/// The scene's lens; none if its coefficients are 0.
+pub(super) fn distortion(scene: &SceneContext<'_>) -> Distortion {
+    let [k1, k2] = lens(scene);
+    let straight = k1.abs() + k2.abs() <= 0.0;
+    if straight { Distortion::None } else { Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 } }
 }
 
 /// The drawn k1, k2, halved until the lens is invertible in all images with a margin.
@@ -69,25 +71,6 @@ fn displacement([k1, k2]: [f64; 2], k: &NormalizedIntrinsics, size: ImageSize) -
     let stationary = Some(-0.6 * k1 / k2).filter(|squared| (0.0..farthest).contains(squared));
     let largest = moved(farthest).maximum_of(stationary.map_or(0.0, moved));
     largest * k.fx.maximum_of(k.fy * f64::from(size.height) / f64::from(size.width))
-}
-
-impl LensDistortion {
-    pub(super) fn new(scene: &SceneContext<'_>) -> Self {
-        let [k1, k2] = lens(scene);
-        let straight = k1.abs() + k2.abs() <= 0.0;
-        let bent = Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 };
-        Self { lens: if straight { Distortion::None } else { bent } }
-    }
-}
-
-impl Effect for LensDistortion {
-    fn kind(&self) -> EffectKind {
-        EffectKind::LensDistortion
-    }
-
-    fn lens(&self) -> Option<Distortion> {
-        Some(self.lens)
-    }
 }
 
 #[cfg(test)]

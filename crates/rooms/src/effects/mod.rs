@@ -1,5 +1,5 @@
-//! Optional effects of rendering. Each effect is one file behind [`Effect`]; unless others are requested, a scene runs only those
-//! that can change its images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the
+//! Optional effects of rendering. Each effect is one file, and a field of [`Effects`]; unless others are requested, a scene runs only
+//! those that can change its images, with the reason. Effects of light need lamps, glossy surfaces or indirect light, those of the
 //! sensor a strength above zero. Lens distortion and motion blur run if they move what is seen by more than a small part of a
 //! pixel.
 
@@ -23,6 +23,9 @@ use serde::{Deserialize, Serialize};
 use crate::lamp::Lamp;
 use crate::path::Shot;
 use crate::world::{Surface, World};
+use exposure_drift::ExposureDrift;
+use indirect_light::IndirectLight;
+use sensor_noise::SensorNoise;
 
 /// Parameters of the camera's effects and of the lighting, drawn from the scene's seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,41 +95,6 @@ impl fmt::Display for EffectKind {
     }
 }
 
-/// An optional effect. Each method is one stage of rendering; an effect implements one of them.
-pub(crate) trait Effect: fmt::Debug + Send + Sync {
-    fn kind(&self) -> EffectKind;
-
-    /// The lens in front of the pinhole.
-    fn lens(&self) -> Option<Distortion> {
-        None
-    }
-
-    /// Seconds over which samples are spread.
-    fn shutter(&self) -> Option<f64> {
-        None
-    }
-
-    /// Share of a lamp that a surface sees; `_place` is the point of the lamp to test, in [0, 1)².
-    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _place: DVec2) -> Option<f32> {
-        None
-    }
-
-    /// Irradiance / π from everything except lamps.
-    fn ambient(&self, _world: &World, _point: DVec3, _normal: DVec3) -> Option<Vec3> {
-        None
-    }
-
-    /// Whether reflected rays are traced.
-    fn mirrors(&self) -> bool {
-        false
-    }
-
-    /// A pixel's linear light as measured by the sensor, before the tone curve; 1 is white.
-    fn sensor_value(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
-        light
-    }
-}
-
 /// An effect that a scene runs, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ActiveEffect {
@@ -153,15 +121,17 @@ const NO_LENS_IN_LAYOUT: &str = "left out: this layout stores no lens";
 /// The effects of one scene.
 #[derive(Debug)]
 pub(crate) struct Effects {
-    running: Vec<Box<dyn Effect>>,
     pub active: Vec<ActiveEffect>,
     pub absent: Vec<AbsentEffect>,
-    shadows: Option<usize>,
-    ambient: Option<usize>,
+    shadows: bool,
+    /// Whether reflected rays are traced.
     pub mirrors: bool,
-    pub lens: Distortion,
+    ambient: Option<IndirectLight>,
+    drift: Option<ExposureDrift>,
+    lens: Option<Distortion>,
     /// Seconds during which the shutter is open.
-    pub shutter: f64,
+    shutter: Option<f64>,
+    noise: Option<SensorNoise>,
     /// Of all draws for single pixels.
     pub seed: u64,
 }
@@ -186,78 +156,97 @@ impl Effects {
                 None => effects.absent.push(AbsentEffect { effect, reason: NONE_IN_SCENE }),
             }
             // A requested effect runs even if nothing of it can be seen.
-            effects.add(build(effect, scene));
+            effects.enable(effect, scene);
         }
         effects
     }
 
     const fn none(seed: u64) -> Self {
         Self {
-            running: Vec::new(),
             active: Vec::new(),
             absent: Vec::new(),
-            shadows: None,
-            ambient: None,
+            shadows: false,
             mirrors: false,
-            lens: Distortion::None,
-            shutter: 0.0,
+            ambient: None,
+            drift: None,
+            lens: None,
+            shutter: None,
+            noise: None,
             seed,
         }
     }
 
-    /// The same effects through a lens that does not bend, for layouts that store none.
-    pub(crate) fn without_lens(self) -> Self {
-        let mut kept = Self { absent: self.absent, ..Self::none(self.seed) };
-        for active in self.active {
-            if active.effect == EffectKind::LensDistortion {
-                kept.absent.push(AbsentEffect { effect: active.effect, reason: NO_LENS_IN_LAYOUT });
-            } else {
-                kept.active.push(active);
-            }
+    fn enable(&mut self, effect: EffectKind, scene: &SceneContext<'_>) {
+        let conditions = scene.conditions;
+        match effect {
+            EffectKind::SoftShadows => self.shadows = true,
+            EffectKind::SpecularReflection => self.mirrors = true,
+            EffectKind::IndirectLight => self.ambient = Some(IndirectLight::new(scene.world, conditions.bounce)),
+            EffectKind::ExposureDrift => self.drift = Some(ExposureDrift::new(conditions)),
+            EffectKind::LensDistortion => self.lens = Some(lens_distortion::distortion(scene)),
+            EffectKind::MotionBlur => self.shutter = Some(conditions.shutter),
+            EffectKind::SensorNoise => self.noise = Some(SensorNoise::new(conditions)),
         }
-        for effect in self.running.into_iter().filter(|effect| effect.kind() != EffectKind::LensDistortion) {
-            kept.add(effect);
-        }
-        kept
     }
 
-    fn add(&mut self, effect: Box<dyn Effect>) {
-        let at = Some(self.running.len());
-        match effect.kind() {
-            EffectKind::SoftShadows => self.shadows = at,
-            EffectKind::IndirectLight => self.ambient = at,
-            _ => {}
+    const fn runs(&self, effect: EffectKind) -> bool {
+        match effect {
+            EffectKind::SoftShadows => self.shadows,
+            EffectKind::SpecularReflection => self.mirrors,
+            EffectKind::IndirectLight => self.ambient.is_some(),
+            EffectKind::ExposureDrift => self.drift.is_some(),
+            EffectKind::LensDistortion => self.lens.is_some(),
+            EffectKind::MotionBlur => self.shutter.is_some(),
+            EffectKind::SensorNoise => self.noise.is_some(),
         }
-        self.mirrors |= effect.mirrors();
-        self.lens = effect.lens().unwrap_or(self.lens);
-        self.shutter = effect.shutter().unwrap_or(self.shutter);
-        self.running.push(effect);
+    }
+
+    /// The same effects through a lens that does not bend, for layouts that store none.
+    pub(crate) fn without_lens(mut self) -> Self {
+        let effect = EffectKind::LensDistortion;
+        let needed = self.active.len();
+        self.active.retain(|active| active.effect != effect);
+        if self.active.len() < needed {
+            self.absent.push(AbsentEffect { effect, reason: NO_LENS_IN_LAYOUT });
+        }
+        self.lens = None;
+        self
     }
 
     /// The effects that run, also those of which nothing can be seen.
     pub(crate) fn kinds(&self) -> impl Iterator<Item = EffectKind> {
-        self.running.iter().map(|effect| effect.kind())
+        EffectKind::ALL.into_iter().filter(|effect| self.runs(*effect))
     }
 
-    fn at(&self, index: Option<usize>) -> Option<&dyn Effect> {
-        self.running.get(index?).map(AsRef::as_ref)
+    /// The lens in front of the pinhole.
+    pub(crate) fn lens(&self) -> Distortion {
+        self.lens.unwrap_or(Distortion::None)
     }
 
-    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, place: DVec2) -> f32 {
-        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, place)).unwrap_or(1.0)
+    /// Seconds over which samples are spread.
+    pub(crate) fn shutter(&self) -> f64 {
+        self.shutter.unwrap_or(0.0)
     }
 
     /// Whether shadow rays run.
     pub(crate) const fn shadowed(&self) -> bool {
-        self.shadows.is_some()
+        self.shadows
     }
 
+    /// Share of a lamp that a surface sees; `place` is the point of the lamp to test, in [0, 1)².
+    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, place: DVec2) -> f32 {
+        if self.shadows { soft_shadows::visibility(world, lamp, surface, place) } else { 1.0 }
+    }
+
+    /// Irradiance / π from everything except lamps.
     pub(crate) fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Vec3 {
-        self.at(self.ambient).and_then(|effect| effect.ambient(world, point, normal)).unwrap_or(world.ambient)
+        self.ambient.as_ref().and_then(|light| light.ambient(world, point, normal)).unwrap_or(world.ambient)
     }
 
+    /// A pixel's linear light as measured by the sensor, before the tone curve; 1 is white. Noise is that of the exposed light.
     pub(crate) fn sensor_value(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
-        self.running.iter().fold(light, |light, effect| effect.sensor_value(shot, pixel, light))
+        let exposed = self.drift.as_ref().map_or(light, |drift| drift.exposed(shot, light));
+        self.noise.as_ref().map_or(exposed, |noise| noise.measured(shot, pixel, exposed))
     }
 }
 
@@ -273,22 +262,10 @@ fn needed_by(effect: EffectKind, scene: &SceneContext<'_>) -> Option<String> {
     }
 }
 
-fn build(effect: EffectKind, scene: &SceneContext<'_>) -> Box<dyn Effect> {
-    let conditions = scene.conditions;
-    match effect {
-        EffectKind::SoftShadows => Box::new(soft_shadows::SoftShadows),
-        EffectKind::SpecularReflection => Box::new(specular_reflection::SpecularReflection),
-        EffectKind::IndirectLight => Box::new(indirect_light::IndirectLight::new(scene.world, conditions.bounce)),
-        EffectKind::ExposureDrift => Box::new(exposure_drift::ExposureDrift::new(conditions)),
-        EffectKind::LensDistortion => Box::new(lens_distortion::LensDistortion::new(scene)),
-        EffectKind::MotionBlur => Box::new(motion_blur::MotionBlur::new(conditions)),
-        EffectKind::SensorNoise => Box::new(sensor_noise::SensorNoise::new(conditions)),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCamera};
+    use atsplat_numeric::Tolerance;
     use glam::DMat3;
 
     use super::*;
@@ -331,9 +308,10 @@ mod tests {
         let (shots, size) = ([Shot::still(0, camera)], ImageSize { width: 256, height: 256 });
         let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size };
         let chosen = |choice: EffectChoice| {
-            let Effects { active, absent, running, .. } = Effects::choose(&scene, &choice);
-            let absent: Vec<EffectKind> = absent.into_iter().map(|absent| absent.effect).collect();
-            (active, absent, running.len())
+            let effects = Effects::choose(&scene, &choice);
+            let absent: Vec<EffectKind> = effects.absent.iter().map(|absent| absent.effect).collect();
+            let running = effects.kinds().count();
+            (effects.active, absent, running)
         };
         let (needed, none, _) = chosen(EffectChoice::Auto);
         assert_eq!((needed[0].effect, needed.len(), &none[..]), (EffectKind::SensorNoise, 1, &[][..]));
@@ -357,7 +335,7 @@ mod tests {
         let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size };
         let [with, without] = [(); 2].map(|()| Effects::choose(&scene, &EffectChoice::Auto));
         let without = without.without_lens();
-        assert!(with.lens != Distortion::None && without.lens == Distortion::None);
+        assert!(with.lens() != Distortion::None && without.lens() == Distortion::None);
         let is_other = |active: &&ActiveEffect| active.effect != EffectKind::LensDistortion;
         assert_eq!(without.active, with.active.iter().filter(is_other).cloned().collect::<Vec<_>>());
         let absent = AbsentEffect { effect: EffectKind::LensDistortion, reason: NO_LENS_IN_LAYOUT };
@@ -366,9 +344,32 @@ mod tests {
         let mut expected = kinds(&with);
         expected.retain(|kind| *kind != EffectKind::LensDistortion);
         assert_eq!(kinds(&without), expected);
-        assert_eq!((without.shadows, without.ambient, without.mirrors), (with.shadows, with.ambient, with.mirrors));
-        atsplat_numeric::Tolerance::EXACT.assert([without.shutter], [with.shutter], "shutter");
+        assert_eq!((without.shadows, without.mirrors), (with.shadows, with.mirrors));
+        Tolerance::EXACT.assert([without.shutter()], [with.shutter()], "shutter");
         assert_eq!(without.seed, 7);
+    }
+
+    /// Noise of light that was exposed twice as long is not twice the noise; the order of requested names does not matter.
+    #[test]
+    fn noise_is_added_to_the_exposed_light() {
+        let conditions = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.05, drift: 1.0, bounce: 0.0, seed: 3 };
+        let world = world(0.0, Vec::new());
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let (shot, size) = (Shot::still(700_000, camera), ImageSize { width: 256, height: 256 });
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size };
+        let measured = |kinds: &[EffectKind], light: Vec3| {
+            Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec())).sensor_value(&shot, 5, light)
+        };
+        let (drift, noise) = (EffectKind::ExposureDrift, EffectKind::SensorNoise);
+        let light = Vec3::new(0.125, 0.5, 0.75);
+        let expected = measured(&[noise], measured(&[drift], light));
+        let reversed = measured(&[drift], measured(&[noise], light));
+        assert!((expected - reversed).abs().max_element() > 1e-3, "{expected}, {reversed}");
+        for requested in [[noise, drift], [drift, noise]] {
+            let found = measured(&requested, light).as_dvec3().to_array();
+            Tolerance::EXACT.assert(found, expected.as_dvec3().to_array(), &format!("{requested:?}"));
+        }
     }
 
     /// They move what is seen at the border of an image, not at its centre.

@@ -3,13 +3,8 @@
 
 use glam::DVec3;
 
-use super::{Conditions, Effect, EffectKind, SceneContext};
+use super::SceneContext;
 use crate::path::Shot;
-
-#[derive(Debug)]
-pub(super) struct MotionBlur {
-    shutter: f64,
-}
 
 /// Largest motion in an image 256 pixels wide that counts as still, in pixels.
 const STILL: f64 = 0.1;
@@ -41,20 +36,4 @@ fn motion(shot: &Shot) -> f64 {
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |largest, value| if value > largest { value } else { largest })
-}
-
-impl MotionBlur {
-    pub(super) const fn new(conditions: &Conditions) -> Self {
-        Self { shutter: conditions.shutter }
-    }
-}
-
-impl Effect for MotionBlur {
-    fn kind(&self) -> EffectKind {
-        EffectKind::MotionBlur
-    }
-
-    fn shutter(&self) -> Option<f64> {
-        Some(self.shutter)
-    }
 }

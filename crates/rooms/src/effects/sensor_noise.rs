@@ -3,7 +3,7 @@
 use atsplat_numeric::unit_of_bits;
 use glam::Vec3;
 
-use super::{Conditions, Effect, EffectKind, SceneContext};
+use super::{Conditions, SceneContext};
 use crate::path::Shot;
 use crate::rng::mix;
 
@@ -22,15 +22,10 @@ impl SensorNoise {
     pub(super) const fn new(conditions: &Conditions) -> Self {
         Self { sigma: conditions.noise, seed: mix(conditions.seed ^ 31) }
     }
-}
 
-impl Effect for SensorNoise {
-    fn kind(&self) -> EffectKind {
-        EffectKind::SensorNoise
-    }
-
+    /// A pixel's exposed light with noise.
     #[expect(clippy::cast_possible_truncation, reason = "a deviation of a few per cent")]
-    fn sensor_value(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
+    pub(super) fn measured(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
         let key = mix(self.seed ^ shot.timestamp_micros.cast_unsigned()) ^ pixel;
         // The sum of four uniform numbers is close to normal and has bounded tails.
         let normal = |channel: u64| {
