@@ -38,7 +38,10 @@ pub enum AnchorDesign {
 impl AnchorDesign {
     /// Whether tokens have a position in space.
     pub const fn has_anchors(self) -> bool {
-        matches!(self, Self::PatchDepth {})
+        match self {
+            Self::PatchDepth {} => true,
+            Self::RayDepth {} | Self::LearnableTokens { .. } | Self::DirectXyz {} => false,
+        }
     }
 
     /// Number of outputs for a Gaussian's position: a depth, or three coordinates.

@@ -7,9 +7,9 @@ use burn::Tensor;
 use burn::module::{Initializer, Module, Param};
 use burn::tensor::{Device, Int, TensorData, activation};
 
-use super::Views;
 use super::layers::{Head, LayerBuilder};
 use super::patch_frame::PatchFrames;
+use super::{Place, Tokens, Views};
 use crate::ModelError;
 use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, HeadConfig, HeadFrame, ModelConfig};
 use crate::neighbours::nearest_neighbours;
@@ -32,22 +32,6 @@ struct Context {
     neighbours: usize,
 }
 
-/// Tokens and their positions.
-#[derive(Clone, Debug)]
-pub struct Tokens {
-    /// `[scenes, tokens, channels]`.
-    pub features: Tensor<3>,
-    /// Anchors in scene units, `[scenes, tokens, 3]`; none in designs without anchors.
-    pub anchors: Option<Tensor<3>>,
-    /// Origins and unit directions of the rays of a token's Gaussians, each `[scenes, tokens, K · 3]`; only in the design
-    /// `ray-depth`.
-    pub rays: Option<[Tensor<3>; 2]>,
-    /// Depths along the anchors' rays, `[scenes, tokens]`; for the initial tokens of the design `patch-depth`.
-    pub depths: Option<Tensor<2>>,
-    /// Frames of each token's Gaussians, if `head.frame` is the patch's.
-    pub frames: Option<PatchFrames>,
-}
-
 impl Anchors {
     pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
         let dim = builder.transformer.dim;
@@ -56,7 +40,7 @@ impl Anchors {
             AnchorDesign::LearnableTokens { tokens } => {
                 Some(Initializer::Normal { mean: 0.0, std: 0.02 }.init::<2, _>([tokens, dim], builder.device))
             }
-            _ => None,
+            AnchorDesign::PatchDepth {} | AnchorDesign::RayDepth {} | AnchorDesign::DirectXyz {} => None,
         };
         let context = match config.anchors.context {
             AnchorContext::PointNet { neighbours } => Some(Context {
@@ -71,6 +55,7 @@ impl Anchors {
     }
 
     /// The initial tokens; `coarse` is `[scenes, views · patches, channels]`, `grid` that of one view.
+    #[expect(clippy::expect_used, reason = "a network has the parameters of its configuration's design")]
     pub(super) fn forward(
         &self,
         config: &ModelConfig,
@@ -79,16 +64,9 @@ impl Anchors {
         grid: Grid,
         device: &Device,
     ) -> Result<Tokens, ModelError> {
-        let without_anchors = |features| Tokens { features, anchors: None, rays: None, depths: None, frames: None };
-        match (config.anchors.design, &self.tokens, &self.depth) {
-            (AnchorDesign::LearnableTokens { .. }, Some(tokens), _) => {
-                Ok(without_anchors(tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len())))
-            }
-            (AnchorDesign::RayDepth {}, ..) => {
-                let rays = cell_rays(scenes, grid, &config.head, device)?;
-                Ok(Tokens { rays: Some(rays), ..without_anchors(coarse) })
-            }
-            (AnchorDesign::PatchDepth {}, _, Some(head)) => {
+        let (features, place) = match config.anchors.design {
+            AnchorDesign::PatchDepth {} => {
+                let head = self.depth.as_ref().expect("a depth head in a design with anchors");
                 let depths = depth(config.anchors.depth, head.forward(coarse.clone()));
                 let [origins, directions] = rays(scenes, grid, device)?;
                 let anchors = origins + directions * depths.clone();
@@ -97,16 +75,17 @@ impl Anchors {
                     None => coarse,
                 };
                 let frames = (config.head.frame == HeadFrame::Patch)
-                    .then(|| PatchFrames::new(scenes, grid, config.coarse.patch_size, &depths, device));
-                Ok(Tokens {
-                    anchors: Some(anchors),
-                    depths: Some(depths.squeeze_dim(2)),
-                    frames,
-                    ..without_anchors(features)
-                })
+                    .then(|| Box::new(PatchFrames::new(scenes, grid, config.coarse.patch_size, &depths, device)));
+                (features, Place::Anchored { anchors, depths: depths.squeeze_dim(2), frames })
             }
-            _ => Ok(without_anchors(coarse)),
-        }
+            AnchorDesign::RayDepth {} => (coarse, Place::Rays(cell_rays(scenes, grid, &config.head, device)?)),
+            AnchorDesign::LearnableTokens { .. } => {
+                let tokens = self.tokens.as_ref().expect("tokens in a design that learns them");
+                (tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len()), Place::Free)
+            }
+            AnchorDesign::DirectXyz {} => (coarse, Place::Free),
+        };
+        Ok(Tokens { features, place })
     }
 }
 

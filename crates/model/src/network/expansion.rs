@@ -5,7 +5,7 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::{Device, Int, TensorData, activation};
 
-use super::anchors::Tokens;
+use super::Tokens;
 use super::layers::{Head, LayerBuilder};
 use crate::ModelError;
 use crate::config::{BlockExpansion, ExpansionConfig, ModelConfig, Scoring, Selection, SelectionRatio};
@@ -63,7 +63,8 @@ impl Expansion {
         let scoring = config.selection.scoring();
         let scores = self.scores(&tokens.features, scoring);
         let mut selected = Vec::with_capacity(scenes);
-        let (score_values, anchor_values) = (scores.clone().map(f32_values), tokens.anchors.clone().map(f32_values));
+        let score_values = scores.clone().map(f32_values);
+        let anchor_values = tokens.place.anchors().cloned().map(f32_values);
         for scene in 0..scenes {
             // Empty for selections without scores and designs without anchors.
             let of_scene = |all: &'_ Option<Vec<f32>>, length: usize| {
@@ -129,13 +130,7 @@ impl Expansion {
         }
         let features =
             if unselected == 0 { children } else { Tensor::cat(vec![all.slice_dim(1, 0..unselected), children], 1) };
-        Tokens {
-            features,
-            anchors: tokens.anchors.map(&inherited),
-            rays: tokens.rays.map(|rays| rays.map(&inherited)),
-            depths: tokens.depths.map(|depths| inherited(depths.unsqueeze_dim(2)).squeeze_dim(2)),
-            frames: tokens.frames.map(|frames| frames.map(inherited)),
-        }
+        Tokens { features, place: tokens.place.inherited(inherited) }
     }
 }
 

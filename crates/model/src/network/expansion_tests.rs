@@ -1,6 +1,5 @@
 //! Random selection of a block, and gradients of its scores.
 
-use super::anchors::Tokens;
 use super::tests::{base, numbers, straight_through};
 use super::*;
 use crate::config::Selection;
@@ -35,7 +34,7 @@ fn straight_through_scores_get_their_childrens_gradient() {
         let Some(how_many) = block.expansion else { continue };
         let expansion = network.decoder.blocks[position].expansion.as_ref().unwrap();
         let features = noise(&format!("tokens {position}"), [1, count, dim], &device);
-        let tokens = Tokens { features, anchors: None, rays: None, depths: None, frames: None };
+        let tokens = Tokens { features, place: Place::Free };
         let (after, expanded) = expansion.forward(&config.expansion, how_many, tokens, position, 0, &device).unwrap();
         let [_, left, _] = after.features.dims();
         let weights = noise(&format!("pull {position}"), [1, left, dim], &device);

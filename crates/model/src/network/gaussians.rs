@@ -3,8 +3,9 @@ use atsplat_splat::{GaussianParts, Gaussians};
 use burn::Tensor;
 use burn::tensor::activation;
 
-use super::anchors::{Tokens, depth};
+use super::anchors::depth;
 use super::layers::Head;
+use super::{Place, Tokens};
 use crate::ModelError;
 use crate::config::{ModelConfig, OffsetActivation, OpacityActivation, QuaternionActivation, ScaleActivation};
 
@@ -35,40 +36,39 @@ pub struct GaussianTensors {
 /// Predicts Gaussians from tokens.
 pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> GaussianTensors {
     let settings = &config.head;
-    let design = config.anchors.design;
     let [scenes, count, _] = tokens.features.dims();
-    let (per_token, place) = (settings.gaussians_per_token, design.centre_channels());
-    let channels = settings.channels(place);
+    let (per_token, of_centre) = (settings.gaussians_per_token, config.anchors.design.centre_channels());
+    let channels = settings.channels(of_centre);
     let raw = head.forward(tokens.features.clone()).reshape([scenes, count * per_token, channels]);
     let part = |start: usize, length: usize| raw.clone().slice_dim(2, start..start + length);
 
-    let centre = part(0, place);
+    let centre = part(0, of_centre);
     let spread = |x: Tensor<3>| x.reshape([scenes, count * per_token, 3]);
-    let means = match (&tokens.rays, &tokens.anchors) {
-        (Some([origins, directions]), _) => {
+    let means = match &tokens.place {
+        Place::Rays([origins, directions]) => {
             spread(origins.clone()) + spread(directions.clone()) * depth(config.anchors.depth, centre)
         }
-        (None, Some(anchors)) => {
+        Place::Anchored { anchors, frames, .. } => {
             let repeated = anchors.clone().unsqueeze_dim::<4>(2).repeat_dim(2, per_token);
-            let offsets = match &tokens.frames {
+            let offsets = match frames {
                 Some(frames) => frames.offsets(settings, centre),
                 None => offset(settings.offset, centre),
             };
             offsets + repeated.reshape([scenes, count * per_token, 3])
         }
-        (None, None) => offset(settings.offset, centre),
+        Place::Free => offset(settings.offset, centre),
     };
     let rotation = match settings.quaternion {
-        QuaternionActivation::Normalize => part(place, 4),
+        QuaternionActivation::Normalize => part(of_centre, 4),
         QuaternionActivation::NormalizeFromIdentity => {
             let identity = Tensor::<1>::from_floats([1.0, 0.0, 0.0, 0.0], &raw.device());
-            part(place, 4) + identity.unsqueeze()
+            part(of_centre, 4) + identity.unsqueeze()
         }
     };
     // Clamped before the root, whose derivative at zero is infinite.
     let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(EPSILON * EPSILON).sqrt();
-    let scale = part(place + 4, 3);
-    let log_scales = match (&tokens.frames, settings.scale) {
+    let scale = part(of_centre + 4, 3);
+    let log_scales = match (tokens.place.frames(), settings.scale) {
         (Some(frames), _) => frames.log_scales(settings, scale),
         (None, ScaleActivation::ExpClamped { shift, max }) => (scale + shift).clamp_max(max),
         (None, ScaleActivation::Softplus { shift, gain }) => log_softplus(scale + shift, gain),
@@ -78,8 +78,8 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
         means,
         quaternions: rotation / length,
         log_scales,
-        opacity_logits: part(place + 7, 1).squeeze_dim(2) + shift,
-        sh: part(place + 8, 3 * settings.sh_coefficients()),
+        opacity_logits: part(of_centre + 7, 1).squeeze_dim(2) + shift,
+        sh: part(of_centre + 8, 3 * settings.sh_coefficients()),
         sh_degree: settings.sh_degree,
     }
 }

@@ -19,6 +19,7 @@ mod reconstruction;
 mod render;
 mod resize;
 mod splatting;
+mod tokens;
 mod trace;
 mod views;
 #[cfg(feature = "gpu-network")]
@@ -33,7 +34,6 @@ pub use burn::tensor::Device;
 use burn::tensor::FloatDType;
 use serde::Serialize;
 
-pub use anchors::Tokens;
 pub use coarse::CoarseStages;
 pub use expansion::Expanded;
 pub use gaussians::GaussianTensors;
@@ -41,6 +41,7 @@ pub use patch_frame::PatchFrames;
 pub use processor::Processor;
 pub use reconstruction::{BlockOutcome, EncodedScene, Reconstruction};
 pub use render::{BackwardPass, RenderedTensors};
+pub use tokens::{Place, Tokens};
 pub use trace::Trace;
 pub use views::Views;
 

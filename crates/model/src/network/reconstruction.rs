@@ -4,7 +4,7 @@ use atsplat_nn::f32_values;
 use atsplat_splat::Gaussians;
 use serde::Serialize;
 
-use super::{Encoding, Forward, Network, StageSeconds, Views};
+use super::{Encoding, Forward, Network, StageSeconds, Tokens, Views};
 use crate::budget::{Budget, MemoryEstimate, memory};
 use crate::config::BlockConfig;
 use crate::{ImageSize, ModelError};
@@ -127,13 +127,14 @@ impl Network {
     ) -> Result<Reconstruction, ModelError> {
         let config = self.config();
         let gaussians = forward.gaussians.finite_scene(0)?;
-        let [_, initial_tokens, _] = forward.initial.features.dims();
+        let Tokens { features, place } = &forward.initial;
+        let [_, initial_tokens, _] = features.dims();
         let blocks = outcomes(&forward);
         let expanded: Vec<usize> = blocks.iter().map(|block| block.selected.len()).collect();
         Ok(Reconstruction {
             gaussians,
-            anchors: forward.initial.anchors.map(|anchors| f32_values(anchors).as_chunks().0.to_vec()),
-            depths: forward.initial.depths.map(f32_values),
+            anchors: place.anchors().cloned().map(|anchors| f32_values(anchors).as_chunks().0.to_vec()),
+            depths: place.depths().cloned().map(f32_values),
             blocks,
             input_size,
             budget: Budget::from_selections(config, initial_tokens, &expanded)?,

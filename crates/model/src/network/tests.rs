@@ -107,7 +107,7 @@ fn every_variant_agrees_with_pytorch() {
         ] {
             stages += usize::from(fixture.compare(name, ours));
         }
-        if let (Some(depths), Some(anchors)) = (&made.initial.depths, &made.initial.anchors) {
+        if let Place::Anchored { anchors, depths, .. } = &made.initial.place {
             assert!(fixture.compare("depths", depths) && fixture.compare("anchors", anchors), "{path:?}");
         }
         for (position, block) in made.blocks.iter().enumerate() {

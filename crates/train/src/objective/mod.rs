@@ -156,7 +156,7 @@ impl Objective {
         let mut group = Group::new(samples, seconds, clock, network.device());
         let weight = self.config.distance_weight_at(progress);
         if weight > 0.0 {
-            group.add_distances(forward.initial.depths.as_ref(), weight, self.in_graph)?;
+            group.add_distances(forward.initial.place.depths(), weight, self.in_graph)?;
         }
         self.add_final(&forward.gaussians, self.config.perceptual_weight_at(progress), &mut group)?;
         for (block, next) in forward.blocks.iter().zip(forward.blocks.iter().skip(1)) {

@@ -118,7 +118,8 @@ fn exact_distances_reach_what_predicts_depth_and_fade_out() {
     let mut sample = sample(3);
     let network = network();
     let forward = network.forward(&[sample.context.views().unwrap()], 0).unwrap();
-    let distances = f32_values(forward.initial.depths.unwrap()).into_iter().map(|distance| 2.0 * distance).collect();
+    let depths = f32_values(forward.initial.place.depths().unwrap().clone());
+    let distances = depths.into_iter().map(|distance| 2.0 * distance).collect();
     sample.distances = Some(PatchDistances { columns: 2, distances });
     let only = LossConfig { distance_weight: 0.5, distance_until: 0.8, ..NOTHING };
     let objective = Objective::new(only).unwrap();
@@ -225,7 +226,8 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
     fewer.images.truncate(fewer.images.len() / 2);
     let network = network();
     let views = samples.each_ref().map(|sample| sample.context.views().unwrap());
-    let depths = f32_values(network.forward(&views, 0).unwrap().initial.depths.unwrap());
+    let initial = network.forward(&views, 0).unwrap().initial;
+    let depths = f32_values(initial.place.depths().unwrap().clone());
     for (sample, depths) in samples.iter_mut().zip(depths.chunks(depths.len() / 3)) {
         let mut distances: Vec<f32> = depths.iter().map(|distance| 1.5 * distance).collect();
         distances[0] = f32::INFINITY;
