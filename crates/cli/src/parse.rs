@@ -10,6 +10,7 @@ use atsplat_files::{InvalidText, is_toml_path, malformed_toml};
 use atsplat_metrics::{definition, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
+use atsplat_splat::files::Output;
 use atsplat_splat::{RasterMode, RendererConstants};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command, ValueEnum};
@@ -230,6 +231,13 @@ pub(crate) fn named<T: Copy + Send + Sync + 'static, const N: usize>(
     PossibleValuesParser::new(values.map(|(name, _)| name)).map(move |given| {
         values.iter().find(|(name, _)| *name == given).map(|(_, value)| *value).expect("a listed name")
     })
+}
+
+/// A file of Gaussians to write, in the format that its extension names.
+pub(crate) fn gaussians_file(text: &str) -> Result<PathBuf, InvalidText> {
+    let path = PathBuf::from(text);
+    Output::of_path(&path)?;
+    Ok(path)
 }
 
 /// The world frames of Gaussians in files.

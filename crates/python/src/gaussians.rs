@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::files::{self, Output};
 use atsplat_splat::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -68,18 +68,11 @@ impl Gaussians {
 
     /// Writes a file by its extension; returns notes on what its format cannot represent.
     fn write(&self, py: Python<'_>, path: PathBuf, antialiased: bool) -> Result<Vec<String>, Failure> {
-        let output = match path.extension().and_then(|extension| extension.to_str()) {
-            Some("ply") if antialiased => {
-                return Err(Failure::invalid("antialiased", "expected a path that ends in .spz, found .ply"));
-            }
-            Some("ply") => Output::Ply(Encoding::BinaryLittleEndian),
-            Some("spz") => Output::Spz3 { antialiased },
-            other => {
-                let found = other.unwrap_or("no extension");
-                return Err(Failure::invalid("path", format!("expected .ply or .spz, found {found}")));
-            }
-        };
-        work(py, || Ok(files::write(&path, &self.0, output)?.warnings()))
+        let output = Output::of_path(&path).map_err(|error| Failure::invalid("path", error))?;
+        if antialiased && matches!(output, Output::Ply(_)) {
+            return Err(Failure::invalid("antialiased", "expected a path that ends in .spz, found .ply"));
+        }
+        work(py, || Ok(files::write(&path, &self.0, output.with_antialiased(antialiased))?.warnings()))
     }
 
     fn __len__(&self) -> usize {

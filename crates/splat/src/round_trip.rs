@@ -7,60 +7,16 @@ use std::path::Path;
 use atsplat_camera::ImageSize;
 use atsplat_files::FileError;
 use atsplat_numeric::Extremes as _;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::files::{self, Encoding, ExportReport, Output};
 use crate::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View};
 
 /// Minimum PSNR of lossless formats after a round trip; less is a bug.
 const MIN_LOSSLESS_PSNR_DB: f64 = 60.0;
+/// The format that sizes are compared with.
+const PLY: Output = Output::Ply(Encoding::BinaryLittleEndian);
 const CONVENTION: &str = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
-
-/// A format of the round trip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RoundTripFormat {
-    /// Little-endian PLY.
-    Ply,
-    /// ASCII PLY.
-    PlyAscii,
-    /// Big-endian PLY.
-    PlyBigEndian,
-    /// SPZ 2.
-    Spz2,
-    /// SPZ 3.
-    Spz3,
-}
-
-impl RoundTripFormat {
-    /// All formats.
-    pub const ALL: [Self; 5] = [Self::Ply, Self::PlyAscii, Self::PlyBigEndian, Self::Spz2, Self::Spz3];
-
-    /// The name on the command line and in records.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::PlyAscii => "ply-ascii",
-            Self::PlyBigEndian => "ply-big-endian",
-            Self::Spz2 => "spz2",
-            Self::Spz3 => "spz3",
-        }
-    }
-
-    const fn output(self, antialiased: bool) -> Output {
-        match self {
-            Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
-            Self::PlyAscii => Output::Ply(Encoding::Ascii),
-            Self::PlyBigEndian => Output::Ply(Encoding::BinaryBigEndian),
-            Self::Spz2 => Output::Spz2 { antialiased },
-            Self::Spz3 => Output::Spz3 { antialiased },
-        }
-    }
-
-    const fn is_lossless(self) -> bool {
-        !matches!(self, Self::Spz2 | Self::Spz3)
-    }
-}
 
 /// Image differences after export and import.
 #[derive(Debug, Serialize)]
@@ -78,7 +34,8 @@ pub struct RoundTrips {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
-    format: RoundTripFormat,
+    #[serde(serialize_with = "by_name")]
+    format: Output,
     /// Why there is no number.
     #[serde(skip_serializing_if = "Option::is_none")]
     fault: Option<String>,
@@ -99,7 +56,7 @@ struct Row {
 
 /// Accumulates the differences of one format.
 struct Trip {
-    format: RoundTripFormat,
+    format: Output,
     bytes: u64,
     export: ExportReport,
     back: Result<Gaussians, String>,
@@ -110,19 +67,19 @@ struct Trip {
     largest: f64,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn by_name<S: Serializer>(format: &Output, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(format.name())
+}
+
 fn length(path: &Path) -> Result<u64, SplatError> {
     fs::metadata(path).map(|data| data.len()).map_err(FileError::during("reading the size", path))
 }
 
 impl Trip {
     /// A format that cannot store the Gaussians is reported, not an error.
-    fn start(
-        format: RoundTripFormat,
-        gaussians: &Gaussians,
-        antialiased: bool,
-        path: &Path,
-    ) -> Result<Self, SplatError> {
-        let written = files::write(path, gaussians, format.output(antialiased));
+    fn start(format: Output, gaussians: &Gaussians, antialiased: bool, path: &Path) -> Result<Self, SplatError> {
+        let written = files::write(path, gaussians, format.with_antialiased(antialiased));
         let bytes = if written.is_ok() { length(path)? } else { 0 };
         let export = written.as_ref().copied().unwrap_or_default();
         let back = written.and_then(|_export| files::read(path)).map(|(back, _)| back);
@@ -204,12 +161,12 @@ impl RoundTrips {
         renderer: &mut dyn Renderer,
         gaussians: &Gaussians,
         views: &[(View, RenderOptions)],
-        formats: &[RoundTripFormat],
+        formats: &[Output],
         scratch: &Path,
         progress: &mut dyn FnMut(),
     ) -> Result<Self, SplatError> {
         let path = scratch.join("gaussians");
-        files::write(&path, gaussians, RoundTripFormat::Ply.output(false))?;
+        files::write(&path, gaussians, PLY)?;
         let ply_bytes = length(&path)?;
         let antialiased = views.iter().any(|(_, options)| options.mode == RasterMode::Antialiased);
         let trips = formats.iter().map(|format| Trip::start(*format, gaussians, antialiased, &path));
@@ -291,11 +248,13 @@ mod tests {
     use super::*;
     use crate::{GaussianParts, ReferenceRenderer};
 
+    const SPZ: Output = Output::Spz3 { antialiased: false };
+
     /// Without a view there is no difference to be found, which does not make the images identical.
     #[test]
     fn comparing_nothing_is_a_failure() {
         let scratch = tempfile::tempdir().unwrap();
-        let formats = [RoundTripFormat::Ply];
+        let formats = [PLY];
         let gaussians = Gaussians::default();
         let of_nothing =
             RoundTrips::measure(&mut ReferenceRenderer, &gaussians, &[], &formats, scratch.path(), &mut || ()).unwrap();
@@ -316,13 +275,14 @@ mod tests {
         };
         let gaussians = Gaussians::new(parts).unwrap();
         let row = |format| Trip::start(format, &gaussians, false, &scratch.path().join("file")).unwrap().row(1);
-        assert_eq!(row(RoundTripFormat::Ply).warnings, Vec::<String>::new());
+        assert_eq!(row(PLY).warnings, Vec::<String>::new());
         let expected = [
             "log-scales clamped to SPZ's range [-10, 5.9375]: 2",
             "SH coefficients of degree 0 clamped to SPZ's range ±10/3: 1",
         ];
-        let rows = vec![row(RoundTripFormat::Spz3)];
+        let rows = vec![row(SPZ)];
         assert_eq!(rows[0].warnings, expected);
+        assert_eq!(serde_json::to_value(&rows[0]).unwrap()["format"], "spz3");
         let trips = RoundTrips { convention: CONVENTION, views: 1, fault: None, rows };
         assert!(trips.to_string().contains(expected[1]), "{trips}");
     }
@@ -342,11 +302,11 @@ mod tests {
             warnings: Vec::new(),
         };
         let failure = |row| RoundTrips { convention: CONVENTION, views: 1, fault: None, rows: vec![row] }.failure();
-        let fault = failure(row(RoundTripFormat::PlyAscii, Some("no space left"), None)).unwrap();
+        let fault = failure(row(Output::Ply(Encoding::Ascii), Some("no space left"), None)).unwrap();
         assert_eq!(fault, "the round trip through ply-ascii failed: no space left");
-        let changed = failure(row(RoundTripFormat::Ply, None, Some(59.0))).unwrap();
+        let changed = failure(row(PLY, None, Some(59.0))).unwrap();
         assert_eq!(changed, "the round trip through ply changed the images: expected 60 dB or more");
-        assert_eq!(failure(row(RoundTripFormat::Ply, None, Some(61.0))), None);
-        assert_eq!(failure(row(RoundTripFormat::Spz3, Some("no scalars"), None)), None);
+        assert_eq!(failure(row(PLY, None, Some(61.0))), None);
+        assert_eq!(failure(row(SPZ, Some("no scalars"), None)), None);
     }
 }

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use atsplat_fit::{Background, Fit, Strategy};
 use atsplat_scene::Frame;
+use atsplat_splat::Gaussians;
+use atsplat_splat::files::Output;
 
 use super::Args;
 use crate::alpha::Alpha;
@@ -46,7 +48,28 @@ impl Args {
                 requires: "DATA on this machine, or a folder with a points3D file in place of points",
                 satisfied: atsplat_objects::url(&self.input.data).is_none(),
             },
+            Requirement {
+                options: &[("--strategy mip-splatting", optimisation.strategy == Some(Strategy::MipSplatting))],
+                requires: "--out with a file that ends in .ply, because SPZ stores no 3D filters",
+                satisfied: self.stores_filters(),
+            },
         ])
+    }
+
+    /// Whether the file of the Gaussians can have 3D filters.
+    fn stores_filters(&self) -> bool {
+        Output::of_path(&self.out).is_ok_and(Output::is_lossless)
+    }
+
+    /// Rejects initial Gaussians that the file cannot store: the strategies other than Mip-Splatting keep their 3D filters.
+    pub(super) fn check_start(&self, start: &Gaussians) -> anyhow::Result<()> {
+        ensure!(
+            start.parts().filter_3d.is_none() || self.stores_filters(),
+            "--out {}: expected a file that ends in .ply, because the initial Gaussians have 3D filters (filter_3D), which SPZ does \
+             not store",
+            self.out.display()
+        );
+        Ok(())
     }
 
     /// Next to the Gaussians.

@@ -37,9 +37,10 @@ pub(crate) struct Args {
     #[command(flatten)]
     device: DeviceArgs,
 
-    /// PLY file of the Gaussians, in the frame of DATA; FILE.json next to it records how they were made, and FILE.cameras.json has
-    /// the cameras and exposures of the views for `render --cameras`.
-    #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
+    /// File of the Gaussians that ends in .ply or .spz, in the frame of DATA; FILE.json next to it records how they were made, and
+    /// FILE.cameras.json has the cameras and exposures of the views for `render --cameras`. SPZ is smaller, but rounds, and has no
+    /// place for the 3D filters of mip-splatting.
+    #[arg(long, short, value_name = "FILE", value_parser = parse::gaussians_file, help_heading = "Output")]
     out: PathBuf,
 
     /// Folder for the learning curve and a contact sheet: renders next to the held-out photos, or without any, next to those of
@@ -126,12 +127,6 @@ struct OptimisationArgs {
 
 const BACKGROUNDS: [(&str, Background); 3] =
     [("black", Background::Black), ("white", Background::White), ("random", Background::Random)];
-
-fn ply(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    let is_ply = path.extension().is_some_and(|extension| extension == "ply");
-    if is_ply { Ok(path) } else { Err(format!("expected a file that ends in .ply, found {text}")) }
-}
 
 impl OptimisationArgs {
     /// `scale`: length in the views' normalised frame per unit of length in DATA.

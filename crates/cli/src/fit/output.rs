@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use atsplat_eval::fitting::FittedCameras;
 use atsplat_eval::reconstruct::rounding_warning;
 use atsplat_fit::{Fit, FitConfig, FitRecord, ScaleEvaluation, TrainingView};
-use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::files::{self, Output};
 
 use super::Args;
 use super::input::Input;
@@ -35,7 +35,9 @@ impl Args {
         let (record_file, cameras_file) = (self.record_file(), self.cameras_file());
         remove_old(&record_file)?;
         remove_old(&cameras_file)?;
-        files::write(&self.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
+        let clamped = files::write(&self.out, &gaussians, Output::of_path(&self.out)?)?.warnings();
+        clamped.iter().for_each(|text| warn(text));
+        start.warnings.extend(clamped);
         let cameras = serde_json::to_string_pretty(&FittedCameras::of(&input.photos, fit)?)?;
         PendingFile::open(&cameras_file)?.finish(format!("{cameras}\n").as_bytes())?;
         let mut at_scales = Vec::new();

@@ -50,6 +50,7 @@ impl Args {
             None => None,
         };
         let (start, name) = self.start.gaussians(&input, &self.input, network, &config, &self.optimisation)?;
+        self.check_start(&start.gaussians)?;
         warnings.extend_from_slice(&start.warnings);
         let of_start = warnings_of_start(&start.gaussians, &config);
         for text in &of_start {

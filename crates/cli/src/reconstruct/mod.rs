@@ -9,18 +9,19 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_eval::GaussianFrame;
 use atsplat_eval::reconstruct::{
-    self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report, SceneFormat,
-    TokenRecord, rounding_warning, write_gaussians,
+    self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report, TokenRecord,
+    rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
 use atsplat_model::budget;
 use atsplat_scene::{Frame, Warnings};
 use atsplat_splat::Gaussians;
+use atsplat_splat::files::Output;
 
 use crate::expansion::UNTRAINED;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
-use crate::parse::{GAUSSIAN_FRAMES, named, usage_error};
+use crate::parse::{GAUSSIAN_FRAMES, gaussians_file, named, usage_error};
 use crate::paths::PendingFile;
 use crate::print::{print_report, warn};
 use crate::warnings::print_warnings;
@@ -42,7 +43,7 @@ pub(crate) struct Args {
     network: NetworkArgs,
 
     /// File that ends in .ply or .spz; FILE.json next to it records how it was made.
-    #[arg(long, short, value_name = "FILE", value_parser = output::path, help_heading = "Output")]
+    #[arg(long, short, value_name = "FILE", value_parser = gaussians_file, help_heading = "Output")]
     out: PathBuf,
 
     /// World frame of the file: the dataset's, in which its cameras fit the Gaussians, or the trial's, whose poses are
@@ -181,7 +182,7 @@ impl Args {
 
     /// Writes the Gaussians, and returns their record with warnings.
     fn write(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<(OutputRecord, Vec<String>)> {
-        let format = SceneFormat::of_path(&self.out).map_err(anyhow::Error::msg)?;
+        let format = Output::of_path(&self.out)?;
         if self.frame == GaussianFrame::Trial {
             return Ok(write_gaussians(&self.out, gaussians, format, self.frame)?);
         }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_eval::expansion::study_trial;
 use atsplat_eval::method::Backend;
-use atsplat_eval::reconstruct::{PhotoSelection, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
+use atsplat_eval::reconstruct::{PhotoSelection, Photos, PlotsRecord, RendersRecord, write_renders};
 use atsplat_eval::rendering::frame_file_name;
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
@@ -17,13 +17,6 @@ use crate::overwrite::photos;
 use crate::parse;
 use crate::plot::write_both;
 use crate::requirements::{Requirement, check_all};
-
-/// Parses `--out`.
-pub(super) fn path(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    SceneFormat::of_path(&path)?;
-    Ok(path)
-}
 
 /// `scene.ply.json`: sorted next to its scene, and not a file name that a dataset may have.
 pub(super) fn record_path(out: &Path) -> PathBuf {

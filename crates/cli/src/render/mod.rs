@@ -20,7 +20,8 @@ use atsplat_eval::rendering::{
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::effects::{Explanation, Scene};
-use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
+use atsplat_splat::files::Output;
+use atsplat_splat::round_trip::RoundTrips;
 use atsplat_splat::{GaussianCounts, Renderer};
 use clap::ValueEnum;
 
@@ -87,8 +88,8 @@ pub(crate) struct Args {
 
     /// Export, import, render again and print the loss in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders every
     /// view once more, and once per format.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = named(RoundTripFormat::ALL.map(|format| (format.name(), format))), help_heading = "Output")]
-    round_trip: Vec<RoundTripFormat>,
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = named(Output::ALL.map(|format| (format.name(), format))), help_heading = "Output")]
+    round_trip: Vec<Output>,
 
     /// Print JSON.
     #[arg(long, help_heading = "Output")]

@@ -2,13 +2,14 @@
 
 use anyhow::Context as _;
 use atsplat_splat::Renderer;
-use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
+use atsplat_splat::files::Output;
+use atsplat_splat::round_trip::RoundTrips;
 
 use super::inputs::Inputs;
 use crate::progress::Progress;
 
 /// Measures the loss of these formats, if there are any. The images are already written: a failure is recorded with them.
-pub(super) fn measure(renderer: &mut dyn Renderer, inputs: &Inputs, formats: &[RoundTripFormat]) -> Option<RoundTrips> {
+pub(super) fn measure(renderer: &mut dyn Renderer, inputs: &Inputs, formats: &[Output]) -> Option<RoundTrips> {
     if formats.is_empty() {
         return None;
     }
@@ -19,7 +20,7 @@ pub(super) fn measure(renderer: &mut dyn Renderer, inputs: &Inputs, formats: &[R
 fn try_measure(
     renderer: &mut dyn Renderer,
     Inputs { gaussians, requests, settings, .. }: &Inputs,
-    formats: &[RoundTripFormat],
+    formats: &[Output],
 ) -> anyhow::Result<RoundTrips> {
     let views: Vec<_> = requests.iter().map(|request| (request.view, request.exposed(&settings.options))).collect();
     let temporary = std::env::temp_dir();

@@ -36,7 +36,7 @@ pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, Vie
 pub use render_json::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};
-pub use scene_file::{OutputRecord, SceneFormat, write_gaussians};
+pub use scene_file::{OutputRecord, write_gaussians};
 
 /// Why photos cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]

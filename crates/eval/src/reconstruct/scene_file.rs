@@ -2,20 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::files::{self, Output};
 use atsplat_splat::{Gaussians, SplatError};
 use serde::Serialize;
 
 use crate::GaussianFrame;
-
-/// Format of the scene file, by its extension.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SceneFormat {
-    /// `.ply`, binary.
-    Ply,
-    /// `.spz`, version 3.
-    Spz,
-}
 
 /// What was written.
 #[derive(Debug, Serialize)]
@@ -32,20 +23,6 @@ pub struct OutputRecord {
     pub sh_degree: u8,
 }
 
-impl SceneFormat {
-    /// The format that a path's extension names.
-    ///
-    /// # Errors
-    /// The known extensions, and the path.
-    pub fn of_path(path: &Path) -> Result<Self, String> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("ply") => Ok(Self::Ply),
-            Some("spz") => Ok(Self::Spz),
-            _ => Err(format!("expected a file that ends in .ply or .spz, found {}", path.display())),
-        }
-    }
-}
-
 /// Writes Gaussians that are given in this frame; also says which values the format's ranges changed.
 ///
 /// # Errors
@@ -53,13 +30,9 @@ impl SceneFormat {
 pub fn write_gaussians(
     path: &Path,
     gaussians: &Gaussians,
-    format: SceneFormat,
+    format: Output,
     frame: GaussianFrame,
 ) -> Result<(OutputRecord, Vec<String>), SplatError> {
-    let format = match format {
-        SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
-        SceneFormat::Spz => Output::Spz3 { antialiased: false },
-    };
     let clamped = files::write(path, gaussians, format)?.warnings();
     let (file, sh_degree) = (path.to_owned(), gaussians.sh_degree());
     Ok((OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree }, clamped))
@@ -85,10 +58,11 @@ mod tests {
             filter_3d: None,
         })
         .unwrap();
-        let clamped = |name: &str, format| {
-            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Dataset).unwrap().1
+        let clamped = |name: &str| {
+            let path = folder.path().join(name);
+            write_gaussians(&path, &gaussians, Output::of_path(&path).unwrap(), GaussianFrame::Dataset).unwrap().1
         };
-        assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["log-scales clamped to SPZ's range [-10, 5.9375]: 1"]);
-        assert!(clamped("scene.ply", SceneFormat::Ply).is_empty());
+        assert_eq!(clamped("scene.spz"), ["log-scales clamped to SPZ's range [-10, 5.9375]: 1"]);
+        assert!(clamped("scene.ply").is_empty());
     }
 }
