@@ -139,8 +139,11 @@ pub enum ClampedGradient {
     Inria,
 }
 
+/// A preset's name and its values, which do not contain the name yet.
+type Named = (&'static str, fn() -> RendererConstants);
+
 /// The presets by name; the first is the default.
-const NAMED: [(&str, fn() -> RendererConstants); 6] = [
+const NAMED: [Named; 6] = [
     ("exact", gsplat),
     ("gsplat-1.5", gsplat),
     ("gsplat-1.6", || RendererConstants { max_alpha: 0.99, min_compensation: 0.005, ..gsplat() }),

@@ -36,7 +36,9 @@ impl Args {
         remove_old(&record_file)?;
         remove_old(&cameras_file)?;
         let clamped = files::write(&self.out, &gaussians, Output::of_path(&self.out)?)?.warnings();
-        clamped.iter().for_each(|text| warn(text));
+        for text in &clamped {
+            warn(text);
+        }
         start.warnings.extend(clamped);
         let cameras = serde_json::to_string_pretty(&FittedCameras::of(&input.photos, fit)?)?;
         PendingFile::open(&cameras_file)?.finish(format!("{cameras}\n").as_bytes())?;

@@ -87,7 +87,7 @@ impl Network {
     /// As [`Self::reconstruct`].
     pub fn reconstruct_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Reconstruction, ModelError> {
         let EncodedScene { encoding, views, input_size } = scene;
-        self.reconstruction(self.decode(encoding, call_seed)?, views, input_size)
+        self.reconstruction(&self.decode(encoding, call_seed)?, views, input_size)
     }
 
     /// Predicted uncertainty of the tokens that enter each block that expands by score, as in [`BlockOutcome::scores`]. Nothing
@@ -121,7 +121,7 @@ impl Network {
     /// The output of a forward pass of one scene as plain numbers.
     pub(super) fn reconstruction(
         &self,
-        forward: Forward,
+        forward: &Forward,
         views: usize,
         input_size: ImageSize,
     ) -> Result<Reconstruction, ModelError> {
@@ -129,7 +129,7 @@ impl Network {
         let gaussians = forward.gaussians.finite_scene(0)?;
         let Tokens { features, place } = &forward.initial;
         let [_, initial_tokens, _] = features.dims();
-        let blocks = outcomes(&forward);
+        let blocks = outcomes(forward);
         let expanded: Vec<usize> = blocks.iter().map(|block| block.selected.len()).collect();
         Ok(Reconstruction {
             gaussians,

@@ -40,7 +40,7 @@ impl Network {
         let entered = std::iter::once(initial).chain(blocks.iter().take(last).map(|block| &block.tokens));
         let entering = entered.take(blocks.len()).map(|tokens| self.gaussians(tokens).finite_scene(0));
         let entering = entering.collect::<Result<_, _>>()?;
-        Ok(Trace { reconstruction: self.reconstruction(forward, views, input_size)?, entering })
+        Ok(Trace { reconstruction: self.reconstruction(&forward, views, input_size)?, entering })
     }
 
     /// The same weights with expansion only in the first `blocks` of the expanding blocks

@@ -1,3 +1,4 @@
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::Path;
 
@@ -69,7 +70,7 @@ impl Output {
     /// # Errors
     /// The known extensions, and the path.
     pub fn of_path(path: &Path) -> Result<Self, InvalidText> {
-        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        let extension = path.extension().map(OsStr::to_ascii_lowercase);
         match extension.as_ref().and_then(|extension| extension.to_str()) {
             Some("ply") => Ok(Self::Ply(Encoding::BinaryLittleEndian)),
             Some("spz") => Ok(Self::Spz3 { antialiased: false }),
