@@ -1,6 +1,7 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use atsplat_camera::no_fields;
 use serde::{Deserialize, Serialize};
 
 use super::WHAT;
@@ -47,6 +48,7 @@ pub struct LossConfig {
 pub enum PerceptualChoice {
     /// `1 − SSIM`: replaces a learned loss when there are no weights for one.
     #[default]
+    #[serde(deserialize_with = "no_fields")]
     DSsim,
     /// LPIPS or ST-LPIPS.
     #[serde(rename_all = "kebab-case")]
@@ -115,6 +117,23 @@ impl LossConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Such as a learned loss whose `kind` was left as it was.
+    #[test]
+    fn d_ssim_has_no_settings() {
+        let read = |more: &str| {
+            let text = format!("perceptual = {{ kind = 'd-ssim'{more} }}");
+            toml::from_str::<LossConfig>(&text).map_err(|error| error.to_string())
+        };
+        let config = read("").unwrap();
+        assert_eq!(config, LossConfig::default());
+        assert!(toml::to_string(&config).unwrap().contains("[perceptual]\nkind = \"d-ssim\"\n"), "{config:?}");
+        let learned = ", network = 'lpips-vgg', weights = 'vgg16.pth'";
+        for (more, field) in [(", weight = 0.05", "`weight`"), (learned, "`network`")] {
+            let error = read(more).unwrap_err();
+            assert!(error.contains("unknown field") && error.contains(field), "{error}");
+        }
+    }
 
     #[test]
     fn weights_change_over_the_run() {
