@@ -114,13 +114,16 @@ impl Bounded {
     /// One draw at a training step. Context frames are ascending; targets come in the order drawn.
     ///
     /// # Errors
-    /// [`NoEntry::TooFewFrames`] if no window of an allowed width fits the scene or contains enough context frames,
-    /// [`NoEntry::TooFewTargets`] if targets must be distinct and there are too few frames.
+    /// [`NoEntry::GapsTooSmall`] if no window of an allowed width contains enough context frames and a target;
+    /// [`NoEntry::TooFewFrames`] if none fits the scene; [`NoEntry::TooFewTargets`] if targets must be distinct and there are too few frames.
     pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
         let frames = scene.cameras.len();
         let (min_gap, max_gap) = self.gaps.at(step);
         let extra = self.context_views.get().saturating_sub(2);
         let min_gap = min_gap.max(self.min_distance_to_context.saturating_mul(2)).max(extra + 1);
+        if max_gap < min_gap {
+            return Err(NoEntry::GapsTooSmall { needed: min_gap, most: max_gap });
+        }
         let max_gap = max_gap.min(frames.saturating_sub(1));
         let too_short = NoEntry::TooFewFrames { needed: min_gap.saturating_add(1), found: frames };
         let gap = random.within(min_gap..=max_gap).ok_or(too_short.clone())?;
@@ -222,6 +225,21 @@ mod tests {
         let cameras = along((0..45).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
         let scene = SceneViews { key: "short", cameras: &cameras };
         assert_eq!(bounded().sample(&scene), Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
+    }
+
+    /// However long the scene is: five frames do not hold an inset of three on both sides, nor do they hold eight views.
+    #[test]
+    fn gaps_that_are_too_small_are_not_the_scenes_fault() {
+        let cameras = along((0..20).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+        let scene = SceneViews { key: "long enough", cameras: &cameras };
+        let gaps = GapSchedule { min: 4, max: 5, initial_min: 0, initial_max: 0, warm_up_steps: 0 };
+        let with = |views: usize, inset: usize| {
+            let context_views = NonZeroUsize::new(views).unwrap();
+            Bounded { context_views, gaps, min_distance_to_context: inset, ..bounded() }.sample(&scene)
+        };
+        assert_eq!(with(2, 3), Err(NoEntry::GapsTooSmall { needed: 6, most: 5 }));
+        assert_eq!(with(8, 0), Err(NoEntry::GapsTooSmall { needed: 7, most: 5 }));
+        assert!(with(6, 2).is_ok());
     }
 
     proptest! {

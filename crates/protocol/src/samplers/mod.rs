@@ -108,6 +108,14 @@ pub enum NoEntry {
         /// Frames available.
         found: usize,
     },
+    /// The largest allowed gap is too small, however long the scene is.
+    #[error("needs gaps of at least {needed} frames, has at most {most}")]
+    GapsTooSmall {
+        /// Least gap for the smallest one that is allowed, the distance of targets to context frames, and the context frames.
+        needed: usize,
+        /// Largest gap that is allowed.
+        most: usize,
+    },
     /// Fewer frames may be targets than required.
     #[error("needs {needed} target frames, has {found} candidates")]
     TooFewTargets {
@@ -148,6 +156,7 @@ impl NoEntry {
     pub const fn name(&self) -> &'static str {
         match self {
             Self::TooFewFrames { .. } => "too-few-frames",
+            Self::GapsTooSmall { .. } => "gaps-too-small",
             Self::TooFewTargets { .. } => "too-few-targets",
             Self::NoPair => "no-pair",
             Self::OverlapOutside { .. } => "overlap-outside",

@@ -270,7 +270,7 @@ fn windows_that_hold_no_sample_name_file_and_field() {
             "context = [2, 2]",
             "context = [8, 12]",
             "data[0].source.rooms.views",
-            "needs 11 frames, has 15, for 11 context views at step 0",
+            "needs gaps of at least 10 frames, has at most 9, for 11 context views at step 0",
         ),
     ]);
 }
