@@ -12,6 +12,7 @@ use atsplat_rooms::Request;
 use atsplat_scene::preprocess::Step;
 use glam::{DMat3, DVec3};
 
+use super::windows::views_field;
 use super::{DataConfig, SourceConfig, TrainConfig, WHAT};
 use crate::evaluation::require_memory;
 use crate::samples::{DatasetConfig, RoomsConfig, ViewChoice};
@@ -40,13 +41,10 @@ impl TrainConfig {
             if !(*share > 0.0 && share.is_finite()) {
                 return invalid(format!("data[{at}].share"), "a positive number", share);
             }
-            let kind = match source {
-                SourceConfig::Rooms(_) => "rooms",
-                SourceConfig::Dataset(_) => "dataset",
-            };
             let warm_up = source.views().gaps.warm_up_steps;
             if warm_up > 0 && self.distinct.is_some() {
-                let field = format!("data[{at}].source.{kind}.views.gaps.warm-up-steps");
+                let views = views_field(&format!("data[{at}].source"), source);
+                let field = format!("{views}.gaps.warm-up-steps");
                 return invalid(field, "0 with `distinct`, because samples do not repeat while gaps grow", warm_up);
             }
         }
@@ -82,13 +80,14 @@ impl TrainConfig {
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
 
-    /// Checks the configuration against its network: patches divide the images of every source of known image size,
+    /// Checks the configuration against its network: windows hold a sample of every number of views, patches divide the images of every source of known image size,
     /// those of the training have the scale of the network's resolution, the evaluation's samples fit into memory, samples of a
     /// micro-batch expand as many tokens, only a frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] with the field; [`TrainError::InField`] for a preset that cannot be read.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
+        self.check_windows()?;
         self.distance_patch()?;
         if let Some(backbone) = self.model.backbone.as_ref().filter(|_| !model.backbone.is_frozen()) {
             let expected = "none, as the network has no frozen backbone";
@@ -193,10 +192,8 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     check_views(&views, &rooms.views)?;
     let seed = atsplat_rooms::SceneSeed { split: rooms.split, number: rooms.first };
     let offered = Request::new(rooms.scenes_of, seed).frames.div_ceil(rooms.stride.get());
-    let last_step = rooms.views.gaps.warm_up_steps;
-    let [fewest, most] = rooms.views.context;
-    for step in [0, last_step] {
-        for context in (fewest.get()..=most.get()).filter_map(NonZeroUsize::new) {
+    for step in rooms.views.extreme_steps() {
+        for context in rooms.views.numbers_of_views() {
             if let Err(error) = try_draws(&rooms.views, context, offered, step) {
                 let expected =
                     format!("windows that fit into the {offered} frames of a clip at a stride of {}", rooms.stride);

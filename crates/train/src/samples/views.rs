@@ -17,11 +17,11 @@ pub struct ViewChoice {
     pub targets: NonZeroUsize,
     /// Gap between the first and the last context view, in frames of the source.
     pub gaps: GapSchedule,
-    /// Least distance of targets inside the window from its ends, in frames; with two context views and `outside = 0`, 1 keeps them
-    /// from being targets.
+    /// Least distance of targets inside the window from its ends, in frames; with two context views, 1 keeps them from being targets.
+    /// Not together with `outside`.
     #[serde(default)]
     pub inset: usize,
-    /// Largest distance of targets outside the window, in frames.
+    /// Largest distance of targets outside the window, in frames. Not together with `inset`.
     #[serde(default)]
     pub outside: usize,
     /// How context views between the ends are chosen.
@@ -33,6 +33,34 @@ pub struct ViewChoice {
 }
 
 impl ViewChoice {
+    /// Each allowed number of context views.
+    pub(crate) fn numbers_of_views(&self) -> impl Iterator<Item = NonZeroUsize> {
+        let [fewest, most] = self.context;
+        (fewest.get()..=most.get()).filter_map(NonZeroUsize::new)
+    }
+
+    /// The steps at which gaps are at their smallest and at their largest.
+    pub(crate) fn extreme_steps(&self) -> impl Iterator<Item = u64> {
+        let last = self.gaps.warm_up_steps;
+        std::iter::once(0).chain((last > 0).then_some(last))
+    }
+
+    /// The smallest and the largest gap of this many context views at a step, by the configuration alone.
+    pub(crate) fn gaps_of(&self, views: NonZeroUsize, step: u64) -> (usize, usize) {
+        let [_, most] = self.context;
+        self.gaps.divided_for(views, most.get(), step).at(step)
+    }
+
+    /// The smallest gap that gives a sample of this many context views, in scenes of any length: the insets, the views between the ends
+    /// and distinct targets need room.
+    pub(crate) fn least_gap(&self, views: NonZeroUsize) -> usize {
+        let insets = self.inset.saturating_mul(2);
+        let between_insets = if self.repeat_targets { 0 } else { self.targets.get() - 1 };
+        let outside = self.outside.saturating_mul(2);
+        let for_targets = insets.saturating_add(between_insets).saturating_sub(outside);
+        insets.max(for_targets).max(views.get() - 1)
+    }
+
     /// Draws the frames of one sample.
     ///
     /// # Errors
