@@ -201,6 +201,7 @@ fn checkpoints_are_described_verified_and_imported_and_are_no_weights_files() {
         assert_eq!(last_weights.provenance.get(key), Some(value), "{key}");
     }
     assert_eq!(older_weights.provenance["steps"], "3 of 24");
+    assert_eq!(written.provenance["data[0].source.rooms.generation"], "2");
     let mut damaged = std::fs::read(here.join(older)).unwrap();
     *damaged.last_mut().unwrap() ^= 1;
     std::fs::write(here.join("damaged.safetensors"), damaged).unwrap();

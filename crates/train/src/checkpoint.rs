@@ -53,6 +53,11 @@ impl Checkpoints {
         folder.join(FOLDER)
     }
 
+    /// What the run's configuration resolves to.
+    pub(crate) const fn resolved(&self) -> &Resolved {
+        &self.resolved
+    }
+
     /// Whether a run's folder contains a checkpoint, readable or not.
     ///
     /// # Errors

@@ -16,6 +16,8 @@ pub(crate) struct MadeWith {
     pub(crate) samples: String,
     /// The perceptual loss with its weights.
     pub(crate) perceptual: String,
+    /// What the data's names stood for: hashes of presets and of lists of scenes, generations of the simulator.
+    pub(crate) identities: BTreeMap<String, String>,
 }
 
 /// The provenance of a run's weights after its latest step.
@@ -27,7 +29,7 @@ pub(crate) fn provenance(
     state: &State,
     made_with: MadeWith,
 ) -> Result<BTreeMap<String, String>, TrainError> {
-    let MadeWith { samples, perceptual } = made_with;
+    let MadeWith { samples, perceptual, identities } = made_with;
     let entries = [
         ("title", config.title.clone()),
         ("seed", config.seed.to_string()),
@@ -41,6 +43,7 @@ pub(crate) fn provenance(
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ];
     let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
+    provenance.extend(identities);
     if let Some(adapter) = &state.adapter {
         provenance.insert("adapter".to_owned(), adapter.clone());
     }

@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::StoredTensors;
 use atsplat_protocol::Preset;
@@ -19,6 +21,12 @@ pub struct Resolved {
 pub(crate) const MODEL: &str = "model-sha256";
 /// The key of the perceptual loss.
 pub(crate) const PERCEPTUAL: &str = "perceptual-loss";
+
+/// Those identities in a checkpoint's metadata that are of data. The network is in a weights file itself.
+pub(crate) fn of_data<'a>(entries: impl Iterator<Item = (&'a String, &'a String)>) -> BTreeMap<String, String> {
+    let is_of_data = |key: &str| key.starts_with("data[") || key.starts_with("evaluation.source.");
+    entries.filter(|(key, _)| is_of_data(key)).map(|(key, value)| (key.clone(), value.clone())).collect()
+}
 
 /// The key of the generation of the simulator that rendered a source's scenes.
 pub(crate) fn generation_key(field: &str) -> String {
@@ -59,6 +67,11 @@ impl Resolved {
         let of_evaluation = of_evaluation.map(|(field, sha256)| (format!("evaluation.source.{field}"), sha256));
         self.entries.extend(of_training.chain(of_evaluation).map(|(field, sha256)| (field, sha256.to_string())));
         self
+    }
+
+    /// Those of the data, by their keys.
+    pub(crate) fn of_data(&self) -> BTreeMap<String, String> {
+        of_data(self.entries.iter().map(|entry| (&entry.0, &entry.1)))
     }
 
     /// Adds the identities to a checkpoint's metadata.

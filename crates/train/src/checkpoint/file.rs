@@ -6,7 +6,7 @@ use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 use super::state::{CONFIGURATION, METADATA_DIGEST, State, WHAT, check_digests, entry};
 use crate::parameters::Parameters;
 use crate::provenance::{MadeWith, provenance};
-use crate::resolved::{MODEL, PERCEPTUAL, generation_key};
+use crate::resolved::{MODEL, PERCEPTUAL, generation_key, of_data};
 use crate::samples::description_of;
 use crate::trainer::frozen;
 use crate::{SourceConfig, TrainConfig, TrainError};
@@ -46,7 +46,11 @@ impl CheckpointFile {
         let state = State::from_checked(stored, &config, &fresh, &|| frozen(&config, &model))?;
         // Earlier versions did not state it.
         let perceptual = stored.metadata.get(PERCEPTUAL).map_or("not stated", String::as_str);
-        let made_with = MadeWith { samples: samples(stored, &config), perceptual: perceptual.to_owned() };
+        let made_with = MadeWith {
+            samples: samples(stored, &config),
+            perceptual: perceptual.to_owned(),
+            identities: of_data(stored.metadata.iter()),
+        };
         let provenance = provenance(&config, &state, made_with)?;
         let weights = ModelWeights::new(model, provenance, &state.result().stored()?)?;
         let metadata_covered = stored.metadata.contains_key(METADATA_DIGEST);
@@ -133,6 +137,8 @@ mod tests {
         assert_eq!((provenance["steps"].as_str(), provenance["skipped-steps"].as_str()), ("3 of 8", "1"));
         assert!(provenance["data"].starts_with("1 × rooms train 0 to 0 at 256x256 ("), "{}", provenance["data"]);
         assert!(provenance["data"].ends_with(", generation 1)"), "{}", provenance["data"]);
+        assert_eq!(provenance["data[0].source.rooms.generation"], "1");
+        assert!(!provenance.contains_key("step"), "of a checkpoint only");
         let mut older = stored;
         older.metadata.remove("data[0].source.rooms.generation");
         let older = CheckpointFile::from_stored(&with_digest(older)).unwrap();

@@ -4,14 +4,31 @@ use toml::Value;
 
 use super::TrainConfig;
 use super::check::sized;
+use super::windows::views_field;
 
 impl TrainConfig {
     /// Settings that are beyond what others leave to them, so that the run is one with lower numbers.
     pub(crate) fn notices(&self, model: &ModelConfig) -> Vec<String> {
-        [self.larger_micro_batch(), self.more_intermediate_targets(), self.more_neighbours(model)]
-            .into_iter()
-            .flatten()
-            .collect()
+        let settings = [self.larger_micro_batch(), self.more_intermediate_targets(), self.more_neighbours(model)];
+        settings.into_iter().flatten().chain(self.smaller_gaps()).collect()
+    }
+
+    /// For each source with gaps that give no sample, the first number of views that has such gaps.
+    fn smaller_gaps(&self) -> impl Iterator<Item = String> {
+        self.sources().filter_map(|(field, source)| {
+            let views = source.views();
+            let of_step = |step| views.numbers_of_views().map(move |number| (step, number));
+            views.extreme_steps().flat_map(of_step).find_map(|(step, number)| {
+                let ((smallest, largest), least) = (views.gaps_of(number, step), views.least_gap(number));
+                let field = views_field(&field, source);
+                (smallest < least).then(|| {
+                    format!(
+                        "{field}.gaps: {smallest} to {largest} for {number} context views at step {step}: those below \
+                         {least} leave no room for the views, their targets and insets"
+                    )
+                })
+            })
+        })
     }
 
     fn larger_micro_batch(&self) -> Option<String> {
@@ -48,6 +65,7 @@ mod tests {
     use std::num::NonZeroUsize;
 
     use super::*;
+    use crate::SourceConfig;
 
     /// Three samples a step, and one target each.
     #[test]
@@ -66,6 +84,28 @@ mod tests {
             "losses.intermediate-targets: 2 with at most 1 a sample: all are rendered to",
         ];
         assert_eq!(with(4, 2), expected);
+    }
+
+    /// An inset of two leaves targets in gaps of four and more; of two to four views, two have half of the gaps.
+    #[test]
+    fn gaps_without_a_sample_are_reported() {
+        let notices = |context: &str, gaps: &str, inset: usize| {
+            let mut config = TrainConfig::shortest();
+            let views = format!("context = {context}\ntargets = 1\ngaps = {{ {gaps} }}\ninset = {inset}");
+            if let Some(SourceConfig::Rooms(rooms)) = config.data.first_mut().map(|data| &mut data.source) {
+                rooms.views = toml::from_str(&views).unwrap();
+            }
+            config.notices(&config.model.config().unwrap())
+        };
+        assert_eq!(notices("[2, 2]", "min = 4, max = 8", 2), [""; 0]);
+        let of = |gaps: &str, views: u32, least: u32| {
+            format!(
+                "data[0].source.rooms.views.gaps: {gaps} for {views} context views at step 0: those below {least} leave no \
+                 room for the views, their targets and insets"
+            )
+        };
+        assert_eq!(notices("[2, 2]", "min = 3, max = 8", 2), [of("3 to 8", 2, 4)]);
+        assert_eq!(notices("[2, 4]", "min = 6, max = 9", 2), [of("3 to 4", 2, 4)]);
     }
 
     /// Two views of 256x256 have 256 patches of 16 pixels each.

@@ -99,7 +99,8 @@ impl ViewChoice {
     }
 }
 
-/// Numbers of views and gaps, as provenance states them: `2 to 4 views, gaps 3 to 5, then 6 to 12, targets 4`.
+/// Numbers of views and gaps, as provenance states them: `2 to 4 views, gaps 3 to 5, then 6 to 12, targets 4`. Gaps are those of the most
+/// views, without those that give no sample.
 impl fmt::Display for ViewChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [fewest, most] = self.context;
@@ -108,9 +109,28 @@ impl fmt::Display for ViewChoice {
         }
         let GapSchedule { min, max, initial_min, initial_max, warm_up_steps } = self.gaps;
         write!(f, "{most} views, gaps ")?;
+        let drawn = |smallest: usize| smallest.max(self.least_gap(most));
         if warm_up_steps > 0 {
-            write!(f, "{initial_min} to {initial_max}, then ")?;
+            write!(f, "{} to {initial_max}, then ", drawn(initial_min))?;
         }
-        write!(f, "{min} to {max}, targets {}", self.targets)
+        write!(f, "{} to {max}, targets {}", drawn(min), self.targets)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Insets of three leave targets in gaps of six and more, and four views need gaps of three.
+    #[test]
+    fn gaps_that_give_no_sample_are_not_stated() {
+        let stated = |views: &str| toml::from_str::<ViewChoice>(views).unwrap().to_string();
+        let with = |context: &str, more: &str| {
+            stated(&format!("context = {context}\ntargets = 1\ngaps = {{ min = 1, max = 8{more}"))
+        };
+        assert_eq!(with("[2, 2]", " }\ninset = 3"), "2 views, gaps 6 to 8, targets 1");
+        assert_eq!(with("[2, 2]", " }\noutside = 3"), "2 views, gaps 1 to 8, targets 1");
+        let growing = ", initial-min = 1, initial-max = 7, warm-up-steps = 9 }";
+        assert_eq!(with("[2, 4]", growing), "2 to 4 views, gaps 3 to 7, then 3 to 8, targets 1");
     }
 }

@@ -320,6 +320,24 @@ fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
     assert_eq!((resumed, recorded), (last, count.to_string()));
 }
 
+/// The path of a preset says nothing about its content.
+#[test]
+fn weights_record_the_content_of_the_presets_that_they_were_trained_under() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    write_scenes(&data, 1);
+    let preset = tiny_preset(folder.path());
+    let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy()).replace("PRESET", &preset);
+    let trainer = Trainer::new(TrainConfig::from_toml(&config).unwrap(), &run, &Start::Fresh).unwrap();
+    trainer.write_checkpoint().unwrap();
+    let provenance = ModelWeights::read(&run.join(WEIGHTS)).unwrap().provenance;
+    let expected = Preset::resolve(&preset).unwrap().hash().unwrap().to_string();
+    for source in ["data[0].source", "evaluation.source"] {
+        assert_eq!(provenance[&format!("{source}.dataset.preset-sha256")], expected);
+        assert!(provenance.contains_key(&format!("{source}.dataset.scenes-sha256")), "{provenance:?}");
+    }
+}
+
 /// The reader of chunks prefers `test` to `train`.
 #[test]
 fn training_on_a_folder_with_test_scenes_is_refused() {

@@ -29,7 +29,11 @@ impl Trainer {
         if self.is_untrained() {
             return Ok(path);
         }
-        let made_with = MadeWith { samples: self.samples.name(), perceptual: self.objective.perceptual() };
+        let made_with = MadeWith {
+            samples: self.samples.name(),
+            perceptual: self.objective.perceptual(),
+            identities: self.checkpoints.resolved().of_data(),
+        };
         let provenance = provenance(&self.config, &self.state, made_with)?;
         let weights = ModelWeights::new(self.model.clone(), provenance, &result.stored()?)?;
         weights.write(&self.folder.join(WEIGHTS), Precision::Half)?;
