@@ -401,3 +401,40 @@ fn a_run_on_an_adapter_follows_the_cpu_and_resumes_there_only() {
     train(folder.path(), "card", &["--steps", "4", "--resume", "--device", "wgpu"]);
     assert_eq!(losses("card").len(), 4);
 }
+
+/// Of four scenes, two have no readable image; the notice gives an example of one.
+#[test]
+fn the_log_names_each_replaced_scene_with_its_reason_and_each_sample_with_its_step() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    let simulate = ["data", "simulate", "data", "--split", "train", "--scenes", "4", "--frames", "12"];
+    succeed(here, &[&simulate[..], &["--size", "64x64", "--samples", "1"]].concat());
+    let broken = ["rooms-train-00000001", "rooms-train-00000003"];
+    for key in broken {
+        for entry in std::fs::read_dir(here.join("data/train").join(key)).unwrap() {
+            std::fs::write(entry.unwrap().path(), "no image").unwrap();
+        }
+    }
+    let (settings, _) = TINY.split_once("[[data]]").unwrap();
+    let settings = settings.replace("resolution = [32, 32]", "resolution = [64, 64]").replace("batch = 1", "batch = 2");
+    let dataset = "path = 'data/train'\npreset = 'rooms-2v-64'\n\
+                   views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 5 }, inset = 1 }";
+    std::fs::write(here.join("tiny.toml"), format!("{settings}[[data]]\n[data.source.dataset]\n{dataset}\n")).unwrap();
+    let log = |verbosity: &str, out: &str| {
+        let outcome = atsplat(here, &[verbosity, "train", "--config", "tiny.toml", "--out", out, "--steps", "3"]);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        outcome.stderr
+    };
+    let brief = log("-v", "brief");
+    assert!(brief.contains("; their scenes: 2, such as ") && !brief.contains("drew a sample"), "{brief}");
+    for key in broken {
+        let scene = format!("replaced a draw that gave no sample scene=\"{key}\" reason=\"{key}, frames ");
+        let line = brief.lines().find(|line| line.contains(&scene)).unwrap_or_else(|| panic!("{key}: {brief}"));
+        assert!(line.contains("image-unreadable: frame "), "{line}");
+    }
+    let full = log("-vv", "full");
+    for (step, number) in [(0, 0), (0, 1), (1, 2), (1, 3), (2, 4), (2, 5)] {
+        let sample = format!("drew a sample step={step} number={number} sample=\"rooms-train-0000000");
+        assert!(full.contains(&sample), "{full}");
+    }
+}

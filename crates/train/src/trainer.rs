@@ -263,7 +263,7 @@ impl Trainer {
         let replaced = self.samples.replaced();
         if replaced.scenes.len() > self.reported_replaced_scenes {
             self.reported_replaced_scenes = replaced.scenes.len();
-            on_event(&Event::Notice(&replaced.to_string()));
+            on_event(&Event::Notice(&format!("{replaced}; `-v` logs the reason for each scene")));
         }
     }
 

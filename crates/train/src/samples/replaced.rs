@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt;
 
 /// Draws of scenes that gave no sample, each replaced by another draw.
@@ -13,7 +14,11 @@ pub struct ReplacedDraws {
 impl ReplacedDraws {
     pub(super) fn add(&mut self, scene: &str, reason: &str) {
         self.count += 1;
-        self.scenes.entry(scene.to_owned()).or_insert_with(|| reason.to_owned());
+        if let Entry::Vacant(first) = self.scenes.entry(scene.to_owned()) {
+            // Notices give one example, and a dataset may have many such scenes.
+            tracing::info!(scene, reason, "replaced a draw that gave no sample");
+            first.insert(reason.to_owned());
+        }
     }
 
     pub(super) fn merge(&mut self, other: Self) {

@@ -168,6 +168,9 @@ impl Trainer {
             })
         };
         let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, SkippedStep>>()?;
+        for (number, sample) in numbers.iter().zip(&samples) {
+            tracing::debug!(step, number, sample = sample.name.as_str(), "drew a sample");
+        }
         let digests = samples.iter().map(Sample::digest).collect();
         let mut drawing = start.elapsed().as_secs_f64();
         let progress = step as f64 / self.config.steps.get() as f64;
