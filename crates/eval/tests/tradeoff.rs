@@ -7,7 +7,9 @@ mod common;
 use std::sync::Arc;
 
 use atsplat_eval::ComputeDevice;
-use atsplat_eval::method::{ConstantsChoice, Method, Prediction, START_POINTS, TrialInput, WeightsSource};
+use atsplat_eval::method::{
+    ConstantsChoice, Method, Prediction, START_POINTS, TrainedUnder, TrialInput, WeightsSource,
+};
 use atsplat_eval::runner::{Dataset, Plan, current_provenance};
 use atsplat_eval::sweep::{Part, Setting, Sweep, SweepBase, parts};
 use atsplat_eval::timing::TimingPlan;
@@ -30,7 +32,7 @@ fn swept() -> SweepBase {
         tensors,
         weights,
         training: None,
-        trained_poses: None,
+        trained_under: TrainedUnder::default(),
         trained_at: None,
         call_seed: 0,
         constants,
@@ -167,8 +169,9 @@ fn predicted<T>(method: &dyn Method, dataset: &Dataset, of: impl Fn(&dyn Predict
 #[test]
 fn settings_keep_the_training_of_their_weights() {
     let training = |data: &str| Some(TrainingRecord { data: data.to_owned(), seed: None });
-    let base = SweepBase { training: training("rooms"), trained_poses: Some("first".to_owned()), ..swept() };
-    let provenance = [("data", "yards"), ("pose-normalisation", "second")];
+    let trained_under = TrainedUnder { poses: Some("first".to_owned()), background: None };
+    let base = SweepBase { training: training("rooms"), trained_under, ..swept() };
+    let provenance = [("data", "yards"), ("pose-normalisation", "second"), ("background", "[0.5, 0.0, 1.0]")];
     let provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.safetensors");
@@ -190,6 +193,8 @@ fn settings_keep_the_training_of_their_weights() {
         assert_eq!(method.record().training, *training);
         let notes = predicted(method.as_ref(), &datasets[0], |prediction| prediction.cost().notes);
         assert_eq!(notes[0], format!("trained with the pose normalisation {trained}, evaluated with {poses}"));
+        let background = "trained on the background [0.5, 0.0, 1.0], evaluated on [";
+        assert_eq!(notes.iter().any(|note| note.starts_with(background)), trained == "second", "{notes:?}");
     }
 }
 

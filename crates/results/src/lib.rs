@@ -29,8 +29,8 @@ pub use gaps::{Gap, GapKind};
 pub use rows::difference::{differences, excerpts};
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, Moved, PresetRecord, Provenance, RecordKind, Results,
-    SAMPLED_BY, SkippedEntry, StatedCost, StatedSeconds, TRAINED_POSES, TargetRow, TargetStatus, TrainingRecord,
-    TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
+    SAMPLED_BY, SkippedEntry, StatedCost, StatedSeconds, TRAINED_BACKGROUND, TRAINED_POSES, TargetRow, TargetStatus,
+    TrainingRecord, TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
 };
 pub use run_report::{RunCounts, RunReport};
 pub use shard::{InvalidShard, Shard};

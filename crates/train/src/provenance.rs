@@ -39,6 +39,8 @@ pub(crate) fn provenance(
         ("batch", config.batch.to_string()),
         ("perceptual-loss", perceptual),
         (POSE_NORMALISATION, config.pose_normalisation.name()),
+        // As evaluations write theirs, to compare it.
+        ("background", format!("{:?}", config.losses.background)),
         ("training-configuration", config.to_toml()?),
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ];

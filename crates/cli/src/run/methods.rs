@@ -172,14 +172,14 @@ impl MethodArgs {
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.splatting_without_mode(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
-                Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
+                Ok(Arc::new(method.with_training(record.training(), record.trained_under())))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.splatting_without_mode(device)?;
                 let method = Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?;
-                Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
+                Ok(Arc::new(method.with_training(record.training(), record.trained_under())))
             }
             MethodKind::Optimised(strategy, budget) => {
                 let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);

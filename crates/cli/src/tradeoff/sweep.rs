@@ -116,7 +116,7 @@ fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
         tensors: network.weights()?,
         weights: record.weights(),
         training: record.training(),
-        trained_poses: record.trained_poses(),
+        trained_under: record.trained_under(),
         trained_at: network.trained_size(),
         call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,

@@ -5,7 +5,7 @@ use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_results::{MethodRecord, TrainingRecord};
 
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrialInput, trial_seed};
+use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrainedUnder, TrialInput, trial_seed};
 use crate::{EvalError, adapter_record};
 
 /// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
@@ -26,8 +26,7 @@ pub struct AtSplat {
     /// Combined with the trial's identity into the seed of each forward pass.
     call_seed: u64,
     record: MethodRecord,
-    /// Name of the pose normalisation of the training, if it is known.
-    trained_poses: Option<String>,
+    trained_under: TrainedUnder,
     shared: Option<Arc<SharedEncoding>>,
 }
 
@@ -104,7 +103,7 @@ impl AtSplat {
             matmul_precision,
             call_seed,
             record,
-            trained_poses: None,
+            trained_under: TrainedUnder::default(),
             shared: None,
         })
     }
@@ -131,10 +130,10 @@ impl AtSplat {
         self
     }
 
-    /// Records how the weights were trained; `poses` names the pose normalisation, if it is known. Trials under another one get a note.
+    /// Records how the weights were trained. Trials under something else than `under` get notes.
     #[must_use]
-    pub fn with_training(mut self, training: Option<TrainingRecord>, poses: Option<String>) -> Self {
-        (self.record.training, self.trained_poses) = (training, poses);
+    pub fn with_training(mut self, training: Option<TrainingRecord>, under: TrainedUnder) -> Self {
+        (self.record.training, self.trained_under) = (training, under);
         self
     }
 
@@ -179,7 +178,7 @@ impl AtSplat {
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let input_size = reconstruction.input_size;
         let resized = (input_size != size).then(|| format!("{SAW_RESIZED}images of {size} at {input_size}"));
-        let other = other_poses(self.trained_poses.as_deref(), input, self.setting());
+        let other = self.trained_under.notes(input, self.setting(), &self.splatting);
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
 
@@ -197,13 +196,6 @@ impl AtSplat {
 pub(super) fn context_views(input: &TrialInput<'_>) -> Result<Views, MethodError> {
     let cameras = input.trial.context().iter().map(|view| view.camera).collect();
     Views::of_images(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))
-}
-
-/// A note for a trial under another pose normalisation than that of the weights' training, if it is known.
-pub(super) fn other_poses(trained: Option<&str>, input: &TrialInput<'_>, setting: &str) -> Option<String> {
-    let poses = input.preset.setting_for(setting).pose_normalisation.name();
-    let trained = trained.filter(|trained| *trained != poses)?;
-    Some(format!("trained with the pose normalisation {trained}, evaluated with {poses}"))
 }
 
 /// Title in tables; the paper's own configurations are not named.
@@ -299,17 +291,28 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn trials_under_another_pose_normalisation_get_a_note() {
+    fn trials_under_another_pose_normalisation_or_background_get_a_note() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let (trial, images) = &trials(&preset)[0];
         let evaluated = preset.setting_for("ATSplat").pose_normalisation.name();
-        let notes = |poses: Option<String>| {
-            let method = method(None, 0).with_training(None, poses);
+        let notes = |provenance: &[(&str, &str)], background: Option<[f64; 3]>| {
+            let provenance = provenance.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
+            let mut method = method(None, 0).with_training(None, TrainedUnder::of(&provenance.collect()));
+            method.splatting.background = background;
             method.reconstruct(&TrialInput { preset: &preset, trial, images }).unwrap().1
         };
-        assert_eq!((notes(None), notes(Some(evaluated.clone()))), (Vec::new(), Vec::new()));
+        let (none, blue) = ([""; 0], Some([0.0, 0.25, 1.0]));
+        assert_eq!(notes(&[], None), none);
+        assert_eq!(notes(&[], blue), none, "trained by a version that did not state it");
+        let (poses, background) = ("pose-normalisation", "background");
+        assert_eq!(notes(&[(poses, evaluated.as_str()), (background, "[0.0, 0.0, 0.0]")], None), none);
+        assert_eq!(notes(&[(background, "[0.0, 0.25, 1.0]")], blue), none);
         let expected = format!("trained with the pose normalisation baseline-one, evaluated with {evaluated}");
-        assert_eq!(notes(Some("baseline-one".to_owned())), [expected]);
+        assert_eq!(notes(&[(poses, "baseline-one")], None), [expected]);
+        let expected = "trained on the background [0.2, 0.4, 0.6], evaluated on [0.0, 0.0, 0.0]";
+        assert_eq!(notes(&[(background, "[0.2, 0.4, 0.6]")], None), [expected]);
+        let expected = "trained on the background [0.0, 0.0, 0.0], evaluated on [0.0, 0.25, 1.0]";
+        assert_eq!(notes(&[(background, "[0.0, 0.0, 0.0]")], blue), [expected]);
     }
 
     /// Whichever method encodes a scene, and in whichever order scenes come.

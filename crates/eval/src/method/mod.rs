@@ -14,6 +14,7 @@ mod scene_names;
 mod shared_encoding;
 mod spec;
 mod splatting;
+mod trained_under;
 mod warp;
 
 use std::collections::BTreeMap;
@@ -42,6 +43,7 @@ pub use renders::Renders;
 pub(crate) use shared_encoding::SharedEncoding;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};
 pub use splatting::{Backend, DRAWN_CLASSIC, Splatting};
+pub use trained_under::TrainedUnder;
 pub use warp::Warp;
 
 /// A novel-view-synthesis method under evaluation.

@@ -9,9 +9,9 @@ use atsplat_results::trial_notes::{IN_TIME_ON, STEPS_TAKEN};
 use atsplat_results::{MethodRecord, TrainingRecord};
 use atsplat_splat::Gaussians;
 
-use super::atsplat::{context_views, method_error, other_poses};
+use super::atsplat::{context_views, method_error};
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource, trial_seed};
+use super::{Cost, Method, MethodError, Prediction, TrainedUnder, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
 use crate::timing::this_machine;
 use crate::{EvalError, adapter_record};
@@ -37,8 +37,8 @@ pub struct Optimised {
     network: Option<Network>,
     splatting: Splatting,
     record: MethodRecord,
-    /// Name of the pose normalisation of the network's training, if it is known.
-    trained_poses: Option<String>,
+    /// Of the network, if it is known.
+    trained_under: TrainedUnder,
 }
 
 /// The note about the steps that an optimisation took. How many fit into a time depends on the machine, which is then named.
@@ -79,8 +79,8 @@ impl Optimised {
             title: format!("{title} ({budget})"),
             ..MethodRecord::default()
         };
-        let limit = Some(limit);
-        Self { strategy, budget, seed, limit, network: None, splatting, record, trained_poses: None }.described()
+        let (limit, trained_under) = (Some(limit), TrainedUnder::default());
+        Self { strategy, budget, seed, limit, network: None, splatting, record, trained_under }.described()
     }
 
     /// Refinement of a network's Gaussians, without changing their number.
@@ -106,14 +106,14 @@ impl Optimised {
         };
         weights.describe(&network, &mut record)?;
         let network = Some(network);
-        let (strategy, limit, trained_poses) = (Strategy::Fixed, None, None);
-        Ok(Self { strategy, budget, seed, limit, network, splatting, record, trained_poses }.described())
+        let (strategy, limit, trained_under) = (Strategy::Fixed, None, TrainedUnder::default());
+        Ok(Self { strategy, budget, seed, limit, network, splatting, record, trained_under }.described())
     }
 
     /// Records how the network's weights were trained, as [`super::AtSplat::with_training`].
     #[must_use]
-    pub fn with_training(mut self, training: Option<TrainingRecord>, poses: Option<String>) -> Self {
-        (self.record.training, self.trained_poses) = (training, poses);
+    pub fn with_training(mut self, training: Option<TrainingRecord>, under: TrainedUnder) -> Self {
+        (self.record.training, self.trained_under) = (training, under);
         self
     }
 
@@ -147,10 +147,9 @@ impl Optimised {
 
     fn config(&self, input: &TrialInput<'_>) -> FitConfig {
         let convention = &input.preset.renderer;
-        let rgb = self.splatting.background.unwrap_or(convention.background);
         FitConfig {
             seed: trial_seed(self.seed, input.trial),
-            background: Background::of(rgb),
+            background: Background::of(self.splatting.background_of(input)),
             max_gaussians: self.limit.unwrap_or(usize::MAX),
             constants: self.splatting.constants.of(convention, input.trial.near_far()),
             ..FitConfig::new(self.strategy, 1)
@@ -169,7 +168,7 @@ impl Optimised {
             let points = START_POINTS.min(config.max_gaussians);
             return in_frustums(views, points, None, config.seed, self.strategy).map_err(failed);
         };
-        cost.notes.extend(other_poses(self.trained_poses.as_deref(), input, self.setting()));
+        cost.notes.extend(self.trained_under.notes(input, self.setting(), &self.splatting));
         let made = network.reconstruct(&context_views(input)?, config.seed).map_err(|error| method_error(&error))?;
         cost.initial_tokens = Some(made.budget.initial_tokens as u64);
         cost.final_tokens = Some(made.budget.final_tokens as u64);
@@ -351,7 +350,8 @@ mod tests {
         let evaluated = preset.setting_for("ATSplat").pose_normalisation.name();
         let training = Some(TrainingRecord { data: "yards".to_owned(), seed: None });
         let found = |poses: &str| {
-            let method = refined(Splatting::default()).with_training(training.clone(), Some(poses.to_owned()));
+            let under = TrainedUnder { poses: Some(poses.to_owned()), background: None };
+            let method = refined(Splatting::default()).with_training(training.clone(), under);
             let input = TrialInput { preset: &preset, trial: &trial, images: &images };
             let notes = method.predict(input).unwrap().cost().notes;
             assert_eq!(method.record().training, training);

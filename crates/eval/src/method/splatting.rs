@@ -130,6 +130,11 @@ impl Default for Splatting {
 }
 
 impl Splatting {
+    /// The background that the targets of a trial are rendered on.
+    pub(super) fn background_of(&self, input: &TrialInput<'_>) -> [f64; 3] {
+        self.background.unwrap_or(input.preset.renderer.background)
+    }
+
     /// The prediction of a method whose Gaussians are in the trial's world frame.
     pub fn predict<'a>(&'a self, input: TrialInput<'a>, gaussians: Gaussians, cost: Cost) -> Box<dyn Prediction + 'a> {
         self.predict_with(input, gaussians, self.constants_in(input, 1.0), cost)
@@ -237,7 +242,7 @@ impl<'a> Splatted<'a> {
     ) -> Self {
         let options = RenderOptions {
             constants,
-            background: splatting.background.unwrap_or(input.preset.renderer.background),
+            background: splatting.background_of(&input),
             mode: splatting.mode.unwrap_or(RasterMode::Classic),
             ..RenderOptions::default()
         };

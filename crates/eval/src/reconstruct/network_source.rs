@@ -6,11 +6,10 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_results::TRAINED_POSES;
 use atsplat_results::TrainingRecord;
 use serde::Serialize;
 
-use crate::method::WeightsSource;
+use crate::method::{TrainedUnder, WeightsSource};
 
 /// A network configuration and the location of its weights, which are not loaded yet.
 #[derive(Debug)]
@@ -107,11 +106,11 @@ impl WeightsRecord {
         }
     }
 
-    /// Name of the pose normalisation under which the weights were trained, if their file says so.
-    pub fn trained_poses(&self) -> Option<String> {
+    /// What the weights were trained under, if their file says so.
+    pub fn trained_under(&self) -> TrainedUnder {
         match self {
-            Self::File { provenance, .. } => provenance.get(TRAINED_POSES).cloned(),
-            Self::Untrained { .. } => None,
+            Self::File { provenance, .. } => TrainedUnder::of(provenance),
+            Self::Untrained { .. } => TrainedUnder::default(),
         }
     }
 

@@ -4,13 +4,13 @@ use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_results::TRAINED_POSES;
 use atsplat_results::TrainingRecord;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use super::{Overrides, Setting, Sweep};
 use crate::method::{
-    AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
+    AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, TrainedUnder,
+    WeightsSource,
 };
 use crate::runner::Dataset;
 use crate::{ComputeDevice, EvalError};
@@ -26,8 +26,8 @@ pub struct SweepBase {
     pub weights: WeightsSource,
     /// How they were trained, if their file says so.
     pub training: Option<TrainingRecord>,
-    /// Name of the pose normalisation of their training, if their file says so.
-    pub trained_poses: Option<String>,
+    /// What they were trained under, if their file says so.
+    pub trained_under: TrainedUnder,
     /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
     /// they are.
     pub trained_at: Option<ImageSize>,
@@ -82,9 +82,9 @@ impl SweepBase {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
-        let (config, tensors, weights, trained_at, (training, poses)) = match &overrides.weights {
+        let (config, tensors, weights, trained_at, (training, under)) = match &overrides.weights {
             None => {
-                let training = (self.training.clone(), self.trained_poses.clone());
+                let training = (self.training.clone(), self.trained_under.clone());
                 (overrides.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
             }
             Some(path) => {
@@ -92,7 +92,7 @@ impl SweepBase {
                 let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
                 let trained_at = self.trained_at.map(|_| read.config.resolution);
-                let training = (TrainingRecord::of(&read.provenance), read.provenance.get(TRAINED_POSES).cloned());
+                let training = (TrainingRecord::of(&read.provenance), TrainedUnder::of(&read.provenance));
                 let weights = WeightsSource::File { sha256: file.sha256 };
                 (overrides.model(&read.config)?, read.tensors, weights, trained_at, training)
             }
@@ -109,11 +109,11 @@ impl SweepBase {
         Ok(match budget {
             Some(budget) => Arc::new(
                 Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?
-                    .with_training(training, poses),
+                    .with_training(training, under),
             ),
             None => Arc::new(
                 AtSplat::new(name, network, &weights, seed, splatting)?
-                    .with_training(training, poses)
+                    .with_training(training, under)
                     .with_matmul_precision(precision),
             ),
         })

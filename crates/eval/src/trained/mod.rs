@@ -11,12 +11,14 @@ use atsplat_model::config::Selection;
 use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
-use atsplat_results::{TRAINED_POSES, TrainingRecord};
+use atsplat_results::TrainingRecord;
 
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
 use crate::expansion::thresholds;
-use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, SharedEncoding, Warp, WeightsSource};
+use crate::method::{
+    AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, SharedEncoding, TrainedUnder, Warp, WeightsSource,
+};
 use crate::runner::Dataset;
 use crate::{ComputeDevice, EvalError};
 
@@ -28,7 +30,7 @@ pub struct TrainedNetwork {
     tensors: StoredTensors,
     weights: WeightsSource,
     training: Option<TrainingRecord>,
-    trained_poses: Option<String>,
+    trained_under: TrainedUnder,
     /// Description of the weights' origin.
     pub description: String,
     device: ComputeDevice,
@@ -43,9 +45,9 @@ impl TrainedNetwork {
         let ModelWeights { config, tensors, provenance, .. } = ModelWeights::of_file(file)?;
         let (weights, training) =
             (WeightsSource::File { sha256: file.sha256.clone() }, TrainingRecord::of(&provenance));
-        let trained_poses = provenance.get(TRAINED_POSES).cloned();
+        let trained_under = TrainedUnder::of(&provenance);
         let device = ComputeDevice::default();
-        Ok(Self { config, tensors, weights, training, trained_poses, description, device })
+        Ok(Self { config, tensors, weights, training, trained_under, description, device })
     }
 
     /// The same network on another device.
@@ -72,7 +74,7 @@ impl TrainedNetwork {
     pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let network = self.network_for(&self.config)?;
         let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?
-            .with_training(self.training.clone(), self.trained_poses.clone());
+            .with_training(self.training.clone(), self.trained_under.clone());
         let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
         for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
             let splatting = self.device.splatting();
@@ -147,7 +149,7 @@ impl TrainedNetwork {
 
     fn method(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
         let method = AtSplat::new(name, self.network_for(config)?, &self.weights, 0, self.device.splatting())?;
-        Ok(method.with_training(self.training.clone(), self.trained_poses.clone()))
+        Ok(method.with_training(self.training.clone(), self.trained_under.clone()))
     }
 
     /// The network of a configuration with these weights.

@@ -20,9 +20,9 @@ use serde::{Deserialize, Serialize};
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
 pub use place::{Moved, SAMPLED_BY};
-pub use provenance::TRAINED_POSES;
 pub use provenance::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
+    MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TRAINED_BACKGROUND, TRAINED_POSES,
+    TrainingRecord, WarningCount,
 };
 pub use record_kind::RecordKind;
 pub use stated_cost::{StatedCost, StatedSeconds};

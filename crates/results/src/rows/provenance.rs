@@ -243,6 +243,9 @@ pub struct TrainingRecord {
 /// The key of a weights file's provenance that names the pose normalisation of the training.
 pub const TRAINED_POSES: &str = "pose-normalisation";
 
+/// The key of the background of the training, as in `[0.0, 0.5, 1.0]`; absent in files of earlier versions.
+pub const TRAINED_BACKGROUND: &str = "background";
+
 impl TrainingRecord {
     /// From a weights file's provenance; `None` if it does not name its data.
     pub fn of(provenance: &BTreeMap<String, String>) -> Option<Self> {

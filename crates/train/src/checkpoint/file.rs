@@ -102,7 +102,8 @@ mod tests {
 
     /// With averages that differ from the weights, and an earlier generation of the simulator.
     fn stored() -> StoredTensors {
-        let config = TrainConfig { average: Some(0.5), ..TrainConfig::shortest() };
+        let mut config = TrainConfig { average: Some(0.5), ..TrainConfig::shortest() };
+        config.losses.background = [0.2, 0.4, 1.0];
         let model = config.model.config().unwrap();
         let mut state = State::new(Parameters::fresh(&model, 1, StoredTensors::default())).with_average();
         for average in state.average.iter_mut().flatten().flatten() {
@@ -138,6 +139,7 @@ mod tests {
         assert!(provenance["data"].starts_with("1 × rooms train 0 to 0 at 256x256 ("), "{}", provenance["data"]);
         assert!(provenance["data"].ends_with(", generation 1)"), "{}", provenance["data"]);
         assert_eq!(provenance["data[0].source.rooms.generation"], "1");
+        assert_eq!(provenance["background"], "[0.2, 0.4, 1.0]");
         assert!(!provenance.contains_key("step"), "of a checkpoint only");
         let mut older = stored;
         older.metadata.remove("data[0].source.rooms.generation");
