@@ -16,7 +16,8 @@ pub struct IndexRule {
     pub context_views: usize,
     /// Fewest and most targets of an entry in the default index, or in the index derived from it.
     pub targets: (usize, usize),
-    /// Published files that the protocol runs on; the first is the default.
+    /// Published files that the protocol runs on; the first is the default. There may be none if there is a [`Self::sampler`].
+    #[serde(default)]
     pub accepted: Vec<AcceptedIndex>,
     /// How the index is derived from the published file, if the protocol has no file of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -213,6 +214,22 @@ mod tests {
         assert_eq!(matched(accepted[0].sha256), IndexMatch::Default { name: "depthsplat-dl3dv-12v" });
         assert!(matches!(matched(accepted[1].sha256), IndexMatch::Alternative { name: "yonosplat-dl3dv-12v", .. }));
         assert_eq!(matched(Sha256Digest::of(b"")), IndexMatch::Unpublished);
+    }
+
+    /// The hash is that of a preset that says `accepted = []`.
+    #[test]
+    fn a_preset_needs_an_accepted_file_or_a_sampling_rule() {
+        let text = Preset::text_of("photos-3v-256").unwrap();
+        let without = text.replacen("accepted = []\n", "", 1);
+        assert_ne!(without, text);
+        let preset = Preset::from_toml(&without).unwrap();
+        assert_eq!(preset.hash().unwrap(), Preset::named("photos-3v-256").unwrap().hash().unwrap());
+        let neither = without.replacen("sampler = \"photos-3v\"\n", "", 1);
+        let error = Preset::from_toml(&neither).unwrap_err().to_string();
+        assert!(
+            error.contains("index.accepted: expected at least one index, or a sampling rule, found none"),
+            "{error}"
+        );
     }
 
     #[test]
