@@ -87,6 +87,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     print_text(&format!("{done} of {steps} steps, {} skipped{end}\n{}\n", trainer.state().skipped(), weights.display()))
 }
 
+/// The steps that a learning curve shows, and the number of samples whose PSNR it shows, if any.
+fn described(steps: &[logs::StepRecord], evaluated: Option<usize>) -> String {
+    let skipped = match steps.iter().filter(|record| record.skip_reason.is_some()).count() {
+        0 => String::new(),
+        count => format!(", {count} of them skipped"),
+    };
+    let psnr = evaluated.map_or_else(String::new, |samples| format!("; PSNR of {samples} fixed samples"));
+    format!("{} steps{skipped}{psnr}", steps.len())
+}
+
 /// Writes the logs as Parquet, the learning curve, and the contact sheet.
 fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let steps: Vec<logs::StepRecord> = logs::read(&args.out.join("steps.jsonl"))?;
@@ -97,10 +107,10 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
     let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
     let name = args.config.file_stem().unwrap_or(args.config.as_os_str()).to_string_lossy();
-    let psnr = trainer.evaluation().map(|evaluation| format!("; PSNR of {} fixed samples", evaluation.samples().len()));
+    let evaluated = trainer.evaluation().map(|evaluation| evaluation.samples().len());
     let curve = LearningCurve {
         title: &trainer.config().title,
-        subtitle: &format!("{name}; {} steps{}", steps.len(), psnr.unwrap_or_default()),
+        subtitle: &format!("{name}; {}", described(&steps, evaluated)),
         steps: &steps.iter().map(|record| record.step).collect::<Vec<_>>(),
         losses: &losses,
         evaluations: &evaluations
@@ -129,4 +139,24 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
         PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&sheet.draw().encode(PlotFormat::Png)?)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_learning_curve_says_how_many_steps_were_skipped() {
+        let step = |fault: &str| -> logs::StepRecord {
+            let parts = r#"{"sample":1.0,"forward":1.0,"splat":1.0,"losses":1.0,"backward":1.0}"#;
+            let text = format!(
+                r#"{{"step":0,"terms":null,"gradient-norm":null,"rate":1e-3,"secs":5.0,"parts":{parts},"fault":{fault}}}"#
+            );
+            serde_json::from_str(&text).unwrap()
+        };
+        let [done, skipped] = ["null", "\"no sample\""].map(step);
+        assert_eq!(described(&[done.clone(), done.clone()], None), "2 steps");
+        let some = [done.clone(), skipped, done];
+        assert_eq!(described(&some, Some(4)), "3 steps, 1 of them skipped; PSNR of 4 fixed samples");
+    }
 }

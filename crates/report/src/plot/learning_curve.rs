@@ -9,7 +9,7 @@ use super::drawing::theme::{GREY, colour};
 /// Maximum number of points of a curve, each a mean over consecutive steps.
 const POINTS: usize = 200;
 
-/// The learning curve of a training run: loss by term above, PSNR next to that of the nearest context view below.
+/// The learning curve of a training run: loss by term above; with evaluations, PSNR next to that of the nearest context view below.
 #[derive(Debug)]
 pub struct LearningCurve<'a> {
     /// Title above the plot.
@@ -18,13 +18,16 @@ pub struct LearningCurve<'a> {
     pub subtitle: &'a str,
     /// Number of each step.
     pub steps: &'a [u64],
-    /// Name of each loss term, and its value at each step; `None` for skipped steps.
+    /// Name of each loss term, and its value at each step; `None` for skipped steps, which the lines pass over.
     pub losses: &'a [(&'static str, Vec<Option<f64>>)],
     /// Step, PSNR of the renders and PSNR of the nearest context view in dB, of each evaluation; `None` where that view
-    /// cannot be compared, because its size differs.
+    /// cannot be compared, because its size differs. Without any, the lower panel is left out.
     pub evaluations: &'a [(u64, f64, Option<f64>)],
 }
 
+/// Title of the upper panel's axis: the total is not the sum of the other curves.
+const LOSSES: &str =
+    "loss, logarithmic: terms without their weights, intermediate ones summed over the sets; total with all weights";
 /// The series of the lower panel.
 const SCORES: [&str; 2] = ["renders", "nearest context view"];
 
@@ -42,39 +45,47 @@ impl LearningCurve<'_> {
         let top = line_legend(&mut drawing, head + 12.0, &names, colour) + 34.0;
         let last = self.steps.last().copied().into_iter().chain(self.evaluations.last().map(|(step, ..)| *step)).max();
         let x = Scale::linear(0.0, last.unwrap_or(1) as f64 + 1.0);
-        let steps: &dyn Fn(f64, &[f64]) -> String = &|step, _| count_label(step);
         let losses = Axes {
             inside: Extent::new(72.0, top, 876.0, top + 300.0),
             x,
             y: Scale::logarithmic(curves.iter().flat_map(|(_, points)| points.iter().map(|(_, loss)| *loss)), 0.05),
         };
-        losses.draw_y(
-            &mut drawing,
-            &AxisText { title: "loss by term, logarithmic", label: &|loss, _| single_label(loss) },
-        );
-        let below = losses.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
+        losses.draw_y(&mut drawing, &AxisText { title: LOSSES, label: &|loss, _| single_label(loss) });
+        let mut below = losses.draw_x(&mut drawing, &AxisText { title: "steps", label: &step_label });
         for (at, (name, points)) in curves.iter().enumerate() {
             draw_line(&mut drawing, &losses, name, points, colour(at));
         }
-        let score_colour = |at: usize| if at == 0 { colour(curves.len()) } else { GREY };
+        if !self.evaluations.is_empty() {
+            below = self.draw_scores(&mut drawing, x, below, colour(curves.len()));
+        }
+        drawing.end_at(below + 14.0);
+        drawing
+    }
+
+    /// Draws the lower panel, whose renders have this colour; returns its lower end.
+    fn draw_scores(&self, drawing: &mut Drawing, x: Scale, above: f64, of_renders: plotters::style::RGBColor) -> f64 {
+        let score_colour = |at: usize| if at == 0 { of_renders } else { GREY };
         let renders = self.evaluations.iter().map(|(step, renders, _)| (*step as f64, *renders)).collect();
         let nearest = self.evaluations.iter().filter_map(|(step, _, nearest)| Some((*step as f64, (*nearest)?)));
         let mut series: Vec<(&str, Vec<(f64, f64)>)> = SCORES.into_iter().zip([renders, nearest.collect()]).collect();
         series.retain(|(_, points)| !points.is_empty());
         let names: Vec<&str> = series.iter().map(|(name, _)| *name).collect();
-        let top = line_legend(&mut drawing, below + 20.0, &names, score_colour) + 34.0;
+        let top = line_legend(drawing, above + 20.0, &names, score_colour) + 34.0;
         let values = series.iter().flat_map(|(_, points)| points.iter().map(|(_, psnr)| *psnr));
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
         let scores =
             Axes { inside: Extent::new(72.0, top, 876.0, top + 260.0), x, y: Scale::linear(low - 1.0, high + 1.0) };
-        scores.draw_y(&mut drawing, &number_axis("PSNR in dB on the same samples, higher is better"));
-        let below = scores.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
+        scores.draw_y(drawing, &number_axis("PSNR in dB on the same samples, higher is better"));
+        let below = scores.draw_x(drawing, &AxisText { title: "steps", label: &step_label });
         for (at, (name, points)) in series.iter().enumerate() {
-            draw_line(&mut drawing, &scores, name, points, score_colour(at));
+            draw_line(drawing, &scores, name, points, score_colour(at));
         }
-        drawing.end_at(below + 14.0);
-        drawing
+        below
     }
+}
+
+fn step_label(step: f64, _others: &[f64]) -> String {
+    count_label(step)
 }
 
 fn line_legend(
@@ -112,6 +123,22 @@ fn curve(steps: &[u64], values: &[Option<f64>]) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_without_evaluations_has_no_scores() {
+        let losses = [("mse", vec![Some(0.4), None, Some(0.2)])];
+        let drawn = |evaluations: &[(u64, f64, Option<f64>)]| {
+            let subtitle = "3 steps, 1 of them skipped";
+            let curve = LearningCurve { title: "a run", subtitle, steps: &[0, 1, 2], losses: &losses, evaluations };
+            let drawing = curve.draw();
+            let has = |part: &str| drawing.texts().any(|text| text.contains(part));
+            assert!(has("terms without their weights"));
+            (has("PSNR"), has("renders"), drawing.size().1)
+        };
+        let (without, with) = (drawn(&[]), drawn(&[(0, 9.0, None), (3, 17.5, None)]));
+        assert_eq!(((without.0, without.1), (with.0, with.1)), ((false, false), (true, true)));
+        assert!(without.2 + 200 < with.2, "{without:?} {with:?}");
+    }
 
     #[test]
     fn curves_are_means_without_skipped_steps() {
