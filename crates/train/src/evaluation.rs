@@ -31,11 +31,31 @@ pub struct Evaluation {
 
 /// Scores of one render.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Scores {
-    pub(crate) psnr: f64,
+struct Scores {
+    psnr: f64,
     ssim: f64,
     /// If the images are equal: PSNR is then infinite, and capped above.
     is_identical: bool,
+}
+
+/// A target with what is compared with it.
+pub(crate) struct ScoredTarget {
+    pub(crate) render: Image,
+    pub(crate) truth: Image,
+    scores: Scores,
+    /// Those of the nearest context view.
+    nearest: Scores,
+}
+
+impl ScoredTarget {
+    /// PSNR of the render in dB, if means count it: neither the nearest context view nor the render equals the target.
+    pub(crate) fn counted_psnr(&self) -> Option<f64> {
+        (!self.is_identical()).then_some(self.scores.psnr)
+    }
+
+    const fn is_identical(&self) -> bool {
+        self.scores.is_identical || self.nearest.is_identical
+    }
 }
 
 impl Evaluation {
@@ -85,27 +105,26 @@ impl Evaluation {
     /// [`TrainError::Malformed`] if no target is left.
     pub fn run(&self, network: &Network, step: u64) -> Result<EvaluationRecord, TrainError> {
         let start = Instant::now();
+        // Without the images, of which there may be many.
         let scored = |sample: &Sample| {
-            let renders = self.renders(network, sample)?;
-            let pairs = renders.iter().zip(sample.nearest()).enumerate().map(|(target, (render, nearest))| {
-                let truth = image(&sample.targets, target)?;
-                Ok([scores(render, &truth)?, scores(&image(&sample.context, nearest)?, &truth)?])
-            });
-            pairs.collect::<Result<Vec<[Scores; 2]>, TrainError>>()
+            let scored = self.scored(network, sample)?;
+            let pairs = scored.iter().map(|target| (target.is_identical(), [target.scores, target.nearest]));
+            Ok::<_, TrainError>(pairs.collect::<Vec<(bool, [Scores; 2])>>())
         };
         let scored: Result<Vec<_>, TrainError> = match network.adapter() {
             None => self.samples.par_iter().map(scored).collect(),
             // An adapter runs one sample at a time, with all of its threads.
             Some(_) => self.samples.iter().map(scored).collect(),
         };
-        let (scored, identical): (Vec<_>, Vec<_>) =
-            scored?.concat().into_iter().partition(|pair| pair.iter().all(|scores| !scores.is_identical));
+        let (identical, scored): (Vec<_>, Vec<_>) = scored?.concat().into_iter().partition(|(identical, _)| *identical);
         if scored.is_empty() {
             let expected = "a target that differs from the context views, such as one of two views with `inset = 1` and `outside = 0`";
             let found = format!("{} identical to their context view or render", identical.len());
             return Err(TrainError::malformed("evaluation", "targets", expected, found));
         }
-        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| scored.iter().map(of).sum::<f64>() / scored.len() as f64;
+        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| {
+            scored.iter().map(|(_, pair)| of(pair)).sum::<f64>() / scored.len() as f64
+        };
         Ok(EvaluationRecord {
             step,
             psnr: mean(&|[render, _]| render.psnr),
@@ -117,6 +136,20 @@ impl Evaluation {
             secs: start.elapsed().as_secs_f64(),
             samples_sha256: Some(self.digest),
         })
+    }
+
+    /// Renders the targets of a sample and compares each with the truth, as it does its nearest context view.
+    ///
+    /// # Errors
+    /// As [`Self::renders`]; [`TrainError::Metric`] for renders that are not finite.
+    pub(crate) fn scored(&self, network: &Network, sample: &Sample) -> Result<Vec<ScoredTarget>, TrainError> {
+        let renders = self.renders(network, sample)?.into_iter().zip(sample.nearest()).enumerate();
+        let scored = renders.map(|(target, (render, nearest))| {
+            let truth = image(&sample.targets, target)?;
+            let (of_render, nearest) = (scores(&render, &truth)?, scores(&image(&sample.context, nearest)?, &truth)?);
+            Ok(ScoredTarget { render, truth, scores: of_render, nearest })
+        });
+        scored.collect()
     }
 
     /// The network's renders of the targets of a sample. Its images are resized as by the weights of a finished run
@@ -156,7 +189,7 @@ pub(crate) fn image(posed: &PosedImages, view: usize) -> Result<Image, TrainErro
     Ok(Image::new(size.width, size.height, posed.image(view).to_vec())?)
 }
 
-pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
+fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
     let pair = Pair::new(render, truth)?;
     let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
     let psnr = psnr(&pair, Values::Clipped);

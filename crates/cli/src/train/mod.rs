@@ -97,6 +97,18 @@ fn described(steps: &[logs::StepRecord], evaluated: Option<usize>) -> String {
     format!("{} steps{skipped}{psnr}", steps.len())
 }
 
+/// The label of a sample in the contact sheet: its number and score, and what the score leaves out.
+fn label(number: usize, row: &SheetRow) -> String {
+    let score = row.psnr.map_or_else(|| "no score".to_owned(), |psnr| format!("{psnr:.2} dB"));
+    let left_out: Vec<String> = row.left_out.iter().map(usize::to_string).collect();
+    let without = match left_out.len() {
+        0 => String::new(),
+        1 => format!(" without target {}, equal to a context view or render", left_out.concat()),
+        _ => format!(" without targets {}, equal to a context view or render", left_out.join(", ")),
+    };
+    format!("sample {number}, {score}{without}")
+}
+
 /// Writes the logs as Parquet, the learning curve, and the contact sheet.
 fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let steps: Vec<logs::StepRecord> = logs::read(&args.out.join("steps.jsonl"))?;
@@ -122,7 +134,7 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     if let Some(evaluation) = trainer.evaluation() {
         let rows = contact_sheet(evaluation, &trainer.network()?, SHEET.0, SHEET.1)?;
         let row = |(at, row): (usize, SheetRow)| ContactRow {
-            label: format!("sample {}, {:.2} dB", at + 1, row.psnr),
+            label: label(at + 1, &row),
             context: row.context,
             targets: row.targets,
         };
@@ -144,6 +156,18 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_label_says_which_targets_the_score_leaves_out() {
+        let labelled = |psnr, left_out: &[usize]| {
+            label(3, &SheetRow { context: Vec::new(), targets: Vec::new(), psnr, left_out: left_out.to_vec() })
+        };
+        assert_eq!(labelled(Some(21.346), &[]), "sample 3, 21.35 dB");
+        let of_one = "sample 3, 21.35 dB without target 2, equal to a context view or render";
+        assert_eq!(labelled(Some(21.346), &[2]), of_one);
+        let of_none = "sample 3, no score without targets 1, 2, equal to a context view or render";
+        assert_eq!(labelled(None, &[1, 2]), of_none);
+    }
 
     #[test]
     fn a_learning_curve_says_how_many_steps_were_skipped() {

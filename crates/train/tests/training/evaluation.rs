@@ -5,7 +5,7 @@ use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
 use atsplat_train::logs::EvaluationRecord;
 use atsplat_train::samples::{RoomsConfig, RoomsSource, Sample};
-use atsplat_train::{Evaluation, Parameters, Start, TrainConfig, TrainError};
+use atsplat_train::{Evaluation, Parameters, Start, TrainConfig, TrainError, contact_sheet};
 use tempfile::tempdir;
 
 use crate::common::{Noise, SIZE, config, sample, trainer};
@@ -13,11 +13,14 @@ use crate::common::{Noise, SIZE, config, sample, trainer};
 /// Values of an image.
 const LENGTH: usize = SIZE.height * SIZE.width * 3;
 
-fn evaluate(sample: Sample) -> Result<EvaluationRecord, TrainError> {
+fn network() -> Network {
     let model = config("").model.config().unwrap();
     let parameters = Parameters::fresh(&model, 5, StoredTensors::default());
-    let network = parameters.network(&Network::new(&model, &Device::flex()).unwrap()).unwrap();
-    Evaluation::from_samples(vec![sample], [0.0; 3]).run(&network, 7)
+    parameters.network(&Network::new(&model, &Device::flex()).unwrap()).unwrap()
+}
+
+fn evaluate(sample: Sample) -> Result<EvaluationRecord, TrainError> {
+    Evaluation::from_samples(vec![sample], [0.0; 3]).run(&network(), 7)
 }
 
 /// The first `count` of two targets are their nearest context views.
@@ -45,6 +48,26 @@ fn copies_of_context_views_are_counted_and_left_out_of_the_means() {
         error.contains("a target that differs from the context views") && error.contains("found 2 identical"),
         "{error}"
     );
+}
+
+/// Of two targets, only the first is shown.
+#[test]
+fn contact_sheets_score_what_evaluations_count() {
+    let row = |sample: Sample| {
+        let evaluation = Evaluation::from_samples(vec![sample], [0.0; 3]);
+        let mut rows = contact_sheet(&evaluation, &network(), 8, 1).unwrap();
+        assert_eq!(rows.len(), 1);
+        rows.remove(0)
+    };
+    for (copies, left_out) in [(0, vec![]), (1, vec![1])] {
+        let found = row(with_copies(copies));
+        let expected = evaluate(with_copies(copies)).unwrap().psnr;
+        Tolerance::absolute(1e-9).assert([found.psnr.unwrap()], [expected], "the same targets");
+        assert_eq!((found.targets.len(), found.left_out), (1, left_out));
+    }
+    let none = row(with_copies(2));
+    assert!(none.psnr.is_none());
+    assert_eq!((none.targets.len(), none.left_out), (1, vec![1, 2]));
 }
 
 /// The first sample has the size of images that the configuration does not state: 8 GiB are enough for 174762 samples of 4 views of 32×32.
