@@ -5,6 +5,7 @@
 //! `[column, column + 1) × [row, row + 1)`, so its centre is at `(column + 0.5, row + 0.5)`.
 
 mod axes;
+mod centre_spread;
 mod distortion;
 mod error;
 mod framing;
@@ -23,6 +24,7 @@ mod spline;
 mod trajectory;
 mod turntable;
 
+pub use centre_spread::CentreSpread;
 pub use distortion::{Distortion, Lens};
 pub use error::CameraError;
 pub use framing::Sphere;

@@ -52,7 +52,7 @@ pub enum PoseNormalisation {
     ///
     /// With the mean forward axis `m_z`, the mean down axis `m_y` and the mean centre `c`:
     /// `f = normalize(m_z)`, `d = normalize(m_y − (m_y·f) f)`, `r = d × f`, `E′ = [r d f c]⁻¹ · E`.
-    /// If that is numerically unstable, the [`Fallback`]s apply.
+    /// If that is numerically unstable, the [`Fallback`]s apply; the published code divides whatever the scale is.
     MeanCamera {
         /// How lengths are scaled afterwards.
         #[serde(default)]
@@ -81,10 +81,10 @@ fn is_one(value: &f64) -> bool {
     Tolerance::EXACT.accepts(*value, 1.0)
 }
 
-/// A replacement in a rule because its published formula is undefined or unstable for these views.
+/// A replacement in a rule because its published formula is undefined or unstable for these views, or a doubt about its result.
 ///
-/// Reported in this order. Replacements depend only on the views, never on the world's axes, so that the result is still
-/// invariant to moving the world.
+/// Reported in this order. Replacements never depend on the world's axes, and only [`Self::CoincidentCentres`] on the distance from its
+/// origin, so that the result is still invariant to moving the world as far as the poses are precise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fallback {
@@ -97,9 +97,12 @@ pub enum Fallback {
     DownsCancel,
     /// That view's down axis is within 30° of the forward axis: its right axis is used instead.
     FirstDownAlongForward,
-    /// All centres that determine the scale coincide (closer than 1e-9 of their distance from the world's origin, the
-    /// precision of files): lengths keep their scale.
+    /// All centres that determine the scale coincide within the precision of their poses ([`crate::CentreSpread`]): lengths
+    /// keep their scale.
     CoincidentCentres,
+    /// All centres that determine the scale are closer together than 1e-6 of their distance from the world's origin, but farther apart
+    /// than their precision ([`crate::CentreSpread::Close`]). Nothing is replaced.
+    CloseCentres,
 }
 
 impl fmt::Display for Fallback {
@@ -113,7 +116,13 @@ impl fmt::Display for Fallback {
             Self::FirstDownAlongForward => {
                 "the first view's down axis is within 30 degrees of the forward axis; its right axis is used"
             }
-            Self::CoincidentCentres => "all camera centres coincide; lengths keep their scale",
+            Self::CoincidentCentres => {
+                "all camera centres coincide within the precision of their poses; lengths keep their scale"
+            }
+            Self::CloseCentres => {
+                "all camera centres are closer together than 1e-6 of their distance from the origin; lengths are divided \
+                 by so small a distance, as published"
+            }
         })
     }
 }
@@ -160,9 +169,9 @@ impl Step {
 /// to the targets ([`MeanCameraScale::Lvsm`] depends on both, as LVSM does).
 ///
 /// First-view-relative, the mean camera under any scale but [`MeanCameraScale::IlrmMain`], and a sequence that ends in
-/// one of them are invariant to rigid motions of the dataset's world. The bound is 1e-12 relative to the larger of the
-/// normalised scene and its distance from the old origin in normalised units, the precision of f64 poses far from their
-/// origin.
+/// one of them are invariant to rigid motions of the dataset's world, up to which [`Fallback::CoincidentCentres`] stays the same. The
+/// bound is 1e-12 relative to the larger of the normalised scene and its distance from the old origin in normalised units,
+/// the precision of f64 poses far from their origin.
 ///
 /// # Errors
 /// [`CameraError::TooFewPoses`] without context views, [`CameraError::BaselineOutOfRange`] if the papers skip the scene,

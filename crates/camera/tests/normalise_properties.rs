@@ -4,7 +4,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use atsplat_camera::{CameraError, Fallback, MeanCameraScale, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_camera::{
+    CameraError, CameraFromWorld, Fallback, MeanCameraScale, PoseNormalisation, WorldFromCamera, normalise,
+};
 use atsplat_numeric::{Extremes, Tolerance};
 use glam::{DMat3, DVec3, EulerRot};
 use proptest::prelude::*;
@@ -278,23 +280,46 @@ fn the_right_axis_is_used_if_the_first_down_axis_is_forward() {
     Tolerance::F64.assert(found.context[0].right().to_array(), [1.0, 0.0, 0.0], "right axis unchanged");
 }
 
+/// A pose whose `[R | t]` is rounded as a file stores it.
+fn stored(rotation: DMat3, centre: DVec3, rounded: fn(f64) -> f64) -> WorldFromCamera {
+    let rows = pose(rotation, centre).inverse().to_rows().map(rounded);
+    CameraFromWorld::from_rows(&rows).unwrap().inverse()
+}
+
+/// A clip that only pans, as RE10K's text and as a chunk.
 #[test]
 fn coincident_centres_keep_their_scale() {
     let centre = DVec3::new(3.0, 1.0, -2.0);
-    let noise = DVec3::new(1e-10, -1e-10, 0.0);
-    let views = [pose(turn(0.1, 0.0, 0.0), centre), pose(turn(-0.1, 0.0, 0.0), centre + noise)];
-    for scale in [MeanCameraScale::LongLrm, MeanCameraScale::Lvsm] {
-        let found = normalise(&views, &[], &mean_camera(scale)).unwrap();
-        assert_eq!(found.fallbacks, [Fallback::CoincidentCentres]);
-        Tolerance::EXACT.assert(
-            [found.new_from_old.scale],
-            [1.0],
-            "differences below nine decimals are not a baseline",
-        );
+    let with_nine_decimals = |number: f64| (number * 1e9).round() / 1e9;
+    #[expect(clippy::cast_possible_truncation, reason = "what a chunk stores")]
+    let in_f32 = |number: f64| f64::from(number as f32);
+    for rounded in [with_nine_decimals as fn(f64) -> f64, in_f32] {
+        let views = [(0.1, 0.3), (-0.1, 0.2), (0.4, -0.2)].map(|(y, x)| stored(turn(y, x, 0.1), centre, rounded));
+        for scale in [MeanCameraScale::LongLrm, MeanCameraScale::Lvsm] {
+            let found = normalise(&views, &[], &mean_camera(scale)).unwrap();
+            assert_eq!(found.fallbacks, [Fallback::CoincidentCentres]);
+            Tolerance::EXACT.assert([found.new_from_old.scale], [1.0], "rounding of a file is not a baseline");
+        }
+        let quirk = normalise(&views, &[], &mean_camera(MeanCameraScale::IlrmMain)).unwrap();
+        assert!(quirk.fallbacks.is_empty(), "iLRM divides by the distance from the old origin");
+        Tolerance::relative(1e-6).assert([quirk.new_from_old.scale], [1.0 / 3.0], "largest coordinate");
     }
-    let quirk = normalise(&views, &[], &mean_camera(MeanCameraScale::IlrmMain)).unwrap();
-    assert!(quirk.fallbacks.is_empty(), "iLRM divides by the distance from the old origin");
-    Tolerance::relative(1e-9).assert([quirk.new_from_old.scale], [1.0 / 3.0], "largest coordinate");
+}
+
+/// The published scale is kept wherever the poses state a baseline; a note says where it is small.
+#[test]
+fn a_small_rig_far_from_the_origin_has_its_published_scale() {
+    let rig = |offset: DVec3| {
+        let at = |turned: f64, x: f64| pose(turn(turned, 0.2, 0.0), DVec3::new(1e-3 * x, 2e-4 * x, 0.0) + offset);
+        [at(0.1, 0.0), at(-0.1, 1.0), at(0.0, -0.7)]
+    };
+    let of = |offset: DVec3, scale| normalise(&rig(offset), &[], &mean_camera(scale)).unwrap();
+    for scale in [MeanCameraScale::LongLrm, MeanCameraScale::Lvsm] {
+        let (near, far) = (of(DVec3::ZERO, scale), of(DVec3::new(1e6, -3e5, 0.0), scale));
+        assert_eq!((&near.fallbacks[..], &far.fallbacks[..]), (&[][..], &[Fallback::CloseCentres][..]));
+        Tolerance::relative(1e-5).assert([far.new_from_old.scale], [near.new_from_old.scale], "of the rig");
+    }
+    assert!(of(DVec3::splat(1e6), MeanCameraScale::None).fallbacks.is_empty(), "nothing is divided");
 }
 
 #[test]

@@ -5,16 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::{Fallback, Step};
 use crate::axes::rotation_from_forward_and_down;
 use crate::error::positive;
-use crate::{CameraError, Similarity, WorldFromCamera};
+use crate::{CameraError, CentreSpread, Similarity, WorldFromCamera};
 
 /// Means shorter than this count as cancelled. One rounding of a pose rotates the mean axes by about 2e-16 over their
 /// length, which keeps the result within 1e-12.
 const CANCELLED: f64 = 1e-2;
 /// sin 30°: if an axis is closer than this to forward, the next one is at least 60° away.
 const AXIS_SEPARATION: f64 = 0.5;
-/// Centres this close, relative to their distance from the origin, coincide: RE10K's files have nine decimals, and
-/// centres computed from them scatter accordingly.
-const COINCIDENT: f64 = 1e-9;
 /// LVSM's `scene_scale_factor`.
 const LVSM_MARGIN: f64 = 1.35;
 
@@ -72,17 +69,21 @@ pub(super) fn step(
     };
     let original = largest(&mut views().map(WorldFromCamera::centre));
     let normalised = largest(&mut views().map(|view| new_from_old.new_from_old(view.centre())));
-    let spread = normalised > COINCIDENT * original;
+    let spread = CentreSpread::of(views());
+    let coincide = spread == CentreSpread::Coincident;
     let factor = match scale {
         MeanCameraScale::None => 1.0,
         MeanCameraScale::IlrmMain if original > 0.0 => original.recip(),
-        MeanCameraScale::LongLrm if spread => normalised.recip(),
-        MeanCameraScale::Lvsm if spread => (LVSM_MARGIN * normalised).recip(),
+        MeanCameraScale::LongLrm if !coincide => normalised.recip(),
+        MeanCameraScale::Lvsm if !coincide => (LVSM_MARGIN * normalised).recip(),
         MeanCameraScale::IlrmMain | MeanCameraScale::LongLrm | MeanCameraScale::Lvsm => {
             fallbacks.push(Fallback::CoincidentCentres);
             1.0
         }
     };
+    if spread == CentreSpread::Close && matches!(scale, MeanCameraScale::LongLrm | MeanCameraScale::Lvsm) {
+        fallbacks.push(Fallback::CloseCentres);
+    }
     let scale = positive("pose scale", factor / scene_scale)?;
     Ok(Step { new_from_old: Similarity { scale, ..new_from_old }, near_far_multiplier: 1.0, fallbacks })
 }

@@ -1,10 +1,7 @@
+use atsplat_camera::CentreSpread;
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{PointMatch, View};
-
-/// Camera centres closer than this fraction of their distance from the origin coincide: for poses stored with nine
-/// decimals or as f32, the difference is rounding.
-const COINCIDENT: f64 = 1e-9;
 
 /// The epipolar constraint of two posed pinhole views.
 ///
@@ -20,13 +17,12 @@ pub struct EpipolarGeometry {
 }
 
 impl EpipolarGeometry {
-    /// The geometry of two views; `None` if the camera centres coincide, so that there are no epipolar lines, or if a
-    /// number is not finite.
+    /// The geometry of two views; `None` if the camera centres coincide within the precision of their poses, so that there
+    /// are no epipolar lines, or if a number is not finite.
     pub fn new(first: &View, second: &View) -> Option<Self> {
         let (world_from_first, world_from_second) =
             (first.camera.camera_from_world.inverse(), second.camera.camera_from_world.inverse());
-        let baseline = world_from_first.centre().distance(world_from_second.centre());
-        let distance = world_from_first.centre().length() + world_from_second.centre().length();
+        let spread = CentreSpread::of([&world_from_first, &world_from_second]);
         let second_from_first = world_from_second.camera_from_other(&world_from_first);
         let translation = second_from_first.translation().try_normalize()?;
         let rotation = second_from_first.rotation();
@@ -36,7 +32,7 @@ impl EpipolarGeometry {
         let first_plane_from_pixel = first.pixel_from_plane().inverse();
         let second_plane_from_pixel = second.pixel_from_plane().inverse();
         let fundamental = second_plane_from_pixel.transpose() * essential * first_plane_from_pixel;
-        (baseline > COINCIDENT * distance && fundamental.is_finite()).then_some(Self {
+        (spread != CentreSpread::Coincident && fundamental.is_finite()).then_some(Self {
             fundamental,
             essential,
             rotation,
@@ -165,6 +161,19 @@ mod tests {
         let turned = view([0.3, 0.0, 0.0], [1.0, 2.0, 3.0]);
         assert!(EpipolarGeometry::new(&first, &turned).is_none(), "rotation only");
         assert!(EpipolarGeometry::new(&first, &first).is_none(), "the same view");
+        let in_f32 = |angles: [f64; 3], centre: [f64; 3]| {
+            let exact = view(angles, centre);
+            #[expect(clippy::cast_possible_truncation, reason = "what a chunk stores")]
+            let rows = exact.camera.camera_from_world.to_rows().map(|number| f64::from(number as f32));
+            let camera_from_world = CameraFromWorld::from_rows(&rows).unwrap();
+            View { camera: atsplat_camera::Camera { camera_from_world, ..exact.camera }, ..exact }
+        };
+        let first = in_f32([0.2, 0.1, 0.0], [1.0, 2.0, 3.0]);
+        let geometry = |angles, centre| EpipolarGeometry::new(&first, &in_f32(angles, centre));
+        assert!(geometry([-0.3, 0.2, 0.1], [1.0, 2.0, 3.0]).is_none(), "rotation only, in f32");
+        assert!(geometry([-0.3, 0.2, 0.1], [1.0, 2.0, 3.001]).is_some(), "a thousandth ahead");
+        let (first, second) = (view([0.0; 3], [1e6, 2.0, 3.0]), view([0.0; 3], [1e6, 2.0, 3.0001]));
+        assert!(EpipolarGeometry::new(&first, &second).is_some(), "in f64, far from the origin");
     }
 
     #[test]

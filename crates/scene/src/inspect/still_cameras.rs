@@ -2,14 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_numeric::Tolerance;
-use glam::DVec3;
+use atsplat_camera::{CentreSpread, WorldFromCamera};
 
 use crate::Scene;
 use crate::checks::still_cameras::{FEWEST_FRAMES, one_pose, poses};
-
-/// Centres are computed from rotations and translations, which rounds.
-const COINCIDE: Tolerance = Tolerance { absolute: 1e-9, relative: 1e-9 };
 
 /// What is said about frames with exactly an earlier frame's pose, and about a scene whose cameras are all in one place; `None` where
 /// [`one_pose`] says it. Videos have still stretches.
@@ -29,26 +25,29 @@ pub(super) fn still_cameras(scene: &Scene) -> Option<String> {
         let (count, frames) = (repeats.len(), scene.frames.len());
         format!("{count} of {frames} frames repeat an earlier pose, first frame {at} that of frame {earlier}")
     });
-    let place = are_in_one_place(scene).then(|| "all camera centres coincide".to_owned());
-    let found: Vec<String> = repeated.into_iter().chain(place).collect();
+    let place = match spread(scene) {
+        CentreSpread::Apart => None,
+        CentreSpread::Close => {
+            Some("all camera centres are closer together than 1e-6 of their distance from the origin")
+        }
+        CentreSpread::Coincident => Some("all camera centres coincide"),
+    };
+    let found: Vec<String> = repeated.into_iter().chain(place.map(str::to_owned)).collect();
     (!found.is_empty()).then(|| found.join("; "))
 }
 
-fn are_in_one_place(scene: &Scene) -> bool {
+/// That of the usable poses; [`CentreSpread::Apart`] for a few, which may well be from one place.
+fn spread(scene: &Scene) -> CentreSpread {
     let posed = scene.frames.iter().filter(|frame| frame.has_pose());
-    let centres: Vec<DVec3> = posed.map(|frame| frame.camera.camera_from_world.inverse().centre()).collect();
-    let Some(first) = centres.first() else { return false };
-    let is_first = |centre: &DVec3| {
-        std::iter::zip(centre.to_array(), first.to_array()).all(|(found, first)| COINCIDE.accepts(found, first))
-    };
-    centres.len() >= FEWEST_FRAMES && centres.iter().all(is_first)
+    let views: Vec<WorldFromCamera> = posed.map(|frame| frame.camera.camera_from_world.inverse()).collect();
+    if views.len() >= FEWEST_FRAMES { CentreSpread::of(&views) } else { CentreSpread::Apart }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::test_source::{camera_at, frame, rotated_camera_at};
-    use atsplat_camera::Camera;
+    use atsplat_camera::{Camera, CameraFromWorld};
 
     fn scene(cameras: &[Camera]) -> Scene {
         let frames = cameras.iter().enumerate().map(|(at, camera)| frame(at, *camera)).collect();
@@ -75,5 +74,24 @@ mod tests {
             "1 of 3 frames repeat an earlier pose, first frame 2 that of frame 0; all camera centres coincide";
         assert_eq!(turned(&[0.0, 11.0, 0.0]).as_deref(), Some(expected));
         assert_eq!(turned(&[0.0, 11.0]), None, "two frames");
+    }
+
+    /// As `run` says of the same cameras.
+    #[test]
+    fn rounding_is_no_motion_and_a_motion_is_no_rounding() {
+        let found = |places: [f64; 3], rounded: fn(f64) -> f64| {
+            let cameras = [(places[0], 3.0), (places[1], 11.0), (places[2], 37.0)].map(|(x, angle)| {
+                let camera = rotated_camera_at([x, -4.1, 2.7], angle);
+                let rows = camera.camera_from_world.to_rows().map(rounded);
+                Camera { camera_from_world: CameraFromWorld::from_rows(&rows).unwrap(), ..camera }
+            });
+            still_cameras(&scene(&cameras))
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "what a chunk stores")]
+        let in_f32 = |number: f64| f64::from(number as f32);
+        assert_eq!(found([9.3; 3], in_f32).as_deref(), Some("all camera centres coincide"));
+        assert_eq!(found([9.3, 9.301, 9.302], in_f32), None);
+        let close = "all camera centres are closer together than 1e-6 of their distance from the origin";
+        assert_eq!(found([1e6, 1e6 + 1e-4, 1e6 - 2e-4], |number| number).as_deref(), Some(close));
     }
 }
