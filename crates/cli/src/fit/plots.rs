@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn training_views_are_shown_with_their_cameras_and_exposures() {
         let training = vec![view(0.0, 24, 0.5), view(0.5, 24, 0.75)];
-        let start = in_frustums(&training, 50, Some([1.0, 4.0]), 0, Strategy::Fixed).unwrap();
+        let start = in_frustums(&training, 50, Some([1.0, 4.0]), 0.01, 0, Strategy::Fixed).unwrap();
         let (means, final_means, colours, opacities, scales, rotations) = (1e-9, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9);
         let rates = Rates { means, final_means, colours, opacities, scales, rotations };
         for (pose_rate, exposure_rate) in [(Some(0.02), None), (None, Some(0.02))] {
@@ -127,7 +127,7 @@ mod tests {
         let training = vec![view(0.0, 24, 0.5), view(0.5, 24, 0.75)];
         for (side, has_baseline) in [(24, true), (16, false)] {
             let held_out = [view(0.125, side, 0.625)];
-            let start = in_frustums(&training, 50, Some([1.0, 4.0]), 0, Strategy::Fixed).unwrap();
+            let start = in_frustums(&training, 50, Some([1.0, 4.0]), 0.01, 0, Strategy::Fixed).unwrap();
             let mut fit = Fit::new(FitConfig::new(Strategy::Fixed, 1), training.clone(), &start).unwrap();
             fit.step().unwrap();
             assert!(fit.evaluate(&held_out).unwrap().is_some());

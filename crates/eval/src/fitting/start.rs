@@ -139,7 +139,8 @@ impl Start {
             Self::Random(count) => {
                 // Before there is memory for them.
                 config.check_start(views, *count)?;
-                return Ok(in_frustums(views, *count, depths, config.seed, strategy)?.into());
+                let near = config.constants.near;
+                return Ok(in_frustums(views, *count, depths, near, config.seed, strategy)?.into());
             }
             Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored, strategy)?),
             Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,

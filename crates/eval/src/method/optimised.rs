@@ -1,9 +1,8 @@
 use std::time::Instant;
 
+use atsplat_camera::{CentreSpread, WorldFromCamera};
 use atsplat_fit::start::in_frustums;
-use atsplat_fit::{
-    Background, Budget, Fit, FitConfig, FitError, LastSteps, Strategy, TrainingView, TrainingViews, camera_extent,
-};
+use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, LastSteps, Strategy, TrainingView, TrainingViews};
 use atsplat_model::network::Network;
 use atsplat_results::trial_notes::{IN_TIME_ON, STEPS_TAKEN};
 use atsplat_results::{MethodRecord, TrainingRecord};
@@ -166,7 +165,8 @@ impl Optimised {
         let Some(network) = &self.network else {
             cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
             let points = START_POINTS.min(config.max_gaussians);
-            return in_frustums(views, points, None, config.seed, self.strategy).map_err(failed);
+            let near = config.constants.near;
+            return in_frustums(views, points, None, near, config.seed, self.strategy).map_err(failed);
         };
         cost.notes.extend(self.trained_under.notes(input, self.setting(), &self.splatting));
         let made = network.reconstruct(&context_views(input)?, config.seed).map_err(|error| method_error(&error))?;
@@ -194,8 +194,9 @@ impl Method for Optimised {
             .map(|(view, image)| training_view(format!("frame {}", view.frame), view.camera, view.size, image))
             .collect();
         let views = TrainingViews::from(views);
-        let extent = camera_extent(views.iter().map(|view| &view.view));
-        if self.network.is_none() && (extent.is_nan() || extent <= 0.0) {
+        let poses: Vec<WorldFromCamera> =
+            views.iter().map(|view| view.view.camera.camera_from_world.inverse()).collect();
+        if self.network.is_none() && CentreSpread::of(&poses) != CentreSpread::Apart {
             return Err(MethodError::NotApplicable("all context cameras are in the same place".to_owned()));
         }
         let mut cost = Cost::default();

@@ -1,4 +1,4 @@
-use atsplat_camera::{DirectionScale, Projector};
+use atsplat_camera::{CentreSpread, DirectionScale, Projector, WorldFromCamera};
 use atsplat_splat::Gaussians;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -12,31 +12,27 @@ const MOST_DRAWS: usize = 100;
 /// Random points seen by the training cameras, each with the colour of the pixel that it was drawn for: a random pixel of a
 /// random view, at a depth within `depths` whose logarithm is uniform. `None` takes depths from a third to three times the
 /// distance of the point that the cameras look at; without such a point, 1 to 30 times the cameras' extent. A pixel outside
-/// the lens's field of view, which has no ray, is drawn again.
+/// the lens's field of view, which has no ray, is drawn again. `near_plane` is the depth of the renderer's near plane.
 ///
 /// # Errors
-/// [`FitError::Setting`] for depths out of range, or none for a single camera; [`FitError::Start`] if nearly all pixels are
-/// outside the field of view; as [`from_points`].
+/// [`FitError::Setting`] for depths out of range, or none for cameras in one place, or so near to one that the default depths do not
+/// reach the near plane; [`FitError::Start`] if nearly all pixels are outside the field of view; as [`from_points`].
 pub fn in_frustums(
     views: &[TrainingView],
     count: usize,
     depths: Option<[f64; 2]>,
+    near_plane: f64,
     seed: u64,
     strategy: Strategy,
 ) -> Result<Gaussians, FitError> {
     let cameras = views.iter().map(|view| view.view.camera.projector()).collect::<Result<Vec<_>, _>>()?;
-    let [near, far] = match depths.or_else(|| depths_of(views)) {
-        Some([near, far]) if near > 0.0 && far >= near && far.is_finite() => [near, far],
-        found => {
-            let none = match views {
-                [one] => format!("none: {} is the only view", one.name),
-                several => format!("none: {} cameras in one place", several.len()),
-            };
-            let found = found.map_or(none, |[near, far]| format!("{near} to {far}"));
-            let expected = "positive depths, the nearer first (the default needs cameras in several places)".to_owned();
-            return Err(FitError::Setting { name: "depths", expected, found });
-        }
+    let [near, far] = match depths {
+        Some(depths) => depths,
+        None => default_depths(views, near_plane).map_err(out_of_range)?,
     };
+    if !(near > 0.0 && far >= near && far.is_finite()) {
+        return Err(out_of_range(format!("{near} to {far}")));
+    }
     let mut random = stream(seed, Purpose::Start, 0);
     let mut points = Vec::with_capacity(count);
     for _ in 0..count.saturating_mul(MOST_DRAWS) {
@@ -52,6 +48,23 @@ pub fn in_frustums(
         return Err(FitError::Start { expected: "random pixels within the lens's field of view", found });
     }
     from_points(&points, strategy)
+}
+
+fn out_of_range(found: String) -> FitError {
+    let expected = "positive depths, the nearer first (the default needs cameras in several places)".to_owned();
+    FitError::Setting { name: "depths", expected, found }
+}
+
+/// [`depths_of`] the views, or what is found instead.
+fn default_depths(views: &[TrainingView], near_plane: f64) -> Result<[f64; 2], String> {
+    match (depths_of(views), views) {
+        (Some([near, far]), _) if far <= near_plane => Err(format!(
+            "{near} to {far} for cameras this close together, before the near plane at a depth of {near_plane}"
+        )),
+        (Some(depths), _) => Ok(depths),
+        (None, [one]) => Err(format!("none: {} is the only view", one.name)),
+        (None, several) => Err(format!("none: {} cameras in one place", several.len())),
+    }
 }
 
 /// The point at a depth behind a position in a view; none outside the lens's field of view.
@@ -70,15 +83,14 @@ const fn floor(value: f64) -> usize {
     value as usize
 }
 
-/// Depths around the point that is nearest to all optical axes, if the cameras look at one.
+/// Depths around the point that is nearest to all optical axes, if the cameras look at one; `None` for cameras in one place, as far as
+/// f32 tells, in which Gaussians are stored.
 fn depths_of(views: &[TrainingView]) -> Option<[f64; 2]> {
-    let axes: Vec<(DVec3, DVec3)> = views
-        .iter()
-        .map(|view| {
-            let pose = view.view.camera.camera_from_world.inverse();
-            (pose.centre(), pose.transform_vector(DVec3::Z))
-        })
-        .collect();
+    let poses: Vec<WorldFromCamera> = views.iter().map(|view| view.view.camera.camera_from_world.inverse()).collect();
+    if CentreSpread::of(&poses) != CentreSpread::Apart {
+        return None;
+    }
+    let axes: Vec<(DVec3, DVec3)> = poses.iter().map(|pose| (pose.centre(), pose.transform_vector(DVec3::Z))).collect();
     let extent = camera_extent(views.iter().map(|view| &view.view));
     let mut normal = DMat3::ZERO;
     let mut right = DVec3::ZERO;
@@ -141,6 +153,30 @@ mod tests {
         assert_eq!(depths_of(&[at_x(5.0)]), None, "one camera");
     }
 
+    /// Centres of cameras that only turn differ by rounding, and those a little apart have depths that no renderer draws.
+    #[test]
+    fn cameras_in_one_place_need_depths() {
+        let centre = DVec3::new(1.3, -2.7, 3.1);
+        let axes = [DVec3::new(-2.0, 3.0, 6.0), DVec3::new(-1.0, 2.0, 2.0), DVec3::new(2.0, 3.0, 6.0)];
+        let start = |step: f64, depths: Option<[f64; 2]>| {
+            let view = |(at, axis): (u32, DVec3)| {
+                looking_along(axis.normalize(), centre + DVec3::new(f64::from(at) * step, 0.0, 0.0))
+            };
+            let views: Vec<TrainingView> = (0..).zip(axes).map(view).collect();
+            let made = in_frustums(&views, 9, depths, 0.01, 3, Strategy::Gaussians3d);
+            made.map(|_| ()).map_err(|error| error.to_string())
+        };
+        for step in [0.0, 1e-15, 1e-7] {
+            let error = start(step, None).unwrap_err();
+            assert!(error.ends_with("found none: 3 cameras in one place"), "{step}: {error}");
+            assert_eq!(start(step, Some([1.0, 4.0])), Ok(()));
+        }
+        let error = start(1e-5, None).unwrap_err();
+        assert!(error.ends_with("before the near plane at a depth of 0.01"), "{error}");
+        assert_eq!(start(1.0, None), Ok(()));
+        assert_eq!(start(1e-5, Some([1e-5, 1e-4])), Ok(()), "others may see what is nearer than the plane");
+    }
+
     /// With this lens, corners of the image are outside the field of view.
     #[test]
     fn pixels_outside_the_field_of_view_are_drawn_again() {
@@ -150,7 +186,7 @@ mod tests {
             for view in &mut views {
                 view.view.camera.distortion = distortion;
             }
-            in_frustums(&views, count, Some([1.0, 4.0]), 3, Strategy::Gaussians3d).map(Gaussians::into_parts)
+            in_frustums(&views, count, Some([1.0, 4.0]), 0.01, 3, Strategy::Gaussians3d).map(Gaussians::into_parts)
         };
         let half = lens(-0.9);
         let [few, many, whole] =

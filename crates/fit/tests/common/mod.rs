@@ -59,7 +59,7 @@ pub(crate) fn config(strategy: Strategy, steps: u64) -> FitConfig {
 }
 
 pub(crate) fn start(strategy: Strategy, count: usize) -> Gaussians {
-    in_frustums(&views().0, count, None, 1, strategy).unwrap()
+    in_frustums(&views().0, count, None, 0.01, 1, strategy).unwrap()
 }
 
 pub(crate) fn run(fit: &mut Fit, steps: u64) {
