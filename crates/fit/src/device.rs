@@ -6,7 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::{GpuRenderer, ScreenGradients, Uploaded};
 use atsplat_splat::{
-    Exposure, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, View,
+    Exposure, GaussianCounts, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError,
+    View,
 };
 
 use crate::loss::Terms;
@@ -65,19 +66,21 @@ pub(crate) struct Job<'a> {
     pub(crate) absolute: bool,
 }
 
-/// The gradients of a step, whose memory is reused.
+/// The gradients of a step, whose memory is reused, and what its image showed.
 #[derive(Debug)]
 pub(crate) struct StepGradients {
     images: ImageGradients<f32>,
     /// Of the Gaussians' parameters and the camera's pose.
     pub(crate) gaussians: Gradients<f32>,
     pub(crate) screen: ScreenGradients,
+    pub(crate) counts: GaussianCounts,
 }
 
 impl Default for StepGradients {
     fn default() -> Self {
         let images = ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None };
-        Self { images, gaussians: Gradients::default(), screen: ScreenGradients::default() }
+        let (gaussians, screen, counts) = (Gradients::default(), ScreenGradients::default(), GaussianCounts::default());
+        Self { images, gaussians, screen, counts }
     }
 }
 
@@ -107,9 +110,10 @@ impl StepRenderer {
         loss: impl FnOnce(&[[f32; 3]], &mut Vec<[f32; 3]>) -> Result<Evaluated, SplatError>,
     ) -> Result<Evaluated, SplatError> {
         let Job { gaussians, view, options, absolute } = job;
-        let StepGradients { images, gaussians: gradients, screen } = into;
+        let StepGradients { images, gaussians: gradients, screen, counts } = into;
         let Some(Adapter { renderer, .. }) = &self.device.0 else {
             let mut recording = self.cpu.record(gaussians, view, options)?;
+            *counts = recording.rendering().counts;
             let evaluated = loss(&recording.rendering().rgb, &mut images.rgb)?;
             if evaluated.0.total.is_finite() {
                 if absolute {
@@ -132,6 +136,7 @@ impl StepRenderer {
             let rendering = renderer.render_uploaded(&uploaded, view, options)?;
             (uploaded, rendering)
         };
+        *counts = rendering.counts;
         let evaluated = loss(&rendering.rgb, &mut images.rgb)?;
         if evaluated.0.total.is_finite() {
             let uploaded = Uploaded { host: gaussians, device: &uploaded };

@@ -3,8 +3,8 @@ use std::path::PathBuf;
 
 use atsplat_camera::CameraError;
 use atsplat_files::FileError;
-use atsplat_splat::SplatError;
 use atsplat_splat::gpu::GpuError;
+use atsplat_splat::{GaussianCounts, SplatError};
 use thiserror::Error;
 
 /// What can go wrong in an optimisation.
@@ -120,6 +120,8 @@ pub enum StopReason {
     NothingVisible {
         /// Depth of the near plane, in the unit of length of the views.
         near: f64,
+        /// Gaussians by why the view of the step does not show them; for a filter, by why no view does. Zeros if that is not known.
+        counts: GaussianCounts,
     },
     /// The graphics adapter failed.
     Device(GpuError),
@@ -136,15 +138,32 @@ impl fmt::Display for StopReason {
                 write!(f, "density control asks for {wanted} Gaussians, more than the limit of {limit}")
             }
             Self::NoGaussians => f.write_str("density control pruned every Gaussian"),
-            Self::NothingVisible { near } => {
-                write!(
-                    f,
-                    "no training camera sees any Gaussian: is the scene in front of the near plane, at a depth of {near}?"
-                )
+            Self::NothingVisible { near, counts } => {
+                write!(f, "no training camera sees any Gaussian: {}", why_unseen(*near, *counts))
             }
             Self::Device(error) => error.fmt(f),
         }
     }
+}
+
+/// The reason of the most Gaussians, the first of several.
+fn why_unseen(near: f64, counts: GaussianCounts) -> String {
+    let GaussianCounts { drawn, invalid, outside_depth, faint, outside_image } = counts;
+    let all = drawn + invalid + outside_depth + faint + outside_image;
+    let most = [outside_depth, outside_image, faint, invalid].into_iter().max().unwrap_or(0);
+    if most == 0 {
+        return format!("is the scene in front of the near plane, at a depth of {near}?");
+    }
+    let reason = if most == outside_depth {
+        format!("nearer than the near plane or beyond the far plane; the near plane is at a depth of {near}")
+    } else if most == outside_image {
+        "outside the image".to_owned()
+    } else if most == faint {
+        "too faint everywhere (by default, an opacity below 1/255 is not drawn)".to_owned()
+    } else {
+        "not finite, or too large".to_owned()
+    };
+    format!("{most} of {all} are {reason}")
 }
 
 impl fmt::Display for Diagnosis {

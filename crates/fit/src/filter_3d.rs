@@ -3,7 +3,7 @@
 
 use atsplat_camera::Projector;
 use atsplat_numeric::{Extremes as _, narrowed};
-use atsplat_splat::{RendererConstants, View};
+use atsplat_splat::{GaussianCounts, RendererConstants, View};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -49,9 +49,20 @@ impl Cameras {
         let seen = nearest.iter().flatten();
         let largest =
             seen.fold(None, |most: Option<f64>, depth| Some(most.map_or(*depth, |most| most.maximum_of(*depth))));
-        let largest = largest.ok_or(StopReason::NothingVisible { near: self.near })?;
+        let largest =
+            largest.ok_or_else(|| StopReason::NothingVisible { near: self.near, counts: self.unseen(means) })?;
         let filter = |depth: &Option<f64>| narrowed(depth.unwrap_or(largest) / self.largest_focal * VARIANCE.sqrt());
         Ok(nearest.iter().map(filter).collect())
+    }
+
+    /// Means that no camera sees: outside the image of one, or else nearer than the near plane for all.
+    fn unseen(&self, means: &[[f32; 3]]) -> GaussianCounts {
+        let is_deep_enough = |mean: &&[f32; 3]| {
+            let mean = DVec3::from_array(mean.map(f64::from));
+            self.projectors.iter().any(|camera| camera.project(mean).is_ok_and(|seen| seen.depth > self.near))
+        };
+        let outside_image = means.iter().filter(is_deep_enough).count() as u64;
+        GaussianCounts { outside_depth: means.len() as u64 - outside_image, outside_image, ..GaussianCounts::default() }
     }
 
     fn nearest(&self, mean: [f32; 3]) -> Option<f64> {

@@ -195,7 +195,7 @@ impl Fit {
             return Err(self.stopped(step, number, StopReason::NonFiniteLoss { l1: terms.l1, d_ssim: terms.d_ssim }));
         }
         if self.sees_nothing(step) {
-            return Err(self.stopped(step, number, StopReason::NothingVisible { near: self.options.constants.near }));
+            return Err(self.stopped(step, number, self.nothing_visible()));
         }
         let regularisers = self.density.regularise(&self.scene, &mut self.gradients.gaussians);
         if let Some(reason) = self.non_finite_gradients() {

@@ -46,10 +46,11 @@ impl Fit {
         if self.step == 0 || self.empty_steps < self.step {
             return Ok(());
         }
-        Err(self.stopped(
-            self.step,
-            self.view_of(self.step),
-            StopReason::NothingVisible { near: self.options.constants.near },
-        ))
+        Err(self.stopped(self.step, self.view_of(self.step), self.nothing_visible()))
+    }
+
+    /// That the views show no Gaussian, with the counts of the last step of this process.
+    pub(super) const fn nothing_visible(&self) -> StopReason {
+        StopReason::NothingVisible { near: self.options.constants.near, counts: self.gradients.counts }
     }
 }
