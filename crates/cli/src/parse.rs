@@ -1,6 +1,7 @@
 //! Parsers of command-line arguments.
 
 use std::ffi::OsStr;
+use std::num::FpCategory;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -86,6 +87,12 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 
 pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     within(text, "a number of at least 0", |number| number >= 0.0)
+}
+
+/// What a method takes for a trial or an image; plots of times reach from the fastest to the slowest.
+pub(crate) fn stated_seconds(text: &str) -> Result<f64, String> {
+    let is_plausible = |secs: f64| secs.classify() == FpCategory::Zero || (1e-9..=1e9).contains(&secs);
+    within(text, "0 or 1e-9 to 1e9 seconds", is_plausible)
 }
 
 pub(crate) fn elevation(text: &str) -> Result<f64, String> {

@@ -154,6 +154,14 @@ fn stated_costs_of_images_are_compared_and_said_to_be_stated() {
 
     let incomplete = score("warp", &["--stated-seconds", "0.25"]);
     assert!(incomplete.code == 2 && incomplete.stderr.contains("--stated-machine"), "{}", incomplete.stderr);
+    let expected = "expected 0 or 1e-9 to 1e9 seconds, found \"";
+    for secs in ["1e-300", "5e-324", "1e300", "-1", "NaN"] {
+        let whole = score("warp", &costs("400", secs));
+        let image = score("warp", &[&costs("400", "0.25")[..], &["--stated-render-seconds", secs]].concat());
+        for rejected in [whole, image] {
+            assert!(rejected.code == 2 && rejected.stderr.contains(expected), "{secs}: {}", rejected.stderr);
+        }
+    }
     let args = ["score", "tiny.toml", "--data", "data", "--ply", "data", "--out", "ply", "--stated-gaussians", "5"];
     let ply = atsplat(here, &args);
     assert!(ply.code == 2 && ply.stderr.contains("--stated-gaussians requires --renders"), "{}", ply.stderr);

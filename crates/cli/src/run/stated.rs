@@ -15,12 +15,12 @@ pub(super) struct StatedCostArgs {
 
     /// Mean seconds of a trial, from its context images to Gaussians, measured on the machine of --stated-machine. They are shown with
     /// and compared with those of other methods for which the same machine is stated, unless something was timed here.
-    #[arg(id = "stated-seconds", long, value_name = "SECONDS", value_parser = parse::not_negative, requires = "stated-machine")]
+    #[arg(id = "stated-seconds", long, value_name = "SECONDS", value_parser = parse::stated_seconds, requires = "stated-machine")]
     encode: Option<f64>,
 
     /// Mean seconds per rendered image on the same machine. Without it, the time to the first image is that of the Gaussians alone, and
     /// `tradeoff` says so.
-    #[arg(id = "stated-render-seconds", long, value_name = "SECONDS", value_parser = parse::not_negative, requires = "stated-seconds")]
+    #[arg(id = "stated-render-seconds", long, value_name = "SECONDS", value_parser = parse::stated_seconds, requires = "stated-seconds")]
     render: Option<f64>,
 
     /// Name of the machine of the stated seconds, such as "NVIDIA A100".

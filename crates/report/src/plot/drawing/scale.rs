@@ -8,10 +8,14 @@ pub(in crate::plot) struct Scale {
     rule: Rule,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Rule {
     Linear,
-    Logarithmic,
+    /// With the natural logarithms of both ends: the ends themselves, or their ratio, may be out of the range of numbers.
+    Logarithmic {
+        low: f64,
+        high: f64,
+    },
 }
 
 impl Scale {
@@ -57,14 +61,16 @@ impl Scale {
         let positive = values.into_iter().filter(|value| *value > 0.0).map(f64::ln);
         let (low, high) = bounds(positive).unwrap_or((0.0, 1.0));
         let slack = ((high - low) * margin).clamp(0.1, f64::INFINITY);
-        Self { low: (low - slack).exp(), high: (high + slack).exp(), rule: Rule::Logarithmic }
+        let (low, high) = (low - slack, high + slack);
+        let end = |logarithm: f64| logarithm.exp().clamp(f64::MIN_POSITIVE, f64::MAX);
+        Self { low: end(low), high: end(high), rule: Rule::Logarithmic { low, high } }
     }
 
     /// The position of a value: 0 at the low end, 1 at the high end.
     pub(in crate::plot) fn position(self, value: f64) -> f64 {
         match self.rule {
             Rule::Linear => (value - self.low) / (self.high - self.low),
-            Rule::Logarithmic => (value / self.low).ln() / (self.high / self.low).ln(),
+            Rule::Logarithmic { low, high } => (value.ln() - low) / (high - low),
         }
     }
 
@@ -87,7 +93,7 @@ impl Scale {
     pub(in crate::plot) fn ticks(self, wanted: usize) -> Vec<f64> {
         match self.rule {
             Rule::Linear => self.linear_ticks(wanted),
-            Rule::Logarithmic => self.logarithmic_ticks(wanted),
+            Rule::Logarithmic { .. } => self.logarithmic_ticks(wanted),
         }
     }
 
@@ -262,6 +268,12 @@ mod tests {
     fn positions_range_from_zero_to_one() {
         let scale = Scale::logarithmic([1.0, 100.0], 0.0);
         assert!(scale.position(10.0) > 0.49 && scale.position(10.0) < 0.51);
+        let values = [5e-324, 1e-300, 2.0, 1e300];
+        let wide = Scale::logarithmic(values, 0.12);
+        assert!(wide.low() > 0.0 && wide.high().is_finite(), "{wide:?}");
+        let positions = values.map(|value| wide.position(value));
+        assert!(positions.is_sorted() && positions[0] > 0.09 && positions[3] < 0.91, "{positions:?}");
+        assert!(wide.ticks(5).iter().all(|tick| wide.position(*tick).is_finite()), "{wide:?}");
         assert_eq!(Scale::linear(2.0, 4.0).position(3.0).to_bits(), 0.5f64.to_bits());
     }
 
