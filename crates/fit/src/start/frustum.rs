@@ -30,7 +30,8 @@ pub fn in_frustums(
         Some(depths) => depths,
         None => default_depths(views, near_plane).map_err(out_of_range)?,
     };
-    if !(near > 0.0 && far >= near && far.is_finite()) {
+    let is_range = near > 0.0 && far >= near && far.is_finite();
+    if !is_range {
         return Err(out_of_range(format!("{near} to {far}")));
     }
     let mut random = stream(seed, Purpose::Start, 0);
