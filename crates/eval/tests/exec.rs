@@ -28,6 +28,15 @@ fn results_of(scenes: usize, method: Arc<dyn Method>) -> Results {
     run_of(scenes, method).run(&folder.path().join("store")).unwrap().0
 }
 
+/// The error of a run that stops, and what its store has then.
+fn stopped(here: &Path, scenes: usize, method: Arc<dyn Method>) -> (String, Results) {
+    let store = here.join("stopped");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let error = pool.install(|| run_of(scenes, method).run(&store)).map(drop).unwrap_err();
+    assert!(matches!(error, EvalError::Io(_)), "{error:?}");
+    (error.to_string(), Results::read(&store).unwrap())
+}
+
 /// Scores and renders, by scene and target.
 fn outcomes(results: &Results) -> Vec<(String, u32, Option<String>, Option<f64>)> {
     let outcome =
@@ -304,10 +313,10 @@ echo '{"atsplat": 1, "name": "shell", "version": "v'$n'", "gives": "images"}'
 read -r line; exit 1
 "#;
     fs::write(here.join("method.sh"), format!("cd '{}'\n{text}", here.display())).unwrap();
-    let found = results_of(2, exec(&format!("sh '{}'", here.join("method.sh").display())));
-    let details: Vec<&str> = found.trials.iter().filter_map(|trial| trial.detail.as_deref()).collect();
-    let again = details.iter().find(|detail| detail.contains("after a restart")).unwrap();
-    assert!(again.contains("version: ") && again.contains("v1 and v2") && !again.contains('{'), "{details:?}");
+    let (again, found) = stopped(here, 2, exec(&format!("sh '{}'", here.join("method.sh").display())));
+    assert!(again.contains("after a restart") && again.contains("version: "), "{again}");
+    assert!(again.contains("v1 and v2") && !again.contains('{'), "{again}");
+    assert_eq!(found.trials.len(), 1, "the trial that it crashed on");
 }
 
 #[test]
@@ -317,13 +326,38 @@ fn a_program_that_was_edited_during_the_run_is_not_started_again() {
     prepared(here, 3);
     let body = r#"if [ ! -e edited ]; then touch edited; echo '# edited' >> method.sh; exit 1; fi
         cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
-    let found = results_of(3, exec(&script(here, "images", body)));
-    let failed = |why: &[&str]| {
-        let details = found.trials.iter().filter_map(|trial| trial.detail.as_deref());
-        details.filter(|detail| why.iter().all(|part| detail.contains(part))).count()
+    let (error, found) = stopped(here, 3, exec(&script(here, "images", body)));
+    let parts = ["files of its command have changed", "method.sh: ", " and "];
+    assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    let details: Vec<&str> = found.trials.iter().filter_map(|trial| trial.detail.as_deref()).collect();
+    assert!(matches!(details.as_slice(), [one] if one.contains("exit status: 1")), "{details:?}");
+}
+
+/// After its second answer it crashes, and it does not start until a file is there; then the same command asks the other trials.
+#[test]
+fn a_process_that_cannot_be_started_again_stops_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 5);
+    let body = r#"n=$((n + 1)); if [ $n = 3 ] && [ ! -e lost ]; then touch lost; exit 1; fi
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    script(here, "images", body);
+    let path = here.join("method.sh");
+    let is_lost = format!("[ -e '{0}/lost' ] && [ ! -e '{0}/found' ]", here.display());
+    let lost = format!("if {is_lost}; then echo 'no GPU' >&2; exit 4; fi");
+    fs::write(&path, format!("{lost}\n{}", fs::read_to_string(&path).unwrap())).unwrap();
+    let command = format!("sh '{}'", path.display());
+    let (error, found) = stopped(here, 5, exec(&command));
+    assert!(error.starts_with("starting a method's process: "), "{error}");
+    assert!(error.ends_with("exit status: 4; its last lines on standard error: no GPU (sh)"), "{error}");
+    let counts = |results: &Results| {
+        let failed = results.trials.iter().filter(|trial| trial.status == TrialStatus::Failed);
+        (results.trials.len(), failed.count())
     };
-    assert_eq!(failed(&["exit status: 1"]), 1, "{:?}", found.trials);
-    assert_eq!(failed(&["files of its command have changed", "method.sh: ", " and "]), 2, "{:?}", found.trials);
+    assert_eq!(counts(&found), (3, 1), "the trial that killed it failed: {:?}", found.trials);
+    fs::write(here.join("found"), "").unwrap();
+    let (results, summary) = run_of(5, exec(&command)).run(&here.join("stopped")).unwrap();
+    assert_eq!((summary.evaluated, counts(&results)), (2, (5, 1)));
 }
 
 /// Two lines at once, for the trial that is asked first.

@@ -10,6 +10,7 @@ mod scratch;
 mod wire;
 
 use std::collections::BTreeMap;
+use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -31,8 +32,8 @@ use wire::{Answer, Hello, OutputKind, Request, VERSION, check_seconds};
 /// Gaussians (`docs/methods.md`).
 ///
 /// If a process crashes, hangs or writes anything but an answer, the trial that it was given fails; the process is
-/// killed, and another one is started for the next trial. All processes end when this value is dropped, and on Unix when this
-/// process ends.
+/// killed, and another one is started for the next trial; if it does not start as the first one did, the run stops. All processes
+/// end when this value is dropped, and on Unix when this process ends.
 #[derive(Debug)]
 pub struct Exec {
     words: Vec<String>,
@@ -127,23 +128,25 @@ impl Exec {
         Ok(process)
     }
 
+    /// A process in place of one that has ended, or in an empty slot. If there is none, that is no result of a trial: it stops the run.
     fn restarted(&self, number: usize) -> Result<Process, MethodError> {
-        let failed = |why: String| MethodError::Failed(format!("the method's process: {why}"));
+        let program = self.words.first().map_or("", String::as_str);
+        let not_started =
+            |error: io::Error| FileError::during::<MethodError>("starting a method's process", program)(error);
+        let rejected = |why: String| not_started(io::Error::other(why));
         let names = self.files.keys().cloned();
-        let files = command::hashed(names).map_err(|error| failed(error.to_string()))?;
+        let files = command::hashed(names).map_err(|error| rejected(error.to_string()))?;
         if files != self.files {
             let differences = differences(&self.files, &files);
-            return Err(failed(format!("files of its command have changed since its first start: {differences}")));
+            return Err(rejected(format!("files of its command have changed since its first start: {differences}")));
         }
-        let program = self.words.first().map_or("", String::as_str);
-        let process = Process::start(&self.words, number)
-            .map_err(FileError::during::<MethodError>("starting a method's process", program))?;
-        let (process, hello) = described(process, self.limit).map_err(MethodError::Failed)?;
+        let process = Process::start(&self.words, number).map_err(not_started)?;
+        let (process, hello) = described(process, self.limit).map_err(rejected)?;
         if hello == self.hello {
             return Ok(process);
         }
         let differences = differences(&self.hello, &hello);
-        Err(failed(format!("it describes itself differently after a restart: {differences}")))
+        Err(rejected(format!("it describes itself differently after a restart: {differences}")))
     }
 
     /// What the process makes of a trial.
