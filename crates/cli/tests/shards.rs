@@ -50,6 +50,39 @@ fn a_slurm_array_numbers_its_parts() {
     assert!(code == Some(2) && message.contains("WORLD_SIZE"), "{message}");
 }
 
+/// The pages of the whole run and of its merged parts have the same images.
+#[test]
+fn a_merge_keeps_the_images_of_its_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    let runs: [(&str, &[&str]); 3] = [("whole", &[]), ("one", &["--shard", "1/2"]), ("two", &["--shard", "2/2"])];
+    for (out, shard) in runs {
+        let args = [&["--out", out, "--keep-images", "all"][..], shard].concat();
+        assert_eq!(run_with(here, &[], &args).0, Some(0), "{out}");
+    }
+    succeed(here, &["merge", "one", "two", "--out", "merged"]);
+    let images = |store: &str| {
+        let mut found = Vec::new();
+        for method in ["nearest-view", "truth", "context"] {
+            for scene in 0..3 {
+                let trial = format!("images/tiny/{method}/scene-{scene:02}-0");
+                for file in fs::read_dir(here.join(store).join(&trial)).unwrap() {
+                    let file = file.unwrap();
+                    found.push((trial.clone(), file.file_name(), fs::read(file.path()).unwrap()));
+                }
+            }
+        }
+        found.sort();
+        found
+    };
+    assert_eq!(images("whole").len(), 3 * (8 + 8 + 2));
+    assert!(images("merged") == images("whole"), "byte by byte");
+    succeed(here, &["report", "merged", "--out", "page"]);
+    let page = fs::read_to_string(here.join("page/index.html")).unwrap();
+    assert!(page.contains("24 of 24 images are in this page"));
+}
+
 /// One of two parts has a target without its image, so that its trial has a failed target.
 #[test]
 fn a_merge_counts_what_failed_in_its_parts() {

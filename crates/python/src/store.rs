@@ -43,7 +43,7 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
             let reasons = reasons.join("; ");
             return Err(Failure::invalid("stores", format!("{reasons}: partial=True merges the other results")));
         }
-        Ok(merged.results.write(&out)?)
+        Ok(merged.results.write_merged(&out, &stores)?)
     })
 }
 

@@ -52,14 +52,15 @@ impl fmt::Display for Report<'_> {
 /// Merges; `true` if no shard is missing and nothing was skipped or failed in any of them.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
-    let merged =
-        Results::merge(args.stores.iter().map(|store| read(store, &args.cache)).collect::<anyhow::Result<_>>()?)?;
+    let parts = args.stores.iter().map(|store| read(store, &args.cache)).collect::<anyhow::Result<Vec<_>>>()?;
+    let (folders, parts): (Vec<PathBuf>, Vec<Results>) = parts.into_iter().unzip();
+    let merged = Results::merge(parts)?;
     let reasons = merged.why_incomplete();
     if !reasons.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", reasons.join("; "));
     }
     let Merged { results, repeated, .. } = merged;
-    let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write(folder)?))?;
+    let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write_merged(folder, &folders)?))?;
     out.finish()?;
     let run = RunReport::of(&results, None, &args.out);
     print_report(&Report { run, partial: &reasons }, args.json)?;
@@ -72,8 +73,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(reasons.is_empty() && results.gaps().is_empty())
 }
 
-fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {
-    let read = || Ok::<_, anyhow::Error>(Results::read(&cache.store(store)?)?);
+/// The folder of a store on this machine, and its results.
+fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<(PathBuf, Results)> {
+    let read = || {
+        let folder = cache.store(store)?;
+        let results = Results::read(&folder)?;
+        Ok::<_, anyhow::Error>((folder, results))
+    };
     read().with_context(|| format!("reading {}", store.display()))
 }
 

@@ -17,6 +17,8 @@ pub const TRUTH: &str = "truth";
 /// The method name under which context images are stored.
 pub const CONTEXT: &str = "context";
 
+/// Folder of a store.
+pub(super) const FOLDER: &str = "images";
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Bytes of a PNG file before its first chunk after the header.
 const HEADER: usize = 33;
@@ -89,7 +91,7 @@ pub fn folder(store: &Path, key: &TrialKey) -> PathBuf {
 
 /// Folder of a method's images.
 pub fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
-    store.join("images").join(file_name(preset)).join(file_name(method))
+    store.join(FOLDER).join(file_name(preset)).join(file_name(method))
 }
 
 /// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
@@ -169,15 +171,38 @@ pub fn settle(store: &Store) -> Result<(), ResultsError> {
 
 /// The unfinished files in the folders of all trials, which nobody else writes while the store is locked.
 fn unfinished(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
+    let mut paths = files(store)?;
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == PARTIAL));
+    Ok(paths)
+}
+
+/// The files in the folders of all trials.
+fn files(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
     /// Presets, methods, trials and their images.
     const LEVELS: usize = 4;
-    let mut paths = vec![store.join("images")];
+    let mut paths = vec![store.join(FOLDER)];
     for _ in 0..LEVELS {
         let below = paths.iter().filter(|path| path.is_dir()).map(|folder| disk::files(folder));
         paths = below.collect::<Result<Vec<_>, _>>()?.concat();
     }
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == PARTIAL));
     Ok(paths)
+}
+
+/// Gives a store the images of another one that it lacks: as links to the same files, which are replaced and never changed, or as
+/// copies on another disk.
+pub(super) fn add_those_of(part: &Path, store: &Path) -> Result<(), ResultsError> {
+    for path in files(part)?.into_iter().filter(|path| is_named(path)) {
+        let Ok(name) = path.strip_prefix(part) else { continue };
+        let target = store.join(name);
+        if target.exists() {
+            continue;
+        }
+        let folder = target.parent().unwrap_or(store);
+        fs::create_dir_all(folder).map_err(ResultsError::io("creating a folder for images", folder))?;
+        let added = fs::hard_link(&path, &target).or_else(|_| fs::copy(&path, &target).map(drop));
+        added.map_err(ResultsError::io("copying an image of a part", &path))?;
+    }
+    Ok(())
 }
 
 /// Removes a trial's images, if there are any.
@@ -185,10 +210,18 @@ fn unfinished(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
 /// # Errors
 /// [`ResultsError::Io`].
 pub fn remove(store: &Path, key: &TrialKey) -> Result<(), ResultsError> {
-    let folder = folder(store, key);
-    match fs::remove_dir_all(&folder) {
+    remove_folder(&folder(store, key))
+}
+
+/// Removes all images, if there are any.
+pub(super) fn remove_all(store: &Path) -> Result<(), ResultsError> {
+    remove_folder(&store.join(FOLDER))
+}
+
+fn remove_folder(folder: &Path) -> Result<(), ResultsError> {
+    match fs::remove_dir_all(folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(ResultsError::io("removing images", &folder)(error))
+            Err(ResultsError::io("removing images", folder)(error))
         }
         _ => Ok(()),
     }
@@ -373,6 +406,30 @@ mod tests {
         assert!(is_stored(root.path(), &of_x.key, 7, Some("render x")).unwrap());
         assert!(has_images(root.path(), &of_x.key).unwrap() && !has_images(root.path(), &of_y.key).unwrap());
         assert_eq!(unfinished(root.path()).unwrap(), [] as [PathBuf; 0]);
+    }
+
+    /// Both parts have the truth; the second was killed while it stored a render.
+    #[test]
+    fn a_merged_store_has_the_images_of_its_parts() {
+        let root = tempfile::tempdir().unwrap();
+        let [first, second, merged] = ["first", "second", "merged"].map(|name| root.path().join(name));
+        let image = |sample| ImageU8::new(1, 1, vec![sample; 3]).unwrap();
+        let key = |method, scene| sample_rows::key(method, scene, 0);
+        let [truth, x, y] = [key(TRUTH, "x"), key("m", "x"), key("m", "y")];
+        write_image(&first, &truth, 4, &image(9)).unwrap();
+        write_image(&first, &x, 4, &image(20)).unwrap();
+        write_image(&second, &truth, 4, &image(9)).unwrap();
+        write_image(&second, &y, 4, &image(30)).unwrap();
+        fs::write(image_path(&second, &y, 5).with_extension(format!("png.{PARTIAL}")), b"half").unwrap();
+        let results = crate::Results::default();
+        results.write_merged(&merged, &[first, second.clone(), root.path().join("none")]).unwrap();
+        let expected = [(&truth, 9), (&x, 20), (&y, 30)];
+        for (key, sample) in expected {
+            assert!(is_stored(&merged, key, 4, Some(&hash_of_bytes(&image(sample)))).unwrap(), "{key}");
+        }
+        assert_eq!(files(&merged).unwrap().len(), expected.len());
+        remove(&merged, &y).unwrap();
+        assert!(has_images(&second, &y).unwrap(), "the part keeps its own");
     }
 
     /// A trial is evaluated again: one of three renders is the same, one differs, and one failed.

@@ -8,7 +8,7 @@
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
 //! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
 //! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
-//! | `merge.partial` | while a merge writes its tables: without `provenance.json` they belong to no store, and are written again |
+//! | `merge.partial` | while a merge writes: without `provenance.json` its files belong to no store, and are written again |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
 //! A crash loses at most the trials in progress. [`Store::finish`] moves the parts into the tables. Schema versions are the
@@ -318,6 +318,7 @@ fn lock(folder: &Path) -> Result<FolderLock, ResultsError> {
     if merging.exists() {
         if !folder.join(PROVENANCE).exists() {
             tables(folder).iter().try_for_each(|table| disk::remove(table))?;
+            images::remove_all(folder)?;
         }
         disk::remove(&merging)?;
     }
@@ -364,6 +365,15 @@ impl Results {
     /// # Errors
     /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`].
     pub fn write(&self, folder: &Path) -> Result<(), ResultsError> {
+        self.write_merged(folder, &[])
+    }
+
+    /// Writes these rows to a new store, with the images of the stores that they were merged from. If interrupted at any moment, there
+    /// is no store, and it can be repeated.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`].
+    pub fn write_merged(&self, folder: &Path, parts: &[PathBuf]) -> Result<(), ResultsError> {
         self.trials.iter().try_for_each(TrialRow::check)?;
         self.targets.iter().try_for_each(TargetRow::check)?;
         data::check_consistent(self)?;
@@ -374,6 +384,7 @@ impl Results {
             timings::write(folder, &self.timings)?;
         }
         self.write_tables(folder)?;
+        parts.iter().try_for_each(|part| images::add_those_of(part, folder))?;
         // Last, because it makes the folder a store.
         write_provenance(folder, &of_this_schema(self.provenance.clone()))?;
         disk::remove(&folder.join(MERGING))
