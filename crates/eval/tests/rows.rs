@@ -200,6 +200,28 @@ fn a_row_of_old_cameras_whose_entry_is_skipped_now_stops_the_run() {
     }
 }
 
+/// A context image of one scene, or the ground truth of one of two targets, was cut short after the run; or it always was.
+#[test]
+fn an_image_that_was_damaged_since_does_not_replace_scores() {
+    let damaged = |frame| Walls { damaged: Some((1, frame)), ..Walls::new(3, 8) };
+    for (frame, what) in [(4, "a context image: "), (6, "the ground-truth image: ")] {
+        let store = tempfile::tempdir().unwrap();
+        let (before, _) = evaluate(store.path(), Walls::new(3, 8), baselines()).unwrap();
+        let error = evaluate(store.path(), damaged(frame), baselines()).unwrap_err();
+        assert!(matches!(error, EvalError::DataChanged { count: 2, .. }), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("scene \"wall-1\"") && text.contains(what), "{text}");
+        assert!(text.contains("restore the data, or choose another folder"), "{text}");
+        let (restored, summary) = evaluate(store.path(), Walls::new(3, 8), baselines()).unwrap();
+        assert_eq!((summary.evaluated, rows(&restored)), (0, rows(&before)));
+    }
+    let store = tempfile::tempdir().unwrap();
+    let brighter = |frame| Walls { brighter: Some((1, 0, 9)), ..damaged(frame) };
+    evaluate(store.path(), damaged(6), baselines()).unwrap();
+    let (_, summary) = evaluate(store.path(), brighter(6), baselines()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed), (2, 4), "another image changed: no score is lost");
+}
+
 #[test]
 fn results_whose_data_are_missing_are_named() {
     let store = tempfile::tempdir().unwrap();

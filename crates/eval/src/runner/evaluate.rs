@@ -55,6 +55,15 @@ impl DecodedTrial {
         let data_hash = trial.data_hash(targets, digests).to_string();
         Self { trial, data_hash, context, truths }
     }
+
+    /// How many targets can be scored, and why not all: images that cannot be decoded.
+    pub(super) fn scorable(&self) -> (usize, Option<String>) {
+        if let Err(why) = &self.context {
+            return (0, Some(format!("a context image: {why}")));
+        }
+        let decoded = self.truths.iter().filter(|truth| truth.is_ok()).count();
+        (decoded, self.truths.iter().find_map(|truth| truth.as_ref().err().cloned()))
+    }
 }
 
 impl Evaluation<'_> {

@@ -265,6 +265,9 @@ impl GroupRun<'_> {
         self.store.digests().save()?;
         // The data may have changed since the first check.
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
+        if let (scorable, Some(why)) = decoded.scorable() {
+            outdated.check_scorable(&decoded.trial, &decoded.data_hash, scorable, &why);
+        }
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
         self.images_and_times.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;

@@ -36,6 +36,18 @@ impl<'a> Outdated<'a> {
         }
     }
 
+    /// Checks a trial of which so many targets can be scored, because of an image that cannot be decoded: results of the run's methods
+    /// with more scores are not replaced.
+    pub(super) fn check_scorable(&mut self, trial: &Trial, data_hash: &str, targets: usize, why: &str) {
+        let (key, known) = (self.key(trial.scene(), trial.entry_number()), self.store.known());
+        for method in known.outdated(&key, data_hash) {
+            let is_run = self.plan.methods.iter().any(|run| run.record().name == method);
+            if is_run && known.scored(&key.of_method(method)) > targets {
+                self.note(&key, method, &format!("an image changed and cannot be decoded: {why}"), RESTORE);
+            }
+        }
+    }
+
     /// Checks an entry that is skipped now for the methods of a group. Whether poses can be normalised depends on the method, so
     /// that reason alone does not make other methods' results outdated.
     pub(super) fn check_skipped(&mut self, skipped: &Skipped, group: &BTreeSet<String>) {
