@@ -118,6 +118,30 @@ fn scenes_that_a_limit_left_out_are_added() {
     assert!(limited(baselines(), Some(4)).run(folder.path()).is_err(), "a limit does not remove scenes");
 }
 
+/// The data lack the second of five scenes, as a chunk of it.
+#[test]
+fn scenes_that_the_data_lacked_are_added() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = |is_there: bool| {
+        let mut run = run_of(baselines(), &["psnr"]);
+        if !is_there {
+            let mut walls = Walls::new(5, 8);
+            walls.keys[1] = "another".to_owned();
+            run.datasets[0].source = Arc::new(walls);
+        }
+        run
+    };
+    let (some, summary) = with(false).run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.missing_scenes, some.provenance.presets[0].entries), (8, 1, 4));
+    let (whole, summary) = with(true).run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed, summary.missing_scenes), (2, 8, 0));
+    let expected = fresh(&with(true));
+    assert_eq!((rows(&whole), &whole.provenance.presets), (rows(&expected), &expected.provenance.presets));
+    assert_eq!((&whole.provenance.warnings, whole.gaps()), (&expected.provenance.warnings, Vec::new()));
+    let fewer = with(false).run(folder.path()).unwrap_err().to_string();
+    assert!(fewer.contains("then 5 entries of the index, now 4; restore the data"), "{fewer}");
+}
+
 /// Both runs take a part of the scenes of one index, in different orders.
 #[test]
 fn limits_over_another_order_are_rejected() {

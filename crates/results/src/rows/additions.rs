@@ -4,7 +4,7 @@ use atsplat_metrics::{Measure, definition};
 use atsplat_numeric::counted;
 
 use super::difference::differences;
-use super::{MetricRecord, Provenance};
+use super::{MetricRecord, PresetRecord, Provenance};
 use crate::ResultsError;
 
 /// Digits of a hash that are shown.
@@ -92,6 +92,27 @@ impl Provenance {
     }
 }
 
+impl PresetRecord {
+    /// Takes over the entries of an undivided run that resumes these results, if its data have more scenes of the index. Whether one of
+    /// the old scenes is missing now, the run checks.
+    ///
+    /// # Errors
+    /// [`ResultsError::Differences`] with both numbers if the data have fewer scenes of the same index than before.
+    pub(super) fn add_scenes_of(&mut self, now: &Self) -> Result<(), ResultsError> {
+        const ADVICE: &str = "; restore the data, or choose another folder for the new results";
+        if now.entries > self.entries {
+            self.entries = now.entries;
+            self.scenes_sha256.clone_from(&now.scenes_sha256);
+        } else if now.entries < self.entries && now.index_sha256 == self.index_sha256 {
+            let (then, now) = (counted(self.entries, "entry"), now.entries);
+            let (what, name) = ("scenes in the data under", Some(self.name.clone()));
+            let differences = format!("then {then} of the index, now {now}");
+            return Err(ResultsError::Differences { what, name, differences, advice: ADVICE });
+        }
+        Ok(())
+    }
+}
+
 fn of_id<'a>(metrics: &'a [MetricRecord], id: &str) -> Option<&'a MetricRecord> {
     metrics.iter().find(|metric| metric.id == id)
 }
@@ -156,7 +177,7 @@ mod tests {
     use atsplat_numeric::spread;
 
     use super::*;
-    use crate::{PresetRecord, Shard};
+    use crate::Shard;
 
     const ADVICE: &str = "; advice";
 
@@ -230,6 +251,37 @@ mod tests {
         }
         assert!(is_extended(Some(2), Some(6)) && !is_extended(Some(2), Some(5)) && !is_extended(Some(4), Some(2)));
         assert!(is_extended(Some(2), None) && !is_extended(None, Some(2)) && !is_extended(Some(0), Some(2)));
+    }
+
+    /// A chunk of the data was missing, is there now, and is missing again. Another index is another run.
+    #[test]
+    fn scenes_that_were_missing_are_added() {
+        let of = |entries, scenes: &str, index: &str| PresetRecord {
+            name: "p".to_owned(),
+            index_sha256: index.to_owned(),
+            entries,
+            scenes_sha256: Some(scenes.to_owned()),
+            ..PresetRecord::default()
+        };
+        let run = |preset: PresetRecord| {
+            let schema_version = crate::store::SCHEMA_VERSION;
+            Provenance { schema_version, presets: vec![preset], ..Provenance::default() }
+        };
+        let mut known = run(of(189, "some", "index"));
+        known.resume_with(run(of(225, "all", "index"))).unwrap();
+        assert_eq!(known, run(of(225, "all", "index")));
+        let refused = known.clone().resume_with(run(of(189, "some", "index"))).unwrap_err().to_string();
+        let expected = "scenes in the data under p of the two runs differ: then 225 entries of the index, now 189; ";
+        assert!(refused.starts_with(expected) && refused.contains("restore the data"), "{refused}");
+        for entries in [189, 300] {
+            let refused = known.clone().resume_with(run(of(entries, "all", "another"))).unwrap_err().to_string();
+            assert!(refused.starts_with("presets p of the two runs differ: ") && refused.contains("index"), "{refused}");
+        }
+        let shard = |entries| {
+            let shard = Some(Shard { number: 1, count: 2 });
+            Provenance { shard, ..run(of(entries, "all", "index")) }
+        };
+        assert!(shard(189).resume_with(shard(225)).is_err(), "a part of the scenes");
     }
 
     #[test]

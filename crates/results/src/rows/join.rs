@@ -64,7 +64,8 @@ impl Provenance {
         }
     }
 
-    /// Resumes a run with the same settings; presets, methods, metrics, scenes, stated costs and titles of imported files may be new.
+    /// Resumes a run with the same settings; presets, methods, metrics, scenes, stated costs and titles of imported files may be new,
+    /// and the data may have scenes of the index that they lacked.
     /// Data, indices and folders may be in other places, which [`Self::take_places`] takes over once the run has found the same
     /// contents there.
     ///
@@ -80,11 +81,13 @@ impl Provenance {
         let part = |run: &Self| run.part().unwrap_or_else(|| "the whole run".to_owned());
         same("shards", None, &part(self), &part(&other), ADVICE)?;
         for preset in other.presets {
-            match self.preset(&preset.name) {
+            match self.presets.iter_mut().find(|known| known.name == preset.name) {
                 Some(known) => {
-                    // Otherwise all scenes were run, in whichever order.
                     if is_part {
                         same_scenes(known, &preset, ADVICE)?;
+                    } else {
+                        // All scenes of the data were run, in whichever order.
+                        known.add_scenes_of(&preset)?;
                     }
                     same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?;
                 }
