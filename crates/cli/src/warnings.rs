@@ -46,8 +46,13 @@ fn absent_metrics(metrics: &[MetricRecord]) -> Vec<String> {
     by_reason.into_iter().map(line).collect()
 }
 
-/// Says before a run which of the results that it resumes it will evaluate again, because they lack a metric: a line for each method.
+/// Says before a run which of the results that it resumes it will evaluate again, because they lack a metric or failed: a line for
+/// each method and reason.
 pub(crate) fn print_evaluated_again(known: &KnownResults, run: &Provenance) {
+    for (method, count) in known.tried_again(run) {
+        let are = if count == 1 { "is" } else { "are" };
+        note(&format!("{} of {method} {are} evaluated again", counted(count, "failed result")));
+    }
     for (method, count) in known.lacking(run) {
         let deterministic = run.method(method).is_some_and(|record| record.deterministic);
         note(&evaluated_again(method, count, deterministic));

@@ -58,6 +58,33 @@ fn a_process_and_score_give_equal_numbers() {
     assert!(changed.code == 1 && changed.stderr.contains("methods mine"), "{}", changed.stderr);
 }
 
+/// The second of three scenes fails until a file is there.
+#[test]
+fn failed_trials_are_asked_again_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    write_copying(here);
+    let data = ["tiny.toml", "--data", "data"];
+    succeed(here, &[&["run"], &data[..], &["--method", "warp", "--keep-images", "all", "--out", "baseline"]].concat());
+    let path = here.join("method.sh");
+    let fails = r#"  if [ "$(field scene)" = scene-01 ] && [ ! -e memory ]; then
+    echo "{\"trial\": $(field trial), \"error\": \"out of memory\"}"; continue
+  fi
+  cp -r "#;
+    fs::write(&path, fs::read_to_string(&path).unwrap().replacen("  cp -r ", fails, 1)).unwrap();
+    let method = "mine=exec:sh method.sh baseline/images/tiny/warp";
+    let run = [&["run"], &data[..], &["--method", method, "--out", "store"]].concat();
+    let retry = [&run[..], &["--retry-failed"]].concat();
+    assert!(succeed(here, &run).contains("3 results computed"));
+    fs::write(here.join("memory"), "").unwrap();
+    assert!(succeed(here, &run).contains("0 results computed; 3 were there before"));
+    let again = atsplat(here, &retry);
+    assert!(again.stderr.contains("note: 1 failed result of mine is evaluated again"), "{}", again.stderr);
+    assert!(again.stdout.contains("1 result computed; 2 were there before"), "{}", again.stdout);
+    assert!(succeed(here, &retry).contains("0 results computed; 3 were there before"));
+}
+
 #[test]
 fn a_command_that_is_no_method_is_an_error_before_the_run() {
     let folder = tempfile::tempdir().unwrap();

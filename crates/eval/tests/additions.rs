@@ -8,8 +8,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use atsplat_eval::method::{Method, MethodError, Prediction, TrialInput, Warp};
-use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics};
+use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
+use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics, run};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_metrics::learned::{Network, WeightsFolders};
 use atsplat_metrics::{Networks, Suite};
@@ -179,6 +179,53 @@ impl Method for FailingIn {
         }
         Warp.predict(input)
     }
+}
+
+/// The plane warp, which fails to render this many of a trial's first targets.
+#[derive(Debug)]
+struct FailingTargets(usize);
+
+impl Method for FailingTargets {
+    fn record(&self) -> MethodRecord {
+        Warp.record()
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(WithoutFirst(Warp.predict(input)?, self.0)))
+    }
+}
+
+struct WithoutFirst<'a>(Box<dyn Prediction + 'a>, usize);
+
+impl Prediction for WithoutFirst<'_> {
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let rendered = self.0.render(targets).into_iter().zip(targets);
+        rendered.map(|(image, target)| if *target < self.1 { Err("out of memory".to_owned()) } else { image }).collect()
+    }
+}
+
+/// One of two targets of each trial fails, then both, then none.
+#[test]
+fn failed_trials_are_tried_again_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |failing: usize| run_of(vec![Arc::new(FailingTargets(failing))], &["psnr"]);
+    let retry = |failing: usize| {
+        let settings = of(failing);
+        let plan = settings.plan();
+        let provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
+        let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
+        run(&plan, store, &|| ()).unwrap()
+    };
+    let (before, summary) = of(1).run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.incomplete), (5, 5));
+    assert_eq!(of(0).run(folder.path()).unwrap().1.evaluated, 0, "not without the request");
+    let (kept, summary) = retry(2);
+    assert_eq!((summary.evaluated, summary.resumed, summary.incomplete), (0, 5, 5), "counted once");
+    assert_eq!(rows(&kept), rows(&before), "a result with more scores stays");
+    let (whole, summary) = retry(0);
+    assert_eq!((summary.evaluated, summary.incomplete), (5, 0));
+    assert_eq!(rows(&whole), rows(&fresh(&of(0))));
+    assert_eq!(retry(0).1.evaluated, 0, "nothing has failed");
 }
 
 /// Two of five results fail when a metric is added.

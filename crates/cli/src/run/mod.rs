@@ -69,7 +69,7 @@ Methods:
                          of the argument; see docs/methods.md
 
 A store is resumed: results are not computed again, unless they lack a metric that is requested now. Failed trials become \
-rows with a reason and never stop the others.";
+rows with a reason and never stop the others; --retry-failed evaluates them again.";
 
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {

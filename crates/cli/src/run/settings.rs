@@ -56,12 +56,18 @@ pub(crate) struct EvaluationArgs {
     /// modification time count as unchanged.
     #[arg(long)]
     verify: bool,
+
+    /// Evaluate again the trials that failed, wholly or in part, as after a time-out or without memory. Where fewer of a trial's targets
+    /// have scores then, its earlier result stays.
+    #[arg(long)]
+    retry_failed: bool,
 }
 
 impl EvaluationArgs {
     /// Opens the store in a folder: resumed or new.
     pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, ResultsError> {
         let store = Store::resume(folder, provenance)?;
+        let store = if self.retry_failed { store.retry_failed() } else { store };
         if self.verify { store.reread_images() } else { Ok(store) }
     }
 

@@ -235,8 +235,8 @@ impl GroupRun<'_> {
         trials.at_positions(&self.dataset.index.index.first_positions())
     }
 
-    /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run or has no
-    /// images that are to be kept, each with the hash of its input files.
+    /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run, has no
+    /// images that are to be kept or is tried again, each with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<Missing<'_>>, ResultsError> {
         let hash = trial.hash().to_string();
         let mut missing = Vec::new();
@@ -244,7 +244,8 @@ impl GroupRun<'_> {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            let is_complete = is_known && !self.store.known().lacks_metric(&key);
+            let known = self.store.known();
+            let is_complete = is_known && !known.lacks_metric(&key) && !known.is_tried_again(&key);
             if !is_complete || self.images_and_times.lacks_images(&key)? {
                 missing.push((method, input_hash));
             }
@@ -292,7 +293,10 @@ impl GroupRun<'_> {
                 images::discard(self.images.store, &row.key)?;
                 let why =
                     targets.into_iter().find_map(|target| target.detail).expect("a target without scores says why");
-                outcome.failed_again.push((row.key, why));
+                // One that failed before counts as incomplete by its row.
+                if !self.store.known().is_tried_again(&row.key) {
+                    outcome.failed_again.push((row.key, why));
+                }
                 outcome.resumed += 1;
             } else {
                 self.replace(&row, &targets)?;

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::{MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow};
+use crate::{
+    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow, TrialStatus,
+};
 
 /// Preset, scene and entry: a trial without its method.
 type TrialId = (String, String, u32);
@@ -24,6 +26,9 @@ struct Inputs {
     lacks_metric: bool,
     /// Number of targets with scores.
     scored: usize,
+    status: TrialStatus,
+    /// Whether it failed, wholly or in part, and the run evaluates it again.
+    is_tried_again: bool,
 }
 
 impl KnownResults {
@@ -43,7 +48,8 @@ impl KnownResults {
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
             let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
-            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric, scored };
+            let is_tried_again = false;
+            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric, scored, status, is_tried_again };
             by_method.insert(key.method, inputs);
         }
         known
@@ -67,16 +73,37 @@ impl KnownResults {
         self.get(key).is_some_and(|known| known.lacks_metric)
     }
 
+    /// Makes a run evaluate again what failed, wholly or in part.
+    pub(super) fn retry_failed(&mut self) {
+        for known in self.0.values_mut().flat_map(BTreeMap::values_mut) {
+            known.is_tried_again = known.status.is_incomplete();
+        }
+    }
+
+    /// Whether a result failed, and is evaluated again ([`Store::retry_failed`](super::Store::retry_failed)).
+    pub fn is_tried_again(&self, key: &TrialKey) -> bool {
+        self.get(key).is_some_and(|known| known.is_tried_again)
+    }
+
     /// How many results of a run's protocols and methods lack a metric that it computes, by method: they are evaluated again.
     pub fn lacking(&self, run: &Provenance) -> BTreeMap<&str, u64> {
+        self.count(run, |known| known.lacks_metric)
+    }
+
+    /// How many results of a run's protocols and methods failed and are evaluated again, by method.
+    pub fn tried_again(&self, run: &Provenance) -> BTreeMap<&str, u64> {
+        self.count(run, |known| known.is_tried_again)
+    }
+
+    fn count(&self, run: &Provenance, is_counted: impl Fn(&Inputs) -> bool) -> BTreeMap<&str, u64> {
         let of_run = self.0.iter().filter(|((preset, ..), _)| run.preset(preset).is_some());
-        let mut lacking = BTreeMap::new();
+        let mut counts = BTreeMap::new();
         for (method, known) in of_run.flat_map(|(_, methods)| methods) {
-            if known.lacks_metric && run.method(method).is_some() {
-                *lacking.entry(method.as_str()).or_default() += 1;
+            if is_counted(known) && run.method(method).is_some() {
+                *counts.entry(method.as_str()).or_default() += 1;
             }
         }
-        lacking
+        counts
     }
 
     /// How many targets of a result have scores.
@@ -155,7 +182,7 @@ fn mixed(what: &'static str, first: &TrialKey, second: &TrialKey) -> ResultsErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{PresetRecord, TargetStatus, TrialStatus, WEIGHTS_ABSENT, sample_rows};
+    use crate::{PresetRecord, TargetStatus, WEIGHTS_ABSENT, sample_rows};
 
     /// A method of Python may have been mended; what another method failed fails again.
     #[test]
@@ -171,6 +198,25 @@ mod tests {
         assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
         assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
         assert!(of("exec", TrialStatus::Failed));
+    }
+
+    /// One of three results is whole; a method that does not support a trial has not failed.
+    #[test]
+    fn failures_are_tried_again_on_request() {
+        let statuses = [TrialStatus::Failed, TrialStatus::Done, TrialStatus::Partial, TrialStatus::NotApplicable];
+        let rows = statuses.iter().zip(["a", "b", "c", "d"]);
+        let rows = rows.map(|(status, scene)| TrialRow { status: *status, ..sample_rows::trial("m", scene, 0, 1) });
+        let mut known = KnownResults::of(rows.map(|row| (row, Vec::new())), &[], &[]);
+        let run = Provenance {
+            presets: vec![PresetRecord { name: sample_rows::PRESET.to_owned(), ..PresetRecord::default() }],
+            methods: vec![MethodRecord { name: "m".to_owned(), ..MethodRecord::default() }],
+            ..Provenance::default()
+        };
+        assert!(known.tried_again(&run).is_empty());
+        known.retry_failed();
+        assert_eq!(known.tried_again(&run), BTreeMap::from([("m", 2)]));
+        let again = ["a", "b", "c", "d"].map(|scene| known.is_tried_again(&sample_rows::key("m", scene, 0)));
+        assert_eq!(again, [true, false, true, false]);
     }
 
     /// Of two methods, one is run again, under one of two protocols.

@@ -249,6 +249,14 @@ impl Store {
         Ok(Self { digests, ..self })
     }
 
+    /// Makes a run evaluate again the trials that failed, wholly or in part. Where fewer targets have scores then, the earlier result
+    /// stays.
+    #[must_use]
+    pub fn retry_failed(mut self) -> Self {
+        self.known.retry_failed();
+        self
+    }
+
     /// Digests of image files.
     pub const fn digests(&self) -> &ImageDigests {
         &self.digests
