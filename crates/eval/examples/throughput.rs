@@ -77,7 +77,7 @@ fn main() -> anyhow::Result<()> {
         let provenance = plan.provenance(current_provenance("0", None, Vec::new()))?;
         let start = Instant::now();
         let store = Store::create(folder.path(), provenance)?;
-        let (results, _) = pool.install(|| run(&plan, store, &|| ()))?;
+        let (results, _) = pool.install(|| run(&plan, store, &|_| ()))?;
         let secs = start.elapsed().as_secs_f64();
         let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
         ensure!(scored == 3 * entries, "{scored} of {} targets scored", 3 * entries);
@@ -88,7 +88,7 @@ fn main() -> anyhow::Result<()> {
         Plan { timing: Some(TimingPlan::default()), selection: Selection { limit: Some(3), shard: None }, ..plan };
     let folder = tempfile::tempdir()?;
     let store = Store::create(folder.path(), timed.provenance(current_provenance("0", None, Vec::new()))?)?;
-    let (results, _) = run(&timed, store, &|| ())?;
+    let (results, _) = run(&timed, store, &|_| ())?;
     let times = times(&results, &datasets[0].name, "wall").map_err(anyhow::Error::msg)?;
     for (what, spread) in [("making Gaussians", times.encode), ("rendering a view", times.render)] {
         if let Some(spread) = spread {

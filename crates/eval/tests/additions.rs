@@ -214,7 +214,7 @@ fn failed_trials_are_tried_again_on_request() {
         let plan = settings.plan();
         let provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
         let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
-        run(&plan, store, &|| ()).unwrap()
+        run(&plan, store, &|_| ()).unwrap()
     };
     let (before, summary) = of(1).run(folder.path()).unwrap();
     assert_eq!((summary.evaluated, summary.incomplete), (5, 5));

@@ -238,7 +238,7 @@ fn results_whose_data_are_missing_are_named() {
     let mut provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
     provenance.presets[0].entries = 3;
     let opened = Store::resume(store.path(), provenance).unwrap();
-    let error = run(&plan, opened, &|| ()).unwrap_err().to_string();
+    let error = run(&plan, opened, &|_| ()).unwrap_err().to_string();
     assert!(error.contains("scene \"wall-2\"") && error.contains("no longer in the data"), "{error}");
 }
 

@@ -47,7 +47,7 @@ fn a_stopped_run_keeps_what_was_finished_and_resumes() {
         Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
     let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let stopped = one_thread.install(|| run_until(&plan, store, &|| (), &stop)).unwrap_err();
+    let stopped = one_thread.install(|| run_until(&plan, store, &|_| (), &stop)).unwrap_err();
     assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
     let kept = Results::read(folder.path()).unwrap();
     assert_eq!(kept.trials.len(), 3, "three were finished, and the interrupted one has no row");
@@ -72,7 +72,7 @@ fn a_stopped_timing_pass_keeps_the_times_of_finished_methods() {
     let store =
         Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
     let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
-    let stopped = run_until(&plan, store, &|| (), &stop).unwrap_err();
+    let stopped = run_until(&plan, store, &|_| (), &stop).unwrap_err();
     assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
     assert_eq!(method.calls.load(Ordering::Relaxed), 7, "six trials, and no timed one after the first");
     let kept = Results::read(folder.path()).unwrap();

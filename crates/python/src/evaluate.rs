@@ -94,7 +94,7 @@ fn run(
         plan.provenance(current_provenance(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command))?;
     let store = if resume { Store::resume(&out, provenance) } else { Store::create(&out, provenance) };
     let store = store.map_err(|error| Failure::of_store(error, &out))?;
-    let (results, _) = run_until(&plan, store, step, stop)?;
+    let (results, _) = run_until(&plan, store, &|_| step(), stop)?;
     Ok(plan.nothing_evaluated(&results))
 }
 

@@ -239,7 +239,7 @@ impl Args {
         };
         let store = self.evaluation.store(&self.out.join(name), plan.provenance(provenance())?)?;
         let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
-        let (results, _) = runner::run(&plan, store, &|| progress.step())?;
+        let (results, _) = runner::run(&plan, store, &|step| progress.result(step))?;
         let why_empty = plan.nothing_evaluated(&results);
         Ok(Evaluated { results, why_empty })
     }

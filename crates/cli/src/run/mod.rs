@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
 use atsplat_eval::method::{Method, MethodSpec};
-use atsplat_eval::runner::{self, Plan};
+use atsplat_eval::runner::{self, Plan, Step};
 use atsplat_results::{GapKind, RunReport};
 use atsplat_scene::Warnings;
 
@@ -113,8 +113,8 @@ fn evaluate(
     print_absent_metrics(&record.metrics);
     print_evaluated_again(store.known(), &record);
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
-    let step = || {
-        progress.step();
+    let step = |step: Step<'_>| {
+        progress.result(step);
         out.step();
     };
     // A failure of object storage says nothing about the data: the run stops, but an unreadable scene is skipped.

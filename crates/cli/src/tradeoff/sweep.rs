@@ -63,7 +63,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let (mut empty_parts, mut is_empty_shard) = (Vec::new(), true);
     for plan in &plans {
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
-        let (results, _) = runner::run(plan, store, &|| progress.step())?;
+        let (results, _) = runner::run(plan, store, &|step| progress.result(step))?;
         check_reading()?;
         let results = name_urls(args.settings.out(), results)?;
         is_empty_shard &= plan.is_shard_without_trials(&results);

@@ -16,7 +16,7 @@ use super::images_and_times::ImagesAndTimes;
 use super::kept_images::ImageSink;
 use super::outdated::Outdated;
 use super::plan::{Dataset, Plan};
-use super::run::Progress;
+use super::run::{Progress, Step};
 use crate::EvalError;
 use crate::method::Method;
 
@@ -108,7 +108,7 @@ pub(super) struct GroupRun<'a> {
     pub(super) store: &'a Store,
     pub(super) images_and_times: &'a ImagesAndTimes<'a>,
     pub(super) images: ImageSink<'a>,
-    pub(super) step: &'a (dyn Fn() + Sync),
+    pub(super) step: &'a (dyn Fn(Step<'_>) + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -160,7 +160,7 @@ impl GroupRun<'_> {
         for state in scenes.values().filter(|state| !state.is_incomplete) {
             let methods = self.methods.len() as u64;
             progress.summary.resumed += state.trials * methods;
-            (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)());
+            (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)(Step::Nothing));
         }
         Ok(scenes)
     }
@@ -197,7 +197,7 @@ impl GroupRun<'_> {
         for outcome in batch {
             match outcome {
                 Ok(trial) => work.push(trial),
-                Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
+                Err(_skipped) => self.methods.iter().for_each(|_| (self.step)(Step::Nothing)),
             }
         }
         let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate(trial, &targets);
@@ -275,7 +275,7 @@ impl GroupRun<'_> {
         let missing = self.missing(&decoded.trial, &decoded.data_hash)?;
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
         let resumed = (self.methods.len() - missing.len()) as u64;
-        (0..resumed).for_each(|_| (self.step)());
+        (0..resumed).for_each(|_| (self.step)(Step::Nothing));
         let mut outcome = TrialOutcome { resumed, ..TrialOutcome::default() };
         for (method, input_hash) in missing {
             self.check_stop()?;
@@ -289,20 +289,21 @@ impl GroupRun<'_> {
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
+            let step = if row.status.is_incomplete() { Step::Failed(&row) } else { Step::Done };
             if is_again && self.has_fewer_scores(&row.key, &targets) {
                 images::discard(self.images.store, &row.key)?;
                 let why =
                     targets.into_iter().find_map(|target| target.detail).expect("a target without scores says why");
                 // One that failed before counts as incomplete by its row.
                 if !self.store.known().is_tried_again(&row.key) {
-                    outcome.failed_again.push((row.key, why));
+                    outcome.failed_again.push((row.key.clone(), why));
                 }
                 outcome.resumed += 1;
             } else {
                 self.replace(&row, &targets)?;
                 outcome.evaluated += 1;
             }
-            (self.step)();
+            (self.step)(step);
         }
         Ok(outcome)
     }

@@ -34,7 +34,7 @@ pub use index_notices::{IndexNotice, Missing};
 pub use kept_images::KeepImages;
 pub use metrics::{metric_records, named_metrics, suite};
 pub use plan::{Dataset, Plan, current_provenance};
-pub use run::{run, run_until};
+pub use run::{Step, run, run_until};
 pub use selection::Selection;
 pub use single::evaluate_trial;
 

@@ -1,7 +1,7 @@
 use atsplat_protocol::{EvaluationIndex, KnownIndex};
 use atsplat_results::RunCounts;
 use atsplat_results::warning_kinds::MISSING_SCENES;
-use atsplat_results::{Results, Store};
+use atsplat_results::{Results, Store, TrialRow};
 
 use super::findings::SceneWarnings;
 use super::group_run::{GroupRun, groups};
@@ -15,6 +15,17 @@ use super::selection::Selected;
 use super::{Findings, KeepImages};
 use crate::{EvalError, timing};
 
+/// One of the [`Plan::steps`] of a run.
+#[derive(Clone, Copy, Debug)]
+pub enum Step<'a> {
+    /// Nothing was computed: the result was there before, or the entry has no trial.
+    Nothing,
+    /// A trial was evaluated, or a method was timed.
+    Done,
+    /// A trial was evaluated and failed, wholly or in part.
+    Failed(&'a TrialRow),
+}
+
 /// Runs a plan into a store that was created or resumed with [`Plan::provenance`], and finishes the store. Up-to-date
 /// results are not recomputed. If the plan has a timing pass, it follows the evaluation. `step` is called [`Plan::steps`]
 /// times, from any thread. A timing pass and evaluations of other plans in this process wait for each other.
@@ -22,7 +33,11 @@ use crate::{EvalError, timing};
 /// # Errors
 /// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
 /// rayon thread while something else is evaluated.
-pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, RunCounts), EvalError> {
+pub fn run(
+    plan: &Plan<'_>,
+    store: Store,
+    step: &(dyn Fn(Step<'_>) + Sync),
+) -> Result<(Results, RunCounts), EvalError> {
     run_until(plan, store, step, &|| false)
 }
 
@@ -34,7 +49,7 @@ pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(R
 pub fn run_until(
     plan: &Plan<'_>,
     mut store: Store,
-    step: &(dyn Fn() + Sync),
+    step: &(dyn Fn(Step<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Results, RunCounts), EvalError> {
     let methods = plan.methods_of_scenes();
@@ -61,7 +76,7 @@ pub fn run_until(
 fn evaluate(
     plan: &Plan<'_>,
     store: &Store,
-    step: &(dyn Fn() + Sync),
+    step: &(dyn Fn(Step<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Progress, EvalError> {
     let worst = WorstSoFar::default();

@@ -16,7 +16,7 @@ use super::samples::{PreparedTrial, Samples};
 use super::this_machine;
 use crate::EvalError;
 use crate::method::{Method, MethodError};
-use crate::runner::{Dataset, Plan, groups, key_of, recipe};
+use crate::runner::{Dataset, Plan, Step, groups, key_of, recipe};
 
 /// How many trials are timed, and how often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub(crate) fn pass(
     plan: &Plan<'_>,
     timing: TimingPlan,
     store: &Store,
-    step: &(dyn Fn() + Sync),
+    step: &(dyn Fn(Step<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(), EvalError> {
     let _exclusive = exclusion::exclusive()?;
@@ -90,7 +90,7 @@ struct Pass<'a> {
     machine: Machine,
     started: u64,
     pool: &'a ThreadPool,
-    step: &'a (dyn Fn() + Sync),
+    step: &'a (dyn Fn(Step<'_>) + Sync),
     stop: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -134,7 +134,7 @@ impl Pass<'_> {
             if !rows.is_empty() {
                 self.store.add_timings(rows)?;
             }
-            (self.step)();
+            (self.step)(Step::Done);
         }
         Ok(())
     }
@@ -159,7 +159,7 @@ impl Pass<'_> {
         };
         let (done, left): (Vec<_>, Vec<_>) = methods.into_iter().partition(is_timed);
         for _ in done {
-            (self.step)();
+            (self.step)(Step::Nothing);
         }
         left
     }

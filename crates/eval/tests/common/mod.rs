@@ -210,7 +210,7 @@ impl Run {
         let plan = self.plan();
         let store = Store::resume(folder, plan.provenance(current_provenance("0", None, Vec::new()))?)?;
         let steps = AtomicU64::new(0);
-        let outcome = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
+        let outcome = run(&plan, store, &|_| _ = steps.fetch_add(1, Ordering::Relaxed))?;
         assert_eq!(steps.into_inner(), plan.steps(), "every result and every timed method is a step");
         Ok(outcome)
     }
