@@ -81,6 +81,7 @@ fn a_merge_keeps_the_images_of_its_parts() {
     succeed(here, &["report", "merged", "--out", "page"]);
     let page = fs::read_to_string(here.join("page/index.html")).unwrap();
     assert!(page.contains("24 of 24 images are in this page"));
+    assert!(page.contains("<dt>Commands (3)</dt>") && page.contains("merge one two --out merged</dd>"));
 }
 
 /// One of two parts has a target without its image, so that its trial has a failed target.

@@ -146,6 +146,7 @@ impl Baseline {
         // Time, command and threads do not affect numbers and would change with every acceptance.
         (provenance.started, provenance.threads) = (0, 0);
         provenance.command.clear();
+        provenance.more_commands.clear();
         let deterministic =
             |key: &TrialKey| results.provenance.method(&key.method).is_some_and(|method| method.deterministic);
         let target = |row: &TargetRow| BaselineTarget {

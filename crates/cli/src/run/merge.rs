@@ -11,6 +11,7 @@ use serde::Serialize;
 use crate::objects::CacheArgs;
 use crate::parse::usage_error;
 use crate::print::{print_report, warn};
+use crate::provenance;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -59,7 +60,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if !reasons.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", reasons.join("; "));
     }
-    let Merged { results, repeated, .. } = merged;
+    let Merged { mut results, repeated, .. } = merged;
+    results.provenance.add_command(&provenance().command);
     let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write_merged(folder, &folders)?))?;
     out.finish()?;
     let run = RunReport::of(&results, None, &args.out);

@@ -53,8 +53,15 @@ pub(super) fn origin(stores: &[PageStore<'_>]) -> String {
     stores.iter().map(store).collect()
 }
 
+/// The most commands of a store that are shown: a merged one may have thousands.
+const SHOWN_COMMANDS: usize = 20;
+
 fn store(store: &PageStore<'_>) -> String {
     let provenance = &store.source.results.provenance;
+    let commands = match provenance.commands().count() {
+        1 => "Command".to_owned(),
+        several => format!("Commands ({several})"),
+    };
     let mut facts = vec![
         (
             "atsplat",
@@ -65,9 +72,12 @@ fn store(store: &PageStore<'_>) -> String {
             ),
         ),
         ("Machine", format!("{}, {}, {} threads", provenance.processor, provenance.platform, provenance.threads)),
-        ("Command", provenance.command.join(" ")),
-        ("Schema", format!("version {}, {}", provenance.schema_version, short(&provenance.schema_hash))),
     ];
+    facts.extend(provenance.commands().take(SHOWN_COMMANDS).map(|command| (commands.as_str(), command.join(" "))));
+    if provenance.commands().count() > SHOWN_COMMANDS {
+        facts.push((commands.as_str(), "… (the others are in provenance.json)".to_owned()));
+    }
+    facts.push(("Schema", format!("version {}, {}", provenance.schema_version, short(&provenance.schema_hash))));
     facts.extend(provenance.adapter.as_ref().map(|adapter| ("Adapter", adapter.clone())));
     for preset in &provenance.presets {
         let index = preset.index_name.as_deref().unwrap_or(&preset.index);

@@ -345,6 +345,24 @@ fn facts_of_one_kind_share_their_name() {
     assert_eq!(names, ["atsplat", "Machine", "Command", "Schema", "Protocol", "Method", "Skipped"]);
 }
 
+/// A store that was extended, and one that was merged from 24 parts.
+#[test]
+fn every_command_of_a_store_is_shown() {
+    let mut results = results(vec![preset("rooms-2v-128")], vec![floor()]);
+    results.provenance.command = vec!["run".to_owned(), "--limit=3".to_owned()];
+    results.provenance.add_command(&["run".to_owned(), "--limit=<all>".to_owned()]);
+    let card =
+        |results: &Results| facts::origin(&[PageStore { source: Source { label: LABEL, results }, folder: None }]);
+    let text = card(&results);
+    assert!(text.contains("<dt>Commands (2)</dt><dd>run --limit=3</dd><dd>run --limit=&lt;all&gt;</dd><dt>"), "{text}");
+    for part in 1..=22 {
+        results.provenance.add_command(&[format!("part-{part}")]);
+    }
+    let text = card(&results);
+    assert!(text.contains("<dt>Commands (24)</dt>") && text.contains("part-18</dd><dd>… (the others"), "{text}");
+    assert!(!text.contains("part-19"), "{text}");
+}
+
 /// Two stores of one protocol, and one of another; a method of all three, and one with random weights in two of them.
 #[test]
 fn protocols_and_methods_of_several_stores_count_once() {

@@ -25,6 +25,7 @@ impl Provenance {
         self.check_metrics(&other.metrics, ADVICE)?;
         self.check_limit(&other, ADVICE)?;
         self.note_places(&other);
+        other.commands().for_each(|command| self.add_command(command));
         // They may have been added to the shards in another order.
         same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
         let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
@@ -77,6 +78,7 @@ impl Provenance {
         self.add_metrics(&other.metrics)?;
         let is_part = self.limit.is_some() || self.shard.is_some();
         self.extend_limit(&other)?;
+        other.commands().for_each(|command| self.add_command(command));
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         let part = |run: &Self| run.part().unwrap_or_else(|| "the whole run".to_owned());
         same("shards", None, &part(self), &part(&other), ADVICE)?;
@@ -207,6 +209,29 @@ mod tests {
             all.merge_shard(on(other), false).unwrap();
         }
         assert_eq!(all.processor, "a, avx512; b, avx2; c");
+    }
+
+    /// A run with a limit, the same without, and the first again; two parts of a run, each resumed by its command.
+    #[test]
+    fn every_command_is_recorded_once() {
+        let of = |command: &str| {
+            let command = command.split(' ').map(str::to_owned).collect();
+            Provenance { schema_version: crate::store::SCHEMA_VERSION, command, ..Provenance::default() }
+        };
+        let all = |run: &Provenance| run.commands().map(|command| command.join(" ")).collect::<Vec<_>>();
+        let mut known = of("atsplat run --limit 2");
+        for next in ["atsplat run", "atsplat run --limit 2", "atsplat run"] {
+            known.resume_with(of(next)).unwrap();
+        }
+        known.resume_with(Provenance { command: Vec::new(), ..of("") }).unwrap();
+        assert_eq!(all(&known), ["atsplat run --limit 2", "atsplat run"]);
+        let mut merged = of("atsplat run --shard 1/2");
+        merged.merge_shard(known, false).unwrap();
+        merged.merge_shard(of("atsplat run --shard 1/2"), true).unwrap();
+        assert_eq!(all(&merged), ["atsplat run --shard 1/2", "atsplat run --limit 2", "atsplat run"]);
+        let text = serde_json::to_string(&of("atsplat run")).unwrap();
+        assert!(!text.contains("more-commands"), "as older versions wrote it");
+        assert_eq!(serde_json::from_str::<Provenance>(&text).unwrap(), of("atsplat run"));
     }
 
     /// Two machines without the weights of LPIPS, whose torch has its cache in different places.

@@ -31,8 +31,12 @@ pub struct Provenance {
     pub threads: u32,
     /// Start of the run in seconds since 1970.
     pub started: u64,
-    /// The command line.
+    /// The command line of the first run.
     pub command: Vec<String>,
+    /// Other command lines that made these results, each once: of later runs into the store, of other parts and of their merge. Empty in
+    /// stores of older versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub more_commands: Vec<Vec<String>>,
     /// Which part of a run this is; `None` for a whole run.
     #[serde(default)]
     pub shard: Option<Shard>,
@@ -169,6 +173,18 @@ impl Provenance {
     /// The record of the method with this name in the rows.
     pub fn method(&self, name: &str) -> Option<&MethodRecord> {
         self.methods.iter().find(|method| method.name == name)
+    }
+
+    /// All command lines that made these results, in the order in which they were recorded.
+    pub fn commands(&self) -> impl Iterator<Item = &[String]> {
+        std::iter::once(&self.command).chain(&self.more_commands).map(Vec::as_slice)
+    }
+
+    /// Records another command line, unless it is there.
+    pub fn add_command(&mut self, command: &[String]) {
+        if !command.is_empty() && !self.commands().any(|known| known == command) {
+            self.more_commands.push(command.to_vec());
+        }
     }
 
     /// The graphics adapters of the methods, each once.
