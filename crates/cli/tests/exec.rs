@@ -78,7 +78,8 @@ fn failed_trials_are_asked_again_on_request() {
     let retry = [&run[..], &["--retry-failed"]].concat();
     let first = atsplat(here, &run);
     assert!(first.code == 0 && first.stdout.contains("3 results computed"), "{}", first.stderr);
-    let why = "warning: the first failed result: mine on tiny, scene \"scene-01\", entry 0: the method says: out of memory";
+    let why =
+        "warning: the first failed result: mine on tiny, scene \"scene-01\", entry 0: the method says: out of memory";
     assert_eq!(first.stderr.matches(why).count(), 1, "{}", first.stderr);
     fs::write(here.join("memory"), "").unwrap();
     assert!(succeed(here, &run).contains("0 results computed; 3 were there before"));

@@ -33,11 +33,7 @@ pub enum Step<'a> {
 /// # Errors
 /// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
 /// rayon thread while something else is evaluated.
-pub fn run(
-    plan: &Plan<'_>,
-    store: Store,
-    step: &(dyn Fn(Step<'_>) + Sync),
-) -> Result<(Results, RunCounts), EvalError> {
+pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn(Step<'_>) + Sync)) -> Result<(Results, RunCounts), EvalError> {
     run_until(plan, store, step, &|| false)
 }
 

@@ -275,7 +275,10 @@ mod tests {
         assert!(refused.starts_with(expected) && refused.contains("restore the data"), "{refused}");
         for entries in [189, 300] {
             let refused = known.clone().resume_with(run(of(entries, "all", "another"))).unwrap_err().to_string();
-            assert!(refused.starts_with("presets p of the two runs differ: ") && refused.contains("index"), "{refused}");
+            assert!(
+                refused.starts_with("presets p of the two runs differ: ") && refused.contains("index"),
+                "{refused}"
+            );
         }
         let shard = |entries| {
             let shard = Some(Shard { number: 1, count: 2 });

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::{
-    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow, TrialStatus,
+    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow,
+    TrialStatus,
 };
 
 /// Preset, scene and entry: a trial without its method.
