@@ -4,6 +4,8 @@
 //! states the meaning of its values in the string attribute `values` of the header (`R G B: sRGB-encoded
 //! display-referred`), which [`read`] returns. Samples round-trip bit for bit, including infinities and NaN.
 
+mod blocks;
+
 use std::io::Cursor;
 
 use ::exr::image::read::read as exr_reader;
@@ -222,7 +224,7 @@ pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
 ///
 /// # Errors
 /// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
-/// [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files.
+/// [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files, such as those without one of their blocks.
 pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError> {
     let format = ImageFormat::Exr;
     let header = first_header(bytes)?;
@@ -235,6 +237,7 @@ pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError>
     if let Some(channel) = header.channels.list.iter().find(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
         return Err(unsupported(format!("the subsampled channel {}", channel.name)));
     }
+    blocks::require_all(bytes, &header)?;
     let reader = exr_reader().no_deep_data().largest_resolution_level().all_channels();
     let reader = reader.first_valid_layer().all_attributes().non_parallel();
     let layer = reader.from_buffered(Cursor::new(bytes)).map_err(failed)?.layer_data;

@@ -1,10 +1,12 @@
 //! The meaning of an EXR's values, and files of other programs.
+#![expect(clippy::unwrap_used, reason = "an invalid fixture fails the test")]
 
 use atsplat_pixels::exr::{Channel, Channels, Values, read, read_render, read_rgb, write, write_rgb};
 use atsplat_pixels::{DecodeLimits, Image, PixelError};
 use exr::compression::Compression;
 use exr::image::write::WritableImage as _;
-use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
+use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image as ExrImage, Layer};
+use exr::math::Vec2;
 use exr::meta::header::LayerAttributes;
 use exr::prelude::f16;
 
@@ -134,4 +136,57 @@ fn a_render_that_may_have_lost_digits_is_rejected() {
         let expected = format!("expected lossless compression, found {compression}: ");
         assert!(error.starts_with(&expected), "{error}");
     }
+}
+
+/// Where the table of `count` blocks begins, each of whose entries is an offset in the file: the first block follows it.
+fn table_of_blocks(bytes: &[u8], count: usize) -> usize {
+    let entry = |at: usize| bytes[at..].first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+    (0..bytes.len()).find(|at| entry(*at) == Some((at + 8 * count) as u64)).unwrap()
+}
+
+fn block(bytes: &[u8], table: usize, at: usize) -> usize {
+    let offset = u64::from_le_bytes(*bytes[table + 8 * at..].first_chunk().unwrap());
+    usize::try_from(offset).unwrap()
+}
+
+/// Without compression, each row is a block.
+#[test]
+fn a_file_that_lacks_a_block_is_rejected() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/exr/rgb_f32_none.exr");
+    let good = std::fs::read(path).unwrap();
+    let table = table_of_blocks(&good, 4);
+    let error = |change: &dyn Fn(&mut [u8])| {
+        let mut bytes = good.clone();
+        change(&mut bytes);
+        read(&bytes, &DecodeLimits::default()).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(error(&|_| ()), Ok(()));
+    let lost = "EXR data: expected a block that starts at row 1, column 0, found another that states row 2, column 0";
+    assert_eq!(error(&|bytes| bytes.copy_within(table + 16..table + 24, table + 8)), Err(lost.to_owned()));
+    let row_1 = block(&good, table, 1);
+    assert_eq!(error(&|bytes| bytes[row_1] = 2), Err(lost.to_owned()), "the row that the block states");
+    assert!(error(&|bytes| bytes[row_1] = 9).is_err(), "below the image");
+    let exchanged = |bytes: &mut [u8]| (0..8).for_each(|at| bytes.swap(table + at, table + 8 + at));
+    assert_eq!(error(&exchanged), Ok(()), "blocks may be in any order");
+}
+
+#[test]
+fn a_file_that_lacks_a_tile_is_rejected() {
+    let samples: Vec<f32> = (0..8_u8).map(f32::from).collect();
+    let planes = ["B", "G", "R"].map(|name| AnyChannel::new(name, FlatSamples::F32(samples.clone())));
+    let tiles = Blocks::Tiles(Vec2(2, 1));
+    let encoding = Encoding { compression: Compression::Uncompressed, blocks: tiles, ..Encoding::SMALL_LOSSLESS };
+    let channels = AnyChannels::sort(planes.into_iter().collect());
+    let layer = Layer::new((4, 2), LayerAttributes::default(), encoding, channels);
+    let mut file = std::io::Cursor::new(Vec::new());
+    ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut file).unwrap();
+    let mut bytes = file.into_inner();
+    assert_eq!(read(&bytes, &DecodeLimits::default()).unwrap().get("G").unwrap().samples, samples);
+    let table = table_of_blocks(&bytes, 4);
+    // The third is the left one of the second row, and states its column first.
+    let third = block(&bytes, table, 2);
+    bytes[third] = 1;
+    let error = read(&bytes, &DecodeLimits::default()).unwrap_err().to_string();
+    let lost = "EXR data: expected a block that starts at row 1, column 0, found another that states row 1, column 2";
+    assert_eq!(error, lost);
 }

@@ -1,0 +1,54 @@
+//! Whether the blocks of an EXR, each of which states its place, cover the image.
+
+use std::collections::BTreeSet;
+use std::io::Cursor;
+
+use ::exr::block::chunk::{Chunk, CompressedBlock};
+use ::exr::meta::header::Header;
+
+use super::failed;
+use crate::{ImageFormat, PixelError};
+
+/// An error unless the first layer has each block of its largest resolution once. Decoding puts a block where the block
+/// itself says, so that the pixels of a missing one would stay 0.
+pub(super) fn require_all(bytes: &[u8], header: &Header) -> Result<(), PixelError> {
+    let mut missing = BTreeSet::new();
+    for block in header.blocks_increasing_y_order().filter(|block| block.location.is_largest_resolution_level()) {
+        let start = header.get_absolute_block_pixel_coordinates(block.location).map_err(failed)?.position;
+        missing.insert((start.1, start.0));
+    }
+    let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
+    let chunks = reader.filter_chunks(false, |_, tile, block| block.layer == 0 && tile.is_largest_resolution_level());
+    let mut stray = None;
+    for chunk in chunks.map_err(failed)? {
+        let start = stated_start(&chunk.map_err(failed)?, header);
+        if !start.is_some_and(|start| missing.remove(&start)) {
+            stray = start;
+        }
+    }
+    let Some((row, column)) = missing.first() else { return Ok(()) };
+    let found = stray.map_or_else(
+        || "one of another place".to_owned(),
+        |(row, column)| format!("another that states row {row}, column {column}"),
+    );
+    let problem = format!("expected a block that starts at row {row}, column {column}, found {found}");
+    Err(PixelError::Decode { format: ImageFormat::Exr, source: problem.into() })
+}
+
+/// The first row and column of a block within the first layer, as the block states them; `None` for one of another layer, of a
+/// smaller resolution, or outside.
+fn stated_start(chunk: &Chunk, header: &Header) -> Option<(i32, i32)> {
+    if chunk.layer_index != 0 {
+        return None;
+    }
+    match &chunk.compressed_block {
+        CompressedBlock::ScanLine(block) => {
+            Some((block.y_coordinate.checked_sub(header.own_attributes.layer_position.1)?, 0))
+        }
+        CompressedBlock::Tile(block) if block.coordinates.is_largest_resolution_level() => {
+            let start = header.get_absolute_block_pixel_coordinates(block.coordinates).ok()?.position;
+            Some((start.1, start.0))
+        }
+        _ => None,
+    }
+}
