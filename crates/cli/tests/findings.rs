@@ -95,6 +95,23 @@ fn counts_warnings_about_an_index_that_does_not_fit_its_preset() {
     }
 }
 
+/// The mean lacks their scene.
+#[test]
+fn entries_without_targets_are_skipped() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a", "b"], 9);
+    let index = r#"{"a": {"context": [0, 8], "target": [3]}, "b": {"context": [0, 8], "target": []}}"#;
+    std::fs::write(here.join("index.json"), index).unwrap();
+    let outcome = run(here, &["--index", "index.json", "--out", "store", "--strict"]);
+    assert_eq!(outcome.code, 4, "{}", outcome.stderr);
+    let skipped = Results::read(&here.join("store")).unwrap().provenance.skipped;
+    let found: Vec<_> = skipped.iter().map(|entry| (entry.scene.as_str(), entry.reason.as_str())).collect();
+    assert_eq!(found, [("b", "no-targets")]);
+    let text = &outcome.stdout;
+    assert!(text.contains("1 result computed") && text.contains("1 index entry skipped"), "{text}");
+}
+
 #[test]
 fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     let folder = tempfile::tempdir().unwrap();

@@ -232,7 +232,7 @@ impl GroupRun<'_> {
     fn trials(&self, index: &EvaluationIndex, prefetch: Prefetch) -> Trials {
         let trials =
             Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch);
-        trials.at_positions(&self.dataset.index.index.first_positions())
+        trials.at_positions(&self.dataset.index.index.first_positions()).requiring_targets()
     }
 
     /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run, has no

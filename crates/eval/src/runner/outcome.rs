@@ -110,9 +110,6 @@ impl Plan<'_> {
         }
         let reasons: Vec<String> =
             reasons.into_iter().map(|(reason, (count, first))| format!("{count} {reason} ({first})")).collect();
-        if reasons.is_empty() {
-            return format!("{name}: none of {entries} entries has a target");
-        }
         format!("{name}: every entry was skipped: {}", reasons.join(", "))
     }
 }

@@ -284,7 +284,7 @@ impl TimingTrials {
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
             let index = EvaluationIndex { scenes: [((*key).clone(), (*entries).clone())].into_iter().collect() };
             let trials = Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), Prefetch::NONE);
-            trials.at_positions(&positions)
+            trials.at_positions(&positions).requiring_targets()
         };
         let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
         Self { scenes, prepared: Vec::new(), available: index.entries().count() }

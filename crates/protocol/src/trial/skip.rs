@@ -21,6 +21,8 @@ pub enum SkipReason {
     Preprocessing,
     /// The pose normalisation is not defined for these cameras.
     PoseNormalisation,
+    /// The entry has no target, where [`super::Trials::requiring_targets`] asks for one.
+    NoTargets,
 }
 
 impl SkipReason {
@@ -33,6 +35,7 @@ impl SkipReason {
             Self::ImageMisfit => "image-misfit",
             Self::Preprocessing => "preprocessing",
             Self::PoseNormalisation => "pose-normalisation",
+            Self::NoTargets => "no-targets",
         }
     }
 }
@@ -52,6 +55,14 @@ pub struct Rejection {
     pub detail: String,
     /// Position of the frame that is rejected; `None` for what is wrong with the entry as a whole, and for filters.
     pub frame: Option<usize>,
+}
+
+impl Rejection {
+    /// That of an entry without targets.
+    pub(super) fn of_no_targets() -> Self {
+        let detail = "field target: expected at least one frame, found none".to_owned();
+        Self { reason: SkipReason::NoTargets, detail, frame: None }
+    }
 }
 
 impl From<Dropped> for Rejection {

@@ -1,4 +1,5 @@
 mod prefetch;
+mod targets;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -34,6 +34,7 @@ struct PendingEntry {
     position: usize,
     entry_number: usize,
     entry: IndexEntry,
+    requires_targets: bool,
 }
 
 /// A scene shared by its entries and loaded by the first that needs it; those prepared at the same moment each load it.
@@ -65,6 +66,7 @@ impl Trials {
                 position: first + entry_number,
                 entry_number,
                 entry,
+                requires_targets: false,
             }));
         }
         Self {
@@ -88,6 +90,13 @@ impl Trials {
                 pending.position = first + pending.entry_number;
             }
         }
+        self
+    }
+
+    /// Skips entries without targets, of which an evaluation has no number.
+    #[must_use]
+    pub fn requiring_targets(mut self) -> Self {
+        self.pending.iter_mut().for_each(|pending| pending.requires_targets = true);
         self
     }
 
@@ -160,11 +169,12 @@ impl PendingEntry {
         decode: DecodeAhead,
         budget: &Arc<Budget>,
     ) -> PreparedEntry {
-        let Self { scene: shared, position, entry_number, entry } = self;
+        let Self { scene: shared, position, entry_number, entry, requires_targets } = self;
         let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
         // The first entry of a scene reports its warnings, whichever entry loaded it.
         let mut warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
         let prepared = match scene {
+            Ok(_) if requires_targets && entry.target.is_empty() => Err(Rejection::of_no_targets()),
             Ok(scene) => prepare(&scene, entry_number, &entry, recipe, &mut warnings),
             Err(rejection) => Err(rejection),
         };
