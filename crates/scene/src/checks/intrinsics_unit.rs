@@ -5,7 +5,8 @@ use atsplat_numeric::Tolerance;
 
 use crate::Frame;
 
-/// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame.
+/// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame. Satellites have longer ones,
+/// but none of the protocols is about such images.
 const LONGEST: f64 = 20.0;
 
 /// Shortest focal length in image sides that a lens has: a field of view of 157°; a fisheye of 220° has 0.26.
@@ -43,8 +44,9 @@ pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
     let k = frame.camera.intrinsics;
     let is_far = |centre: f64| !(-1.0..=2.0).contains(&centre);
     let is_far = is_far(k.cx) || is_far(k.cy);
+    let is_long = k.fx > LONGEST || k.fy > LONGEST;
     let Some(size) = frame.stated_size else {
-        return (k.fx > LONGEST || k.fy > LONGEST || is_far).then(|| {
+        return (is_long || is_far).then(|| {
             let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", k.fx, k.fy, k.cx, k.cy);
             format!("expected multiples of the image's width and height, found {found}: pixels?")
         });
@@ -56,6 +58,8 @@ pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
     let is_centred_at_corner = at_corner(pixels.cx) && at_corner(pixels.cy) && !is_small;
     let suspicion = if is_short(pixels.fx, k.fx) || is_short(pixels.fy, k.fy) || is_centred_at_corner {
         "multiples of its width and height?"
+    } else if is_long {
+        "a field of view below 3°, from an angle in another unit or for another size?"
     } else if is_far {
         "stated for another size?"
     } else {
@@ -107,6 +111,13 @@ mod tests {
             let message = found(sides, size).unwrap();
             assert!(message.contains("192×128") && message.contains("multiples of its"), "{sides:?}: {message}");
         }
+        // 54 sides are a field of view of 1.06 radians, read as degrees.
+        for long in [[10_380.0, 10_380.0, 96.0, 64.0], [167.0, 2600.0, 96.0, 64.0]] {
+            let message = found(long, size).unwrap();
+            assert!(
+                message.ends_with(": a field of view below 3°, from an angle in another unit or for another size?")
+            );
+        }
         assert!(found([167.0, 167.0, 960.0, 540.0], size).unwrap().contains("another size?"));
         assert_eq!(found([167.0, 167.0, 0.0, 0.0], size), None, "an unset principal point is not in another unit");
     }
@@ -141,7 +152,7 @@ mod tests {
             ([2.0, 2.0, 1.0, 1.0], (2, 2)),
             ([4.0, 4.0, 2.0, 1.5], (4, 3)),
             ([1375.0, 1374.0, 555.0, 965.0], (1080, 1920)),
-            ([1.2e6, 1.2e6, 1024.0, 900.0], (2048, 1800)),
+            ([3800.0, 2500.0, 96.0, 64.0], (192, 128)),
             ([50.0, 50.0, 96.0, 64.0], (192, 128)),
         ] {
             assert_eq!(found(fine, Some(size)), None, "{fine:?} of {size:?}");
