@@ -74,11 +74,17 @@ impl Container {
             return Err(Malformed::new("SPZ extensions", format!("at most {MOST_EXTENSION_BYTES} bytes"), "more"));
         }
         // gzip compares its checksum at the end of the stream alone.
-        io::copy(&mut stream, &mut io::sink()).map_err(|error| corrupt("SPZ stream", &error))?;
+        let more = io::copy(&mut stream, &mut io::sink()).map_err(|error| corrupt("SPZ stream", &error))?;
         let (mut extensions, mut unused) = (Vec::new(), Vec::new());
         if header.has_extensions {
             extensions = trailing;
         } else if !trailing.is_empty() {
+            if header.unknown_flags == 0 {
+                // With another count, version or degree, the bytes of one attribute are read as those of the next.
+                let expected = format!("{needed} bytes of {} Gaussians", header.count);
+                let found = needed + trailing.len() as u64 + more;
+                return Err(Malformed::new("SPZ attributes", expected, format!("{found} bytes")));
+            }
             unused.push("bytes after the last attribute".to_owned());
         }
         Ok(Self { header, attributes, extensions, unused })
@@ -185,14 +191,14 @@ pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Re
 mod tests {
     use super::*;
 
-    fn header(version: u32, has_extensions: bool) -> Header {
+    fn header(version: u32) -> Header {
         Header {
             version,
             count: 2,
             sh_degree: 0,
             fractional_bits: 12,
             antialiased: false,
-            has_extensions,
+            has_extensions: false,
             unknown_flags: 0,
         }
     }
@@ -200,7 +206,7 @@ mod tests {
     /// With enough bytes to be mistaken for the attributes.
     #[test]
     fn rejects_version_4_within_gzip() {
-        let mut payload = header(4, false).to_bytes().to_vec();
+        let mut payload = header(4).to_bytes().to_vec();
         payload.extend([7; 200]);
         let mut file = Vec::new();
         compress(&payload, &mut file).unwrap();
@@ -212,10 +218,13 @@ mod tests {
     #[test]
     fn the_checksum_of_gzip_is_compared_behind_many_bytes() {
         let most = usize::try_from(MOST_EXTENSION_BYTES).unwrap();
+        let (none, extended, unknown) = (0, 2, 0x80);
         // Stored as it is, so that a byte of a centre can be changed.
-        let file = |has_extensions: bool, trailing: usize| {
+        let file = |flags: u8, trailing: usize| {
             let attributes: Vec<u8> = (0..2 * (9 + 1 + 3 + 3 + 4)).collect();
-            let payload = [&header(3, has_extensions).to_bytes()[..], &attributes, &vec![0; trailing]].concat();
+            let mut header = header(3).to_bytes();
+            header[14] = flags;
+            let payload = [&header[..], &attributes, &vec![0; trailing]].concat();
             let mut encoder = GzEncoder::new(Vec::new(), Compression::none());
             encoder.write_all(&payload).unwrap();
             let bytes = encoder.finish().unwrap();
@@ -223,14 +232,18 @@ mod tests {
             (bytes, centres)
         };
         for trailing in [0, 1, most, most + 1, 3 * most] {
-            let (mut bytes, centres) = file(false, trailing);
+            let (mut bytes, centres) = file(unknown, trailing);
             let unused = Container::open(&bytes).unwrap_or_else(|error| panic!("{trailing}: {error:?}")).unused;
             assert_eq!(unused.is_empty(), trailing == 0, "{trailing}: {unused:?}");
             bytes[centres + 4] ^= 0x10;
             let error = Container::open(&bytes).err().unwrap_or_else(|| panic!("{trailing} bytes hide an error"));
             assert_eq!((error.location.as_str(), error.expected.as_str()), ("SPZ stream", "compressed data"));
+            // Of a file without flags, they contradict the header.
+            let error = Container::open(&file(none, trailing).0).err().map(|error| (error.expected, error.found));
+            let expected = ("40 bytes of 2 Gaussians".to_owned(), format!("{} bytes", 40 + trailing));
+            assert_eq!(error, (trailing > 0).then_some(expected));
         }
-        let extensions = |trailing: usize| Container::open(&file(true, trailing).0).map(|of| of.extensions.len());
+        let extensions = |trailing: usize| Container::open(&file(extended, trailing).0).map(|of| of.extensions.len());
         assert_eq!(extensions(most).unwrap(), most);
         let error = extensions(most + 1).unwrap_err();
         assert_eq!((error.location.as_str(), error.expected.as_str()), ("SPZ extensions", "at most 65536 bytes"));
