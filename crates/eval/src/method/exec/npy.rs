@@ -42,7 +42,7 @@ pub(super) fn read_images(path: &Path, shape: [usize; 4]) -> Result<Vec<Image>, 
 }
 
 fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
-    let (header, data) = split(bytes).ok_or("expected a .npy file, found other bytes")?;
+    let (header, data) = split(bytes)?;
     let field = |name: &str| field(header, name).ok_or_else(|| format!("expected {name} in the header {header:?}"));
     if field("fortran_order")? != "False" {
         return Err("expected an array in C order, as numpy.ascontiguousarray makes it, found Fortran order".to_owned());
@@ -80,13 +80,19 @@ fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
 }
 
 /// Header and data.
-fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
-    let rest = bytes.strip_prefix(MAGIC)?;
-    let (version, rest) = rest.split_at_checked(2)?;
-    let (length, rest) = rest.split_at_checked(if version.first() == Some(&1) { 2 } else { 4 })?;
+fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
+    const OTHER: &str = "expected a .npy file, found other bytes";
+    let rest = bytes.strip_prefix(MAGIC).ok_or(OTHER)?;
+    let (version, rest) = rest.split_first_chunk::<2>().ok_or(OTHER)?;
+    let bytes_of_length = match version {
+        [1, 0] => 2,
+        [2 | 3, 0] => 4,
+        [major, minor] => return Err(format!("expected a .npy file of version 1.0 to 3.0, found {major}.{minor}")),
+    };
+    let (length, rest) = rest.split_at_checked(bytes_of_length).ok_or(OTHER)?;
     let length = length.iter().rev().fold(0, |length, byte| length << 8 | usize::from(*byte));
-    let (header, data) = rest.split_at_checked(length)?;
-    Some((std::str::from_utf8(header).ok()?, data))
+    let (header, data) = rest.split_at_checked(length).ok_or(OTHER)?;
+    Ok((std::str::from_utf8(header).ok().ok_or(OTHER)?, data))
 }
 
 /// The value of a field of the header, a Python dictionary.
@@ -144,6 +150,24 @@ mod tests {
         assert_eq!(levels[0].samples(), [0.0, 0.2, 1.0]);
         let image = ImageU8::new(2, 1, vec![9; 6]).unwrap();
         assert!(images(&of_image(&image), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
+    }
+
+    #[test]
+    fn the_version_decides_the_bytes_of_the_length() {
+        let one = file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]);
+        let of = |version: [u8; 2], length: usize| {
+            let mut bytes = one.clone();
+            bytes.splice(6..8, version);
+            bytes.splice(10..10, vec![0; length - 2]);
+            images(&bytes, [1, 1, 1, 3]).map(|images| images[0].samples().to_vec())
+        };
+        for (version, length) in [([1, 0], 2), ([2, 0], 4), ([3, 0], 4)] {
+            assert_eq!(of(version, length).as_deref(), Ok(&[0.0, 0.2, 1.0][..]), "{version:?}");
+        }
+        for version in [[9, 0], [0, 0], [1, 7]] {
+            let expected = format!("expected a .npy file of version 1.0 to 3.0, found {}.{}", version[0], version[1]);
+            assert_eq!([2, 4].map(|length| of(version, length)), [Err(expected.clone()), Err(expected)]);
+        }
     }
 
     #[test]
