@@ -7,6 +7,7 @@ use atsplat_results::{Provenance, Results, TargetRow, TargetStatus, TrialKey, Tr
 use atsplat_splat::cpu::processor;
 use serde::{Deserialize, Serialize};
 
+use super::agreement::require_agreement;
 use super::data::{images_of, images_of_targets};
 use super::limits::limits;
 use super::probe::{Fingerprint, Inputs, Outputs, Pipeline, Recipe, run as run_probe};
@@ -232,8 +233,8 @@ impl Baseline {
     /// Reads a baseline.
     ///
     /// # Errors
-    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON, for another format, and for two
-    /// rows of one trial or target.
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON, for another format, for two
+    /// rows of one trial or target, and for targets without their trial or image, or of another mean than the numbers.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: BaselineFile =
@@ -255,7 +256,9 @@ impl Baseline {
         // Older formats have these values only in their rows.
         let images = if format < WITH_IMAGES { images_of_targets(&targets) } else { images };
         let read = Self { history, numbers, provenance, limits, probe, images, trials, targets };
-        Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
+        let read = if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read };
+        require_agreement(&read, path)?;
+        Ok(read)
     }
 
     /// [`Self::read`], or `None` if there is no file.

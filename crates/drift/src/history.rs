@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_protocol::Aggregation;
-use atsplat_results::statistics::{SelectedTarget, score_of, summary_of};
+use atsplat_results::statistics::{SelectedTarget, mean_of, score_of, summary_of};
 use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
@@ -68,10 +68,24 @@ pub struct HistoricRun {
     pub why: Option<String>,
 }
 
-type Name = (String, String, String);
+/// Those of the preset, the method and the metric.
+pub(super) type Name = (String, String, String);
 
 /// Mean and interval of every metric of every method under every preset.
 fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> {
+    of_each(targets, |selected| {
+        let summary = summary_of(selected, Aggregation::SceneMeans);
+        Some((summary.mean?, summary.interval))
+    })
+}
+
+/// [`means`] without the intervals.
+pub(super) fn means_of(targets: &[BaselineTarget]) -> BTreeMap<Name, f64> {
+    of_each(targets, |selected| mean_of(selected, Aggregation::SceneMeans))
+}
+
+/// What `number` makes of the targets in the mean of every metric of every method under every preset.
+fn of_each<T>(targets: &[BaselineTarget], number: impl Fn(&[SelectedTarget<'_>]) -> Option<T>) -> BTreeMap<Name, T> {
     let mut names: BTreeSet<(&str, &str, &str)> = BTreeSet::new();
     let mut groups: BTreeMap<(&str, &str), Vec<&BaselineTarget>> = BTreeMap::new();
     for row in targets {
@@ -84,8 +98,8 @@ fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> 
     }
     let of = |(preset, method, metric): (&str, &str, &str)| {
         let selected = groups.get(&(preset, method))?.iter().filter_map(|row| selected(row, metric));
-        let summary = summary_of(&selected.collect::<Vec<_>>(), Aggregation::SceneMeans);
-        Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), (summary.mean?, summary.interval)))
+        let number = number(&selected.collect::<Vec<_>>())?;
+        Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), number))
     };
     names.into_iter().filter_map(of).collect()
 }

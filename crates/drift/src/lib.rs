@@ -10,6 +10,7 @@
 
 mod accept;
 mod acceptance;
+mod agreement;
 mod baseline;
 mod change;
 mod compare;

@@ -7,6 +7,7 @@ use super::*;
 use sample_rows::{PRESET, results};
 
 mod accepted;
+mod agreement;
 mod causes;
 mod changes;
 mod data;
