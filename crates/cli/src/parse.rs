@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::num::FpCategory;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
@@ -146,7 +146,7 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
         return Ok(preset);
     }
     let reading = || format!("reading renderer constants from {text}");
-    let file = std::fs::read_to_string(text).with_context(reading)?;
+    let file = atsplat_files::read_to_string(Path::new(text)).with_context(reading)?;
     let whole = "a table of renderer constants";
     let constants: RendererConstants = toml::from_str(&file)
         .map_err(|error| malformed_toml("renderer constants", whole, &file, &error).in_file(text))?;

@@ -236,7 +236,7 @@ impl Baseline {
     /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON, for another format, for two
     /// rows of one trial or target, and for targets without their trial or image, or of another mean than the numbers.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
-        let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
+        let text = atsplat_files::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: BaselineFile =
             serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "file", "a baseline", error))?;
         let BaselineFile { format, history, provenance, limits, probe, numbers, images, trials, targets } = written;
@@ -316,7 +316,7 @@ impl Baseline {
     pub fn read_probe(&self, path: &Path) -> Result<Option<(Recipe, Outputs)>, DriftError> {
         let Some(record) = &self.probe else { return Ok(None) };
         let path = Self::probe_path(path);
-        let bytes = std::fs::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
+        let bytes = atsplat_files::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
         let sha256 = Sha256Digest::of(&bytes).to_string();
         if let Some(accepted) = record.sha256.as_ref().filter(|accepted| **accepted != sha256) {
             let expected = format!("the probe that was accepted with the baseline, {accepted}");

@@ -70,7 +70,7 @@ impl WeightsList {
     /// # Errors
     /// [`EvalError::Io`], and those of [`Self::from_toml`].
     pub fn read(path: &Path, tables: &BTreeMap<String, Vec<String>>, embedded: &[&str]) -> Result<Self, EvalError> {
-        let text = std::fs::read_to_string(path).map_err(EvalError::io("reading a list of weights", path))?;
+        let text = atsplat_files::read_to_string(path).map_err(EvalError::io("reading a list of weights", path))?;
         Self::from_toml(&text, path, tables, embedded)
     }
 

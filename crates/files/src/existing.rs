@@ -1,12 +1,12 @@
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// The bytes of a file; `None` if it does not exist.
+/// The bytes of a regular file; `None` if it does not exist.
 ///
 /// # Errors
 /// Any other failure of the file system.
 pub fn read_if_exists(path: &Path) -> io::Result<Option<Vec<u8>>> {
-    if_exists(std::fs::read(path))
+    if_exists(crate::read(path))
 }
 
 /// Removes a file if it exists.

@@ -19,6 +19,7 @@ mod value;
 mod zip_container;
 
 use std::fs::File;
+use std::io::{Error, ErrorKind, Result as IoResult};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -77,11 +78,15 @@ pub fn parse_pickle(bytes: &[u8]) -> Result<Value, TorchError> {
     legacy_container::plain(interpreter::parse(bytes, 0)?)
 }
 
-/// Maps a file into memory, read-only.
+/// Maps a regular file into memory, read-only.
 ///
 /// # Errors
-/// If the file cannot be opened or mapped.
-pub fn map(path: &Path) -> std::io::Result<SharedBytes> {
+/// If it is something else, such as a pipe, whose opening would wait for whoever writes to it, or cannot be opened or mapped.
+pub fn map(path: &Path) -> IoResult<SharedBytes> {
+    if !std::fs::metadata(path)?.is_file() {
+        let found = "expected a regular file, found a folder, a pipe, a socket or a device";
+        return Err(Error::new(ErrorKind::InvalidInput, found));
+    }
     let file = File::open(path)?;
     // SAFETY: the map is read-only and its bytes are only read as bytes. If another process truncates the file, this one
     // is terminated by SIGBUS, as documented by the crate.
@@ -93,6 +98,17 @@ pub fn map(path: &Path) -> std::io::Result<SharedBytes> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A pipe would wait, and a device has no length.
+    #[test]
+    fn only_regular_files_are_mapped() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+        assert!(map(&folder.join("Cargo.toml")).unwrap().starts_with(b"[package]"));
+        for other in [folder, Path::new(if cfg!(unix) { "/dev/zero" } else { "NUL" })] {
+            let error = map(other).map(drop).unwrap_err().to_string();
+            assert!(error.starts_with("expected a regular file, found"), "{}: {error}", other.display());
+        }
+    }
 
     #[test]
     fn a_git_lfs_pointer_error_names_the_remedy() {

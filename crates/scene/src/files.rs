@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs;
-use std::io::{self, Read};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::SceneError;
@@ -41,9 +41,7 @@ pub(crate) fn read_start(action: &'static str, path: &Path, length: u64) -> Resu
 }
 
 fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> {
-    let metadata = fs::metadata(path).map_err(SceneError::io(action, path))?;
-    let irregular = || io::Error::new(io::ErrorKind::InvalidInput, "not a regular file");
-    metadata.is_file().then_some(()).ok_or_else(irregular).map_err(SceneError::io(action, path))
+    atsplat_files::require_regular(path).map_err(SceneError::io(action, path))
 }
 
 /// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped, because keys and

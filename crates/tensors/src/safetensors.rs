@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{ErrorKind, Read as _, Result as IoResult};
 use std::path::Path;
 
-use atsplat_files::Malformed;
+use atsplat_files::{Malformed, require_regular};
 use atsplat_pickle::{DType, SharedBytes, shortened};
 use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
@@ -53,6 +53,7 @@ pub(crate) fn parse(file: &SharedBytes) -> Result<StoredTensors, TensorError> {
 /// # Errors
 /// If the file cannot be read.
 pub fn read_metadata(path: &Path) -> IoResult<Option<BTreeMap<String, String>>> {
+    require_regular(path)?;
     let mut file = File::open(path)?;
     let (mut length, mut header) = ([0; LENGTH], Vec::new());
     match file.read_exact(&mut length) {

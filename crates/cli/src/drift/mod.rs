@@ -69,6 +69,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
 /// A probe's recipe from a file.
 fn recipe(path: &Path) -> anyhow::Result<Recipe> {
     let reading = || format!("reading {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(reading)?;
+    let text = atsplat_files::read_to_string(path).with_context(reading)?;
     Recipe::from_toml(&text).with_context(reading)
 }

@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     args.protocols.check()?;
     args.network.check().map_err(usage_error)?;
     let reading = || format!("reading {}", args.sweep.display());
-    let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
+    let text = atsplat_files::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
     let base = sweep_base(&args.network)?;
     let mut warnings = Warnings::new();

@@ -185,7 +185,7 @@ impl Prediction for Imported<'_> {
 
 /// An image file: 8-bit samples, or floats in [0, 1] with overshoots.
 pub(super) fn read(path: &Path) -> Result<Image, String> {
-    let bytes = fs::read(path).map_err(|error| error.to_string())?;
+    let bytes = atsplat_files::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
         return match exr::read_render(&bytes, &limits).map_err(|error| explained(&error))? {

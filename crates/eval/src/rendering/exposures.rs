@@ -86,7 +86,8 @@ impl Exposures {
     /// # Errors
     /// [`ExposuresError::Io`], [`ExposuresError::Malformed`].
     pub fn read(file: &Path) -> Result<Self, ExposuresError> {
-        let bytes = std::fs::read(file).map_err(FileError::during::<ExposuresError>("reading exposures", file))?;
+        let bytes =
+            atsplat_files::read(file).map_err(FileError::during::<ExposuresError>("reading exposures", file))?;
         let whole =
             |found: &dyn Display| Malformed::new(WHAT, "JSON", "a 3×4 array per view name", found).in_file(file);
         let Value::Object(arrays) = atsplat_scene::json::parse(&bytes).map_err(|error| whole(&error))? else {

@@ -122,7 +122,8 @@ impl ModelConfig {
     /// # Errors
     /// [`ModelError::Io`], or [`ModelError::InFile`] around the errors of [`Self::from_toml`].
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a model configuration", path))?;
+        let text =
+            atsplat_files::read_to_string(path).map_err(ModelError::io("reading a model configuration", path))?;
         Self::from_toml(&text).map_err(|error| error.in_file(path))
     }
 

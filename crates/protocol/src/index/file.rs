@@ -1,4 +1,3 @@
-use std::fs;
 use std::path::Path;
 
 use atsplat_files::{FileError, Malformed, Sha256Digest};
@@ -40,7 +39,8 @@ impl IndexFile {
     /// # Errors
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
-        let bytes = fs::read(path).map_err(FileError::during::<ProtocolError>("reading an evaluation index", path))?;
+        let bytes = atsplat_files::read(path)
+            .map_err(FileError::during::<ProtocolError>("reading an evaluation index", path))?;
         let file = Self::parse(&bytes).map_err(|error| error.in_file(path))?;
         let known = file.recognised().map_or("no published index", |known| known.path);
         tracing::info!(file = %path.display(), scenes = file.index.scenes.len(), known, "read evaluation index");
@@ -90,6 +90,8 @@ impl EvaluationIndex {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

@@ -45,7 +45,8 @@ impl DepthFolder {
             return Err(unusable("expected a path inside the folder of depth maps".to_owned()));
         }
         let limits = DecodeLimits::default();
-        let bytes = std::fs::read(&path).map_err(FileError::during::<ProtocolError>("reading a depth map", &path))?;
+        let bytes =
+            atsplat_files::read(&path).map_err(FileError::during::<ProtocolError>("reading a depth map", &path))?;
         let channels = exr::read(&bytes, &limits).map_err(|error| unusable(error.to_string()))?;
         let depth = match channels.channels() {
             [only] => only,

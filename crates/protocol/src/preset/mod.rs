@@ -14,7 +14,6 @@ mod older;
 mod renderer;
 mod validate;
 
-use std::fs;
 use std::path::Path;
 
 use atsplat_files::{FileError, Sha256Digest, is_toml_path, malformed_toml};
@@ -125,7 +124,8 @@ impl Preset {
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::from_toml`] and around
     /// [`ProtocolError::Malformed`] for another preset's name.
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
-        let text = fs::read_to_string(path).map_err(FileError::during::<ProtocolError>("reading a preset", path))?;
+        let text = atsplat_files::read_to_string(path)
+            .map_err(FileError::during::<ProtocolError>("reading a preset", path))?;
         let preset = Self::from_toml(&text).and_then(|preset| validate::own_name(&preset).map(|()| preset));
         preset.map_err(|error| error.in_file(path))
     }
@@ -170,6 +170,7 @@ impl Preset {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::fs;
 
     use super::*;
 

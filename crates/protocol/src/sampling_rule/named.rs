@@ -47,7 +47,7 @@ impl SamplingRule {
     pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
         if is_toml_path(name_or_path) {
             let path = Path::new(name_or_path);
-            let text = std::fs::read_to_string(path)
+            let text = atsplat_files::read_to_string(path)
                 .map_err(FileError::during::<ProtocolError>("reading a sampling rule", path))?;
             return Self::from_toml(&text, name_or_path);
         }

@@ -89,7 +89,7 @@ impl ImageDigests {
     /// The digest of any file; `None` if it cannot be read.
     pub fn of_file(&self, path: &Path) -> Option<Sha256Digest> {
         let pending = PendingDigest(FileVersion::of(path));
-        self.known(&pending).or_else(|| Some(self.add(pending.finish(&fs::read(path).ok()?))))
+        self.known(&pending).or_else(|| Some(self.add(pending.finish(&atsplat_files::read(path).ok()?))))
     }
 
     /// The digest of a frame's image; `None` if it cannot be read. A generated image is not read: its digest is that

@@ -214,7 +214,7 @@ enum Unusable {
 /// The image file of a row with this hash as a data URI. The file must decode within limits, so that nothing but images is
 /// embedded.
 fn uri(path: &Path, hash: Option<&str>) -> Result<String, Unusable> {
-    let Ok(bytes) = std::fs::read(path) else { return Err(Unusable::Unreadable) };
+    let Ok(bytes) = atsplat_files::read(path) else { return Err(Unusable::Unreadable) };
     if !bytes.starts_with(b"\x89PNG") || decode(&bytes, &DecodeLimits::default()).is_err() {
         return Err(Unusable::Unreadable);
     }

@@ -6,6 +6,7 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::require_regular;
 
 use crate::checks::cut_short::{PNG_END, cut_short};
 use crate::files::read_file;
@@ -48,6 +49,7 @@ pub(super) fn image_cut_short(image: &FrameImage) -> Result<Option<String>, Scen
 
 fn ends_like_an_image(path: &Path) -> bool {
     let end = || {
+        require_regular(path)?;
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(PNG_END.len() as u64)))?;

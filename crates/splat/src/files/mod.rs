@@ -18,7 +18,6 @@ mod ply;
 mod splat;
 mod spz;
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -137,14 +136,9 @@ fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool
     Ok(export)
 }
 
-/// All bytes of a regular file; a pipe or device could block or never end.
+/// All bytes of a regular file.
 pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
-    let failed = |source| SplatError::from(FileError { action: "reading Gaussians", path: path.to_owned(), source });
-    let metadata = fs::metadata(path).map_err(failed)?;
-    if !metadata.is_file() {
-        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
-    }
-    fs::read(path).map_err(failed)
+    atsplat_files::read(path).map_err(FileError::during("reading Gaussians", path))
 }
 
 /// Writes a file that appears under its name when it is complete.

@@ -47,7 +47,8 @@ impl Chain {
     /// The table of a file, merged with those of its bases.
     fn table(&mut self, path: &Path) -> Result<Table, TrainError> {
         let place = || path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(TrainError::io("reading a training configuration", path))?;
+        let text =
+            atsplat_files::read_to_string(path).map_err(TrainError::io("reading a training configuration", path))?;
         let parsed = text.parse::<Table>();
         let mut table = parsed.map_err(|error| malformed_toml(WHAT, "TOML", &text, &error).in_file(path))?;
         self.files.push((path.to_owned(), text));

@@ -1,6 +1,5 @@
 //! NumPy's `.npy` files, as `numpy.lib.format` describes them: little-endian arrays in C order.
 
-use std::fs;
 use std::path::Path;
 
 use atsplat_numeric::narrowed;
@@ -37,7 +36,7 @@ pub(super) fn of_image(image: &ImageU8) -> Vec<u8> {
 /// What was expected and what was found, with the file's name.
 pub(super) fn read_images(path: &Path, shape: [usize; 4]) -> Result<Vec<Image>, String> {
     let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let bytes = fs::read(path).map_err(|error| format!("{name}: {error}"))?;
+    let bytes = atsplat_files::read(path).map_err(|error| format!("{name}: {error}"))?;
     images(&bytes, shape).map_err(|error| format!("{name}: {error}"))
 }
 

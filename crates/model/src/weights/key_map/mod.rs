@@ -100,7 +100,7 @@ impl KeyMap {
     pub fn resolve(name_or_path: &str) -> Result<Self, ModelError> {
         if is_toml_path(name_or_path) {
             let path = Path::new(name_or_path);
-            let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
+            let text = atsplat_files::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
             return Self::from_toml(&text).map_err(|error| error.in_file(path));
         }
         let text = TEXTS.text(name_or_path).ok_or_else(|| {
