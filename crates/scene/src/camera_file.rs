@@ -3,15 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::{
-    Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
-};
+use atsplat_camera::{Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_files::{FileError, without_byte_order_mark};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
+use crate::trained_camera::trained_camera;
 use crate::{SceneError, SceneSource as _, TimestampSource, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
@@ -111,19 +110,6 @@ pub struct CameraRecord {
     exposure: Option<[[f64; 4]; 3]>,
 }
 
-/// A camera as written by 3DGS' `camera_to_JSON` (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
-/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle.
-#[derive(Debug, Deserialize)]
-struct TrainedCamera {
-    img_name: String,
-    width: u32,
-    height: u32,
-    position: [f64; 3],
-    rotation: [[f64; 3]; 3],
-    fx: f64,
-    fy: f64,
-}
-
 /// Reads every camera of a file or folder; `key` selects a scene of a dataset, if there are several. Images may be missing.
 ///
 /// # Errors
@@ -154,12 +140,12 @@ pub fn read(
         return Err(CameraFileError::HasLens { path: path.to_owned() });
     }
     let cameras = match json {
-        Some(list @ Value::Array(_)) => cameras_from_3dgs(list).map_err(malformed)?,
+        Some(list @ Value::Array(_)) => cameras_from_3dgs(&list).map_err(malformed)?,
         Some(Value::Object(mut object)) if !is_dataset => {
             let views = object.remove("views").unwrap_or(Value::Null);
             let views: Vec<Value> =
                 serde_json::from_value(views).map_err(|error| malformed(format!("views: {error}")))?;
-            parse_each(views, camera_from_record).map_err(malformed)?
+            cameras_from_records(views).map_err(malformed)?
         }
         _ => {
             let mut found = Warnings::new();
@@ -189,13 +175,15 @@ fn parse_if_json(path: &Path) -> Result<Option<Value>, CameraFileError> {
 }
 
 /// Reads 3DGS' list of cameras.
-fn cameras_from_3dgs(list: Value) -> Result<Vec<FileCamera>, String> {
+fn cameras_from_3dgs(list: &Value) -> Result<Vec<FileCamera>, String> {
     let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
     match list {
-        Value::Array(entries) if entries.first().is_some_and(is_trained) => parse_each(entries, camera_from_3dgs),
+        Value::Array(entries) if entries.first().is_some_and(is_trained) => {
+            entries.iter().enumerate().map(|(at, entry)| trained_camera(at, entry)).collect()
+        }
         other => Err(format!(
             "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
-            json::describe(&other)
+            json::describe(other)
         )),
     }
 }
@@ -221,35 +209,16 @@ fn cameras_from_poses(
     Ok(poses::poses(entries, path)?.into_iter().enumerate().map(camera).collect())
 }
 
-fn parse_each<T: for<'de> Deserialize<'de>>(
-    entries: Vec<Value>,
-    camera: impl Fn(usize, T) -> Result<FileCamera, CameraError>,
-) -> Result<Vec<FileCamera>, String> {
-    let one = |(at, entry)| {
-        let entry = serde_json::from_value(entry).map_err(|error| format!("camera {at}: {error}"))?;
-        camera(at, entry).map_err(|error| format!("camera {at}: {error}"))
+/// Reads the views of a `render.json`.
+fn cameras_from_records(views: Vec<Value>) -> Result<Vec<FileCamera>, String> {
+    let one = |(at, view)| {
+        let record = serde_json::from_value(view).map_err(|error| format!("camera {at}: {error}"))?;
+        camera_from_record(record).map_err(|error| format!("camera {at}: {error}"))
     };
-    entries.into_iter().enumerate().map(one).collect()
+    views.into_iter().enumerate().map(one).collect()
 }
 
-fn camera_from_3dgs(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
-    let size = ImageSize { width: entry.width, height: entry.height };
-    let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
-    let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
-    let ([r0, r1, r2], [x, y, z]) = (entry.rotation, entry.position);
-    let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
-    let pose = WorldFromCamera::from_rows(&rows)?;
-    Ok(FileCamera {
-        number: at,
-        name: entry.img_name,
-        camera: Camera::pinhole(pose.inverse(), intrinsics),
-        size: Some(size),
-        exposure: None,
-        timestamp_micros: None,
-    })
-}
-
-fn camera_from_record(_: usize, entry: CameraRecord) -> Result<FileCamera, CameraError> {
+fn camera_from_record(entry: CameraRecord) -> Result<FileCamera, CameraError> {
     let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
     let camera = Camera {
         camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,

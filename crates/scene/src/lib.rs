@@ -32,6 +32,7 @@ mod scene_key;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
 pub mod torch;
+mod trained_camera;
 mod warnings;
 
 pub use atsplat_files::is_plain_name;

@@ -31,6 +31,18 @@ pub fn describe(value: &Value) -> String {
     }
 }
 
+/// A value for an error message: its kind, or its text if that is short.
+pub(crate) fn shown(value: &Value) -> String {
+    match value {
+        Value::Array(items) => format!("a list of {}", items.len()),
+        Value::Object(_) => "an object".to_owned(),
+        Value::String(text) if text.chars().count() > 40 => {
+            format!("{:?}…", text.chars().take(40).collect::<String>())
+        }
+        other => other.to_string(),
+    }
+}
+
 /// Describes an object, or, if it is a table by name, its first known value.
 fn describe_object(fields: &Map<String, Value>) -> String {
     if let Some(known) = known(fields) {

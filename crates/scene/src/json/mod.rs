@@ -16,6 +16,7 @@ use serde_json::error::Category;
 use serde_json::{Map, Number, Value};
 
 pub use describe::describe;
+pub(crate) use describe::shown;
 
 const ONCE: &str = "each key once";
 

@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 use super::LensFields;
 use super::unread_fields::{TEST_FRAMES, require_one_pose, require_opengl_axes, unread_fields};
 use crate::SceneError;
+use crate::json::shown;
 
 /// What errors call the format: a file may have any name, which they state too.
 pub(super) const FORMAT: &str = "nerfstudio cameras";
@@ -206,18 +207,6 @@ impl<'a> Object<'a> {
 
     pub(super) fn unsupported(&self, name: &str, model: &str, reason: &str) -> SceneError {
         SceneError::unsupported_model(self.path, self.field(name), model, reason)
-    }
-}
-
-/// A value for an error message: its kind, or its text if that is short.
-fn shown(value: &Value) -> String {
-    match value {
-        Value::Array(items) => format!("a list of {}", items.len()),
-        Value::Object(_) => "an object".to_owned(),
-        Value::String(text) if text.chars().count() > 40 => {
-            format!("{:?}…", text.chars().take(40).collect::<String>())
-        }
-        other => other.to_string(),
     }
 }
 

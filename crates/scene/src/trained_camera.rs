@@ -1,0 +1,134 @@
+//! The cameras of 3DGS' `cameras.json`, field by field.
+
+use atsplat_camera::{Camera, CameraError, ImageSize, PixelIntrinsics, WorldFromCamera};
+use serde_json::{Map, Value};
+
+use crate::camera_file::FileCamera;
+use crate::json::shown;
+
+/// A camera as written by 3DGS' `camera_to_JSON` (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
+/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle. `number` is its place in the file.
+///
+/// # Errors
+/// The camera and the field, what was expected and found.
+pub(crate) fn trained_camera(number: usize, entry: &Value) -> Result<FileCamera, String> {
+    let Value::Object(fields) = entry else {
+        return Err(format!("camera {number}: expected an object, found {}", shown(entry)));
+    };
+    let fields = Fields { number, fields };
+    let size = ImageSize { width: fields.side("width")?, height: fields.side("height")? };
+    let (fx, fy) = (fields.focal_length("fx")?, fields.focal_length("fy")?);
+    let [x, y, z] = fields.vector("position", fields.fields.get("position"))?;
+    let [r0, r1, r2] = fields.rotation()?;
+    let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
+    let camera = camera([fx, fy], size, &rows).map_err(|error| format!("camera {number}: {error}"))?;
+    let name = fields.text("img_name")?;
+    Ok(FileCamera { number, name, camera, size: Some(size), exposure: None, timestamp_micros: None })
+}
+
+fn camera([fx, fy]: [f64; 2], size: ImageSize, world_from_camera: &[f64; 12]) -> Result<Camera, CameraError> {
+    let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
+    let intrinsics = PixelIntrinsics::new(fx, fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
+    Ok(Camera::pinhole(WorldFromCamera::from_rows(world_from_camera)?.inverse(), intrinsics))
+}
+
+/// The fields of one camera.
+struct Fields<'a> {
+    number: usize,
+    fields: &'a Map<String, Value>,
+}
+
+impl Fields<'_> {
+    fn side(&self, name: &str) -> Result<u32, String> {
+        let value = self.fields.get(name);
+        let side = value.and_then(Value::as_u64).and_then(|side| u32::try_from(side).ok());
+        side.ok_or_else(|| self.wrong(name, "a whole number of pixels", value))
+    }
+
+    fn focal_length(&self, name: &str) -> Result<f64, String> {
+        let value = self.fields.get(name);
+        value.and_then(Value::as_f64).ok_or_else(|| self.wrong(name, "a number", value))
+    }
+
+    fn text(&self, name: &str) -> Result<String, String> {
+        let value = self.fields.get(name);
+        value.and_then(Value::as_str).map(str::to_owned).ok_or_else(|| self.wrong(name, "text", value))
+    }
+
+    fn rotation(&self) -> Result<[[f64; 3]; 3], String> {
+        let value = self.fields.get("rotation");
+        let Some([first, second, third]) = value.and_then(Value::as_array).map(Vec::as_slice) else {
+            return Err(self.wrong("rotation", "3 rows of 3 numbers", value));
+        };
+        let row = |at: usize, row| self.vector(&format!("rotation[{at}]"), Some(row));
+        Ok([row(0, first)?, row(1, second)?, row(2, third)?])
+    }
+
+    fn vector(&self, name: &str, value: Option<&Value>) -> Result<[f64; 3], String> {
+        let items = value.and_then(Value::as_array).map(Vec::as_slice);
+        let Some([x, y, z]) = items else { return Err(self.wrong(name, "a list of 3 numbers", value)) };
+        let number = |item: &Value| item.as_f64().ok_or_else(|| self.wrong(name, "numbers", Some(item)));
+        Ok([number(x)?, number(y)?, number(z)?])
+    }
+
+    fn wrong(&self, field: &str, expected: &str, found: Option<&Value>) -> String {
+        let found = found.map_or_else(|| "nothing".to_owned(), shown);
+        format!("camera {}, {field}: expected {expected}, found {found}", self.number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+    use glam::DVec3;
+    use serde_json::json;
+
+    use super::*;
+
+    fn entry() -> Value {
+        json!({
+            "id": 7, "img_name": "b", "width": 40, "height": 30, "fx": 30.5, "fy": 31, "position": [1, 2, 3.5],
+            "rotation": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+        })
+    }
+
+    #[test]
+    fn centre_and_axes_are_those_in_the_world() {
+        let read = trained_camera(4, &entry()).unwrap();
+        assert_eq!((read.number, read.name.as_str(), read.size), (4, "b", Some(ImageSize { width: 40, height: 30 })));
+        let pose = read.camera.camera_from_world.inverse();
+        Tolerance::F64.assert(pose.centre().to_array(), [1.0, 2.0, 3.5], "centre");
+        Tolerance::F64.assert(pose.transform_vector(DVec3::X).to_array(), [0.0, 0.0, 1.0], "axis");
+        let k = read.camera.intrinsics.pixel_from_normalized(ImageSize { width: 40, height: 30 });
+        Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [30.5, 31.0, 20.0, 15.0], "intrinsics");
+    }
+
+    #[test]
+    fn messages_name_the_camera_and_the_field() {
+        let message = |field: &str, value: Value| {
+            let mut entry = entry();
+            entry[field] = value;
+            trained_camera(1, &entry).unwrap_err()
+        };
+        for (field, value, expected) in [
+            ("fx", json!("30"), "camera 1, fx: expected a number, found \"30\""),
+            ("width", json!(40.5), "camera 1, width: expected a whole number of pixels, found 40.5"),
+            ("height", json!(-1), "camera 1, height: expected a whole number of pixels, found -1"),
+            ("img_name", json!(null), "camera 1, img_name: expected text, found null"),
+            ("position", json!([1, 2]), "camera 1, position: expected a list of 3 numbers, found a list of 2"),
+            ("rotation", json!([[1, 0, 0]]), "camera 1, rotation: expected 3 rows of 3 numbers, found a list of 1"),
+            (
+                "rotation",
+                json!([[1, 0, 0], [0, "1", 0], [0, 0, 1]]),
+                "camera 1, rotation[1]: expected numbers, found \"1\"",
+            ),
+            ("fy", json!(0), "camera 1: fy: expected a positive number, found 0"),
+        ] {
+            assert_eq!(message(field, value), expected);
+        }
+        let mut without = entry();
+        without.as_object_mut().unwrap().remove("fy");
+        assert_eq!(trained_camera(2, &without).unwrap_err(), "camera 2, fy: expected a number, found nothing");
+        assert_eq!(trained_camera(2, &json!([1])).unwrap_err(), "camera 2: expected an object, found a list of 1");
+    }
+}
