@@ -8,10 +8,12 @@ use atsplat_files::{FileError, without_byte_order_mark};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::checks::intrinsics_unit::wrong_unit;
+use crate::files::last_name;
 use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
 use crate::trained_camera::trained_camera;
-use crate::{SceneError, SceneSource as _, TimestampSource, Warnings, json, poses};
+use crate::{SceneError, SceneSource as _, TimestampSource, WarningKind, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
@@ -140,7 +142,11 @@ pub fn read(
         return Err(CameraFileError::HasLens { path: path.to_owned() });
     }
     let cameras = match json {
-        Some(list @ Value::Array(_)) => cameras_from_3dgs(&list).map_err(malformed)?,
+        Some(list @ Value::Array(_)) => {
+            let cameras = cameras_from_3dgs(&list).map_err(malformed)?;
+            report_implausible(path, &cameras, warnings);
+            cameras
+        }
         Some(Value::Object(mut object)) if !is_dataset => {
             let views = object.remove("views").unwrap_or(Value::Null);
             let views: Vec<Value> =
@@ -188,6 +194,17 @@ fn cameras_from_3dgs(list: &Value) -> Result<Vec<FileCamera>, String> {
     }
 }
 
+/// Counts the cameras whose intrinsics are in another unit, as for those of datasets.
+fn report_implausible(path: &Path, cameras: &[FileCamera], warnings: &mut Warnings) {
+    let problem = |(at, camera): (usize, &FileCamera)| Some((at, wrong_unit(&camera.camera.intrinsics, camera.size)?));
+    let mut offenders = cameras.iter().enumerate().filter_map(problem);
+    if let Some((first, detail)) = offenders.next() {
+        let count = offenders.count() + 1;
+        let detail = format!("{count} of {} cameras, first {first}: {detail}", cameras.len());
+        warnings.push(WarningKind::ImplausibleIntrinsics, last_name(path), detail);
+    }
+}
+
 /// Cameras from poses that share one lens.
 fn cameras_from_poses(
     entries: &[Value],
@@ -219,13 +236,16 @@ fn cameras_from_records(views: Vec<Value>) -> Result<Vec<FileCamera>, String> {
 }
 
 fn camera_from_record(entry: CameraRecord) -> Result<FileCamera, CameraError> {
+    let size = ImageSize { width: entry.width, height: entry.height };
+    if ![size.width, size.height].iter().all(|side| (1..=ImageSize::MAX_SIDE).contains(side)) {
+        return Err(CameraError::InvalidSize { found: size.to_string() });
+    }
     let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
     let camera = Camera {
         camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,
         intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy)?,
         distortion: entry.distortion,
     };
-    let size = ImageSize { width: entry.width, height: entry.height };
     Ok(FileCamera {
         number: entry.number,
         name: entry.name,
@@ -301,6 +321,37 @@ mod tests {
             let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
             assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_rejected, "{text}: {error}");
         }
+    }
+
+    /// The second has a focal length of an impossible number of sides, the third an impossible size.
+    #[test]
+    fn cameras_of_3dgs_with_impossible_lenses_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        let camera = |width: &str, fx: &str| {
+            let rotation = "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]";
+            format!(
+                r#"{{"img_name": "a", "width": {width}, "height": 30, "position": [0, 0, 0], "rotation": {rotation},
+                     "fx": {fx}, "fy": 32}}"#
+            )
+        };
+        let outcome = |cameras: &[String]| {
+            std::fs::write(&path, format!("[{}]", cameras.join(", "))).unwrap();
+            let mut warnings = Warnings::new();
+            let found = read(&path, None, LensOfPoses::default(), &mut warnings);
+            (found.map(|cameras| cameras.len()).map_err(|error| error.to_string()), warnings)
+        };
+        let (count, none) = outcome(&[camera("40", "32")]);
+        assert_eq!((count, none.total()), (Ok(1), 0));
+        let (count, warnings) = outcome(&[camera("40", "32"), camera("40", "1e300")]);
+        let [warning] = warnings.kept() else { panic!("{warnings:?}") };
+        assert_eq!((count, warning.kind), (Ok(2), WarningKind::ImplausibleIntrinsics));
+        assert!(
+            warning.scene == "cameras.json" && warning.detail.starts_with("1 of 2 cameras, first 1: "),
+            "{warning}"
+        );
+        let (error, _) = outcome(&[camera("40", "32"), camera("70000", "32")]);
+        assert!(error.unwrap_err().ends_with("camera 1, width: expected 1 to 65535 pixels, found 70000"));
     }
 
     /// Leaving it out would move those behind it.

@@ -42,7 +42,8 @@ impl Fields<'_> {
     fn side(&self, name: &str) -> Result<u32, String> {
         let value = self.fields.get(name);
         let side = value.and_then(Value::as_u64).and_then(|side| u32::try_from(side).ok());
-        side.ok_or_else(|| self.wrong(name, "a whole number of pixels", value))
+        let expected = format!("1 to {} pixels", ImageSize::MAX_SIDE);
+        side.filter(|side| (1..=ImageSize::MAX_SIDE).contains(side)).ok_or_else(|| self.wrong(name, &expected, value))
     }
 
     fn focal_length(&self, name: &str) -> Result<f64, String> {
@@ -112,8 +113,10 @@ mod tests {
         };
         for (field, value, expected) in [
             ("fx", json!("30"), "camera 1, fx: expected a number, found \"30\""),
-            ("width", json!(40.5), "camera 1, width: expected a whole number of pixels, found 40.5"),
-            ("height", json!(-1), "camera 1, height: expected a whole number of pixels, found -1"),
+            ("width", json!(40.5), "camera 1, width: expected 1 to 65535 pixels, found 40.5"),
+            ("width", json!(1_000_000_000), "camera 1, width: expected 1 to 65535 pixels, found 1000000000"),
+            ("height", json!(-1), "camera 1, height: expected 1 to 65535 pixels, found -1"),
+            ("height", json!(0), "camera 1, height: expected 1 to 65535 pixels, found 0"),
             ("img_name", json!(null), "camera 1, img_name: expected text, found null"),
             ("position", json!([1, 2]), "camera 1, position: expected a list of 3 numbers, found a list of 2"),
             ("rotation", json!([[1, 0, 0]]), "camera 1, rotation: expected 3 rows of 3 numbers, found a list of 1"),

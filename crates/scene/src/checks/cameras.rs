@@ -71,9 +71,10 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
     });
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
         let is_off = || far_off_middle(frame);
-        wrong_unit(frame).or_else(is_off).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
+        let (k, size) = (&frame.camera.intrinsics, frame.stated_size);
+        wrong_unit(k, size).or_else(is_off).or_else(|| stretched_pixels(k, size?))
     });
-    let has_unit = |frame: &Frame| wrong_unit(frame).is_none();
+    let has_unit = |frame: &Frame| wrong_unit(&frame.camera.intrinsics, frame.stated_size).is_none();
     // For intrinsics in another unit or of another size, the next two warnings would name a consequence instead of the cause.
     let is_plausible = |frame: &Frame| has_unit(frame) && far_off_middle(frame).is_none();
     report(WarningKind::WideFieldOfView, &|frame| {

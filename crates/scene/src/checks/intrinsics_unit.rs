@@ -1,6 +1,7 @@
 //! Whether intrinsics are in the unit of their format: multiples of the image's sides in RE10K and `.torch` chunks,
 //! pixels where an image size is stated.
 
+use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 
 use crate::Frame;
@@ -39,13 +40,12 @@ pub(crate) fn far_off_middle(frame: &Frame) -> Option<String> {
     Some(format!("expected a principal point near the middle (0.5, 0.5), found cx {cx:.3}, cy {cy:.3}{suspicion}"))
 }
 
-/// What the intrinsics of a frame seem to be, if they are not in the unit of their format.
-pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
-    let k = frame.camera.intrinsics;
+/// What intrinsics seem to be, if they are not in the unit of their format, which may state the size of the image.
+pub(crate) fn wrong_unit(k: &NormalizedIntrinsics, stated_size: Option<ImageSize>) -> Option<String> {
     let is_far = |centre: f64| !(-1.0..=2.0).contains(&centre);
     let is_far = is_far(k.cx) || is_far(k.cy);
     let is_long = k.fx > LONGEST || k.fy > LONGEST;
-    let Some(size) = frame.stated_size else {
+    let Some(size) = stated_size else {
         return (is_long || is_far).then(|| {
             let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", k.fx, k.fy, k.cx, k.cy);
             format!("expected multiples of the image's width and height, found {found}: pixels?")
@@ -72,10 +72,11 @@ pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+    use atsplat_camera::{Camera, CameraFromWorld};
 
     fn found(numbers: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
-        wrong_unit(&frame(numbers, stated))
+        let frame = frame(numbers, stated);
+        wrong_unit(&frame.camera.intrinsics, frame.stated_size)
     }
 
     fn frame([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> Frame {
