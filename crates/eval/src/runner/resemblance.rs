@@ -19,6 +19,9 @@ const LEFT: f64 = 0.25;
 const CLOSE: f64 = 0.01;
 /// unless there was hardly an error before.
 const HARDLY: f64 = 1e-5;
+/// Of imported images, which may be of several formats, even a single one is noted if a change leaves less than this share of a large
+/// error: more than of any image with a mistake, and far less than by accident.
+const SURELY: f64 = 0.06;
 /// Mean squared difference of two ground truths that cannot be confused, and of one and a flat colour.
 const DISTINCT: f64 = 0.002;
 
@@ -169,15 +172,17 @@ impl Compared {
         difference(&self.render.pixels, &self.truth.pixels)
     }
 
-    /// Each change after which the render is far closer to its ground truth, with the error that is left.
-    fn changes(&self) -> Vec<(Change, f64)> {
+    /// Each change after which the render is far closer to its ground truth, with what is left.
+    fn changes(&self) -> Vec<(Change, Left)> {
         let before = self.error();
         if before < HARDLY {
             return Vec::new();
         }
         let left = |change| Some((change, difference(&self.render.after(change)?, &self.truth.pixels)));
         let changes = Change::OF_IMAGE.into_iter().filter_map(left);
-        changes.filter(|(_, after)| *after < LEFT * before && *after < CLOSE).collect()
+        let changes = changes.filter(|(_, after)| *after < LEFT * before && *after < CLOSE);
+        let is_sure = |after: f64| after < SURELY * before && before >= DISTINCT;
+        changes.map(|(change, after)| (change, Left { images: 1, sure: is_sure(after).into(), error: after })).collect()
     }
 
     /// The position among `all` of the ground truth that the render resembles far more than its own, with the error that is
@@ -197,28 +202,40 @@ impl Compared {
     }
 }
 
-/// The change that brings most of a trial's `targets` renders far closer to the ground truth, and how many.
-fn change(compared: &[Compared], targets: usize) -> Option<(Change, usize)> {
-    let mut found: BTreeMap<Change, (usize, f64)> = BTreeMap::new();
+/// What a change leaves of the errors of some images.
+#[derive(Clone, Copy, Debug, Default)]
+struct Left {
+    images: usize,
+    /// Those of them that are noted alone.
+    sure: usize,
+    /// The sum.
+    error: f64,
+}
+
+/// The change that brings most of a trial's `targets` renders, or single imported ones, far closer to the ground truth, and how many.
+fn change(compared: &[Compared], targets: usize, kind: RecordKind) -> Option<(Change, usize)> {
+    let mut found: BTreeMap<Change, Left> = BTreeMap::new();
     let of_images = compared.iter().flat_map(Compared::changes);
     // Renders that resemble one and the same truth are those of a method that copies one view.
     let mut others = BTreeSet::new();
     let reordered = compared.iter().filter_map(|target| target.other(compared));
-    let reordered = reordered.filter(|(at, _)| others.insert(*at)).map(|(_, after)| (Change::Reordered, after));
-    for (change, after) in of_images.chain(reordered) {
-        let (count, error) = found.entry(change).or_default();
-        (*count, *error) = (*count + 1, *error + after);
+    let reordered = reordered.filter(|(at, _)| others.insert(*at));
+    let reordered = reordered.map(|(_, error)| (Change::Reordered, Left { images: 1, sure: 0, error }));
+    for (change, Left { images, sure, error }) in of_images.chain(reordered) {
+        let all = found.entry(change).or_default();
+        *all = Left { images: all.images + images, sure: all.sure + sure, error: all.error + error };
     }
-    let of_most = found.into_iter().filter(|(_, (count, _))| 2 * count > targets);
-    let best = of_most.min_by(|(_, (a, left)), (_, (b, right))| b.cmp(a).then(left.total_cmp(right)));
-    best.map(|(change, (count, _))| (change, count))
+    let is_noted = |left: &Left| 2 * left.images > targets || (kind == RecordKind::Renders && left.sure > 0);
+    let noted = found.into_iter().filter(|(_, left)| is_noted(left));
+    let best = noted.min_by(|(_, a), (_, b)| b.images.cmp(&a.images).then(a.error.total_cmp(&b.error)));
+    best.map(|(change, left)| (change, left.images))
 }
 
 /// The note on a trial with these rows of a method of this kind, of which `compared` are the scored ones. With `are_noted`, its
 /// renders are known to be suspicious for another reason.
 pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: RecordKind, are_noted: bool) -> Option<String> {
     let targets = rows.len();
-    if let Some((change, count)) = change(compared, targets) {
+    if let Some((change, count)) = change(compared, targets, kind) {
         return Some(format!("{RESEMBLES}{}: {count} of {targets}", change.text()));
     }
     if kind == RecordKind::Renders && is_one_image(rows) {
@@ -275,10 +292,14 @@ mod tests {
 
     /// The note of a trial with these renders, by the truth that they are compared with.
     fn noted(images: &[(Image, ImageU8, bool)], are_noted: bool) -> String {
+        noted_of(RecordKind::Renders, images, are_noted)
+    }
+
+    fn noted_of(kind: RecordKind, images: &[(Image, ImageU8, bool)], are_noted: bool) -> String {
         let compared: Vec<Compared> =
             images.iter().map(|(render, truth, leaked)| Compared::of(render, truth, *leaked)).collect();
         let rows: Vec<TargetRow> = (0u32..).zip(images).map(|(at, _)| row(at, &at.to_string())).collect();
-        note(&compared, &rows, RecordKind::Renders, are_noted).unwrap_or_default()
+        note(&compared, &rows, kind, are_noted).unwrap_or_default()
     }
 
     fn of_all(change: impl Fn(&Image) -> Image) -> String {
@@ -320,6 +341,22 @@ mod tests {
         assert_eq!(moved(|x, y, last| (x, last - y)), said("mirrored top to bottom"));
         assert_eq!(moved(|x, y, last| (last - x, last - y)), said("rotated by 180°"));
         assert_eq!(moved(|x, y, _| (y, x)), said("with rows and columns exchanged"));
+    }
+
+    /// One EXR of linear light among PNGs, for example. A method that makes all of its images in one way has a dark one by accident.
+    #[test]
+    fn a_single_imported_image_with_a_mistake_is_noted() {
+        let images = [0, 1, 2].map(|at| {
+            let image = render(&truth(at, SIDES));
+            #[expect(clippy::cast_possible_truncation, reason = "a colour")]
+            let linear = |value: &f32| decoded(f64::from(value.clamp(0.0, 1.0))) as f32;
+            let samples = image.samples().iter().map(linear).collect();
+            let shown = if at == 1 { Image::new(image.width(), image.height(), samples).unwrap() } else { image };
+            (shown, truth(at, SIDES), false)
+        });
+        let said = "renders would be closer to the truth encoded as sRGB, as if they were linear light: 1 of 3";
+        assert_eq!(noted(&images, false), said);
+        assert_eq!(noted_of(RecordKind::Exec, &images, false), "");
     }
 
     #[test]
