@@ -10,6 +10,13 @@ pub(crate) fn signed(value: f64, decimals: usize) -> String {
     without_sign_of_zero(format!("{value:+.decimals$}"))
 }
 
+/// A positive number with at most three digits, without trailing zeros: `5.12`, `24.8`, `121`.
+pub(crate) fn three_digits(value: f64) -> String {
+    let decimals = if value >= 100.0 { 0 } else { usize::from(value < 10.0) + 1 };
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
 /// `decimals`, or as many as show that an interval does not contain 0, if both ends are on one side of it and one would print as 0.
 pub(crate) fn decimals_of(interval: Option<[f64; 2]>, decimals: usize) -> usize {
     const MOST_MORE: usize = 6;
@@ -32,6 +39,12 @@ fn without_sign_of_zero(text: String) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn three_digits_have_no_trailing_zeros() {
+        let texts = [5.1249, 24.772, 120.96, 5898.2, 2.0, 80.04].map(three_digits);
+        assert_eq!(texts, ["5.12", "24.8", "121", "5898", "2", "80"]);
+    }
 
     #[test]
     fn an_interval_beside_zero_does_not_print_as_zero() {

@@ -141,7 +141,7 @@ pub struct ColumnDefinition {
     pub published: String,
     /// Its heading, if it differs from the quantity's name.
     pub title: Option<String>,
-    /// Whether counts are printed exactly instead of truncated to thousands.
+    /// Whether counts are printed exactly instead of in thousands.
     pub exact: bool,
 }
 

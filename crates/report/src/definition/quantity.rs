@@ -3,7 +3,7 @@ use std::str::FromStr;
 use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::numbers::{decimals_of, fixed, signed};
+use crate::numbers::{decimals_of, fixed, signed, three_digits};
 
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,17 +95,31 @@ impl Quantity {
         }
     }
 
-    /// Formats a number as papers do: decibels with two decimals, other scores and seconds with three, Gaussians truncated
-    /// to thousands unless `exact` (23 040 → `23K`), tokens without decimals.
+    /// Formats a measured number: decibels with two decimals, other scores and seconds with three, Gaussians in thousands of at
+    /// most three digits unless `exact` (23 040 → `23K`, 24 772 → `24.8K`), tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
+            _ if self.is_in_thousands(value, exact) => format!("{}K", three_digits(value / 1000.0)),
             Self::Metric(metric) => fixed(value, metric.scale.decimals()),
             Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
             Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
-            _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
-            _ => format!("{:.0}K", (value / 1000.0).trunc()),
+            Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax => format!("{value:.0}"),
         }
+    }
+
+    /// Formats a number with the digits that papers print: as [`Self::print`], but with Gaussians truncated to thousands
+    /// (24 772 → `24K`).
+    pub(crate) fn print_as_papers(self, value: f64, exact: bool) -> String {
+        if value >= 1000.0 && self.is_in_thousands(value, exact) {
+            return format!("{:.0}K", (value / 1000.0).trunc());
+        }
+        self.print(value, exact)
+    }
+
+    /// Whether it is a count of Gaussians that would have more than three digits.
+    fn is_in_thousands(self, value: f64, exact: bool) -> bool {
+        matches!(self, Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax) && !exact && value >= 999.5
     }
 
     /// A number and the ends of its interval, as [`Self::print`]; slopes and differences with more decimals if the interval excludes 0
@@ -174,8 +188,33 @@ mod tests {
             (999.0, "999"),
             (52_928.0, "52K"),
         ] {
-            assert_eq!(Quantity::Gaussians.print(count, false), printed);
+            assert_eq!(Quantity::Gaussians.print_as_papers(count, false), printed);
         }
+        assert_eq!(Quantity::Gaussians.print_as_papers(23_040.0, true), "23040");
+        assert_eq!(Quantity::from_str("psnr").unwrap().print_as_papers(28.456, false), "28.46");
+    }
+
+    #[test]
+    fn measured_counts_are_rounded_to_three_digits() {
+        for (count, printed) in [
+            (23_040.0, "23K"),
+            (24_772.0, "24.8K"),
+            (1999.0, "2K"),
+            (2699.0, "2.7K"),
+            (5120.0, "5.12K"),
+            (8999.0, "9K"),
+            (120_960.0, "121K"),
+            (5_898_240.0, "5898K"),
+            (999.0, "999"),
+            (999.7, "1K"),
+        ] {
+            assert_eq!(Quantity::GaussiansMax.print(count, false), printed);
+        }
+        assert_eq!(Quantity::InitialTokens.print(2699.0, false), "2699");
+    }
+
+    #[test]
+    fn numbers_have_the_decimals_of_their_quantity() {
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");
         assert_eq!(Quantity::from_str("psnr").unwrap().print(28.456, false), "28.46");
         assert_eq!(Quantity::from_str("lpips").unwrap().print(0.1184, false), "0.118");

@@ -1,5 +1,7 @@
 use atsplat_numeric::{Extremes as _, quantile};
 
+use crate::numbers::three_digits;
+
 /// Maps values to positions along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::plot) struct Scale {
@@ -166,9 +168,9 @@ pub(in crate::plot) fn label(value: f64, ticks: &[f64]) -> String {
 /// A count in thousands or millions: `23K`, `5.9M`.
 pub(in crate::plot) fn count_label(value: f64) -> String {
     match value {
-        value if value >= 999_950.0 => format!("{}M", trimmed(value / 1e6)),
-        value if value >= 1000.0 => format!("{}K", trimmed(value / 1e3)),
-        value => trimmed(value),
+        value if value >= 999_950.0 => format!("{}M", three_digits(value / 1e6)),
+        value if value >= 1000.0 => format!("{}K", three_digits(value / 1e3)),
+        value => three_digits(value),
     }
 }
 
@@ -191,18 +193,11 @@ pub(in crate::plot) fn single_label(value: f64) -> String {
 /// Seconds in a suitable unit.
 pub(in crate::plot) fn seconds_label(secs: f64) -> String {
     match secs {
-        secs if secs >= 100.0 => format!("{} min", trimmed(secs / 60.0)),
-        secs if secs >= 1.0 => format!("{} s", trimmed(secs)),
-        secs if secs >= 1e-3 => format!("{} ms", trimmed(secs * 1e3)),
-        secs => format!("{} µs", trimmed(secs * 1e6)),
+        secs if secs >= 100.0 => format!("{} min", three_digits(secs / 60.0)),
+        secs if secs >= 1.0 => format!("{} s", three_digits(secs)),
+        secs if secs >= 1e-3 => format!("{} ms", three_digits(secs * 1e3)),
+        secs => format!("{} µs", three_digits(secs * 1e6)),
     }
-}
-
-/// At most three digits, without trailing zeros.
-fn trimmed(value: f64) -> String {
-    let decimals = if value >= 100.0 { 0 } else { usize::from(value < 10.0) + 1 };
-    let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 #[cfg(test)]

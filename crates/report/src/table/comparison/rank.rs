@@ -189,7 +189,9 @@ fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
 /// The printed values of a column that may be ranked, with the positions of their rows.
 fn printed(table: &Table, index: CellIndex, included: &dyn Fn(&Row) -> bool) -> Vec<(usize, f64)> {
     let rows = table.rows.iter().enumerate().filter(|(_, row)| included(row) && is_ranked(row));
-    rows.filter_map(|(at, row)| Some((at, printed_value(table, row, index)?))).collect()
+    let rows: Vec<(usize, &Row)> = rows.collect();
+    let as_papers = rows.iter().any(|(_, row)| row.cell(index).published);
+    rows.into_iter().filter_map(|(at, row)| Some((at, printed_value(table, row, index, as_papers)?))).collect()
 }
 
 fn rank_column(
@@ -224,11 +226,12 @@ fn rank_column(
     }
 }
 
-/// The number as printed; counts truncated to thousands are compared as such.
-fn printed_value(table: &Table, row: &Row, index: CellIndex) -> Option<f64> {
+/// The number as printed, or with the digits that papers print: counts truncated to thousands are compared as such.
+fn printed_value(table: &Table, row: &Row, index: CellIndex, as_papers: bool) -> Option<f64> {
     let cell = row.cell(index);
     let value = cell.value.number().filter(|_| cell.is_rankable())?;
-    let text = table.column(index).format(value);
+    let column = table.column(index);
+    let text = if as_papers { column.format_as_papers(value) } else { column.format(value) };
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),

@@ -11,6 +11,9 @@ use super::{Column, Counts, TimeScope};
 pub struct Cell {
     /// The value.
     pub value: Value,
+    /// Whether a paper printed it.
+    #[serde(skip)]
+    pub published: bool,
     /// 95 % interval over scenes.
     pub interval: Option<[f64; 2]>,
     /// Whether it is a cost that the user states, and that was neither counted nor timed here.
@@ -135,6 +138,7 @@ impl Cell {
     /// The printed text.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
+            (Value::Number(number), _) if self.published => column.format_as_papers(*number),
             (Value::Number(number), _) if !self.marks().is_empty() => {
                 format!("{} {}", column.format(*number), self.marks())
             }

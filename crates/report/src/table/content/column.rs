@@ -47,9 +47,14 @@ pub struct CellIndex {
 }
 
 impl Column {
-    /// Formats a number of the column as papers do.
+    /// Formats a measured number of the column.
     pub(crate) fn format(&self, value: f64) -> String {
         self.quantity.print(value, self.exact)
+    }
+
+    /// Formats a number of the column with the digits that papers print, to show or to compare with published ones.
+    pub(crate) fn format_as_papers(&self, value: f64) -> String {
+        self.quantity.print_as_papers(value, self.exact)
     }
 
     /// Formats a number of the column with the ends of its interval.

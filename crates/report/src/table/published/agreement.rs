@@ -110,7 +110,7 @@ impl Agreement {
             &mut self.partial
         } else if has_other_weights(column, cell) {
             &mut self.other_weights
-        } else if column.format(measured) == column.format(published) {
+        } else if column.format_as_papers(measured) == column.format_as_papers(published) {
             &mut self.equal_as_printed
         } else if cell.interval.is_some_and(|[low, high]| (low..=high).contains(&published)) {
             &mut self.inside
@@ -131,8 +131,8 @@ fn has_other_weights(column: &Column, cell: &Cell) -> bool {
 /// The first metric that both have; without any, their Gaussians, or the last column, to which the others lead.
 fn headline(table: &Table, paper: &Row, measured: &Row) -> Option<Headline> {
     let values = |index: CellIndex, column: &Column| {
-        let print = |row: &Row| row.cell(index).value.number().map(|value| column.format(value));
-        Some((column.quantity, print(measured)?, print(paper)?))
+        let number = |row: &Row| row.cell(index).value.number();
+        Some((column.quantity, column.format(number(measured)?), column.format_as_papers(number(paper)?)))
     };
     let both: Vec<_> = table.columns().filter_map(|(index, column)| values(index, column)).collect();
     let is_metric = |quantity: Quantity| quantity.metric().is_some();
@@ -230,6 +230,19 @@ mod tests {
         let headline = agreement(&table).headline.unwrap();
         assert_eq!(headline.quantity, Quantity::Gaussians.title(), "{headline}");
         assert_ne!(headline.measured, headline.published);
+    }
+
+    /// 23 900 Gaussians, of which a paper prints 23K.
+    #[test]
+    fn counts_agree_with_the_digits_of_papers() {
+        let mut results = store("397923af00");
+        results.trials.iter_mut().for_each(|trial| trial.gaussians = Some(23_900));
+        let table = built(Some(&results));
+        assert_eq!(agreement(&table).equal_as_printed, 3);
+        let (index, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Gaussians).unwrap();
+        let measured = table.measured_rows().next().unwrap();
+        let paper = table.rows.iter().find(|row| row.origin == Origin::Published && measured.reproduces(row)).unwrap();
+        assert_eq!([measured, paper].map(|row| row.cell(index).print(column)), ["23.9K", "23K"]);
     }
 
     #[test]

@@ -101,7 +101,7 @@ fn methods<'a>(
 }
 
 fn published_row(row: &PublishedRow, position: usize, known: Option<&RowDefinition>) -> Row {
-    let cell = |value: &Value| Cell { value: value.clone(), ..Cell::default() };
+    let cell = |value: &Value| Cell { value: value.clone(), published: true, ..Cell::default() };
     Row {
         labels: row.labels.clone(),
         origin: Origin::Published,
