@@ -5,7 +5,7 @@ use super::PageStore;
 use crate::definition::Quantity;
 use crate::hashes::{short, short_commit};
 use crate::plot::Origin;
-use crate::table::{Cell, CellIndex, Column, LEAKED_EXCLUDED, Row, StoreProtocol, Table, is_changed};
+use crate::table::{Cell, CellIndex, Column, LEAKED_EXCLUDED, OtherPreset, Row, StoreProtocol, Table};
 
 /// A protocol behind a number, and the provenance of its store.
 #[derive(Clone, Copy)]
@@ -131,10 +131,14 @@ impl<'a> Measured<'a> {
         let preset = self.provenance.preset(&self.protocol.preset)?;
         let index = preset.index_name.as_deref().unwrap_or("unpublished");
         let (hash, index_hash) = (short(&preset.hash), short(&preset.index_sha256));
-        let changed = if is_changed(preset) { " (changed)" } else { "" };
+        let other = match OtherPreset::of(preset) {
+            Some(OtherPreset::Changed) => " (changed)",
+            Some(OtherPreset::Own) => " (own)",
+            None => "",
+        };
         let part = self.provenance.part().map_or_else(String::new, |part| format!(" ({part} of the run)"));
         let mut text = format!(
-            "protocol {}@{hash}{changed}, index {index}@{index_hash}, {} of {} entries{part}, data {}",
+            "protocol {}@{hash}{other}, index {index}@{index_hash}, {} of {} entries{part}, data {}",
             preset.name, preset.entries, preset.entries_of_index, preset.dataset
         );
         if let Some(published) = &preset.stands_for {

@@ -29,7 +29,7 @@ pub use protocol_tables::{chosen_protocol_tables, protocol_tables};
 pub use published::{Agreement, Headline, Order, Outcome, agreement};
 pub use rows::MeasuredOn;
 pub(crate) use rows::{INFERENCE_ONLY, LEAKED_EXCLUDED};
-pub(crate) use selection::{has_trials, is_changed, is_same_data, other_data};
+pub(crate) use selection::{OtherPreset, has_trials, is_same_data, other_data};
 
 /// A store with its label.
 #[derive(Clone, Copy, Debug)]

@@ -8,7 +8,7 @@ use atsplat_results::{PresetRecord, TargetRow, TargetStatus};
 use serde::Serialize;
 
 use crate::counted;
-use crate::table::selection::{MethodRun, Part, is_changed};
+use crate::table::selection::{MethodRun, OtherPreset, Part};
 
 /// Data, size of images and number of scenes of a measured row.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -101,8 +101,8 @@ impl<'a> MethodRun<'a> {
         if let Some(index) = part.alternative_index() {
             text.push_str(&format!(", alternative index {}", index.name));
         }
-        if is_changed(part.preset) {
-            text.push_str(", protocol changed");
+        if let Some(other) = OtherPreset::of(part.preset) {
+            text.push_str(&format!(", {}", other.in_words()));
         }
         text
     }

@@ -89,6 +89,22 @@ fn simulated_scenes_are_named_under_any_protocol_and_so_is_their_number_of_views
     assert!(is_zero_shot(&table));
 }
 
+/// A copy of a built-in protocol must keep its content under its name, but an older version had another.
+#[test]
+fn an_own_protocol_is_not_called_a_changed_one() {
+    let of = |name: &str, hash: &str| {
+        let record = PresetRecord { preset: name.to_owned(), hash: hash.to_owned(), ..preset("re10k-2v-256") };
+        let results = results(vec![record], vec![floor()]);
+        let table =
+            chosen_protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart, &Choice::default());
+        said(&table.unwrap()[0]).to_owned()
+    };
+    let scenes = "RE10K, 16×16, 4 of 6474 scenes";
+    assert_eq!(of("re10k-2v-256", &preset("re10k-2v-256").hash), scenes);
+    assert_eq!(of("re10k-2v-256", "another"), format!("{scenes}, protocol changed"));
+    assert_eq!(of("lab", "another"), format!("{scenes}, own protocol"));
+}
+
 #[test]
 fn a_published_index_names_its_dataset_under_any_protocol() {
     let index_sha256 = preset("acid-2v-256").index_sha256;

@@ -22,7 +22,7 @@ pub(super) use comparable::{ComparableResults, comparable_groups};
 pub(crate) use known_dataset::other_data;
 pub(super) use method_run::{MethodRun, StoreMethod};
 pub(super) use part::Part;
-pub(crate) use published_setting::is_changed;
+pub(crate) use published_setting::OtherPreset;
 pub(super) use seeds::{is_further_training, is_network_of_another_seed};
 pub(crate) use trial_data::is_same_data;
 

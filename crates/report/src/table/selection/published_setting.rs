@@ -56,8 +56,8 @@ impl Part<'_> {
         if let Some(unfinished) = self.unfinished.first() {
             return Some(unfinished.clone());
         }
-        let changed = || is_changed(record).then(|| format!("{}: the preset was changed", record.name));
-        self.without_trial(methods).or_else(changed)
+        let other = || Some(format!("{}: {}", record.name, OtherPreset::of(record)?.in_words()));
+        self.without_trial(methods).or_else(other)
     }
 
     /// The published index that it was run on, if that is not the protocol's default.
@@ -96,10 +96,29 @@ impl Part<'_> {
     }
 }
 
-/// Whether a preset differs from the built-in one of its name.
-pub(crate) fn is_changed(record: &PresetRecord) -> bool {
-    let known = Preset::named(&record.preset).and_then(|preset| preset.hash());
-    !known.is_ok_and(|hash| hash.to_string() == record.hash)
+/// A preset that is not a built-in one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum OtherPreset {
+    /// It has the name of a built-in one, and another content.
+    Changed,
+    /// No built-in one has its name.
+    Own,
+}
+
+impl OtherPreset {
+    /// What a preset is; `None` for a built-in one.
+    pub(crate) fn of(record: &PresetRecord) -> Option<Self> {
+        let Ok(known) = Preset::named(&record.preset) else { return Some(Self::Own) };
+        let is_same = known.hash().is_ok_and(|hash| hash.to_string() == record.hash);
+        (!is_same).then_some(Self::Changed)
+    }
+
+    pub(crate) const fn in_words(self) -> &'static str {
+        match self {
+            Self::Changed => "protocol changed",
+            Self::Own => "own protocol",
+        }
+    }
 }
 
 /// Whether published numbers are without the entries that were skipped for this reason: by a `null` in the index, or by a filter on
