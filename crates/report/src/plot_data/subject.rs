@@ -20,15 +20,29 @@ pub(crate) fn title_of(results: &Results, method: &MethodRecord) -> String {
 /// Protocol, data and scenes: `RealEstate10K, 2 views (re10k-2v-256); 8 scenes, 8 of 7194 trials of the index`; data that are not
 /// known to be those of the protocol's title are named after it.
 pub(super) fn subject(results: &Results, preset: &PresetRecord) -> String {
-    let trials = results.trials.iter().filter(|trial| trial.key.preset == preset.name);
-    let scenes = trials.map(|trial| trial.key.scene.as_str()).collect::<BTreeSet<_>>().len() as u64;
+    subject_over(results, preset, None)
+}
+
+/// The same for a plot of so many of the scenes: `6 of 8 scenes`.
+pub(super) fn subject_over(results: &Results, preset: &PresetRecord, shown: Option<u64>) -> String {
+    let all = scenes_of_trials(results, &preset.name).len() as u64;
+    let scenes = match shown {
+        Some(shown) if shown < all => format!("{shown} of {}", counted(all, "scene")),
+        _ => counted(all, "scene"),
+    };
     let part = if preset.entries < preset.entries_of_index {
         format!(", {} of {} trials of the index", preset.entries, preset.entries_of_index)
     } else {
         String::new()
     };
     let data = other_data(results, preset).map_or_else(String::new, |data| format!(" on {data}"));
-    format!("{} ({}){data}; {}{part}", preset.title, preset.name, counted(scenes, "scene"))
+    format!("{} ({}){data}; {scenes}{part}", preset.title, preset.name)
+}
+
+/// The scenes with a trial under a preset, whatever became of it.
+pub(super) fn scenes_of_trials<'a>(results: &'a Results, preset: &str) -> BTreeSet<&'a str> {
+    let trials = results.trials.iter().filter(|trial| trial.key.preset == preset);
+    trials.map(|trial| trial.key.scene.as_str()).collect()
 }
 
 /// `; 2 of 48 targets are context frames`, of the targets under these presets of results, whatever the number of methods; empty

@@ -8,10 +8,10 @@ use atsplat_protocol::{Aggregation, Preset};
 use atsplat_results::statistics::{
     Identical, Leaked, MetricQuery, Summary, by_distance_steps, paired, paired_scene_means,
 };
-use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results};
+use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results, TargetStatus};
 
 use super::first_metric;
-use super::subject::{leaked_targets, subject, title_of, unfinished};
+use super::subject::{leaked_targets, scenes_of_trials, subject_over, title_of, unfinished};
 use crate::file_names::plain;
 use crate::numbers::{decimals_of, signed};
 use crate::plot::{
@@ -69,14 +69,37 @@ impl<'a> ProtocolResults<'a> {
 
     /// Protocol, scenes, and what the store lacks of its run: what every plot of the protocol is about.
     fn subject(&self) -> String {
+        self.subject_over(None)
+    }
+
+    /// The same for a plot of so many of the scenes.
+    fn subject_over(&self, shown: Option<u64>) -> String {
         let lacking = unfinished(self.results, |preset, _| preset == self.preset.name);
         let lacking: String = lacking.into_iter().map(|text| format!("; {text}")).collect();
-        format!("{}{lacking}", subject(self.results, self.preset))
+        format!("{}{lacking}", subject_over(self.results, self.preset, shown))
+    }
+
+    /// `; 2 of 48 targets are context frames`, which are in all means; empty if none is.
+    fn leaked_targets(&self) -> String {
+        leaked_targets([(self.results, self.preset.name.as_str())])
     }
 
     /// What a plot of means is about.
     fn subject_of_means(&self) -> String {
-        format!("{}{}", self.subject(), leaked_targets([(self.results, self.preset.name.as_str())]))
+        format!("{}{}", self.subject(), self.leaked_targets())
+    }
+
+    /// `; 2 scenes without a score of ATSplat`, for each of these methods that lacks any; empty if none does.
+    fn scenes_without_score(&self, methods: [&MethodRecord; 2], metric: &Definition) -> String {
+        let all = scenes_of_trials(self.results, &self.preset.name).len() as u64;
+        let without = |method: &MethodRecord| {
+            let targets = self.results.targets_of(&self.preset.name, &method.name);
+            let scored = targets.filter(|row| row.status == TargetStatus::Scored && row.scores.contains_key(metric.id));
+            let scenes: BTreeSet<&str> = scored.map(|row| row.key.scene.as_str()).collect();
+            let count = all.saturating_sub(scenes.len() as u64);
+            (count > 0).then(|| format!("; {} without a score of {}", counted(count, "scene"), self.title(method)))
+        };
+        methods.into_iter().filter_map(without).collect()
     }
 
     fn extrapolation(&self, metric: &'static Definition) -> Option<Drawing> {
@@ -121,11 +144,12 @@ impl<'a> ProtocolResults<'a> {
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
             let x = self.title(other);
             let difference = format!(
-                "{}{interval} against {x}; better in {} of {}, sign test p {}",
+                "{}{interval} against {x}; better in {} of {}, sign test p {}{}",
                 signed(pair.difference),
                 pair.wins,
                 counted(pair.scenes, "scene"),
-                p_value(pair.sign_test)
+                p_value(pair.sign_test),
+                self.scenes_without_score([*first, *other], metric)
             );
             let means = paired_scene_means(self.results, &queries[0], &queries[1], aggregation);
             let points: Vec<ScatterPoint> =
@@ -134,10 +158,16 @@ impl<'a> ProtocolResults<'a> {
         };
         let others = methods.iter().filter(|other| other.name != first.name);
         let (panels, has_interval): (Vec<ScatterPanel>, Vec<bool>) = others.filter_map(against).unzip();
+        let shown = panels.iter().flat_map(|panel| &panel.points).map(|point| point.scene.as_str());
+        let shown = shown.collect::<BTreeSet<_>>().len() as u64;
         let intervals = if has_interval.contains(&true) { " with their 95 % intervals over scenes" } else { "" };
         let plot = SceneScatter {
             title: format!("{} scene by scene: {} against the others", metric.name, self.title(first)),
-            subtitle: format!("{}; mean differences{intervals}", self.subject_of_means()),
+            subtitle: format!(
+                "{}{}; mean differences{intervals}",
+                self.subject_over(Some(shown)),
+                self.leaked_targets()
+            ),
             quality: metric.into(),
             y: self.title(first),
             panels,
@@ -203,8 +233,10 @@ mod tests {
             let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
             let (_, plot) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
             let texts = plot.texts().collect::<Vec<_>>();
-            let said = format!("better in 0 of {scenes} scenes, {expected}");
+            let said = format!("better in 0 of {scenes} scenes, {expected}; 1 scene without a score of ATSplat");
             assert!(texts.iter().any(|text| text.ends_with(&said)), "{said}: {texts:?}");
+            let counted = format!("; {scenes} of {} scenes, ", scenes + 1);
+            assert!(texts.iter().any(|text| text.contains(&counted)), "{counted}: {texts:?}");
         }
         assert_eq!([0.0, 0.000_999, 0.001, 1.0].map(p_value), ["< 0.001", "< 0.001", "= 0.001", "= 1.000"]);
     }
