@@ -12,9 +12,10 @@ use crate::table::BUSY;
 const VISIBLE: f64 = 1e-3;
 
 impl ProtocolResults<'_> {
-    /// The times of the timing pass, with a reason for each method without times; `None` without a timing pass.
+    /// The times of the timing pass, with a reason for each method without times; `None` without a timing pass: a time that was stated
+    /// has neither stages nor quartiles.
     pub(super) fn time(&self) -> Option<Drawing> {
-        machine_of(self.results, &self.preset.name)?;
+        machine_of(self.results, &self.preset.name).filter(|machine| !machine.is_stated())?;
         let mut timed = Timed::default();
         let row = |method: &MethodRecord| {
             let times = times(self.results, &self.preset.name, &method.name);
@@ -80,11 +81,11 @@ fn in_order<T>(stages: &BTreeMap<String, T>) -> Vec<(&String, &T)> {
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
-    use atsplat_results::Results;
+    use atsplat_results::{Results, StatedCost, StatedSeconds};
 
     use super::*;
     use crate::plot_data::store_plots;
-    use crate::sample::{atsplat, preset, results};
+    use crate::sample::{atsplat, floor, preset, results};
     use crate::table::Source;
 
     /// One method with encodings of 0.26 s, of which these stages are known.
@@ -144,6 +145,21 @@ mod tests {
     fn the_total_is_that_of_the_first_image() {
         let said = texts(&with_stages(&[("coarse", 0.2), ("head", 0.1)]));
         assert!(said.lines().any(|text| text == "265 ms") && !said.contains("305 ms"), "{said}");
+    }
+
+    #[test]
+    fn a_stated_time_is_no_bar() {
+        let seconds = Some(StatedSeconds { encode: 0.5, render: None, machine: "a card".to_owned() });
+        let mut imported = floor();
+        imported.stated.insert("re10k-2v-256".to_owned(), StatedCost { gaussians: None, seconds });
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), imported]);
+        results.timings.retain(|row| row.key.method == "atsplat");
+        let said = texts(&results);
+        assert!(said.contains("stated as 0.5 s on a card, not measured here"), "{said}");
+        assert!(!said.contains("timed on a card"), "{said}");
+        results.timings.clear();
+        let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
+        assert!(plots.iter().all(|(name, _)| name != "run-re10k-2v-256-time"), "nothing was measured");
     }
 
     #[test]
