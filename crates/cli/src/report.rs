@@ -191,6 +191,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("the stores have no results for table {name}{}", args.choice.in_words()));
     }
     args.choice.warn_of_absent_columns(&report);
+    warn_of_absent_glyphs(&report);
     let mut complete = missing.is_empty();
     for (store, label) in results.iter().zip(&labels) {
         for gap in store.gaps() {
@@ -248,6 +249,16 @@ impl Args {
             live: Vec::new(),
         }
     }
+}
+
+/// Warns of characters that PNG plots cannot show.
+fn warn_of_absent_glyphs(report: &Report) {
+    let absent = report.without_glyph();
+    if absent.is_empty() {
+        return;
+    }
+    let absent: Vec<String> = absent.iter().map(|(letter, text)| format!("{letter} (“{text}”)")).collect();
+    warn(&format!("PNG plots have boxes in place of characters that their font lacks: {}", absent.join(", ")));
 }
 
 /// Warns of the faults of plots; any is an error.

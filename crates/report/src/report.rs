@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::definition::{Choice, TableDefinition};
@@ -99,6 +99,20 @@ impl Report {
             .collect()
     }
 
+    /// The characters that the font of PNG plots lacks, with a box in their place: each with the shortest text that has it.
+    pub fn without_glyph(&self) -> BTreeMap<char, &str> {
+        let mut found: BTreeMap<char, &str> = BTreeMap::new();
+        for (text, absent) in self.plots.iter().flat_map(|(_, plot)| plot.texts_without_glyph()) {
+            for letter in absent {
+                let shortest = found.entry(letter).or_insert(text);
+                if text.len() < shortest.len() {
+                    *shortest = text;
+                }
+            }
+        }
+        found
+    }
+
     /// Bytes of the page.
     pub const fn page_bytes(&self) -> usize {
         self.html.len()
@@ -192,6 +206,8 @@ pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_results::MethodRecord;
+
     use super::*;
     use crate::sample::{atsplat, floor, preset, results};
 
@@ -221,6 +237,33 @@ mod tests {
         assert_eq!(Report { films: Vec::new(), ..report }.write(&page).unwrap().len(), 2, "the page and the list");
     }
 
+    fn request(sections: Vec<PlotSection>) -> Request {
+        Request {
+            title: String::new(),
+            tables: Vec::new(),
+            protocols: false,
+            formats: Vec::new(),
+            mixing: Mixing::Apart,
+            choice: Choice::default(),
+            max_bytes: 0,
+            sections,
+            live: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn titles_that_the_font_of_bitmaps_lacks_are_named() {
+        let named = |title: &str| {
+            let other = MethodRecord { title: title.to_owned(), ..floor() };
+            let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), other]);
+            let store = PageStore { source: Source { label: "run", results: &results }, folder: None };
+            let report = Report::new(&request(Vec::new()), &[store]).unwrap();
+            report.without_glyph().into_iter().map(|(letter, text)| (letter, text.to_owned())).collect::<Vec<_>>()
+        };
+        assert_eq!(named("λ-net"), []);
+        assert_eq!(named("模 A"), [('模', "模 A".to_owned())]);
+    }
+
     /// Both labels are `a-b` in file names, and the section shows another frontier and another plot of a store under their names.
     #[test]
     fn every_plot_has_a_separate_file() {
@@ -233,19 +276,8 @@ mod tests {
             plots: plots.collect(),
             before_tables: false,
         };
-        let request = Request {
-            title: String::new(),
-            tables: Vec::new(),
-            protocols: false,
-            formats: Vec::new(),
-            mixing: Mixing::Apart,
-            choice: Choice::default(),
-            max_bytes: 0,
-            sections: vec![section],
-            live: Vec::new(),
-        };
         let store = |label| PageStore { source: source(label), folder: None };
-        let report = Report::new(&request, &[store("a b"), store("a-b")]).unwrap();
+        let report = Report::new(&request(vec![section]), &[store("a b"), store("a-b")]).unwrap();
         let names: Vec<&str> = report.plots.iter().map(|(name, _)| name.as_str()).collect();
         for expected in ["a-b-re10k-2v-256-time-2", "a-b-re10k-2v-256-time-3", "frontier-re10k-2v-256-2"] {
             assert!(names.contains(&expected), "{names:?}");

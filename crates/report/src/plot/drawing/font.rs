@@ -1,5 +1,7 @@
+use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
+use ab_glyph::{Font as _, FontRef};
 use plotters::style::{FontDesc, FontFamily, FontStyle, register_font};
 
 use crate::ReportError;
@@ -34,6 +36,16 @@ pub(in crate::plot) fn width_of(text: &str, size: f64, bold: bool) -> f64 {
     let font = FontDesc::new(FontFamily::Name(FONT), size * PIXELS_PER_CSS * 10.0, style);
     let measured = register_fonts().ok().and_then(|()| font.layout_box(text).ok());
     measured.map_or(0.62 * size * text.chars().count() as f64, |((left, _), (right, _))| f64::from(right - left) / 10.0)
+}
+
+/// The characters of a text that the bundled font lacks: bitmaps have a box in their place, and SVGs the glyph of another font.
+pub(in crate::plot) fn without_glyph(text: &str, bold: bool) -> BTreeSet<char> {
+    static FACES: OnceLock<[Option<FontRef<'static>>; 2]> = OnceLock::new();
+    let read = || [dejavu::sans::regular(), dejavu::sans::bold()].map(|bytes| FontRef::try_from_slice(bytes).ok());
+    let [plain, heavy] = FACES.get_or_init(read);
+    let face = if bold { heavy } else { plain };
+    let Some(face) = face else { return BTreeSet::new() };
+    text.chars().filter(|letter| !letter.is_control() && face.glyph_id(*letter).0 == 0).collect()
 }
 
 /// The text in lines of at most this width, broken at spaces; a word that is too wide is broken between its letters.
@@ -73,6 +85,15 @@ mod tests {
         let wide = width_of(&"M".repeat(10), 20.0, false);
         assert!((wide - advance(10, 1767.0)).abs() < 2.0, "{wide}");
         assert!(width_of("iiiiiiiiii", 20.0, false) < wide / 2.0);
+    }
+
+    #[test]
+    fn characters_without_a_glyph_are_found() {
+        let texts = ["ATSplat–λ, σ ≥ ½ ‡ § “µ”\u{1b}", "模型 A, 模 B"];
+        for bold in [false, true] {
+            let absent = texts.map(|text| without_glyph(text, bold).into_iter().collect::<String>());
+            assert_eq!(absent, ["", "型模"]);
+        }
     }
 
     #[test]

@@ -9,10 +9,12 @@ mod series;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use atsplat_numeric::Extremes as _;
 
+use super::font::without_glyph;
 use super::shape::{Drawing, Extent, Item, Role, Shape, TextLine};
 use super::theme::{NAME, SMALL, TITLE};
 
@@ -36,6 +38,8 @@ pub enum FaultKind {
     Overprinted,
     /// A text in another size than all others.
     Font,
+    /// A text with characters that the font of bitmaps lacks.
+    Glyph,
     /// Two series of one colour, a legend of another colour than its series, or a colour outside the palette.
     Colour,
     /// A series without an entry in the legend.
@@ -55,6 +59,7 @@ impl fmt::Display for PlotFault {
             FaultKind::Truncated => "truncated",
             FaultKind::Overprinted => "overprinted",
             FaultKind::Font => "font",
+            FaultKind::Glyph => "not in the font of bitmaps",
             FaultKind::Colour => "colour",
             FaultKind::Unexplained => "not in the legend",
             FaultKind::Axis => "axis",
@@ -77,7 +82,16 @@ impl Drawing {
         faults
     }
 
-    /// Texts and shapes outside the plot, truncated texts, and texts of another size.
+    /// Its texts with characters that the font of bitmaps lacks, and these characters.
+    pub(crate) fn texts_without_glyph(&self) -> impl Iterator<Item = (&str, BTreeSet<char>)> {
+        let texts = self.items.iter().filter_map(|item| match &item.shape {
+            Shape::Text(line) => Some((line.text.as_str(), without_glyph(&line.text, line.bold))),
+            _ => None,
+        });
+        texts.filter(|(_, absent)| !absent.is_empty())
+    }
+
+    /// Texts and shapes outside the plot, truncated texts, and texts of another size or without a glyph.
     fn placement(&self, texts: &[Printed<'_>]) -> Vec<PlotFault> {
         let page = Extent::new(-0.5, -0.5, f64::from(self.width) + 0.5, f64::from(self.height) + 0.5);
         let mut faults = Vec::new();
@@ -91,6 +105,10 @@ impl Drawing {
             }
             if ![TITLE, NAME, SMALL].iter().any(|size| (size - line.size).abs() < 0.26) {
                 faults.push(fault(FaultKind::Font, format!("“{text}” in {} px", line.size)));
+            }
+            let absent: Vec<String> = without_glyph(text, line.bold).iter().map(char::to_string).collect();
+            if !absent.is_empty() {
+                faults.push(fault(FaultKind::Glyph, format!("{} in “{text}”", absent.join(", "))));
             }
         }
         for item in self.items.iter().filter(|item| !matches!(item.shape, Shape::Text(_))) {
