@@ -126,7 +126,8 @@
     const scored = ascending.filter(({ trial }) => numbers(trial.scores[by.id]));
     const middle = scored.length ? goodness(scored[Math.floor(scored.length / 2)].trial) : 0;
     const keys = {
-      worst: ({ trial }) => goodness(trial),
+      // A trial that failed is the worst; one without a score for another reason, as of renders identical to the truth, is not.
+      worst: ({ trial }) => trial.status === 'failed' && !numbers(trial.scores[by.id]) ? -Infinity : goodness(trial),
       best: ({ trial }) => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
       typical: ({ trial }) => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
       difference: ({ difference }) => difference ?? Infinity,

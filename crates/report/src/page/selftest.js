@@ -107,6 +107,12 @@
     const link = document.querySelector('[data-protocol="re10k-overlap"]');
     link.click();
     check('protocol', at('run').selectedOptions[0].textContent.startsWith('re10k-overlap'));
+    choose('run', 1);
+    const marks = all('#list tr').map(tr => tr.lastElementChild.textContent);
+    check('failed-first', marks[0] === 'failed' && marks.filter(mark => mark === 'failed').length === 1 && at('order').value === 'worst');
+    choose('order', 'best');
+    check('failed-last', all('#list tr').pop().lastElementChild.textContent === 'failed');
+    choose('order', 'worst');
     choose('run', 0);
     const frames = all('.frames button');
     frames[frames.length - 1].click();
