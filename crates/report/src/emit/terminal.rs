@@ -47,8 +47,9 @@ impl Terminal {
         for line in wrapped(&clean(&table.caption), self.width) {
             text.push_str(&format!("{line}\n"));
         }
-        for part in self.parts(table) {
-            text.push_str(&self.part(table, &part));
+        let headers = self.row_headers(table);
+        for part in self.parts(table, &headers) {
+            text.push_str(&self.part(table, &headers, &part));
         }
         if !self.styled
             && table.rows.iter().flat_map(|row| row.cells.iter().flatten()).any(|cell| cell.mark != Mark::Plain)
@@ -68,32 +69,48 @@ impl Terminal {
         if self.styled { format!("{style}{text}{PLAIN}") } else { text.to_owned() }
     }
 
-    /// Splits the columns into parts that fit the width.
-    fn parts(&self, table: &Table) -> Vec<Part> {
+    /// Labels and origin of each row, in lines that leave room for the widest column.
+    fn row_headers(&self, table: &Table) -> Vec<Header> {
+        const LONGEST: usize = 26;
+        const SHORTEST: usize = 8;
+        let widest = table.columns().map(|(index, _)| self.width_of(table, &[index])).max().unwrap_or(0);
+        let fits = |headers: &Vec<Header>| width_of_headers(headers) + widest <= self.width;
+        let mut shorter = (SHORTEST..=LONGEST).rev().map(|longest| row_headers(table, longest));
+        shorter.find(fits).unwrap_or_else(|| row_headers(table, SHORTEST))
+    }
+
+    /// Splits the columns into parts that fit the width after these headers of rows.
+    fn parts(&self, table: &Table, headers: &[Header]) -> Vec<Part> {
         let columns: Vec<CellIndex> = table.columns().map(|(index, _)| index).collect();
-        let width = |index: &CellIndex| self.part_of(table, &[*index]).widths()[0] + 3;
-        let lead = widths(&row_headers(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
+        let lead = width_of_headers(headers);
+        let fits = |columns: &[CellIndex]| lead + self.width_of(table, columns) <= self.width;
         let mut parts: Vec<Vec<CellIndex>> = Vec::new();
         let mut part: Vec<CellIndex> = Vec::new();
-        let mut used = lead;
         for group in columns.chunk_by(|a, b| a.group == b.group) {
-            let together: usize = group.iter().map(width).sum();
-            // A heading wider than its columns widens the last of them.
-            let heading = group.first().map_or(0, |index| table.groups[index.group].title.width() + 3);
-            let excess = heading.saturating_sub(together);
-            for (at, index) in group.iter().enumerate() {
-                let column = width(index);
-                let needed = if at == 0 { together + excess } else { column };
-                if used + needed > self.width && !part.is_empty() {
+            if !part.is_empty() && !fits(&[&part[..], group].concat()) {
+                parts.push(std::mem::take(&mut part));
+            }
+            for index in group {
+                if !part.is_empty() && !fits(&[&part[..], &[*index][..]].concat()) {
                     parts.push(std::mem::take(&mut part));
-                    used = lead;
                 }
-                used += if at == 0 { column + excess } else { column };
                 part.push(*index);
             }
         }
         parts.push(part);
         parts.iter().map(|columns| self.part_of(table, columns)).collect()
+    }
+
+    /// The characters of columns with the borders after them; a group's heading may be wider than its columns.
+    fn width_of(&self, table: &Table, columns: &[CellIndex]) -> usize {
+        let part = self.part_of(table, columns);
+        let widths = part.widths();
+        let mut widths = widths.iter();
+        let of_group = |(title, count): &(String, usize)| {
+            let together: usize = widths.by_ref().take(*count).map(|width| width + 3).sum();
+            together.max(title.width() + 3)
+        };
+        part.groups.iter().map(of_group).sum()
     }
 
     fn part_of(&self, table: &Table, columns: &[CellIndex]) -> Part {
@@ -115,9 +132,8 @@ impl Terminal {
         }
     }
 
-    fn part(&self, table: &Table, part: &Part) -> String {
-        let headers = row_headers(table);
-        let lead_widths = widths(&headers);
+    fn part(&self, table: &Table, headers: &[Header], part: &Part) -> String {
+        let lead_widths = widths(headers);
         let mut column_widths = part.widths();
         // A group's heading may be wider than its columns.
         let mut at = 0;
@@ -180,13 +196,15 @@ impl Terminal {
     }
 }
 
-/// Labels and origin of each row, after their headings; each as its lines.
-fn row_headers(table: &Table) -> Vec<Vec<Vec<String>>> {
-    const LONGEST: usize = 26;
+/// Labels and origin of a row, each as its lines.
+type Header = Vec<Vec<String>>;
+
+/// The headers of all rows, after their headings, with lines of at most so many characters.
+fn row_headers(table: &Table, longest: usize) -> Vec<Header> {
     let measured = table.is_measured();
     let origin = |text: &str| measured.then(|| text.to_owned());
     let lines = |text: String| -> Vec<String> {
-        wrapped(&clean(&text), LONGEST).iter().map(|line| cut(line, LONGEST)).collect()
+        wrapped(&clean(&text), longest).iter().map(|line| cut(line, longest)).collect()
     };
     let heads = table.labels.iter().cloned().chain(origin("measured on")).map(|head| vec![clean(&head)]).collect();
     let row = |row: &Row| {
@@ -196,7 +214,12 @@ fn row_headers(table: &Table) -> Vec<Vec<Vec<String>>> {
     std::iter::once(heads).chain(table.rows.iter().map(row)).collect()
 }
 
-fn widths(rows: &[Vec<Vec<String>>]) -> Vec<usize> {
+/// The characters of the headers of a row with all borders around them.
+fn width_of_headers(headers: &[Header]) -> usize {
+    widths(headers).iter().map(|width| width + 3).sum::<usize>() + 1
+}
+
+fn widths(rows: &[Header]) -> Vec<usize> {
     let columns = rows.first().map_or(0, Vec::len);
     let lines = |at: usize| rows.iter().filter_map(move |row| row.get(at)).flatten();
     let width = |at: usize| lines(at).map(|text| text.width()).max().unwrap_or(0);

@@ -1,6 +1,6 @@
 //! Snapshots of every format, and tests of escaping.
 
-use atsplat_results::{Results, StatedCost, StatedSeconds};
+use atsplat_results::{MethodRecord, Results, StatedCost, StatedSeconds};
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -53,9 +53,17 @@ fn columns_of_csv_have_different_names_whatever_the_bins_are_called() {
 #[test]
 fn no_line_is_wider_than_its_terminal() {
     use unicode_width::UnicodeWidthStr as _;
-    for name in TableDefinition::names() {
+    let published = TableDefinition::names().map(|name| (name.to_owned(), published(name)));
+    // Eight scenes have intervals, which no table of a paper has.
+    let long = MethodRecord { title: UNBROKEN.to_owned(), ..floor() };
+    let presets = ["re10k-2v-256", "re10k-overlap"].map(preset).to_vec();
+    let results = results_over(presets, vec![atsplat("atsplat", |_| ()), long], 8);
+    let measured = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap();
+    assert!(measured.iter().flat_map(|table| table.columns()).any(|(_, column)| column.intervals));
+    let measured = measured.into_iter().map(|table| (table.name.clone(), table));
+    for (name, table) in published.chain(measured) {
         for width in [60, 80, 120, 200] {
-            let text = Terminal { width, styled: false }.write(&published(name));
+            let text = Terminal { width, styled: false }.write(&table);
             for line in text.lines().filter(|line| line.starts_with(['│', '┌', '├', '└'])) {
                 assert!(line.width() <= width, "{name} at {width}: {line}");
             }
