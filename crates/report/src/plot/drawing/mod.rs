@@ -10,6 +10,7 @@ pub(super) mod render;
 pub(super) mod scale;
 pub(super) mod series;
 pub(super) mod shape;
+mod sight;
 pub(crate) mod svg;
 #[cfg(test)]
 pub(super) mod svg_reader;

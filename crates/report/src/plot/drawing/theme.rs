@@ -1,5 +1,7 @@
 use plotters::style::RGBColor;
 
+use super::sight::distance;
+
 /// Okabe and Ito's palette without black and yellow, and four more colours chosen so that all ten differ for readers with
 /// normal vision, protanopia, deuteranopia and tritanopia, and from the page in its light and dark theme.
 pub const COLOURS: [RGBColor; 10] = [
@@ -9,11 +11,42 @@ pub const COLOURS: [RGBColor; 10] = [
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    // The dark theme has a lighter one in its place.
     RGBColor(128, 0, 240),
     RGBColor(208, 208, 128),
-    RGBColor(128, 48, 16),
-    RGBColor(112, 48, 96),
+    RGBColor(88, 112, 48),
+    RGBColor(160, 72, 128),
 ];
+
+/// The colours of further series: ten that differ almost as much from all before, and ten that can just be told apart.
+const FURTHER: [RGBColor; 20] = [
+    RGBColor(208, 16, 40),
+    RGBColor(152, 48, 208),
+    RGBColor(208, 8, 176),
+    RGBColor(184, 112, 240),
+    RGBColor(104, 160, 88),
+    RGBColor(160, 168, 72),
+    RGBColor(176, 208, 160),
+    RGBColor(152, 224, 208),
+    RGBColor(240, 208, 88),
+    RGBColor(104, 224, 255),
+    RGBColor(200, 64, 255),
+    RGBColor(32, 120, 80),
+    RGBColor(216, 32, 96),
+    RGBColor(80, 144, 208),
+    RGBColor(248, 72, 208),
+    RGBColor(232, 120, 128),
+    RGBColor(112, 184, 160),
+    RGBColor(208, 168, 120),
+    RGBColor(72, 216, 56),
+    RGBColor(200, 176, 216),
+];
+
+/// Series with their own colour; those after them repeat these.
+const SERIES: usize = COLOURS.len() + FURTHER.len();
+
+/// The distance below which readers cannot tell two colours apart on small marks.
+const ALIKE: f64 = 10.0;
 
 /// Neutral data: published values, values outside every bin.
 pub const GREY: RGBColor = RGBColor(118, 118, 118);
@@ -33,19 +66,22 @@ pub(crate) const TITLE: f64 = 17.0;
 pub(crate) const NAME: f64 = 13.0;
 pub(crate) const SMALL: f64 = 12.0;
 
-/// The colour of a series. After ten colours come darker shades of them, and after these lighter ones, so that thirty series
-/// have different colours.
+/// The colour of a series.
 pub fn colour(series: usize) -> RGBColor {
-    let RGBColor(r, g, b) = COLOURS[series % COLOURS.len()];
-    let towards = |end: u16| {
-        let mixed = |level: u8| u8::try_from((u16::from(level) * 6 + end * 4) / 10).unwrap_or(u8::MAX);
-        RGBColor(mixed(r), mixed(g), mixed(b))
-    };
-    match series / COLOURS.len() % 3 {
-        0 => RGBColor(r, g, b),
-        1 => towards(0),
-        _ => towards(255),
+    match series % SERIES {
+        at if at < COLOURS.len() => COLOURS[at],
+        at => FURTHER[at - COLOURS.len()],
     }
+}
+
+/// Whether some readers cannot tell two colours apart.
+pub(super) fn look_alike(a: RGBColor, b: RGBColor) -> bool {
+    distance(a, b) < ALIKE
+}
+
+/// Whether it is the colour of a series or of neutral data.
+pub(super) fn in_palette(wanted: RGBColor) -> bool {
+    wanted == GREY || COLOURS.contains(&wanted) || FURTHER.contains(&wanted)
 }
 
 /// Text that is readable on a colour.
@@ -57,64 +93,43 @@ pub(crate) fn text_on(colour: RGBColor) -> RGBColor {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_numeric::Extremes as _;
-
+    use super::super::sight::contrast;
     use super::*;
 
-    /// What a reader without the cones for long, medium or short waves sees of linear light (Machado et al. 2009,
-    /// severity 1), and normal vision.
-    const SIGHT: [[[f64; 3]; 3]; 4] = [
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        [[0.152_286, 1.052_583, -0.204_868], [0.114_503, 0.786_281, 0.099_216], [-0.003_882, -0.048_116, 1.051_998]],
-        [[0.367_322, 0.860_646, -0.227_968], [0.280_085, 0.672_501, 0.047_413], [-0.011_820, 0.042_940, 0.968_881]],
-        [[1.255_528, -0.076_749, -0.178_779], [-0.078_411, 0.930_809, 0.147_602], [0.004_733, 0.691_367, 0.303_900]],
-    ];
-    const XYZ: [[f64; 3]; 3] =
-        [[0.412_456, 0.357_576, 0.180_438], [0.212_673, 0.715_152, 0.072_175], [0.019_334, 0.119_192, 0.950_304]];
+    /// What the page's dark theme puts in place of the palette's violet, and below plots.
+    const DARK_VIOLET: RGBColor = RGBColor(112, 64, 248);
+    const DARK_SURFACE: RGBColor = RGBColor(23, 27, 33);
 
-    fn times(matrix: [[f64; 3]; 3], vector: [f64; 3]) -> [f64; 3] {
-        matrix.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum())
-    }
-
-    /// CIE L*a*b* of a colour as a reader sees it.
-    fn lab(RGBColor(r, g, b): RGBColor, sight: [[f64; 3]; 3]) -> [f64; 3] {
-        let linear = [r, g, b].map(|value| {
-            let value = f64::from(value) / 255.0;
-            if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-        });
-        let white = times(XYZ, [1.0; 3]);
-        let seen = times(XYZ, times(sight, linear).map(|value| value.clamp(0.0, 1.0)));
-        let root = |at: usize| {
-            let share = seen[at] / white[at];
-            if share > 0.008_856 { share.cbrt() } else { 7.787 * share + 16.0 / 116.0 }
-        };
-        [116.0 * root(1) - 16.0, 500.0 * (root(0) - root(1)), 200.0 * (root(1) - root(2))]
-    }
-
-    /// The least distance of two colours in the eyes of all readers.
-    fn distance(a: RGBColor, b: RGBColor) -> f64 {
-        let seen_with = |sight| {
-            let pairs = lab(a, sight).into_iter().zip(lab(b, sight));
-            pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
-        };
-        SIGHT.into_iter().map(seen_with).fold(f64::INFINITY, f64::minimum_of)
+    fn in_dark_theme(colour: RGBColor) -> RGBColor {
+        if colour == COLOURS[6] { DARK_VIOLET } else { colour }
     }
 
     #[test]
     fn colour_blind_readers_can_tell_the_colours_apart() {
-        assert!(distance(RGBColor(200, 80, 60), RGBColor(110, 120, 60)) < 16.0, "red and green look the same to some");
-        for (at, one) in COLOURS.iter().enumerate() {
-            assert!(distance(*one, GREY) > 10.0, "{one:?} and grey: {}", distance(*one, GREY));
-            for other in &COLOURS[at + 1..] {
-                assert!(distance(*one, *other) > 16.0, "{one:?} and {other:?}: {}", distance(*one, *other));
+        let themes: [fn(RGBColor) -> RGBColor; 2] = [|colour| colour, in_dark_theme];
+        for theme in themes {
+            for at in 0..SERIES {
+                let one = theme(colour(at));
+                assert!(!look_alike(one, GREY), "{one:?} and grey: {}", distance(one, GREY));
+                for before in 0..at {
+                    let (other, least) = (theme(colour(before)), [16.0, 15.0, ALIKE][at / 10]);
+                    let found = distance(one, other);
+                    assert!(found > least, "series {before} and {at}, {other:?} and {one:?}: {found}");
+                }
             }
         }
+        assert_eq!(colour(SERIES), colour(0));
     }
 
     #[test]
-    fn thirty_series_have_different_colours() {
-        for at in 0..30 {
-            assert!((0..at).all(|other| colour(other) != colour(at)), "series {at}");
+    fn every_series_is_visible_in_both_themes() {
+        let style = include_str!("../../page/style.css");
+        assert_eq!(style.matches("--plot-violet: #7040f8").count(), 2, "in both rules of the dark theme");
+        assert_eq!(style.matches("--plot-surface: #171b21").count(), 2);
+        assert!(style.contains("svg [fill=\"#8000F0\"] { fill: var(--plot-violet); }"));
+        for at in 0..SERIES {
+            let (light, dark) = (contrast(colour(at), SURFACE), contrast(in_dark_theme(colour(at)), DARK_SURFACE));
+            assert!(light > 1.3 && dark > 3.0, "series {at}: {light} and {dark}");
         }
     }
 }

@@ -40,7 +40,7 @@ pub enum FaultKind {
     Font,
     /// A text with characters that the font of bitmaps lacks.
     Glyph,
-    /// Two series of one colour, a legend of another colour than its series, or a colour outside the palette.
+    /// Two series whose colours look alike, a legend of another colour than its series, or a colour outside the palette.
     Colour,
     /// A series without an entry in the legend.
     Unexplained,

@@ -4,13 +4,13 @@ use atsplat_numeric::Extremes as _;
 use plotters::style::RGBColor;
 
 use super::super::shape::{Drawing, Item, Role, Shape};
-use super::super::theme::{COLOURS, GREY, colour};
+use super::super::theme::{in_palette, look_alike};
 use super::{FaultKind, PlotFault, fault};
 
 /// Distances in pixels below which two places are the same.
 const SAME: f64 = 0.75;
 
-/// Series that share a colour, use one outside the palette, are missing from the legend, or have bands where they have no
+/// Series whose colours look alike, use one outside the palette, are missing from the legend, or have bands where they have no
 /// points.
 pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     let mut faults = Vec::new();
@@ -23,15 +23,18 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
             _ => {}
         }
     }
-    let mut owners: BTreeMap<[u8; 3], &str> = BTreeMap::new();
+    let mut owners: Vec<(RGBColor, &str)> = Vec::new();
     for (name, items) in &data {
         let mut colours: Vec<RGBColor> = items.iter().filter_map(|item| colour_of(item)).collect();
         colours.sort_by_key(|colour| rgb(*colour));
         colours.dedup();
         for colour in &colours {
-            if let Some(other) = owners.insert(rgb(*colour), name) {
-                faults.push(fault(FaultKind::Colour, format!("“{other}” and “{name}” are both {colour:?}")));
+            let alike = owners.iter().find(|(known, other)| other != name && look_alike(*known, *colour));
+            if let Some((known, other)) = alike {
+                let what = format!("“{other}” and “{name}” look alike: {known:?} and {colour:?}");
+                faults.push(fault(FaultKind::Colour, what));
             }
+            owners.push((*colour, *name));
             if !in_palette(*colour) {
                 faults.push(fault(FaultKind::Colour, format!("“{name}” is {colour:?}, which is not in the palette")));
             }
@@ -113,10 +116,6 @@ fn colour_of(item: &Item) -> Option<RGBColor> {
         Shape::Disc { fill, .. } | Shape::Area { fill, .. } => Some(fill.colour),
         Shape::Text(_) | Shape::Image { .. } => None,
     }
-}
-
-fn in_palette(wanted: RGBColor) -> bool {
-    wanted == GREY || (0..3 * COLOURS.len()).any(|at| colour(at) == wanted)
 }
 
 fn rgb(RGBColor(r, g, b): RGBColor) -> [u8; 3] {

@@ -112,23 +112,27 @@ fn a_font_of_its_own_is_found() {
 
 #[test]
 fn wrong_colours_are_found() {
-    let recoloured = |name: &'static str, role: fn(&Role, &str) -> bool, colour| {
-        kinds(move |plot| {
-            for item in plot.items.iter_mut().filter(|item| role(&item.role, name)) {
-                match &mut item.shape {
-                    Shape::Line { stroke, .. } => stroke.colour = colour,
-                    Shape::Disc { fill, .. } => fill.colour = colour,
-                    _ => {}
-                }
+    let recolour = |plot: &mut Drawing, name: &'static str, role: fn(&Role, &str) -> bool, colour| {
+        for item in plot.items.iter_mut().filter(|item| role(&item.role, name)) {
+            match &mut item.shape {
+                Shape::Line { stroke, .. } => stroke.colour = colour,
+                Shape::Disc { fill, .. } => fill.colour = colour,
+                _ => {}
             }
-        })
+        }
     };
+    let recoloured =
+        |name: &'static str, role: fn(&Role, &str) -> bool, colour| kinds(|plot| recolour(plot, name, role, colour));
     let data = |role: &Role, name: &str| matches!(role, Role::Data(series) if &**series == name);
     let key = |role: &Role, name: &str| matches!(role, Role::Key(series) if &**series == name);
     let all = |role: &Role, name: &str| matches!(role, Role::Data(series) | Role::Key(series) if &**series == name);
     assert_eq!(recoloured("two", all, COLOURS[0]), [FaultKind::Colour], "two series of one colour");
     assert_eq!(recoloured("two", key, COLOURS[4]), [FaultKind::Colour], "a legend of another colour");
     assert_eq!(recoloured("two", data, COLOURS[4]), [FaultKind::Colour], "a series of another colour");
+    let mut alike = good();
+    recolour(&mut alike, "two", all, plotters::style::RGBColor(0, 114, 186));
+    let faults = alike.faults();
+    assert!(faults.iter().any(|fault| fault.what.contains("“one” and “two” look alike")), "{faults:?}");
     let red = plotters::style::RGBColor(255, 0, 0);
     assert_eq!(recoloured("two", all, red), [FaultKind::Colour], "a colour outside the palette");
     assert_eq!(recoloured("two", all, COLOURS[4]), [], "any other colour");
