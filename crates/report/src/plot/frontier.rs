@@ -70,6 +70,12 @@ pub struct FrontierPoint {
 }
 
 impl FrontierPoint {
+    /// Its label, with a mark if it is not distinguishable from the frontier.
+    fn name(&self) -> String {
+        let undecided = if self.standing == Some(Standing::NotDistinguishable) { " ?" } else { "" };
+        format!("{}{undecided}", self.label)
+    }
+
     /// The spread, if a logarithmic axis has a place for it.
     fn drawn_spread(&self) -> Option<[f64; 2]> {
         self.spread.filter(|ends| ends.iter().all(|end| *end > 0.0))
@@ -197,8 +203,7 @@ impl Frontiers {
         }
         let mut without_room = Vec::new();
         for point in points {
-            let undecided = if point.standing == Some(Standing::NotDistinguishable) { " ?" } else { "" };
-            let text = TextLine::new(format!("{}{undecided}", point.label), [0.0, 0.0]).within(190.0);
+            let text = TextLine::new(point.name(), [0.0, 0.0]).within(190.0);
             let bold = point.highlighted || point.standing == Some(Standing::Frontier);
             let text = if bold { text.bold() } else { text };
             let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
@@ -209,20 +214,24 @@ impl Frontiers {
         for point in without_room {
             let number = crowded.len() + 1;
             let text = TextLine::new(number.to_string(), [0.0, 0.0]).small();
-            let has_number = labels.place_if_free(drawing, &text, place(point.cost, point.quality.value));
+            let has_number =
+                labels.place_apart_if_free(drawing, &text, place(point.cost, point.quality.value), BETWEEN_NUMBERS);
             let words = self.in_words(point, cost);
             crowded.push(if has_number { format!("{number} {words}") } else { words });
         }
         bottom
     }
 
-    /// `ATSplat (22.30, 0.26 s)`.
+    /// `ATSplat (22.30, 0.26 s, on the frontier)`.
     fn in_words(&self, point: &FrontierPoint, cost: CostAxis) -> String {
         let cost = match cost {
             CostAxis::Seconds => seconds_label(point.cost),
             CostAxis::Gaussians => count_label(point.cost),
         };
-        format!("{} ({}, {cost})", point.label, self.quality.print(point.quality.value))
+        let verdicts =
+            [(point.standing == Some(Standing::Frontier), ", on the frontier"), (point.highlighted, ", at the knee")];
+        let verdicts: String = verdicts.into_iter().filter_map(|(holds, text)| holds.then_some(text)).collect();
+        format!("{} ({}, {cost}{verdicts})", point.name(), self.quality.print(point.quality.value))
     }
 
     /// The points of the frontier, cheapest first: those that were tested, or the ranked ones that no other ranked point
@@ -248,6 +257,8 @@ impl Frontiers {
     }
 }
 
+/// Pixels beside the number of a point whose name has no room.
+const BETWEEN_NUMBERS: f64 = 4.0;
 const KNEE: &str = "knee: more cost buys less quality from here on";
 
 fn shown(points: &[FrontierPoint]) -> Vec<&FrontierPoint> {
@@ -333,6 +344,24 @@ mod tests {
         let key = texts.iter().find_map(|text| text.strip_prefix("No room for names at points: ")).unwrap();
         let numbered: Vec<&str> = key.split("; ").collect();
         assert!(numbered[0].starts_with("1 setting ") && texts.contains(&"1"), "{key}");
+    }
+
+    #[test]
+    fn a_point_without_room_for_its_name_keeps_its_verdict() {
+        let frontier = Frontiers {
+            title: String::new(),
+            subtitle: String::new(),
+            quality: QualityMetric::from(definition("psnr").unwrap()),
+            panels: Vec::new(),
+            note: String::new(),
+        };
+        let said = |standing, highlighted| {
+            let point = FrontierPoint { standing, highlighted, ..point("warp", 0.26, 22.3) };
+            frontier.in_words(&point, CostAxis::Seconds)
+        };
+        assert_eq!(said(None, false), "warp (22.30, 260 ms)");
+        assert_eq!(said(Some(Standing::Frontier), true), "warp (22.30, 260 ms, on the frontier, at the knee)");
+        assert_eq!(said(Some(Standing::NotDistinguishable), false), "warp ? (22.30, 260 ms)");
     }
 
     #[test]

@@ -58,13 +58,24 @@ impl Labels {
     /// Draws a label as near to its mark as there is room; its position and side are replaced. A far label is connected to
     /// its mark by a line, which keeps off other labels too.
     pub(in crate::plot) fn place(&mut self, drawing: &mut Drawing, text: &TextLine, mark: [f64; 2]) {
-        let (_, placed) = self.best(text, mark);
+        let (_, placed) = self.best(text, mark, 0.0);
         self.draw(drawing, placed, mark);
     }
 
     /// Like [`Self::place`], unless the label would cover something; returns whether it is drawn.
     pub(in crate::plot) fn place_if_free(&mut self, drawing: &mut Drawing, text: &TextLine, mark: [f64; 2]) -> bool {
-        let (covered, placed) = self.best(text, mark);
+        self.place_apart_if_free(drawing, text, mark, 0.0)
+    }
+
+    /// The same with at least this distance from what is to its left and right: two numbers side by side would read as one.
+    pub(in crate::plot) fn place_apart_if_free(
+        &mut self,
+        drawing: &mut Drawing,
+        text: &TextLine,
+        mark: [f64; 2],
+        apart: f64,
+    ) -> bool {
+        let (covered, placed) = self.best(text, mark, apart);
         let is_free = covered < FREE;
         if is_free {
             self.draw(drawing, placed, mark);
@@ -72,14 +83,16 @@ impl Labels {
         is_free
     }
 
-    /// The nearest place where a label covers least: how much it covers there, its distance, and the label.
-    fn best(&self, text: &TextLine, mark: [f64; 2]) -> (f64, (f64, TextLine)) {
+    /// The nearest place where a label, made wider by `apart` on both sides, covers least: how much it covers there, its distance, and
+    /// the label.
+    fn best(&self, text: &TextLine, mark: [f64; 2], apart: f64) -> (f64, (f64, TextLine)) {
         let half = text.height() / 2.0;
         let candidates = GAPS.iter().flat_map(|gap| around(mark, *gap, half).map(|(at, side)| (*gap, at, side)));
         let placed = candidates.map(|(gap, at, side)| {
             let text = TextLine { at, side, ..text.clone() };
             let extent = text.extent();
-            let covered: f64 = self.taken.iter().chain(&self.lines).map(|other| extent.shared(*other)).sum();
+            let wide = Extent { left: extent.left - apart, right: extent.right + apart, ..extent };
+            let covered: f64 = self.taken.iter().chain(&self.lines).map(|other| wide.shared(*other)).sum();
             let line = connection(mark, extent);
             let is_connected = gap > NEAR;
             let crossed = if is_connected { self.crossed(line) } else { 0.0 };
@@ -186,7 +199,30 @@ pub(in crate::plot) fn names_above(drawing: &mut Drawing, y: f64, parts: &[(Stri
 
 #[cfg(test)]
 mod tests {
+    use super::super::shape::Shape;
     use super::*;
+
+    /// The first number is to the right of its mark, and the second mark is there.
+    #[test]
+    fn numbers_side_by_side_keep_apart() {
+        let between = |apart| {
+            let mut drawing = Drawing::new(200, 40);
+            let mut labels = Labels::new(Extent::new(0.0, 0.0, 200.0, 40.0));
+            let [first, second] = ["3", "1"].map(|text| TextLine::new(text, [0.0, 0.0]).small());
+            let end = 61.0 + first.extent().width();
+            for (text, mark) in [(first, [50.0, 20.0]), (second, [end - 10.0, 20.0])] {
+                assert!(labels.place_apart_if_free(&mut drawing, &text, mark, apart));
+            }
+            let texts = drawing.items.iter().filter_map(|item| match &item.shape {
+                Shape::Text(text) => Some(text.extent()),
+                _ => None,
+            });
+            let texts: Vec<Extent> = texts.collect();
+            (texts[1].left - texts[0].right).maximum_of(texts[0].left - texts[1].right)
+        };
+        let [touching, apart] = [0.0, 4.0].map(between);
+        assert!(touching < 4.0 && apart >= 4.0, "{touching} and {apart}");
+    }
 
     #[test]
     fn labels_of_the_same_mark_do_not_overlap() {
