@@ -167,10 +167,10 @@ pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
             note(format!("timed on {some} of the {of} trials that have times: times of different trials are compared"));
         }
         if *states_gaussians {
-            note("its number of Gaussians was stated, not counted".to_owned());
+            note("Gaussians stated, not counted".to_owned());
         }
         if *lacks_rendering {
-            note("its time is that of its Gaussians alone, because none was stated for rendering".to_owned());
+            note("time of the Gaussians alone, because none was stated for rendering".to_owned());
         }
         if optimised_on.len() > 1 {
             let machines: Vec<&str> = optimised_on.iter().copied().collect();

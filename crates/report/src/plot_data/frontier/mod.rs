@@ -4,6 +4,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
+use atsplat_numeric::grouped;
 use atsplat_results::PresetRecord;
 use atsplat_results::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, summary};
 use atsplat_results::times::{Times, times};
@@ -163,10 +164,9 @@ fn note(tradeoff: &Tradeoff, title: &dyn Fn(&str) -> String) -> Vec<String> {
         targets: [counts.targets, *of_targets],
     };
     parts.extend(fewer_targets(&incomplete.iter().map(fewer).collect::<Vec<_>>()));
-    parts.extend(notes.iter().map(|Note { label, text }| match label {
-        Some(label) => format!("{}: {text}.", title(label)),
-        None => format!("{text}."),
-    }));
+    let of_settings = notes.iter().filter_map(|Note { label, text }| Some((text, title(label.as_ref()?))));
+    parts.extend(grouped(of_settings).into_iter().map(|(text, titles)| format!("{}: {text}.", titles.join(", "))));
+    parts.extend(notes.iter().filter(|note| note.label.is_none()).map(|Note { text, .. }| format!("{text}.")));
     for frontier in frontiers {
         let left_out = frontier.left_out.iter().map(|(label, why)| (why.clone(), title(label)));
         parts.extend(without_point(name(frontier.axis), left_out));

@@ -73,13 +73,12 @@ impl Notes {
         }
     }
 
-    /// Whether its number of Gaussians was stated: nobody could count them in images.
-    pub(super) fn stated(&mut self, row: &Row) {
-        if row.cells.iter().flatten().any(Cell::is_stated_count) {
-            self.add(
-                NoteKind::Stated,
-                format!("{}: its number of Gaussians was stated, not counted", row.printed_name()),
-            );
+    /// The rows whose number of Gaussians was stated: nobody could count them in images.
+    pub(super) fn stated(&mut self, table: &Table) {
+        let is_stated = |row: &&Row| row.cells.iter().flatten().any(Cell::is_stated_count);
+        let stated: Vec<String> = table.rows.iter().filter(is_stated).map(Row::printed_name).collect();
+        if !stated.is_empty() {
+            self.add(NoteKind::Stated, format!("{}: Gaussians stated, not counted", stated.join("; ")));
         }
     }
 

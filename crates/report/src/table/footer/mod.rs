@@ -58,9 +58,9 @@ impl Notes {
         self.protocols(table, results);
         self.metrics(table, definition, results);
         self.times(table);
+        self.stated(table);
         for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
             self.counts(table, row);
-            self.stated(row);
             self.suspicious(row, results);
             self.resized(row, results);
             self.intervals(table, row);

@@ -1,5 +1,7 @@
 //! Machines and devices of times, their spread and their marks.
 
+use atsplat_numeric::{distinct, grouped};
+
 use super::Notes;
 use crate::counted;
 use crate::table::content::was_busy;
@@ -8,23 +10,26 @@ use crate::table::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
 impl Notes {
     /// Machines, what the marks of times mean, devices, then each time with its spread, and why some are unreliable.
     pub(super) fn times(&mut self, table: &Table) {
-        for row in &table.rows {
-            for CellTiming { machine, .. } in timings(row) {
-                let text = if machine.is_stated() {
-                    format!("Time of {}: {machine}", row.printed_name())
-                } else {
-                    format!("Time: {machine}; separate timing pass, nothing else running in the process")
-                };
-                self.add(NoteKind::Machine, text);
-            }
+        let machines =
+            table.rows.iter().flat_map(|row| timings(row).map(move |timing| (&timing.machine, row.printed_name())));
+        for (machine, names) in grouped(machines) {
+            let text = if machine.is_stated() {
+                format!("Time of {}: {machine}", distinct(names).join("; "))
+            } else {
+                format!("Time: {machine}; separate timing pass, nothing else running in the process")
+            };
+            self.add(NoteKind::Machine, text);
         }
         for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
             self.add(NoteKind::TimeScope, scope.explained());
         }
-        for row in &table.rows {
-            for device in timings(row).filter_map(|timing| timing.device.as_ref()) {
-                self.add(NoteKind::Machine, format!("Time of {}: {device}", row.printed_name()));
-            }
+        let devices = |row: &Row| {
+            let devices = distinct(timings(row).filter_map(|timing| timing.device.clone()));
+            devices.into_iter().map(|device| (device, row.printed_name())).collect::<Vec<_>>()
+        };
+        let devices = table.rows.iter().flat_map(devices);
+        for (device, names) in grouped(devices) {
+            self.add(NoteKind::Machine, format!("Time of {}: {device}", distinct(names).join("; ")));
         }
         for row in &table.rows {
             for timing in timings(row).filter(|timing| !timing.machine.is_stated()) {
