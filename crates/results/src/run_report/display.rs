@@ -132,7 +132,7 @@ fn times_text(times: &Times, is_process: bool) -> String {
         ("rendering", times.render, ""),
     ];
     let text =
-        |(what, spread, note): (&str, Option<Spread>, &str)| Some(format!("{what} {}{note}", milliseconds(&spread?)));
+        |(what, spread, note): (&str, Option<Spread>, &str)| Some(format!("{what} {}{note}", spread_text(&spread?)));
     let parts: Vec<String> = parts.into_iter().filter_map(text).collect();
     let memory = times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
     let device = times.device.as_ref().map_or_else(String::new, |device| format!(", {device}"));
@@ -140,9 +140,14 @@ fn times_text(times: &Times, is_process: bool) -> String {
     format!("{}, {repetitions} × {trials} trials{memory}{device}{busy}", parts.join(", "))
 }
 
-/// A median and its median absolute deviation.
-fn milliseconds(spread: &Spread) -> String {
-    format!("{:.2} ms ± {:.2}", 1e3 * spread.median, 1e3 * spread.mad)
+/// A median and its median absolute deviation, in the median's unit.
+fn spread_text(Spread { median, mad, .. }: &Spread) -> String {
+    let (unit, in_second) = match *median {
+        secs if secs >= 1.0 => ("s", 1.0),
+        secs if secs >= 1e-3 => ("ms", 1e3),
+        _ => ("µs", 1e6),
+    };
+    format!("{:.2} {unit} ± {:.2}", in_second * median, in_second * mad)
 }
 
 fn summary_text(summary: &RunCounts) -> String {
@@ -197,6 +202,16 @@ mod tests {
         assert!(text(&store, false).starts_with(own), "{}", text(&store, false));
         store.timings[0].stages.clear();
         assert!(text(&store, true).starts_with("whole answer 250.00 ms ± 0.00, rendering "), "{}", text(&store, true));
+    }
+
+    #[test]
+    fn short_and_long_times_have_their_unit() {
+        let text = |median, mad| {
+            spread_text(&Spread { median, mad, quartiles: [median - mad, median + mad], samples: 3, error: 0.0 })
+        };
+        assert_eq!(text(17.7e-6, 0.5e-6), "17.70 µs ± 0.50");
+        assert_eq!(text(0.001, 0.0), "1.00 ms ± 0.00");
+        assert_eq!(text(2.5, 0.25), "2.50 s ± 0.25");
     }
 
     #[test]
