@@ -121,8 +121,8 @@ pub(crate) const TITLE: &str = "Measured results next to the paper's";
 /// The HTML page of a report.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct PageArgs {
-    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
-    /// worst, typical and best first.
+    /// Size of the page in megabytes; what tables, plots and the list of trials leave of it is filled with images of trials, the
+    /// worst, typical and best first. If they alone take more, a warning says so, and images take an eighth of this size.
     #[arg(long = "page-size", value_name = "MB", default_value_t = PAGE_MEGABYTES)]
     megabytes: u16,
 }
@@ -132,12 +132,14 @@ impl PageArgs {
         usize::from(self.megabytes) * 1_000_000
     }
 
-    /// Warns of a page that is larger than allowed even without images.
+    /// Warns of a page that is larger than requested: without images, it would be too.
     pub(crate) fn warn_of_size(self, report: &Report) {
         let found = report.page_bytes();
         if found > self.max_bytes() {
             let (found, allowed) = (found as f64 / 1e6, self.megabytes);
-            warn(&format!("the page has {found:.1} MB without any image of a trial, more than --page-size {allowed}"));
+            warn(&format!(
+                "the page has {found:.1} MB, more than --page-size {allowed}: tables, plots and the list of trials alone take more"
+            ));
         }
     }
 }

@@ -66,6 +66,23 @@ fn a_page_that_is_a_little_too_large_is_written_only_once_more() {
     assert_eq!((page.unwrap().len(), budgets), (1200, vec![1299, 299]));
 }
 
+/// Tables and plots of a thousand bytes, and images of a hundred.
+#[test]
+fn a_page_that_is_too_large_without_images_has_a_few_of_them() {
+    let sizes = |limit| {
+        let mut budgets = Vec::new();
+        let page = fitted(limit, |budget| {
+            budgets.push(budget);
+            let images = (budget / 100).min(9) * 100;
+            Ok::<_, ReportError>(("x".repeat(1000 + images), images))
+        });
+        (page.unwrap().len(), budgets)
+    };
+    assert_eq!(sizes(960), (1100, vec![960, 120]), "one of a hundred, although none fits");
+    assert_eq!(sizes(1000), (1000, vec![1000, 0]), "none, because the page would fit without it");
+    assert_eq!(sizes(700), (1000, vec![700, 87]), "an eighth has no room for one");
+}
+
 /// The order in which trials get room, by their numbers in `results`; the `stored` ones have renders.
 fn order(results: &Results, stored: &[usize]) -> Vec<usize> {
     let number = |row: &TargetRow| results.trials.iter().position(|trial| trial.key == row.key).unwrap();

@@ -49,8 +49,8 @@ pub struct Page<'a> {
     pub live: &'a [LiveTrial],
     /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// Limit on the bytes of the page: images of trials are added until it is reached. Even without images the page may
-    /// be larger.
+    /// Limit on the bytes of the page: images of trials are added until it is reached. If the page is larger even without images,
+    /// they take an eighth of the limit.
     pub max_bytes: usize,
 }
 
@@ -196,18 +196,20 @@ impl Page<'_> {
     }
 }
 
-/// A page of at most `limit` bytes, or one without images: `write` gets a budget for images, and returns the page and the
-/// bytes that its images take.
+/// A page of at most `limit` bytes, or one that is larger even without images and has few of them, those of the worst, best and typical
+/// trials: `write` gets a budget for images, and returns the page and the bytes that its images take.
 fn fitted<E>(limit: usize, mut write: impl FnMut(usize) -> Result<(String, usize), E>) -> Result<String, E> {
+    let reserve = limit / 8;
     let mut budget = limit;
     loop {
         let (page, images) = write(budget)?;
         let excess = page.len().saturating_sub(limit);
-        if excess == 0 || images == 0 {
+        let is_too_large_without = excess > images;
+        if excess == 0 || images == 0 || (is_too_large_without && images <= reserve) {
             return Ok(page);
         }
         // Less than the images took: with less than the budget alone, the same images might fit again.
-        budget = images.saturating_sub(excess);
+        budget = if is_too_large_without { reserve } else { images - excess };
     }
 }
 

@@ -29,6 +29,7 @@ pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
 /// Every protocol and method with its trials, for the page's script.
 pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     let mut runs = Vec::new();
+    let data = data_numbers(stores);
     for (at, store) in stores.iter().enumerate() {
         let results = store.source.results;
         let psnrs = psnrs(results);
@@ -44,6 +45,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
                 trial,
                 targets,
                 &psnrs,
+                trial.data_hash.as_deref().and_then(|hash| data.get(hash).copied()),
                 encodings.get(&(&trial.key, trial.trial_hash.as_str())).copied(),
                 &|row| album.places(at, row),
                 album.context(at, &trial.key),
@@ -65,6 +67,13 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
         }
     }
     runs
+}
+
+/// A number for each hash of a trial's data: the script only compares them, and a page may have many thousands of trials.
+fn data_numbers<'a>(stores: &[PageStore<'a>]) -> BTreeMap<&'a str, usize> {
+    let trials = stores.iter().flat_map(|store| &store.source.results.trials);
+    let hashes: BTreeSet<&str> = trials.filter_map(|trial| trial.data_hash.as_deref()).collect();
+    hashes.into_iter().enumerate().map(|(number, hash)| (hash, number)).collect()
 }
 
 /// Median seconds of the encoding of each trial, by its key and hash, in its last pass on the machine that tables show, unless it
@@ -90,6 +99,7 @@ fn trial_to_json(
     trial: &TrialRow,
     targets: &[&TargetRow],
     psnrs: &[&str],
+    data: Option<usize>,
     encode: Option<f64>,
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
     seen: &[(u64, usize)],
@@ -103,7 +113,11 @@ fn trial_to_json(
         }
     }
     let mean = |scores: &[(u64, f64)]| scores.iter().map(|(_, score)| score).sum::<f64>() / scores.len() as f64;
-    let means: BTreeMap<&str, f64> = by_frame.iter().map(|(metric, scores)| (*metric, mean(scores))).collect();
+    let means: BTreeMap<&str, f64> =
+        by_frame.iter().map(|(metric, scores)| (*metric, rounded(metric, mean(scores)))).collect();
+    for (metric, scores) in &mut by_frame {
+        scores.iter_mut().for_each(|(_, score)| *score = rounded(metric, *score));
+    }
     let images = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;
         let scores: BTreeMap<&str, f64> = scores(row, psnrs).collect();
@@ -116,13 +130,21 @@ fn trial_to_json(
         "detail": trial.detail,
         "scores": means,
         "by_frame": by_frame,
-        "data": trial.data_hash,
+        "data": data,
         "context": trial.context,
         "gaussians": trial.gaussians,
         "encode": encode,
         "images": images.collect::<Vec<_>>(),
         "seen": seen,
     })
+}
+
+/// A score with two decimals more than are printed.
+fn rounded(metric: &str, score: f64) -> f64 {
+    const PRINTED_AT_MOST: usize = 3;
+    let printed = definition(metric).map_or(PRINTED_AT_MOST, |metric| metric.scale.decimals());
+    let power = 10f64.powf((printed + 2) as f64);
+    (score * power).round() / power
 }
 
 /// The variants of PSNR among the metrics of a store.
@@ -182,6 +204,28 @@ mod tests {
         let runs = runs(&[store], &Album::default());
         let titles: Vec<&str> = runs.iter().filter_map(|run| run["title"].as_str()).collect();
         assert_eq!(titles, ["ATSplat (one)", "ATSplat (two)"]);
+    }
+
+    /// A page of thousands of trials has no room for hashes and all digits; two methods on the same images have the same number.
+    #[test]
+    fn trials_are_short() {
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        results.targets[0].scores = [("psnr".to_owned(), 20.123_456_789), ("ssim".to_owned(), 0.123_456_789)].into();
+        for (at, trial) in results.trials.iter_mut().enumerate() {
+            trial.data_hash = Some(format!("{:064x}", at % 4));
+        }
+        results.trials[1].data_hash = None;
+        let store = PageStore { source: Source { label: "run", results: &results }, folder: None };
+        let runs = runs(&[store], &Album::default());
+        let numbers = |run: usize| (0..4).map(|at| runs[run]["trials"][at]["data"].as_u64()).collect::<Vec<_>>();
+        assert_eq!(numbers(0), [Some(0), None, Some(2), Some(3)]);
+        assert_eq!(numbers(1), [Some(0), Some(1), Some(2), Some(3)]);
+        let first = &runs[0]["trials"][0]["by_frame"];
+        assert_eq!(
+            (first["psnr"][0].to_string(), first["ssim"][0].to_string()),
+            ("[5,20.1235]".into(), "[5,0.12346]".into())
+        );
+        assert!(runs[0]["trials"][0].to_string().len() < 400, "{}", runs[0]["trials"][0]);
     }
 
     /// The second pass is slower by a second, and its row is stored first or last.
