@@ -34,12 +34,19 @@ pub struct MetricIds {
     pub ssim: &'static str,
     /// A kind of LPIPS or ST-LPIPS.
     pub lpips: &'static str,
+    /// Whether a preset of an older version clips renders that are truncated to bytes, which changes its hash but no number.
+    #[serde(rename = "clip-before-ssim-and-lpips", skip_serializing_if = "std::ops::Not::not")]
+    pub(super) clips_bytes: bool,
 }
 
 impl MetricIds {
+    pub(super) const fn new(psnr: &'static str, ssim: &'static str, lpips: &'static str) -> Self {
+        Self { psnr, ssim, lpips, clips_bytes: false }
+    }
+
     /// PSNR, SSIM and LPIPS, in this order.
     pub const fn ids(self) -> [&'static str; 3] {
-        let Self { psnr, ssim, lpips } = self;
+        let Self { psnr, ssim, lpips, clips_bytes: _ } = self;
         [psnr, ssim, lpips]
     }
 }
@@ -47,7 +54,7 @@ impl MetricIds {
 impl Default for MetricIds {
     /// Those of most papers: PSNR of clipped values, and SSIM and LPIPS by VGG of values as rendered.
     fn default() -> Self {
-        Self { psnr: "psnr", ssim: "ssim", lpips: "lpips" }
+        Self::new("psnr", "ssim", "lpips")
     }
 }
 
@@ -74,13 +81,11 @@ impl<'de> Deserialize<'de> for MetricIds {
 
 fn of_ids(MetricsTable { psnr, ssim, lpips, .. }: &MetricsTable) -> Result<MetricIds, String> {
     let usual = MetricIds::default();
-    Ok(MetricIds {
-        psnr: of_column("psnr", psnr.as_deref(), usual.psnr, |measure| matches!(measure, Measure::Psnr { .. }))?,
-        ssim: of_column("ssim", ssim.as_deref(), usual.ssim, |measure| matches!(measure, Measure::Ssim { .. }))?,
-        lpips: of_column("lpips", lpips.as_deref(), usual.lpips, |measure| {
-            matches!(measure, Measure::Perceptual { .. })
-        })?,
-    })
+    Ok(MetricIds::new(
+        of_column("psnr", psnr.as_deref(), usual.psnr, |measure| matches!(measure, Measure::Psnr { .. }))?,
+        of_column("ssim", ssim.as_deref(), usual.ssim, |measure| matches!(measure, Measure::Ssim { .. }))?,
+        of_column("lpips", lpips.as_deref(), usual.lpips, |measure| matches!(measure, Measure::Perceptual { .. }))?,
+    ))
 }
 
 /// The id that a column states, which must be one of its metrics.

@@ -9,15 +9,16 @@ use super::{MethodSetting, MetricIds, RendererConvention, RendererExtent};
 
 /// The metrics of presets with their pixel values, and whether renders are clipped before SSIM and LPIPS.
 const OF_PIXELS: [(&str, bool, MetricIds); 4] = [
-    (FLOAT, false, MetricIds { psnr: "psnr", ssim: "ssim", lpips: "lpips" }),
-    (FLOAT, true, MetricIds { psnr: "psnr", ssim: "ssim-clipped", lpips: "lpips-clipped" }),
+    (FLOAT, false, MetricIds::new("psnr", "ssim", "lpips")),
+    (FLOAT, true, MetricIds::new("psnr", "ssim-clipped", "lpips-clipped")),
     (TRUNCATED, false, OF_BYTES),
-    (TRUNCATED, true, OF_BYTES),
+    (TRUNCATED, true, OF_CLIPPED_BYTES),
 ];
 const FLOAT: &str = "float";
 const TRUNCATED: &str = "truncated-to-bytes";
-const OF_BYTES: MetricIds =
-    MetricIds { psnr: "psnr-8bit-truncated", ssim: "ssim-8bit-truncated", lpips: "lpips-8bit-truncated" };
+const OF_BYTES: MetricIds = MetricIds::new("psnr-8bit-truncated", "ssim-8bit-truncated", "lpips-8bit-truncated");
+/// The same metrics, with another hash.
+const OF_CLIPPED_BYTES: MetricIds = MetricIds { clips_bytes: true, ..OF_BYTES };
 
 /// The words for metrics.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -41,7 +42,7 @@ impl MetricWords {
             let lpipses = [("vgg-v01", Some(usual.lpips)), ("alex-v01", alex)];
             ssims.into_iter().flat_map(move |(ssim, ssim_id)| {
                 lpipses.into_iter().filter_map(move |(lpips, lpips_id)| {
-                    let ids = MetricIds { psnr: usual.psnr, ssim: ssim_id?, lpips: lpips_id? };
+                    let ids = MetricIds { ssim: ssim_id?, lpips: lpips_id?, ..usual };
                     Some((Self { psnr: "clipped", ssim, lpips, pixels, clip_before_ssim_and_lpips }, ids))
                 })
             })
@@ -60,10 +61,13 @@ impl MetricWords {
     }
 }
 
-/// The metrics of a table of words.
+/// The metrics of a table of words, or of the ids of [`OF_CLIPPED_BYTES`] as they are written.
 pub(super) fn metrics(table: &MetricsTable) -> Result<MetricIds, String> {
     let found = MetricWords::all().find(|(words, _)| words.are_of(table)).map(|(_, ids)| ids);
-    found.ok_or_else(|| {
+    let ids = [&table.psnr, &table.ssim, &table.lpips].map(Option::as_deref);
+    let is_written = table.pixels.is_none() && table.clip_before_ssim_and_lpips == Some(true);
+    let clipped = (is_written && ids == OF_CLIPPED_BYTES.ids().map(Some)).then_some(OF_CLIPPED_BYTES);
+    found.or(clipped).ok_or_else(|| {
         let MetricsTable { psnr, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = table;
         let word = |word: &Option<String>| word.as_ref().map_or_else(|| "nothing".to_owned(), |word| format!("{word:?}"));
         let [psnr, ssim, lpips, pixels] = [psnr, ssim, lpips, pixels].map(word);
@@ -174,6 +178,7 @@ mod tests {
             words("skimage-gaussian", "alex-v01", TRUNCATED, false),
             words("skimage-gauss", "vgg-v01", FLOAT, false),
             words("skimage-gaussian", "vgg-v01", FLOAT, false).replace("psnr = \"clipped\"\n", ""),
+            "[metrics]\nssim = \"ssim-8bit-truncated\"\nclip-before-ssim-and-lpips = true\n".to_owned(),
         ] {
             let error = with_metrics(&table).unwrap_err();
             let is_told =
@@ -188,6 +193,14 @@ mod tests {
         let built_in = Preset::named("re10k-2v-256").unwrap().hash().unwrap();
         assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, false)), built_in);
         assert_eq!(hash(""), built_in, "the usual metrics");
+        // Clipped before they are truncated, values are the same; a training or store under either is not one under the other.
+        let [bytes, clipped] = [false, true].map(|clip| words("skimage-gaussian", "vgg-v01", TRUNCATED, clip));
+        assert_ne!(hash(&bytes), hash(&clipped));
+        for table in [bytes, clipped] {
+            let preset = with_metrics(&table).unwrap();
+            let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
+            assert_eq!((&again, again.hash().unwrap()), (&preset, hash(&table)), "{table}");
+        }
         let clipped = "[metrics]\nssim = \"ssim-clipped\"\nlpips = \"lpips-clipped\"\n";
         assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, true)), hash(clipped));
         let others = ["ssim-clipped", "ssim-inria", "ssim-inria-8bit-rounded"]
