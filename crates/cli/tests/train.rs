@@ -274,6 +274,28 @@ fn rejects_an_untrainable_configuration_with_file_and_field() {
     }
 }
 
+/// Earlier versions started such runs, in which inset and outside had reduced each other.
+#[test]
+fn windows_that_a_new_run_must_not_have_are_those_of_a_run_that_is_resumed() {
+    let folder = tempdir().unwrap();
+    let views = "gaps = { min = 2, max = 3 }";
+    assert!(TINY.contains(views));
+    let config = TINY.replacen(&format!("{views} }}"), &format!("{views}, inset = 1, outside = 2 }}"), 1);
+    std::fs::write(folder.path().join("tiny.toml"), config).unwrap();
+    let train = ["train", "--config", "tiny.toml", "--out", "out", "--steps", "1"];
+    let problem = "data[0].source.rooms.views.outside: expected 0 with an inset, which keeps targets inside the window, \
+                   found 2";
+    let rejected = atsplat(folder.path(), &train);
+    let said = rejected.stderr.contains(&format!("error: training configuration: {problem}"));
+    assert!(rejected.code == 1 && said, "{}", rejected.stderr);
+    assert!(!folder.path().join("out").exists());
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    std::fs::write(folder.path().join("out/steps.jsonl"), "").unwrap();
+    let resumed = atsplat(folder.path(), &[&train[..], &["--resume"]].concat());
+    let notice = format!("a new one would be rejected: training configuration: {problem}");
+    assert!(resumed.code == 0 && resumed.stderr.contains(&notice), "{}", resumed.stderr);
+}
+
 #[test]
 fn data_that_cannot_be_read_are_named_with_file_and_field() {
     const VIEWS: &str = "views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }";

@@ -122,6 +122,7 @@ impl Trainer {
         require_run_to_resume(folder, start)?;
         start::require_no_run(folder, start)?;
         start::require_weights(&config, start)?;
+        start::require_windows(&config, start)?;
         // The sources count what is wrong with their data.
         let samples = Box::new(config.samples(&mut Warnings::new())?);
         Self::open(processor, config, samples, folder, start)

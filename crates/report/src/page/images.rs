@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use atsplat_metrics::{Definition, Direction};
 use atsplat_pixels::{DecodeLimits, decode};
 use atsplat_results::store::images::{image_path, is_image_of};
-use atsplat_results::{TargetRow, TrialKey};
+use atsplat_results::{Results, TargetRow, TrialKey};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
@@ -156,7 +156,11 @@ pub(super) fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRo
     let mut metrics = BTreeMap::<&str, Option<&Definition>>::new();
     let mut by_preset = BTreeMap::<&str, Vec<(f64, Rows<'_>)>>::new();
     for ((preset, ..), rows) in trials {
-        let first = || stores.iter().find_map(|store| first_metric(store.source.results, preset));
+        let of_store = |results: &Results| {
+            let record = results.provenance.presets.iter().find(|record| record.name == preset)?;
+            first_metric(results, record)
+        };
+        let first = || stores.iter().find_map(|store| of_store(store.source.results));
         let metric = *metrics.entry(preset).or_insert_with(first);
         let quality = quality(&rows, metric);
         let with_renders = rows.into_iter().filter(|(at, row)| has_render(stores, *at, row)).collect();

@@ -99,15 +99,13 @@ fn group(protocol: &str, title: &str, quantities: Vec<Quantity>) -> ColumnGroup 
     }
 }
 
-/// All metrics with sizes and times; then the protocol's PSNR by bin of overlap, or by distance outside the window, with its slope; the
-/// first metric if its PSNR was not scored.
+/// All metrics with sizes and times; then the first of them, the protocol's PSNR if it was scored, by bin of overlap, or by distance outside
+/// the window, with its slope.
 fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
     let metrics = metrics(results);
     let sizes = [Quantity::Gaussians, Quantity::Seconds];
     let mut groups = vec![group(protocol, "", metrics.iter().copied().map(Quantity::Metric).chain(sizes).collect())];
-    let psnr = results.parts.first().map(|part| part.protocol.metrics.psnr);
-    let of_protocol = metrics.iter().find(|metric| Some(metric.id) == psnr);
-    let Some(metric) = of_protocol.or(metrics.first()).copied() else { return groups };
+    let Some(metric) = metrics.first().copied() else { return groups };
     let breakdown = |title: &str, suffix: String, targets: TargetSet| ColumnGroup {
         targets,
         suffix,
@@ -139,10 +137,15 @@ fn groups(protocol: &str, results: &ComparableResults<'_>) -> Vec<ColumnGroup> {
     groups
 }
 
-/// The metrics that the targets have a score of, or a reason why not, in the order of definitions.
+/// The metrics that the targets have a score of, or a reason why not: the protocol's PSNR, of which differences and plots are, then the others
+/// in the order of definitions.
 fn metrics(results: &ComparableResults<'_>) -> Vec<&'static Definition> {
     let is_known = |row: &TargetRow, id: &str| row.scores.contains_key(id) || row.not_computed.contains_key(id);
-    definitions().iter().filter(|metric| targets(results).any(|row| is_known(row, metric.id))).collect()
+    let known = definitions().iter().filter(|metric| targets(results).any(|row| is_known(row, metric.id)));
+    let psnr = results.parts.first().map(|part| part.protocol.metrics.psnr);
+    let (mut metrics, others): (Vec<_>, Vec<_>) = known.partition(|metric| Some(metric.id) == psnr);
+    metrics.extend(others);
+    metrics
 }
 
 /// Inside the window, and up to three ranges of the distances outside it, of equal width; empty without targets outside.

@@ -125,10 +125,10 @@ fn a_bin_named_average_is_one_bin() {
     assert_eq!(heads, ["ΔPSNR"], "no difference over all targets stands under the heading of a bin");
 }
 
-/// The clipped PSNR was scored too, and comes first of all metrics.
+/// The clipped PSNR was scored too.
 #[test]
-fn columns_by_overlap_are_of_the_psnr_that_the_protocol_names() {
-    let mut store = results(vec![preset("re10k-overlap")], vec![floor()]);
+fn columns_by_overlap_and_differences_are_of_the_psnr_that_the_protocol_names() {
+    let mut store = results(vec![preset("re10k-overlap")], vec![trained("atsplat", "1", "simulated rooms"), floor()]);
     let record = &mut store.provenance.presets[0];
     let [usual, rounded] = ["psnr", "psnr-8bit-rounded"].map(|id| format!("[metrics]\npsnr = \"{id}\"\n"));
     assert!(record.toml.contains(&usual), "{}", record.toml);
@@ -140,7 +140,13 @@ fn columns_by_overlap_are_of_the_psnr_that_the_protocol_names() {
     }
     let table = protocols(&store).swap_remove(0);
     let of_groups: Vec<&str> = table.columns().map(|(_, column)| column.quantity.id()).collect();
-    assert_eq!(of_groups[..2], ["psnr", "psnr-8bit-rounded"], "all metrics");
+    assert_eq!(of_groups[..2], ["psnr-8bit-rounded", "psnr"], "all metrics");
     let count = |of: &str| of_groups.iter().filter(|id| **id == of).count();
     assert!(count("psnr") == 1 && count("psnr-8bit-rounded") >= 4, "{of_groups:?}");
+    let choice = Choice { against: Some(floor().name), ..Choice::default() };
+    let source = Source { label: "run", results: &store };
+    let table = chosen_protocol_tables(&[source], Mixing::Apart, &choice).unwrap().swap_remove(0);
+    let differences = &table.groups.last().unwrap().columns;
+    let names: Vec<&str> = differences.iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names, ["psnr-8bit-rounded_difference"]);
 }

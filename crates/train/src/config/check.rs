@@ -80,15 +80,13 @@ impl TrainConfig {
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
 
-    /// Checks the configuration against its network: windows hold a sample of every number of views, patches divide the images of every
-    /// source of known image size, those of the training have the scale of the network's resolution, the evaluation's samples fit into
-    /// memory, samples of a micro-batch expand as many tokens, only a frozen backbone has a file, and the network has the parts that are
-    /// to be initialised.
+    /// Checks the configuration against its network: patches divide the images of every source of known image size, those of the training
+    /// have the scale of the network's resolution, the evaluation's samples fit into memory, samples of a micro-batch expand as many tokens,
+    /// only a frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] with the field; [`TrainError::InField`] for a preset that cannot be read.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
-        self.check_windows()?;
         self.distance_patch()?;
         if let Some(backbone) = self.model.backbone.as_ref().filter(|_| !model.backbone.is_frozen()) {
             let expected = "none, as the network has no frozen backbone";

@@ -29,6 +29,7 @@ impl Trainer {
         require_run_to_resume(folder, start)?;
         start::require_no_run(folder, start)?;
         start::require_weights(&config, start)?;
+        start::require_windows(&config, start)?;
         let model = config.model.config()?;
         config.check_model(&model)?;
         let environment = Environment::open(processor, &config, &model)?;
@@ -41,6 +42,7 @@ impl Trainer {
         let opened = start::state(&config, &model, start, (folder, &checkpoints), environment.adapter.clone())?;
         let Opened { state, mut notices, processor_changed, moved } = opened;
         notices.extend(unfinished);
+        notices.extend(start::rejected_windows(&config, start));
         let run_logs = RunLogs { folder, done: state.step, processor_changed, moved: &moved };
         notices.extend(run_logs.check_training(&config, samples.as_ref())?);
         let features = environment.features(&config, &model, &state)?;

@@ -62,7 +62,7 @@ fn frontier(sources: &[Source<'_>], preset: &PresetRecord) -> Result<Option<Draw
     let titles: BTreeMap<String, String> =
         results.provenance.methods.iter().map(|method| (method.name.clone(), title_of(&results, method))).collect();
     let untrained = remove_untrained(&mut results);
-    let Some(metric) = first_metric(&results, &preset.name) else { return Ok(None) };
+    let Some(metric) = first_metric(&results, preset) else { return Ok(None) };
     let aggregation = preset.protocol()?.aggregation;
     let found = tradeoffs(&results, &[metric.id], Leaked::Included)?;
     let Some(tradeoff) = found.first() else { return Ok(None) };

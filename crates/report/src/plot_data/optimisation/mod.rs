@@ -67,7 +67,7 @@ fn optimisation_plots(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, 
 /// The curves of one protocol on one or several indices.
 fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<OptimisationCurves>, ReportError> {
     let Some(first) = presets.first() else { return Ok(None) };
-    let Some(metric) = first_metric(results, &first.name) else { return Ok(None) };
+    let Some(metric) = first_metric(results, first) else { return Ok(None) };
     let protocol = first.protocol()?;
     let (aggregation, bins) = (protocol.aggregation, protocol.overlap_bins.filter(|bins| fit(bins, presets)));
     let study = Study { results, metric, aggregation, bins: bins.as_ref() };

@@ -20,8 +20,8 @@ use crate::plot::{
 use crate::table::{Source, has_trials};
 use crate::{ReportError, counted};
 
-/// The plots of each protocol in a store, by name: the first computed metric by overlap, by distance from the window and
-/// by scene, and the time.
+/// The plots of each protocol in a store, by name: its PSNR by overlap, by distance from the window and by scene, and the time; the first
+/// computed metric in place of a PSNR that was not scored.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in the store.
@@ -64,7 +64,7 @@ impl<'a> ProtocolResults<'a> {
     }
 
     fn metric(&self) -> Option<&'static Definition> {
-        first_metric(self.results, &self.preset.name)
+        first_metric(self.results, self.preset)
     }
 
     /// Protocol, scenes, and what the store lacks of its run: what every plot of the protocol is about.
