@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::files::{self, Encoding, Format};
 use atsplat_splat::gpu::adapters;
 use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
@@ -317,40 +316,6 @@ fn filters_of_a_start_that_stay_as_they_are_are_warned_of() {
     };
     assert!(!fit(SCENE, "fixed", "plain.ply") && !fit(SCENE, "mip-splatting", "mip.ply"));
     assert!(fit("mip.ply", "fixed", "fixed.ply") && !fit("mip.ply", "mip-splatting", "again.ply"));
-}
-
-/// The centres of an SPZ are rounded to 2⁻¹². What it cannot store is an error before the first step.
-#[test]
-fn gaussians_are_written_in_the_format_of_their_extension() {
-    let folder = tempdir().unwrap();
-    let here = folder.path();
-    photograph(here);
-    let read = |name: &'static str| {
-        succeed(here, &[&FIT_TO[..], &[name, "--steps", "1"]].concat());
-        let (gaussians, import) = files::read(&here.join(name)).unwrap();
-        let centres: Vec<f64> = gaussians.parts().means.as_flattened().iter().copied().map(f64::from).collect();
-        let record: Value = serde_json::from_slice(&std::fs::read(here.join(format!("{name}.json"))).unwrap()).unwrap();
-        let hash = Sha256Digest::of(&std::fs::read(here.join(name)).unwrap());
-        assert_eq!(record["file-sha256"], hash.to_string());
-        (import.format, centres)
-    };
-    let [ply, spz] = ["fitted.PLY", "fitted.spz"].map(read);
-    assert_eq!((ply.0, spz.0), (Format::Ply(Encoding::BinaryLittleEndian), Format::Spz(3)));
-    Tolerance::absolute(2e-4).assert(spz.1, ply.1, "centres");
-
-    let views = ["fit", "photos", "--views", "..", "--size", "32x32", "--steps", "1"];
-    let fit = |more: [&str; 6]| atsplat(here, &[&views[..], &more].concat());
-    let written = fit(["--start", SCENE, "--strategy", "mip-splatting", "--out", "mip.ply"]);
-    assert_eq!(written.code, 0, "{}", written.stderr);
-    for (start, strategy, out, code, expected) in [
-        (SCENE, "mip-splatting", "no.spz", 2, "--strategy mip-splatting requires --out with a file that ends in .ply"),
-        ("mip.ply", "fixed", "no.spz", 1, "--out no.spz: expected a file that ends in .ply, because the initial"),
-        (SCENE, "fixed", "no.splat", 2, "expected a file that ends in .ply or .spz, found \"no.splat\""),
-    ] {
-        let rejected = fit(["--start", start, "--strategy", strategy, "--out", out]);
-        assert!(rejected.code == code && rejected.stderr.contains(expected), "{out}: {}", rejected.stderr);
-        assert!(!here.join(out).exists(), "{out}");
-    }
 }
 
 /// What density control cannot do is a warning before the first step.

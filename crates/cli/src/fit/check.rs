@@ -9,6 +9,7 @@ use atsplat_splat::Gaussians;
 use atsplat_splat::files::Output;
 
 use super::Args;
+use super::output::ply_instead;
 use crate::alpha::Alpha;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
@@ -82,9 +83,10 @@ impl Args {
         self.out.with_added_extension("cameras.json")
     }
 
-    /// The files that --out stands for.
-    fn results(&self) -> [PathBuf; 3] {
-        [self.out.clone(), self.record_file(), self.cameras_file()]
+    /// The files that --out stands for, with the one that is written if SPZ cannot store the Gaussians.
+    fn results(&self) -> Vec<PathBuf> {
+        let ply = (!self.stores_filters()).then(|| ply_instead(&self.out));
+        [self.out.clone(), self.record_file(), self.cameras_file()].into_iter().chain(ply).collect()
     }
 
     /// Rejects results that would overwrite the checkpoint.

@@ -8,9 +8,9 @@ mod plots;
 mod prepare;
 mod start;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use atsplat_fit::{Background, Budget, Elapsed, FitConfig, FitError, FitReport, Strategy};
 use atsplat_splat::SplatError;
 
@@ -184,19 +184,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let elapsed = Elapsed { seconds: planning_secs + optimised.seconds, ..optimised };
     // After a lost adapter, nothing can be rendered.
     let can_render = !outcome.as_ref().is_err_and(is_device_error);
-    let record = args.write_results(&mut fit, &input, start, &log, can_render)?;
+    let written = args.write_results(&mut fit, &input, start, &log, can_render);
     drop(log);
-    let out = args.out.display();
     let outcome = outcome.map_err(|error| match error.downcast::<FitError>() {
         Ok(error) => args.optimisation.with_option(error),
         Err(other) => other,
     });
-    outcome.with_context(|| format!("{out} contains the last good state"))?;
+    let record = finished(outcome, written, &args.out)?;
     ensure!(
         fit.step_count() > 0,
-        "--seconds: the time limit ended before the first step; {out} contains the initial Gaussians"
+        "--seconds: the time limit ended before the first step; {} contains the initial Gaussians",
+        args.out.display()
     );
     print_report(&FitReport::new(record, elapsed), args.json)
+}
+
+/// What a run wrote, or why it stopped, and why its last good state was not written.
+fn finished<T>(outcome: anyhow::Result<()>, written: anyhow::Result<T>, out: &Path) -> anyhow::Result<T> {
+    match (outcome, written) {
+        (Ok(()), written) => written,
+        (Err(stopped), Ok(_)) => Err(stopped.context(format!("{} contains the last good state", out.display()))),
+        (Err(stopped), Err(unwritten)) => Err(stopped.context(format!("{unwritten:#}; the run had stopped before"))),
+    }
 }
 
 fn is_device_error(error: &anyhow::Error) -> bool {
@@ -227,6 +236,20 @@ mod tests {
     #[test]
     fn an_extent_in_units_of_the_data_is_scaled_as_the_views_are() {
         assert_eq!(args().config(0.25).extent, Some(1.5));
+    }
+
+    #[test]
+    fn a_run_that_stopped_says_why_also_if_nothing_could_be_written() {
+        let outcome = |stopped: bool, is_written: bool| {
+            let outcome = if stopped { Err(anyhow::anyhow!("the loss is NaN")) } else { Ok(()) };
+            let written = if is_written { Ok(7) } else { Err(anyhow::anyhow!("disk full").context("writing x.spz")) };
+            finished(outcome, written, Path::new("x.spz")).map_err(|error| format!("{error:#}"))
+        };
+        assert_eq!(outcome(false, true), Ok(7));
+        assert_eq!(outcome(false, false), Err("writing x.spz: disk full".to_owned()));
+        assert_eq!(outcome(true, true), Err("x.spz contains the last good state: the loss is NaN".to_owned()));
+        let both = "writing x.spz: disk full; the run had stopped before: the loss is NaN";
+        assert_eq!(outcome(true, false), Err(both.to_owned()));
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! The results of a run: Gaussians, cameras, plots and the record.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use atsplat_eval::fitting::FittedCameras;
 use atsplat_eval::reconstruct::rounding_warning;
 use atsplat_fit::{Fit, FitConfig, FitRecord, ScaleEvaluation, TrainingView};
 use atsplat_splat::files::{self, Output};
+use atsplat_splat::{Gaussians, SplatError};
 
 use super::Args;
 use super::input::Input;
@@ -35,7 +36,7 @@ impl Args {
         let (record_file, cameras_file) = (self.record_file(), self.cameras_file());
         remove_old(&record_file)?;
         remove_old(&cameras_file)?;
-        let clamped = files::write(&self.out, &gaussians, Output::of_path(&self.out)?)?.warnings();
+        let clamped = write_gaussians(&self.out, &gaussians)?;
         for text in &clamped {
             warn(text);
         }
@@ -95,7 +96,62 @@ impl Args {
     }
 }
 
+/// Writes the Gaussians, and returns warnings of what the format changed in them. Those that it cannot store, which is known only when they
+/// have been optimised, are written as PLY next to the file.
+fn write_gaussians(out: &Path, gaussians: &Gaussians) -> anyhow::Result<Vec<String>> {
+    let format = Output::of_path(out)?;
+    match files::write(out, gaussians, format) {
+        Ok(export) => Ok(export.warnings()),
+        Err(error @ SplatError::Format { .. }) if !format.is_lossless() => {
+            let ply = ply_instead(out);
+            files::write(&ply, gaussians, Output::of_path(&ply)?).with_context(|| error.to_string())?;
+            Err(anyhow::Error::from(error).context(format!("{} contains the Gaussians instead", ply.display())))
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Where Gaussians are written that the format of a file cannot store.
+pub(super) fn ply_instead(out: &Path) -> PathBuf {
+    out.with_added_extension("ply")
+}
+
 /// Removes the record or the cameras of an earlier run, which say nothing about the Gaussians of this one.
 fn remove_old(file: &Path) -> anyhow::Result<()> {
     atsplat_files::remove_if_exists(file).with_context(|| format!("removing {}", file.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_splat::GaussianParts;
+
+    use super::*;
+
+    /// SPZ has 24 bits for a coordinate.
+    #[test]
+    fn gaussians_that_spz_cannot_store_are_kept_as_ply() {
+        let gaussians = |x: f32| {
+            let parts = GaussianParts {
+                means: vec![[0.0; 3], [x, 2.0, -3.0]],
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+                log_scales: vec![[-1.0; 3]; 2],
+                opacity_logits: vec![0.5; 2],
+                sh_degree: 0,
+                sh: vec![[0.25; 3]; 2],
+                ..GaussianParts::default()
+            };
+            Gaussians::new(parts).unwrap()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let [spz, ply] = ["fitted.spz", "fitted.spz.ply"].map(|name| folder.path().join(name));
+        assert_eq!(write_gaussians(&spz, &gaussians(1.0)).unwrap(), Vec::<String>::new());
+        assert!(spz.is_file() && !ply.exists());
+        std::fs::remove_file(&spz).unwrap();
+        let error = format!("{:#}", write_gaussians(&spz, &gaussians(1e7)).unwrap_err());
+        let expected = "fitted.spz.ply contains the Gaussians instead: ";
+        let cause = "expected centres within ±8388607, found one beyond";
+        assert!(error.contains(expected) && error.ends_with(cause), "{error}");
+        assert!(!spz.exists());
+        assert_eq!(files::read(&ply).unwrap().0, gaussians(1e7));
+    }
 }
