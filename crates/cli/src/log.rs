@@ -43,6 +43,11 @@ impl LogArgs {
     }
 }
 
+/// Whether `-v` or a filter has the log name single scenes and files.
+pub(crate) fn is_on() -> bool {
+    LevelFilter::current() >= LevelFilter::INFO
+}
+
 fn filter(text: &str) -> anyhow::Result<Targets> {
     let filter: Targets = text.parse()?;
     match filter.iter().find(|(target, _)| !target.starts_with(CRATE_PREFIX)) {

@@ -8,6 +8,7 @@ mod step;
 mod weights;
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -26,7 +27,7 @@ use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
 use crate::logs::{EvaluationRecord, LogFile, StepRecord};
 use crate::objective::Objective;
-use crate::samples::{DataWarnings, Source};
+use crate::samples::{DataWarnings, ReplacedDraws, Source};
 use crate::skipped_step::SkippedStep;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
@@ -50,6 +51,8 @@ pub enum Event<'a> {
     Checkpoint(&'a Path),
     /// A problem that does not stop the run, or what must be known about its data.
     Notice(&'a str),
+    /// All draws of this call that gave no sample and were replaced; reported again if they are of more scenes.
+    Replaced(&'a ReplacedDraws),
 }
 
 /// The log of a run's steps, created when the run starts.
@@ -87,8 +90,8 @@ pub struct Trainer {
     evaluation_warnings: DataWarnings,
     /// Warnings that were reported.
     reported_warnings: Warnings,
-    /// Number of scenes whose replaced draws were reported.
-    reported_replaced_scenes: usize,
+    /// Scenes whose replaced draws were reported.
+    reported_replaced_scenes: BTreeSet<String>,
     /// Number of replaced draws before the next step.
     replaced_so_far: u64,
     folder: PathBuf,
@@ -262,9 +265,10 @@ impl Trainer {
         }
         self.reported_warnings = warnings;
         let replaced = self.samples.replaced();
-        if replaced.scenes.len() > self.reported_replaced_scenes {
-            self.reported_replaced_scenes = replaced.scenes.len();
-            on_event(&Event::Notice(&format!("{replaced}; `-v` logs the reason for each scene")));
+        if replaced.scenes.len() > self.reported_replaced_scenes.len() {
+            replaced.log_new(&self.reported_replaced_scenes);
+            on_event(&Event::Replaced(&replaced));
+            self.reported_replaced_scenes.extend(replaced.scenes.into_keys());
         }
     }
 

@@ -1,6 +1,8 @@
 use atsplat_train::Event;
 use atsplat_train::logs::EvaluationRecord;
+use atsplat_train::samples::ReplacedDraws;
 
+use crate::log;
 use crate::progress::StepProgress;
 
 /// Live progress.
@@ -35,6 +37,7 @@ impl Live {
             Event::Evaluation(record) => self.progress.print(&described(record, self.held_out)),
             Event::Checkpoint(_) => {}
             Event::Notice(text) => self.progress.print(text),
+            Event::Replaced(draws) => self.progress.print(&replaced(draws, log::is_on())),
         }
     }
 
@@ -65,6 +68,12 @@ fn described(record: &EvaluationRecord, held_out: bool) -> String {
         record.nearest_view_ssim,
         record.gain()
     )
+}
+
+/// Replaced draws, and what logs more of them, unless it is logged.
+fn replaced(draws: &ReplacedDraws, is_logged: bool) -> String {
+    let advice = if is_logged { "" } else { "; `-v` logs the reason for each scene" };
+    format!("{draws}{advice}")
 }
 
 fn smoothed(mean: Option<f64>, value: f64) -> f64 {

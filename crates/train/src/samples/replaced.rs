@@ -1,5 +1,4 @@
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 /// Draws of scenes that gave no sample, each replaced by another draw.
@@ -14,10 +13,14 @@ pub struct ReplacedDraws {
 impl ReplacedDraws {
     pub(super) fn add(&mut self, scene: &str, reason: &str) {
         self.count += 1;
-        if let Entry::Vacant(first) = self.scenes.entry(scene.to_owned()) {
-            // Notices give one example, and a dataset may have many such scenes.
-            tracing::info!(scene, reason, "replaced a draw that gave no sample");
-            first.insert(reason.to_owned());
+        self.scenes.entry(scene.to_owned()).or_insert_with(|| reason.to_owned());
+    }
+
+    /// Logs the reason of each scene that is not among the reported ones: a notice gives one example, and a dataset may have many such
+    /// scenes.
+    pub(crate) fn log_new(&self, reported: &BTreeSet<String>) {
+        for (scene, reason) in self.scenes.iter().filter(|(scene, _)| !reported.contains(*scene)) {
+            tracing::info!(scene = scene.as_str(), reason = reason.as_str(), "replaced a draw that gave no sample");
         }
     }
 

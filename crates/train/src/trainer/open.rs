@@ -1,5 +1,6 @@
 //! Opens a run: the processor that computes it, its data, and what its folder contains of it.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use atsplat_files::Sha256Digest;
@@ -82,7 +83,7 @@ impl Trainer {
             notices,
             evaluation_warnings,
             reported_warnings: Warnings::new(),
-            reported_replaced_scenes: 0,
+            reported_replaced_scenes: BTreeSet::new(),
             folder: folder.to_owned(),
             _lock: lock,
         })
@@ -162,6 +163,9 @@ fn evaluation_of(
     let seed = settings.seed.unwrap_or(config.seed);
     let evaluation = Evaluation::new(source, seed, settings.samples.get(), background)?;
     let replaced = Some(source.replaced()).filter(|replaced| replaced.count > 0);
+    if let Some(replaced) = &replaced {
+        replaced.log_new(&BTreeSet::new());
+    }
     let of_source = source.notices().into_iter().chain(replaced.map(|replaced| replaced.to_string()));
     notices.extend(of_source.map(|notice| format!("evaluation: {notice}")));
     Ok(Some(evaluation))
