@@ -21,7 +21,8 @@ pub(crate) fn scene_of_bytes(bytes: &[u8]) -> Option<(Gaussians, View, RenderOpt
         height: u32::from(reader.byte()) % LONGEST_SIDE + 1,
     };
     let switch = |bit: u8| switches >> bit & 1 == 1;
-    let name = RendererConstants::PRESETS[usize::from(preset) % RendererConstants::PRESETS.len()];
+    let names: Vec<&str> = RendererConstants::preset_names().collect();
+    let name = names[usize::from(preset) % names.len()];
     let exposure = Exposure { matrix: [(); 3].map(|()| reader.wide()), offset: reader.wide() };
     let options = RenderOptions {
         constants: RendererConstants::named(name)?,

@@ -128,7 +128,7 @@ impl TypedValueParser for ConstantsName {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(RendererConstants::PRESETS.into_iter().map(PossibleValue::new)))
+        Some(Box::new(RendererConstants::preset_names().map(PossibleValue::new)))
     }
 }
 
@@ -136,7 +136,8 @@ fn constants_name(text: &str) -> Result<String, String> {
     if is_toml_path(text) || RendererConstants::named(text).is_some() {
         return Ok(text.to_owned());
     }
-    let names = RendererConstants::PRESETS.join(", ");
+    let names: Vec<&str> = RendererConstants::preset_names().collect();
+    let names = names.join(", ");
     Err(format!("expected {names} or a path that ends in .toml, found {text:?}"))
 }
 
@@ -395,7 +396,8 @@ mod tests {
         }
         let mut found = Vec::new();
         listed(&Cli::command(), &mut found);
-        assert!(found.len() >= 3 && found.iter().all(|names| *names == RendererConstants::PRESETS), "{found:?}");
+        let are_all = |names: &Vec<String>| names.iter().map(String::as_str).eq(RendererConstants::preset_names());
+        assert!(found.len() >= 3 && found.iter().all(are_all), "{found:?}");
     }
 
     #[test]

@@ -16,7 +16,8 @@ const VIEWS: usize = 8;
 /// Constants of a rasterizer by name.
 pub(crate) fn constants_named(name: &str) -> Result<RendererConstants, Failure> {
     RendererConstants::named(name).ok_or_else(|| {
-        let known = RendererConstants::PRESETS.join(", ");
+        let known: Vec<&str> = RendererConstants::preset_names().collect();
+        let known = known.join(", ");
         Failure::invalid("constants", format!("expected one of {known}, found {name:?}"))
     })
 }

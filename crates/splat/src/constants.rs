@@ -143,7 +143,7 @@ pub enum ClampedGradient {
 type Named = (&'static str, fn() -> RendererConstants);
 
 /// The presets by name; the first is the default.
-const NAMED: [Named; 6] = [
+const NAMED: &[Named] = &[
     ("exact", gsplat),
     ("gsplat-1.5", gsplat),
     ("gsplat-1.6", || RendererConstants { max_alpha: 0.99, min_compensation: 0.005, ..gsplat() }),
@@ -196,12 +196,6 @@ fn inria() -> RendererConstants {
 }
 
 impl RendererConstants {
-    /// Names accepted by [`Self::named`].
-    pub const PRESETS: [&'static str; 6] = {
-        let [(first, _), (second, _), (third, _), (fourth, _), (fifth, _), (sixth, _)] = NAMED;
-        [first, second, third, fourth, fifth, sixth]
-    };
-
     /// Highest degree that diff-gaussian-rasterization and its modified version evaluate: 16 coefficients (`forward.cu`,
     /// `computeColorFromSH`).
     pub const INRIA_SH_DEGREE: u8 = 3;
@@ -209,10 +203,15 @@ impl RendererConstants {
     /// Blur of Mip-Splatting's 2D filter, in square pixels.
     pub const MIP_BLUR: f64 = 0.1;
 
-    /// A preset by name, `None` for a name outside [`Self::PRESETS`].
+    /// Names accepted by [`Self::named`].
+    pub fn preset_names() -> impl Iterator<Item = &'static str> {
+        NAMED.iter().map(|(name, _)| *name)
+    }
+
+    /// A preset by name, `None` for a name outside [`Self::preset_names`].
     pub fn named(name: &str) -> Option<Self> {
-        let (name, constants) = NAMED.into_iter().find(|(known, _)| *known == name)?;
-        Some(Self { name: name.to_owned(), ..constants() })
+        let (name, constants) = NAMED.iter().find(|(known, _)| *known == name)?;
+        Some(Self { name: (*name).to_owned(), ..constants() })
     }
 
     /// Checks the ranges; every backend calls this first. Values outside them give empty images, divisions by zero, or
@@ -260,7 +259,7 @@ impl RendererConstants {
 impl Default for RendererConstants {
     /// The preset `exact`.
     fn default() -> Self {
-        Self::named(Self::PRESETS[0]).unwrap_or_else(|| unreachable!("the first preset exists"))
+        Self::preset_names().next().and_then(Self::named).unwrap_or_else(|| unreachable!("the first preset exists"))
     }
 }
 
@@ -272,7 +271,7 @@ mod tests {
 
     #[test]
     fn presets_are_found_by_name() {
-        for name in RendererConstants::PRESETS {
+        for name in RendererConstants::preset_names() {
             assert_eq!(RendererConstants::named(name).map(|preset| preset.name).as_deref(), Some(name));
         }
         assert_eq!(RendererConstants::named("brush"), None);
@@ -289,7 +288,7 @@ mod tests {
         let page = include_str!("../../../docs/rendering.md");
         let python = include_str!("../../python/python/atsplat/rendering.py");
         let line = page.lines().find(|line| line.starts_with("| constants | ")).unwrap();
-        for name in RendererConstants::PRESETS {
+        for name in RendererConstants::preset_names() {
             assert!(line.contains(&format!("`{name}`")), "docs/rendering.md lacks {name}");
             assert!(python.contains(&format!("``{name}``")), "rendering.py lacks {name}");
         }
@@ -324,7 +323,7 @@ mod tests {
 
     #[test]
     fn every_preset_passes_the_check() {
-        for name in RendererConstants::PRESETS {
+        for name in RendererConstants::preset_names() {
             RendererConstants::named(name).unwrap().check().unwrap();
         }
         let max_alpha = f64::from(1f32.next_down());

@@ -36,7 +36,7 @@ fn every_setting_draws_opaque_surfaces() {
     let overrides: Vec<&str> = overrides.map(|overrides| overrides.strip_suffix(" } }").unwrap()).collect();
     assert_eq!(overrides.len() + 1, SWEEP.matches("[[settings]]").count(), "all but the first change the renderer");
     let mut renderers: [Box<dyn Renderer>; 2] = [Box::new(ReferenceRenderer), Box::new(CpuRenderer::default())];
-    for preset in RendererConstants::PRESETS {
+    for preset in RendererConstants::preset_names() {
         for setting in &overrides {
             let mut constants = RendererConstants::named(preset).unwrap();
             for (name, value) in setting.split(", ").map(|field| field.split_once(" = ").unwrap()) {

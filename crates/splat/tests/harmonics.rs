@@ -63,7 +63,7 @@ fn a_moved_camera_sees_moved_gaussians_in_their_colours() {
 fn degrees_beyond_the_constants_change_nothing() {
     let (all, view) = (cloud(800, 4, 31), view(61, 45));
     let drawn = all.with_sh_degree(3);
-    for preset in RendererConstants::PRESETS {
+    for preset in RendererConstants::preset_names() {
         let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
         let is_limited = matches!(preset, "inria" | "pixelsplat-family");
         let mut renderers: Vec<Box<dyn Renderer>> = vec![Box::new(ReferenceRenderer)];

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::bail;
+use atsplat_numeric::{counted, noun};
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_results::store::PROVENANCE;
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, logs};
@@ -97,16 +98,20 @@ fn described(steps: &[logs::StepRecord], evaluated: Option<usize>) -> String {
     format!("{} steps{skipped}{psnr}", steps.len())
 }
 
-/// The label of a sample in the contact sheet: its number and score, and what the score leaves out.
+/// The label of a sample in the contact sheet: its number and score, and the targets that the score leaves out, by their numbers if they are
+/// shown.
 fn label(number: usize, row: &SheetRow) -> String {
     let score = row.psnr.map_or_else(|| "no score".to_owned(), |psnr| format!("{psnr:.2} dB"));
-    let left_out: Vec<String> = row.left_out.iter().map(usize::to_string).collect();
-    let without = match left_out.len() {
-        0 => String::new(),
-        1 => format!(" without target {}, equal to a context view or render", left_out.concat()),
-        _ => format!(" without targets {}, equal to a context view or render", left_out.join(", ")),
-    };
-    format!("sample {number}, {score}{without}")
+    let is_shown = |target: &usize| *target <= row.targets.len();
+    let (shown, others): (Vec<usize>, Vec<usize>) = row.left_out.iter().copied().partition(is_shown);
+    let names = shown.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    let shown = (!shown.is_empty()).then(|| format!("{} {names}", noun(shown.len() as u64, "target")));
+    let others = (!others.is_empty()).then(|| format!("{} not shown", counted(others.len() as u64, "target")));
+    let left_out: Vec<String> = shown.into_iter().chain(others).collect();
+    if left_out.is_empty() {
+        return format!("sample {number}, {score}");
+    }
+    format!("sample {number}, {score} without {}, equal to a context view or render", left_out.join(" and "))
 }
 
 /// Writes the logs as Parquet, the learning curve, and the contact sheet.
@@ -155,18 +160,26 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_pixels::ImageU8;
+
     use super::*;
 
     #[test]
     fn a_label_says_which_targets_the_score_leaves_out() {
+        let image = || ImageU8::new(1, 1, vec![7; 3]).unwrap();
+        let targets = vec![[image(), image()], [image(), image()]];
         let labelled = |psnr, left_out: &[usize]| {
-            label(3, &SheetRow { context: Vec::new(), targets: Vec::new(), psnr, left_out: left_out.to_vec() })
+            label(3, &SheetRow { context: Vec::new(), targets: targets.clone(), psnr, left_out: left_out.to_vec() })
         };
         assert_eq!(labelled(Some(21.346), &[]), "sample 3, 21.35 dB");
         let of_one = "sample 3, 21.35 dB without target 2, equal to a context view or render";
         assert_eq!(labelled(Some(21.346), &[2]), of_one);
         let of_none = "sample 3, no score without targets 1, 2, equal to a context view or render";
         assert_eq!(labelled(None, &[1, 2]), of_none);
+        let of_others = "sample 3, 9.00 dB without target 2 and 3 targets not shown, equal to a context view or render";
+        assert_eq!(labelled(Some(9.0), &[2, 3, 5, 6]), of_others);
+        let of_another = "sample 3, 9.00 dB without 1 target not shown, equal to a context view or render";
+        assert_eq!(labelled(Some(9.0), &[4]), of_another);
     }
 
     #[test]

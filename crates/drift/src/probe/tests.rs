@@ -79,7 +79,7 @@ fn a_thousandth_of_any_renderer_constant_changes_the_limit_scene() {
     ];
     let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let view = limit_scene::limit_view().unwrap();
-    for preset in RendererConstants::PRESETS {
+    for preset in RendererConstants::preset_names() {
         let then = RendererConstants::named(preset).unwrap();
         let gaussians = limit_scene::limit_scene(&then).unwrap();
         let mut render = |constants: &RendererConstants| {

@@ -105,7 +105,8 @@ impl ConstantChanges {
     /// [`EvalError::Settings`] for an unknown preset, and for numbers out of range.
     pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, EvalError> {
         if let Some(name) = self.constants.as_ref().filter(|name| RendererConstants::named(name).is_none()) {
-            return invalid("constants", &RendererConstants::PRESETS.join(", "), name);
+            let known: Vec<&str> = RendererConstants::preset_names().collect();
+            return invalid("constants", &known.join(", "), name);
         }
         let changed = self.applied_unchecked(constants);
         match changed.check() {

@@ -55,7 +55,7 @@ fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) 
 #[test]
 fn pixels_match_the_reference() {
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
-    for preset in RendererConstants::PRESETS {
+    for preset in RendererConstants::preset_names() {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
             let constants = RendererConstants::named(preset).unwrap();
             let options = RenderOptions { constants, mode, ..everything() };

@@ -17,7 +17,7 @@ fn check(gpu: &mut GpuRenderer, gaussians: &Gaussians, view: &View, options: &Re
 fn matches_the_reference_for_every_preset_and_mode() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
-    for preset in RendererConstants::PRESETS {
+    for preset in RendererConstants::preset_names() {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
             let constants = RendererConstants::named(preset).unwrap();
             let options = RenderOptions { constants, mode, ..everything() };

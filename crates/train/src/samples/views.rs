@@ -110,7 +110,8 @@ impl fmt::Display for ViewChoice {
         let GapSchedule { min, max, initial_min, initial_max, warm_up_steps } = self.gaps;
         write!(f, "{most} views, gaps ")?;
         let drawn = |smallest: usize| smallest.max(self.least_gap(most));
-        if warm_up_steps > 0 {
+        // No initial gap may give a sample of the most views, as in runs of earlier versions.
+        if warm_up_steps > 0 && drawn(initial_min) <= initial_max {
             write!(f, "{} to {initial_max}, then ", drawn(initial_min))?;
         }
         write!(f, "{} to {max}, targets {}", drawn(min), self.targets)
@@ -132,5 +133,8 @@ mod tests {
         assert_eq!(with("[2, 2]", " }\noutside = 3"), "2 views, gaps 1 to 8, targets 1");
         let growing = ", initial-min = 1, initial-max = 7, warm-up-steps = 9 }";
         assert_eq!(with("[2, 4]", growing), "2 to 4 views, gaps 3 to 7, then 3 to 8, targets 1");
+        assert_eq!(with("[2, 8]", growing), "2 to 8 views, gaps 7 to 7, then 7 to 8, targets 1");
+        let too_small = growing.replace("7", "6");
+        assert_eq!(with("[2, 8]", &too_small), "2 to 8 views, gaps 7 to 8, targets 1");
     }
 }

@@ -272,7 +272,7 @@ fn gradients_of_every_rule_match_the_reference() {
     let mut distorted = view(47, 58);
     distorted.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
     for view in [view(47, 58), distorted] {
-        for preset in RendererConstants::PRESETS {
+        for preset in RendererConstants::preset_names() {
             for stops in [false, true] {
                 let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::named(preset).unwrap() };
                 let gradients = crate::StoppedGradients { scalar_stops: stops, directions_stop: stops };
