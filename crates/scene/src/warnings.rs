@@ -8,6 +8,7 @@ use serde::Serialize;
 /// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about
 /// one frame count frames; all others count scenes, or the chunks or files that contain them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum WarningKind {
@@ -257,6 +258,18 @@ impl fmt::Display for WarningKind {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The page lists each kind once, in the order of reports. The error about a kind that there is not names all that there are.
+    #[test]
+    fn documented() {
+        let page = include_str!("../../../docs/warnings.md");
+        let listed = page.lines().skip_while(|line| *line != "| kind | what was found |").skip(2);
+        let listed: Vec<&str> = listed.map_while(|line| line.strip_prefix("| `")?.split('`').next()).collect();
+        let error = serde_json::from_str::<WarningKind>("\"none\"").unwrap_err().to_string();
+        let kinds: Vec<&str> = error.split('`').skip(3).step_by(2).collect();
+        assert!(kinds.len() > 2 && kinds.contains(&"image-elsewhere"), "{error}");
+        assert_eq!(listed, kinds);
+    }
 
     #[test]
     fn joined_readings_count_each_warning_once() {

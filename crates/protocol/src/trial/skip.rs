@@ -115,3 +115,43 @@ impl SkipReport {
         counts
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Does not compile without a reason that is new: it belongs to the list below, and on the page.
+    const fn is_of_dropped(reason: SkipReason) -> bool {
+        match reason {
+            SkipReason::Dropped(_) => true,
+            SkipReason::NullEntry
+            | SkipReason::ImageUnreadable
+            | SkipReason::ImageMisfit
+            | SkipReason::Preprocessing
+            | SkipReason::PoseNormalisation => false,
+        }
+    }
+
+    /// The page lists each reason once, in order. The error about a reason that there is not names all for which published loaders
+    /// drop entries.
+    #[test]
+    fn documented() {
+        let page = include_str!("../../../../docs/warnings.md");
+        let listed = page.lines().skip_while(|line| *line != "| reason | what was found |").skip(2);
+        let listed: Vec<&str> = listed.map_while(|line| line.strip_prefix("| `")?.split('`').next()).collect();
+        let error = serde_json::from_str::<DropReason>("\"none\"").unwrap_err().to_string();
+        let dropped: Vec<&str> = error.split('`').skip(3).step_by(2).collect();
+        assert!(dropped.len() > 2 && dropped.contains(&DropReason::FieldOfView.name()), "{error}");
+        let others = [
+            SkipReason::NullEntry,
+            SkipReason::ImageUnreadable,
+            SkipReason::ImageMisfit,
+            SkipReason::Preprocessing,
+            SkipReason::PoseNormalisation,
+        ];
+        assert!(!others.into_iter().any(is_of_dropped) && is_of_dropped(SkipReason::Dropped(DropReason::Baseline)));
+        let [first, rest @ ..] = others.map(SkipReason::name);
+        let reasons: Vec<&str> = [first].into_iter().chain(dropped).chain(rest).collect();
+        assert_eq!(listed, reasons);
+    }
+}

@@ -23,7 +23,7 @@ class Rendering:
     images: np.ndarray
     #: N × H × W, float32 in [0, 1].
     alpha: np.ndarray
-    #: N × H × W, float32, if requested: expected depth along the optical axis in scene units, 0 where alpha is.
+    #: N × H × W, float32, if requested: expected depth along the optical axis in scene units, 0 where alpha is 0.
     depth: np.ndarray | None = None
 
 

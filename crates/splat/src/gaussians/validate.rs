@@ -1,7 +1,8 @@
 //! Counts Gaussians that cannot be rendered.
 //!
-//! All of these occur in published files: `logit(1) = +∞` (pixelSplat's and DepthSplat's exporters), 889,536 zero
-//! quaternions in one scene (playcanvas/splat-transform #288), NaN positions (playcanvas/supersplat #360).
+//! All of these occur in published files: `logit(1) = +∞` (DepthSplat's exporter; those of pixelSplat and NoPoSplat write
+//! opacities in place of logits), 889,536 zero quaternions in one scene (playcanvas/splat-transform #288), NaN positions
+//! (playcanvas/supersplat #360).
 
 use std::fmt;
 
