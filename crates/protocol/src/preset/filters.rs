@@ -33,7 +33,6 @@ pub struct Filters {
 
 /// Why the published loaders drop a scene or an entry of an index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[cfg_attr(test, derive(Deserialize))]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum DropReason {
@@ -67,6 +66,20 @@ pub struct Dropped {
 }
 
 impl DropReason {
+    /// All reasons, in their order.
+    #[cfg(test)]
+    pub(crate) const ALL: [Self; 9] = [
+        Self::SceneMissing,
+        Self::Unreadable,
+        Self::FrameOutOfRange,
+        Self::FieldOfView,
+        Self::ImageMissing,
+        Self::ImageSize,
+        Self::Determinant,
+        Self::Translation,
+        Self::Baseline,
+    ];
+
     /// The reason's stable name.
     pub const fn name(self) -> &'static str {
         match self {
