@@ -44,7 +44,7 @@ pub struct ExtractedFrame {
     pub timestamp_micros: i64,
     /// Presentation time of the nearest frame, in microseconds; `None` if the video has no frames.
     pub presented_micros: Option<f64>,
-    /// Whether that time was extrapolated from the previous frames.
+    /// Whether that time was estimated from those of other frames.
     pub estimated: bool,
     /// Whether the frame was written.
     #[serde(flatten)]
@@ -96,7 +96,8 @@ pub struct ExtractionOptions {
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
 /// AVI files with B-frames, and missing for the frames that a decoder still has at the end of the file. Missing times
-/// are extrapolated by the median interval and marked ([`ExtractedFrame::estimated`]).
+/// are spaced evenly between known ones, after the last by the median interval, and marked
+/// ([`ExtractedFrame::estimated`]).
 ///
 /// # Errors
 /// [`OpenCvError::Video`] for a video that cannot be opened, has no frame rate or runs backwards, or a `key` that is
@@ -189,7 +190,7 @@ fn malformed(
     OpenCvError::Video { path, location, expected, found }
 }
 
-/// Presentation times of a video's frames.
+/// Presentation times of a video's frames, in increasing order.
 struct Schedule {
     times: Vec<Time>,
     interval_micros: f64,
@@ -199,6 +200,29 @@ struct Schedule {
 struct Time {
     micros: f64,
     estimated: bool,
+}
+
+/// The times of all frames from the known ones, which increase: unknown times are spaced evenly between known ones, and by
+/// `interval` after the last.
+fn filled(known: &[Option<f64>], interval: f64) -> Vec<Time> {
+    let estimated = |micros: f64| Time { micros, estimated: true };
+    let mut times: Vec<Time> = Vec::new();
+    let mut unknown = 0u32;
+    for time in known {
+        let Some(after) = *time else {
+            unknown += 1;
+            continue;
+        };
+        let step = times.last().map_or(interval, |before| (after - before.micros) / f64::from(unknown + 1));
+        times.extend((1..=unknown).rev().map(|frames| estimated(after - step * f64::from(frames))));
+        times.push(Time { micros: after, estimated: false });
+        unknown = 0;
+    }
+    for _ in 0..unknown {
+        let micros = times.last().map_or(0.0, |before| before.micros + interval);
+        times.push(estimated(micros));
+    }
+    times
 }
 
 impl Schedule {
@@ -224,12 +248,7 @@ impl Schedule {
             _ => None,
         });
         let interval_micros = median(gaps).unwrap_or(stream.declared_interval_micros);
-        let mut times: Vec<Time> = Vec::new();
-        for time in known {
-            let extrapolated = times.last().map_or(0.0, |time| time.micros + interval_micros);
-            times.push(Time { micros: time.unwrap_or(extrapolated), estimated: time.is_none() });
-        }
-        Ok(Self { times, interval_micros })
+        Ok(Self { times: filled(&known, interval_micros), interval_micros })
     }
 
     /// The number and time of the frame nearest to a timestamp, the earlier of two equally near ones.
@@ -384,6 +403,30 @@ mod tests {
     fn timestamps_may_be_unordered_and_repeated() {
         let (cut, _folder) = cut("constant.mp4", &[800_000, 0, 800_000, 400_000]);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(20), Some(0), Some(20), Some(10)]);
+    }
+
+    #[test]
+    fn unknown_times_lie_between_the_known_ones() {
+        let micros = |known: &[Option<f64>]| {
+            let times = filled(known, 33_000.0);
+            let unknown = times.iter().map(|time| time.estimated).collect::<Vec<_>>();
+            assert_eq!(unknown, known.iter().map(Option::is_none).collect::<Vec<_>>());
+            times.into_iter().map(|time| time.micros).collect::<Vec<_>>()
+        };
+        let between = micros(&[Some(0.0), None, Some(10_000.0), Some(43_000.0)]);
+        Tolerance::EXACT.assert(between, [0.0, 5_000.0, 10_000.0, 43_000.0], "less than two intervals");
+        let two = micros(&[Some(0.0), Some(7_000.0), None, None, Some(100_000.0), None, None]);
+        let expected = [0.0, 7_000.0, 38_000.0, 69_000.0, 100_000.0, 133_000.0, 166_000.0];
+        Tolerance::EXACT.assert(two, expected, "more than two intervals, and the end");
+        Tolerance::EXACT.assert(micros(&[None, None, Some(70_000.0)]), [4_000.0, 37_000.0, 70_000.0], "the start");
+    }
+
+    #[test]
+    fn frames_are_found_by_time_between_known_ones() {
+        let times = filled(&[Some(0.0), None, Some(10_000.0), Some(43_000.0)], 33_000.0);
+        let schedule = Schedule { times, interval_micros: 33_000.0 };
+        let nearest = [-1, 4_000, 9_000, 26_000, 50_000].map(|timestamp| schedule.nearest(timestamp).unwrap().0);
+        assert_eq!(nearest, [0, 1, 2, 2, 3]);
     }
 
     #[test]
