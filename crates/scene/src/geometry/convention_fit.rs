@@ -9,8 +9,10 @@ const FIT_PX: f64 = 0.5;
 /// … plus this fraction of the image's diagonal: pose errors in pixels grow with the resolution, the noise of feature
 /// points does not.
 const FIT_DIAGONAL: f64 = 1e-3;
-/// Interpretations within this factor of the smallest median cannot be distinguished.
+/// Interpretations within this factor of the smallest median cannot be distinguished …
 const RIVAL_FACTOR: f64 = 1.5;
+/// … nor those within this many pixels more, the noise of feature points.
+const NOISE_PX: f64 = 0.1;
 /// An interpretation with a smaller fraction of points in front of both cameras cannot be right.
 const IN_FRONT: f64 = 0.5;
 
@@ -44,8 +46,8 @@ impl ConventionFit {
 /// The interpretation that fits by the scores of [`super::score_conventions`].
 ///
 /// An interpretation fits if its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points are in
-/// front of both cameras. Of those, the declared one is trusted unless another has a median more than 1.5 times
-/// smaller; interpretations within that factor of the best are listed as not ruled out.
+/// front of both cameras. Of those, the declared one is trusted unless its median exceeds 1.5 times that of the best by
+/// more than 0.1 px, the noise of feature points; interpretations within that limit are listed as not ruled out.
 pub fn fitting_convention(scores: &[ConventionScore], diagonal_px: f64, min_matches: usize) -> ConventionFit {
     let declared = scores.iter().find(|score| score.convention == Convention::Declared);
     if declared.is_none_or(|score| score.matches < min_matches) {
@@ -66,7 +68,7 @@ pub fn fitting_convention(scores: &[ConventionScore], diagonal_px: f64, min_matc
 }
 
 fn is_rival(score: &ConventionScore, best: &ConventionScore) -> bool {
-    score.median_px <= RIVAL_FACTOR * best.median_px
+    score.median_px <= RIVAL_FACTOR * best.median_px + NOISE_PX
 }
 
 impl fmt::Display for ConventionFit {
@@ -116,6 +118,19 @@ mod tests {
             fitting_convention(&[declared(0.8), inverted(0.3), flipped], 400.0, 50),
             fits(PoseInverted, &[AxesFlipped])
         );
+    }
+
+    #[test]
+    fn differences_below_the_noise_of_feature_points_decide_nothing() {
+        use Convention::{AxesFlipped, Declared, PoseInverted};
+        let scores = |declared, inverted| [score(Declared, declared, 1.0), score(PoseInverted, inverted, 1.0)];
+        assert_eq!(fitting_convention(&scores(0.04, 0.02), 400.0, 50), fits(Declared, &[PoseInverted]));
+        assert_eq!(fitting_convention(&scores(0.12, 0.02), 400.0, 50), fits(Declared, &[PoseInverted]), "in the noise");
+        assert_eq!(fitting_convention(&scores(0.14, 0.02), 400.0, 50), fits(PoseInverted, &[]), "above the noise");
+        let [declared, inverted] = scores(0.3, 0.0);
+        let flipped = score(AxesFlipped, 0.09, 1.0);
+        let undecided = fits(PoseInverted, &[AxesFlipped]);
+        assert_eq!(fitting_convention(&[declared, flipped, inverted], 400.0, 50), undecided);
     }
 
     #[test]
