@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes;
 use glam::{DMat3, DVec3};
 
 use crate::CameraError;
-use crate::error::finite;
+use crate::error::{finite, positive};
 
 /// Largest entry of `R Rᵀ − I` that is accepted as the rounding of a rotation.
 const ROTATION_RESIDUAL_LIMIT: f64 = 1e-2;
@@ -152,6 +152,12 @@ pub struct WorldFromCamera(Rigid);
 pose_methods!(CameraFromWorld, WorldFromCamera);
 pose_methods!(WorldFromCamera, CameraFromWorld);
 
+impl CameraFromWorld {
+    /// Stands for a pose that is not known: the centre is NaN, so that everything computed from it is NaN too. No
+    /// constructor returns it.
+    pub const UNKNOWN: Self = Self(Rigid { rotation: DMat3::IDENTITY, translation: DVec3::NAN });
+}
+
 impl WorldFromCamera {
     /// A pose from parts that are rigid and finite by construction.
     pub(crate) const fn from_parts(rotation: DMat3, translation: DVec3) -> Self {
@@ -207,9 +213,12 @@ impl WorldFromCamera {
     }
 
     /// The camera after scaling the world by `factor`.
-    #[must_use]
-    pub fn scaled_by(&self, factor: f64) -> Self {
-        Self(Rigid { rotation: self.0.rotation, translation: self.0.translation * factor })
+    ///
+    /// # Errors
+    /// [`CameraError::NonFinite`] and [`CameraError::NotPositive`] for the factor.
+    pub fn scaled_by(&self, factor: f64) -> Result<Self, CameraError> {
+        let translation = self.0.translation * positive("scale", factor)?;
+        Ok(Self(Rigid { rotation: self.0.rotation, translation }))
     }
 }
 
@@ -262,6 +271,27 @@ mod tests {
         rows = WorldFromCamera::IDENTITY.to_rows();
         rows[3] = f64::INFINITY;
         assert!(matches!(WorldFromCamera::from_rows(&rows), Err(CameraError::NonFinite { .. })), "far away");
+    }
+
+    #[test]
+    fn scales_are_positive_and_finite() {
+        let pose = quarter_turn_about_y();
+        let scaled = pose.scaled_by(0.25).unwrap();
+        Tolerance::EXACT.assert(scaled.centre().to_array(), [0.25, 0.5, 0.75], "centre");
+        assert_eq!(scaled.rotation(), pose.rotation());
+        for factor in [f64::NAN, f64::INFINITY] {
+            assert!(matches!(pose.scaled_by(factor), Err(CameraError::NonFinite { field: "scale", .. })), "{factor}");
+        }
+        for factor in [0.0, -2.0] {
+            assert!(matches!(pose.scaled_by(factor), Err(CameraError::NotPositive { field: "scale", .. })), "{factor}");
+        }
+    }
+
+    #[test]
+    fn everything_computed_from_the_centre_of_an_unknown_pose_is_nan() {
+        let unknown = CameraFromWorld::UNKNOWN.inverse();
+        assert!(unknown.centre().is_nan() && quarter_turn_about_y().camera_from_other(&unknown).centre().is_nan());
+        assert!(CameraFromWorld::from_rows(&CameraFromWorld::UNKNOWN.to_rows()).is_err());
     }
 
     #[test]

@@ -179,7 +179,7 @@ proptest! {
     fn normalised_scale_is_invariant_to_scaling_the_world(
         context in prop::collection::vec(any_view(), 2..6), factor in 0.01..100.0f64,
     ) {
-        let scaled: Vec<_> = context.iter().map(|view| view.scaled_by(factor)).collect();
+        let scaled: Vec<_> = context.iter().map(|view| view.scaled_by(factor).unwrap()).collect();
         let scales = [MeanCameraScale::LongLrm, MeanCameraScale::IlrmMain, MeanCameraScale::Lvsm];
         for rule in scales.map(mean_camera) {
             let (here, there) = (normalise(&context, &[], &rule).unwrap(), normalise(&scaled, &[], &rule).unwrap());

@@ -268,7 +268,7 @@ fn a_given_route_keeps_its_shape() {
         let seen = |first: &Camera, camera: &Camera| {
             first.camera_from_world.inverse().camera_from_other(&camera.camera_from_world.inverse())
         };
-        let expected = seen(&given[0].1, camera).scaled_by(simulation.slowed_to());
+        let expected = seen(&given[0].1, camera).scaled_by(simulation.slowed_to()).unwrap();
         let found = seen(&simulation.shots()[0].camera, &shot.camera);
         Tolerance::F64.assert(found.to_rows(), expected.to_rows(), "relative poses");
     }

@@ -123,7 +123,8 @@ pub struct Frame {
     /// file's stem, as in their `.torch` chunks (depthsplat `src/scripts/convert_dl3dv_test.py`). `None` if there is
     /// neither.
     pub timestamp_micros: Option<i64>,
-    /// Pose, intrinsics and lens. The centre is NaN if the file's pose is unusable ([`FrameImage::Unposed`]).
+    /// Pose, intrinsics and lens. The pose is [`atsplat_camera::CameraFromWorld::UNKNOWN`] if the file's is unusable
+    /// ([`FrameImage::Unposed`]).
     pub camera: Camera,
     /// Image size for which the metadata state the intrinsics. The image may be a scaled copy, for example in
     /// `images_4`; one of another shape does not fit ([`Self::mismatch`]).

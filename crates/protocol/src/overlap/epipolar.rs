@@ -378,7 +378,7 @@ mod tests {
         fn is_invariant_under_similarities_of_the_world(a in any_camera(), b in any_camera(), yaw in -3.0..3.0f64, scale in 0.1..10.0f64) {
             let motion = WorldFromCamera::new(DMat3::from_rotation_y(yaw), DVec3::new(1.0, -2.0, 0.5)).unwrap();
             let moved = |camera: &Camera| {
-                let pose = camera.camera_from_world.inverse().scaled_by(scale).moved_by(&motion);
+                let pose = camera.camera_from_world.inverse().scaled_by(scale).unwrap().moved_by(&motion);
                 Camera { camera_from_world: pose.inverse(), ..*camera }
             };
             let before = GRID.fraction(&a, &b).unwrap();

@@ -1,6 +1,6 @@
 //! Placement of a given trajectory in a scene.
 
-use atsplat_camera::{Camera, WorldFromCamera};
+use atsplat_camera::{Camera, CameraError, WorldFromCamera};
 use glam::{DMat3, DVec3};
 
 use super::{CameraPath, is_free, shots, shows_enough};
@@ -35,11 +35,11 @@ pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result
             if !is_free(world, at) || !shows_enough(world, at, start.forward(), 1.3) {
                 continue;
             }
-            let relative = |pose: &WorldFromCamera| {
+            let relative = |pose: &WorldFromCamera| -> Result<WorldFromCamera, CameraError> {
                 let seen = first.camera_from_world.inverse().camera_from_other(pose);
-                seen.scaled_by(scale).moved_by(&start)
+                Ok(seen.scaled_by(scale)?.moved_by(&start))
             };
-            let moved: Vec<WorldFromCamera> = poses.iter().map(relative).collect();
+            let moved = poses.iter().map(relative).collect::<Result<Vec<_>, _>>()?;
             let free = moved.iter().filter(|pose| is_free(world, pose.centre())).count();
             if best.as_ref().is_none_or(|(most, ..)| free > *most) {
                 best = Some((free, scale, moved));

@@ -1,13 +1,6 @@
 //! Frames whose pose is not finite or not a rotation: they keep their position, and whatever uses them fails.
 
-use atsplat_camera::{CameraFromWorld, WorldFromCamera};
-
 use crate::{Frame, FrameImage, Scene, SceneError};
-
-/// Replaces an unusable pose: its centre is NaN, so that everything computed from it is NaN too.
-pub(crate) fn unknown_pose() -> CameraFromWorld {
-    WorldFromCamera::IDENTITY.scaled_by(f64::NAN).inverse()
-}
 
 pub(crate) fn no_pose(scene: &str, frame: usize, reason: &str) -> SceneError {
     SceneError::NoPose { scene: scene.to_owned(), frame, reason: reason.to_owned() }

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::Camera;
+use atsplat_camera::{Camera, CameraFromWorld};
 use atsplat_numeric::Tolerance;
 
 use super::both_encodings::{other_encoding, report_other_encoding};
@@ -9,7 +9,6 @@ use super::order::report_order;
 use super::{ColmapCamera, ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
-use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{is_read, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
@@ -163,7 +162,7 @@ impl ColmapScenes {
             found.report(key, at, warnings);
             let (camera_from_world, file) = match &image.camera_from_world {
                 Ok(pose) => (*pose, found.image),
-                Err(reason) => (unknown_pose(), FrameImage::Unposed(reason.clone())),
+                Err(reason) => (CameraFromWorld::UNKNOWN, FrameImage::Unposed(reason.clone())),
             };
             frames.push(Frame {
                 name: split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),

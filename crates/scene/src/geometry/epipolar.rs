@@ -144,7 +144,7 @@ mod tests {
             let (first, second) = pair();
             let motion = WorldFromCamera::new(DMat3::from_rotation_y(turn), DVec3::splat(shift)).unwrap();
             let moved = |view: &View| {
-                let pose = view.camera.camera_from_world.inverse().moved_by(&motion).scaled_by(factor);
+                let pose = view.camera.camera_from_world.inverse().moved_by(&motion).scaled_by(factor).unwrap();
                 View { camera: atsplat_camera::Camera { camera_from_world: pose.inverse(), ..view.camera }, ..*view }
             };
             let points = PointMatch { first: DVec2::new(100.0, 200.0), second: DVec2::new(150.0, 230.0) };

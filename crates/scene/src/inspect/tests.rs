@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use atsplat_camera::{Camera, Distortion, ImageSize};
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 
@@ -70,7 +70,7 @@ fn baselines_match_a_computation_by_hand() {
 fn frames_without_a_pose_are_counted_and_not_measured() {
     let mut line = scene("line", [0.0, 1.0, 100.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
     line.frames[2].image = FrameImage::Unposed("its rotation is none".to_owned());
-    line.frames[2].camera.camera_from_world = crate::checks::unposed::unknown_pose();
+    line.frames[2].camera.camera_from_world = CameraFromWorld::UNKNOWN;
     let (report, _) = inspected(&TestSource::new([line]), InspectOptions::default());
     let b = report.baselines;
     assert_summary(b.step, 2, [1.0, 2.0, 3.0], "steps 1 and 3");

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
+use atsplat_camera::{Camera, CameraError, CameraFromWorld, ImageSize, WorldFromCamera};
 use glam::DVec3;
 
 use super::images::is_of_images;
@@ -11,7 +11,6 @@ use super::unread_fields::{report_masks_of_names, report_unread_fields};
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
-use crate::checks::unposed::unknown_pose;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
 use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
@@ -194,7 +193,7 @@ fn frames(
             Ok(pose) => (pose.inverse(), found.image),
             Err(error) => {
                 let located = SceneError::camera(file, format!("frames[{at}].transform_matrix"))(error.clone());
-                (unknown_pose(), FrameImage::Unposed(located.to_string()))
+                (CameraFromWorld::UNKNOWN, FrameImage::Unposed(located.to_string()))
             }
         };
         // Images of one name in several folders have these in their names, as in COLMAP models.

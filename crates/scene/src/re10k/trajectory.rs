@@ -4,7 +4,6 @@ use std::path::Path;
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_files::{quoted, without_byte_order_mark};
 
-use crate::checks::unposed::unknown_pose;
 use crate::files::read_file;
 use crate::number::{Columns, parse_f64, parse_i64};
 use crate::{Frame, FrameImage, Scene, SceneError};
@@ -184,7 +183,7 @@ fn parse_row(line: &[u8]) -> Result<(TrajectoryRow, Option<CameraError>), RowPro
     let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(RowProblem::Camera)?;
     let (camera_from_world, problem) = match CameraFromWorld::from_rows(&pose) {
         Ok(pose) => (pose, None),
-        Err(problem) => (unknown_pose(), Some(problem)),
+        Err(problem) => (CameraFromWorld::UNKNOWN, Some(problem)),
     };
     Ok((TrajectoryRow { timestamp_micros, intrinsics, radial: [k1, k2], camera_from_world }, problem))
 }

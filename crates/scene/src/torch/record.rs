@@ -5,7 +5,7 @@ use atsplat_pickle::shortened;
 
 use super::{Dict, TorchError, Value};
 use crate::checks::cut_short::cut_short;
-use crate::checks::unposed::{no_pose, unknown_pose};
+use crate::checks::unposed::no_pose;
 use crate::files::read_file;
 use crate::{Frame, FrameImage, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
@@ -68,7 +68,7 @@ impl ChunkScene {
             let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(located)?;
             let (pose, image) = match CameraFromWorld::from_rows(&pose) {
                 Ok(pose) => (pose, FrameImage::Encoded(image.clone())),
-                Err(error) => (unknown_pose(), FrameImage::Unposed(located(error).to_string())),
+                Err(error) => (CameraFromWorld::UNKNOWN, FrameImage::Unposed(located(error).to_string())),
             };
             frames.push(Frame {
                 name: timestamp.to_string(),
