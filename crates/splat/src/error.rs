@@ -16,6 +16,12 @@ pub enum SplatError {
         /// Entries found.
         found: usize,
     },
+    /// Packed harmonics that were packed from other Gaussians.
+    #[error("packed harmonics: expected those of the Gaussians to render, found others at position {position}")]
+    OtherHarmonics {
+        /// The first Gaussian that was compared and differs.
+        position: usize,
+    },
     /// Spherical harmonics beyond what is implemented.
     #[error("Gaussians: spherical harmonics of degree {found}, expected at most {}", crate::MAX_SH_DEGREE)]
     ShDegree {

@@ -16,8 +16,8 @@ pub struct RenderOptions {
     pub mode: RasterMode,
     /// Highest degree of spherical harmonics that is requested; [`RendererConstants::max_sh_degree`] may be lower.
     pub max_sh_degree: u8,
-    /// Packed coefficients to evaluate instead of the Gaussians' own. Gradients are always with respect to their own; a
-    /// graphics processor takes only the highest degree from it.
+    /// Packed coefficients of the same Gaussians to evaluate instead of their own; renderers compare a sample. Gradients are
+    /// always with respect to their own; a graphics processor takes only the highest degree from it.
     pub harmonics: Option<Arc<PackedHarmonics>>,
     /// Colour transform after compositing, if any.
     pub exposure: Option<Exposure>,
@@ -103,14 +103,14 @@ impl RenderOptions {
     }
 
     /// # Errors
-    /// [`SplatError::Length`] for packed coefficients of other Gaussians.
+    /// [`SplatError::Length`] and [`SplatError::OtherHarmonics`] for packed coefficients of other Gaussians.
     pub(crate) fn check_harmonics(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
-        match &self.harmonics {
-            Some(packed) if packed.len() != gaussians.len() => {
-                Err(SplatError::Length { field: "packed harmonics", expected: gaussians.len(), found: packed.len() })
-            }
-            _ => Ok(()),
+        let Some(packed) = &self.harmonics else { return Ok(()) };
+        if packed.len() != gaussians.len() {
+            let (expected, found) = (gaussians.len(), packed.len());
+            return Err(SplatError::Length { field: "packed harmonics", expected, found });
         }
+        packed.first_difference(gaussians).map_or(Ok(()), |position| Err(SplatError::OtherHarmonics { position }))
     }
 }
 

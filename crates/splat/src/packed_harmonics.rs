@@ -110,6 +110,22 @@ impl PackedHarmonics {
         self.heads.is_empty()
     }
 
+    /// The first Gaussian of an evenly spaced sample whose kept coefficients are not these, bit for bit. All would take the memory
+    /// traffic that packing saves.
+    pub(crate) fn first_difference(&self, gaussians: &Gaussians) -> Option<usize> {
+        const SAMPLE: usize = 64;
+        let (parts, step) = (gaussians.parts(), self.len().div_ceil(SAMPLE).max(1));
+        let mut stored = parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)).enumerate().step_by(step);
+        let bits = |rgb: &[f32; 3]| rgb.map(f32::to_bits);
+        let differs = |position: usize, sh: &[[f32; 3]]| {
+            self.of(position).is_none_or(|(first, upper)| {
+                let kept = std::iter::once(&first).chain(upper);
+                sh.len() <= upper.len() || kept.zip(sh).any(|(kept, stored)| bits(kept) != bits(stored))
+            })
+        };
+        stored.find(|(position, sh)| differs(*position, sh)).map(|(position, _)| position)
+    }
+
     /// A Gaussian's first coefficient, and those above degree 0.
     #[inline(always)]
     pub(crate) fn of(&self, position: usize) -> Option<([f32; 3], &[[f32; 3]])> {

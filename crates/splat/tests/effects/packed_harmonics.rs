@@ -107,6 +107,37 @@ fn packed_harmonics_of_other_gaussians_are_rejected() {
     }
 }
 
+#[test]
+fn packed_harmonics_of_as_many_other_gaussians_are_rejected() {
+    let gaussians = scene(70, 0.3, -1.0, None);
+    let changed = |at: usize, coefficient: usize, by: f32| {
+        let mut parts = gaussians.clone().into_parts();
+        parts.sh[at * sh_coefficients(3) + coefficient][1] += by;
+        Gaussians::new(parts).unwrap()
+    };
+    let renderers: [Box<dyn Renderer>; 2] = [Box::new(CpuRenderer::default()), Box::new(ReferenceRenderer)];
+    for mut renderer in renderers {
+        let mut rendered = |packed: &Gaussians, gaussians: &Gaussians| {
+            let harmonics = PackedHarmonics::pack(packed, 4, 0.0).map(std::sync::Arc::new);
+            renderer.render(
+                gaussians,
+                &view(Distortion::None),
+                &RenderOptions { harmonics, ..RenderOptions::default() },
+            )
+        };
+        assert!(rendered(&gaussians, &gaussians).is_ok());
+        for (at, coefficient) in [(0, 0), (2, 15), (68, 4)] {
+            let outcome = rendered(&changed(at, coefficient, 0.25), &gaussians);
+            assert!(matches!(outcome, Err(SplatError::OtherHarmonics { position }) if position == at), "{outcome:?}");
+        }
+        let outcome = rendered(&gaussians, &gaussians.with_sh_degree(1));
+        assert!(
+            matches!(outcome, Err(SplatError::OtherHarmonics { position: 0 })),
+            "a degree that is gone: {outcome:?}"
+        );
+    }
+}
+
 /// For few views nothing is decided for each Gaussian.
 #[test]
 fn packing_waits_until_it_pays() {
