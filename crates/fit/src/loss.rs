@@ -32,6 +32,9 @@ pub struct PhotometricLoss {
 
 impl PhotometricLoss {
     /// The loss of an image; its gradient replaces the contents of `gradient`. Both images have `size`, row by row.
+    ///
+    /// # Panics
+    /// If an image has another number of pixels.
     pub fn evaluate(
         &mut self,
         render: &[[f32; 3]],

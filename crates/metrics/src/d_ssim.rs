@@ -56,6 +56,9 @@ impl DSsim {
     /// The sum of `1 − SSIM` over all pixels and channels, and its gradient with respect to the render. Both images have
     /// `width × height` pixels of three interleaved values, row by row, and so has the gradient. Values that are not finite
     /// make the sum NaN or infinite.
+    ///
+    /// # Panics
+    /// If an image has another number of values.
     pub fn evaluate(
         &mut self,
         render: &[f32],
@@ -64,6 +67,7 @@ impl DSsim {
         gradient: &mut Vec<f32>,
     ) -> f64 {
         let row = width * CHANNELS;
+        assert_eq!([render.len(), truth.len()], [row * height; 2], "values of two images of {width}×{height} pixels");
         gradient.resize(row * height, 0.0);
         if row * height == 0 {
             return 0.0;
@@ -418,6 +422,16 @@ mod tests {
         let expected = (ROW * row..(ROW + 1) * row).map(slope).fold(0.0, larger);
         let found = gradient.iter().copied().map(f64::from).fold(0.0, larger);
         assert!((0.5 * expected..2.0 * expected).contains(&found), "largest gradient: {found:e} for {expected:e}");
+    }
+
+    /// Rows that one of the images lacks would keep what the last images left of them.
+    #[test]
+    #[should_panic(expected = "values of two images of 37×23 pixels")]
+    fn images_of_other_sizes_are_rejected() {
+        let [render, truth] = images(0.5, 0.4);
+        let mut loss = DSsim::default();
+        loss.evaluate(&render, &truth, SIZE, &mut Vec::new());
+        loss.evaluate(&render, &truth[SIZE[0] * CHANNELS..], SIZE, &mut Vec::new());
     }
 
     #[test]
