@@ -36,7 +36,7 @@ pub struct ClipGroup {
     pub name: String,
     /// Motion of each clip.
     pub clips: Vec<ClipMotion>,
-    /// Number of skipped clips of less than half a second.
+    /// Number of skipped clips of less than half a second, or of more than a million.
     pub too_short: usize,
     /// Number of clips without timestamps: they have no speeds, and baselines as if they had 30 frames per second.
     pub without_times: usize,

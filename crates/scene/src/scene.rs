@@ -155,9 +155,10 @@ pub enum TimestampSource {
 
 /// Whether numbers can be times in microseconds: captures number their frames consecutively.
 pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
-    const MIN_STEP_MICROS: i64 = 1000;
-    let span = numbers.iter().max().zip(numbers.iter().min()).map_or(0, |(last, first)| last - first);
-    (1i64..).zip(numbers).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
+    const MIN_STEP_MICROS: u64 = 1000;
+    // Those of a chunk are any numbers.
+    let span = numbers.iter().max().zip(numbers.iter().min()).map_or(0, |(last, first)| last.abs_diff(*first));
+    (1u64..).zip(numbers).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
 }
 
 impl Scene {
@@ -318,4 +319,16 @@ fn header_of(bytes: &[u8]) -> Result<ImageHeader, PixelError> {
         has_alpha: atsplat_pixels::has_alpha(bytes),
         has_16_bits: atsplat_pixels::has_16_bits(bytes),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_times_if_they_are_a_thousandth_of_a_second_apart() {
+        assert!(can_be_micros(&[]) && can_be_micros(&[7]));
+        assert!(can_be_micros(&[0, 1_500, 2_000]) && !can_be_micros(&[0, 1_500, 1_999]));
+        assert!(can_be_micros(&[5, i64::MIN, i64::MAX]), "a span beyond 63 bits");
+    }
 }

@@ -71,7 +71,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let Report { motion: MotionReport { groups, .. }, not_read } = measured?;
     for ClipGroup { name, too_short, without_times, .. } in &groups {
         if *too_short > 0 {
-            note(&format!("{name}: {too_short} clips of less than half a second are skipped"));
+            note(&format!(
+                "{name}: {too_short} clips of less than half a second, or of more than a million, are skipped"
+            ));
         }
         if *without_times > 0 {
             note(&format!(

@@ -44,17 +44,21 @@ const PATH_STEP: f64 = 0.25;
 const TURN_STEP: f64 = 0.5;
 const BASELINE_STEP: f64 = 0.1;
 
+/// Eleven days: no clip is longer, and the path of one would not fit into memory.
+const LONGEST: f64 = 1e6;
+
 impl ClipMotion {
-    /// Measures cameras with their times in microseconds, in any order. `None` if they last less than half a second.
+    /// Measures cameras with their times in microseconds, in any order. `None` if they last less than half a second,
+    /// or more than a million.
     pub fn of(clip: &str, cameras: impl IntoIterator<Item = (i64, Camera)>) -> Option<Self> {
         let mut cameras: Vec<(i64, Camera)> = cameras.into_iter().collect();
         cameras.sort_by_key(|(micros, _)| *micros);
         let (first, k) = cameras.first().map(|(micros, camera)| (*micros, camera.intrinsics))?;
         let track = Track {
-            seconds: cameras.iter().map(|(micros, _)| (micros - first) as f64 / 1e6).collect(),
+            seconds: cameras.iter().map(|(micros, _)| micros.abs_diff(first) as f64 / 1e6).collect(),
             poses: cameras.iter().map(|(_, camera)| camera.camera_from_world.inverse()).collect(),
         };
-        let seconds = track.seconds.last().copied().filter(|seconds| *seconds >= TURN_STEP)?;
+        let seconds = track.seconds.last().copied().filter(|seconds| (TURN_STEP..=LONGEST).contains(seconds))?;
 
         let times = arange(seconds, PATH_STEP);
         let positions: Vec<DVec3> = times.iter().map(|time| track.position(*time)).collect();
@@ -149,4 +153,22 @@ fn degrees_between(a: &WorldFromCamera, b: &WorldFromCamera) -> f64 {
     let turn = a.rotation().transpose() * b.rotation();
     let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
     (0.5 * (trace - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
+
+    use super::*;
+
+    #[test]
+    fn clips_of_impossible_lengths_are_not_measured() {
+        let intrinsics = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap();
+        let camera = Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics);
+        let seconds = |times: [i64; 2]| ClipMotion::of("clip", times.map(|micros| (micros, camera)))?.seconds;
+        assert_eq!(seconds([1_250_000, -250_000]), Some(1.5));
+        for times in [[0, 499_999], [0, 1_000_000_000_001], [i64::MIN, 0], [i64::MIN, i64::MAX]] {
+            assert_eq!(seconds(times), None, "{times:?}");
+        }
+    }
 }
