@@ -75,9 +75,9 @@ impl Fit {
         let extent = positive_extent(&config, &views, &start)?;
         let Shares { gaussians: limit, renderer: renderer_memory } = memory::shares(&config, &views, start.len())?;
         let cameras = Cameras::new(views.iter().map(|view| &view.view), config.constants.near)?;
+        let first_degree = start.sh_degree().min(config.sh_degree);
         let mut parts = start.with_sh_degree(config.sh_degree).into_parts();
         parts.scalars = None;
-        let first_degree = start.sh_degree().min(config.sh_degree);
         let cpu = CpuRenderer::new(CpuOptions { memory_limit: renderer_memory, ..CpuOptions::default() });
         let mut fit = Self {
             schedule: Schedule::of(config.steps),

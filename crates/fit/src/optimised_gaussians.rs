@@ -45,11 +45,10 @@ impl OptimisedGaussians {
     /// # Errors
     /// [`SplatError::Position`] for a position out of range.
     pub(crate) fn replace(&mut self, kept: &[usize], new: GaussianParts) -> Result<(), SplatError> {
-        let none = gaussians_of(zeros(&new));
-        let new = gaussians_of(new);
+        let none = zeros(&new);
         let Self { parts, first_moments, second_moments } = self;
-        for (parts, added) in [(parts, &new), (first_moments, &none), (second_moments, &none)] {
-            *parts = gaussians_of(std::mem::take(parts)).select(kept)?.merge(added).into_parts();
+        for (parts, added) in [(parts, new), (first_moments, none.clone()), (second_moments, none)] {
+            *parts = gaussians_of(std::mem::take(parts)).select(kept)?.merge(gaussians_of(added)).into_parts();
         }
         Ok(())
     }

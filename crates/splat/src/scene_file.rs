@@ -79,7 +79,7 @@ impl SceneFile {
         let mut found = if found.is_clean() {
             found
         } else {
-            let (remaining, found) = gaussians.cleaned(policy);
+            let (remaining, found) = gaussians.into_cleaned(policy);
             gaussians = remaining;
             found
         };

@@ -62,7 +62,7 @@ fn a_moved_camera_sees_moved_gaussians_in_their_colours() {
 #[test]
 fn degrees_beyond_the_constants_change_nothing() {
     let (all, view) = (cloud(800, 4, 31), view(61, 45));
-    let drawn = all.with_sh_degree(3);
+    let drawn = all.clone().with_sh_degree(3);
     for preset in RendererConstants::preset_names() {
         let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
         let is_limited = matches!(preset, "inria" | "pixelsplat-family");
@@ -110,7 +110,7 @@ fn ignored_degrees_are_remarked_on() {
     );
     assert_eq!(options("inria", 3).ignored_harmonics(&gaussians), None, "not requested");
     assert_eq!(options("exact", 4).ignored_harmonics(&gaussians), None);
-    assert_eq!(options("inria", 4).ignored_harmonics(&gaussians.with_sh_degree(3)), None);
+    assert_eq!(options("inria", 4).ignored_harmonics(&gaussians.clone().with_sh_degree(3)), None);
     assert_eq!(options("inria", 4).ignored_harmonics(&gaussians.with_sh_degree(3).with_sh_degree(4)), None, "zeros");
 }
 

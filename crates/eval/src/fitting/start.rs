@@ -195,7 +195,7 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
             Strategy::MipSplatting.name()
         ));
     }
-    let (gaussians, found) = gaussians.cleaned(Cleaning::Repair);
+    let (gaussians, found) = gaussians.into_cleaned(Cleaning::Repair);
     let removed = stored.saturating_sub(gaussians.len());
     // Those that were kept on import are found again.
     let broken = import.validation.invalid.max(import.validation.rejected + found.invalid);

@@ -135,7 +135,7 @@ fn culled_gaussians_change_nothing() {
     let hidden = Gaussians::new(hidden).unwrap();
     let mut renderer = CpuRenderer::default();
     let alone = renderer.render(&gaussians, &view, &everything()).unwrap();
-    for both in [hidden.merge(&gaussians), gaussians.merge(&hidden)] {
+    for both in [hidden.clone().merge(gaussians.clone()), gaussians.merge(hidden)] {
         let mut rendering = renderer.render(&both, &view, &everything()).unwrap();
         assert!(rendering.counts.invalid >= 150, "{:?}", rendering.counts);
         rendering.counts = alone.counts;

@@ -72,7 +72,7 @@ pub fn interpret(
 ) -> Result<(Gaussians, Vec<String>), SplatError> {
     let mut warnings = Vec::new();
     let gaussians = if opacities_as_stored {
-        let (converted, warning) = converted(&gaussians, import, path)?;
+        let (converted, warning) = converted(gaussians, import, path)?;
         warnings.extend(warning);
         converted
     } else {
@@ -87,7 +87,7 @@ pub fn interpret(
 }
 
 fn converted(
-    gaussians: &Gaussians,
+    gaussians: Gaussians,
     import: &ImportReport,
     path: &Path,
 ) -> Result<(Gaussians, Option<String>), SplatError> {

@@ -56,7 +56,7 @@ impl Gaussians {
     }
 
     /// [`Self::cleaned`] without a copy if nothing is dropped.
-    pub(crate) fn into_cleaned(self, policy: Cleaning) -> (Self, Validation) {
+    pub fn into_cleaned(self, policy: Cleaning) -> (Self, Validation) {
         let mut validation = self.validate();
         if validation.is_clean() {
             return (self, validation);

@@ -36,10 +36,10 @@ impl Gaussians {
     /// Concatenates both sets, `self` first, at the higher of the two SH degrees; missing coefficients, scalars and
     /// filters are zero.
     #[must_use]
-    pub fn merge(&self, other: &Self) -> Self {
+    pub fn merge(self, other: Self) -> Self {
         let degree = if other.sh_degree() > self.sh_degree() { other.sh_degree() } else { self.sh_degree() };
-        let (first, second) = (self.with_sh_degree(degree).into_parts(), other.with_sh_degree(degree).into_parts());
         let counts = (self.len(), other.len());
+        let (first, second) = (self.with_sh_degree(degree).into_parts(), other.with_sh_degree(degree).into_parts());
         Self(GaussianParts {
             means: joined(first.means, second.means),
             quaternions: joined(first.quaternions, second.quaternions),
@@ -55,10 +55,13 @@ impl Gaussians {
     /// The same Gaussians with another SH degree, at most [`super::MAX_SH_DEGREE`]: coefficients are truncated or
     /// padded with zeros.
     #[must_use]
-    pub fn with_sh_degree(&self, degree: u8) -> Self {
+    pub fn with_sh_degree(self, degree: u8) -> Self {
         let degree = degree.min(super::MAX_SH_DEGREE);
+        if degree == self.sh_degree() {
+            return self;
+        }
         let (old, new) = (sh_coefficients(self.sh_degree()), sh_coefficients(degree));
-        let mut parts = self.parts().clone();
+        let mut parts = self.into_parts();
         parts.sh = parts
             .sh
             .chunks_exact(old)
@@ -71,8 +74,8 @@ impl Gaussians {
     /// Reinterprets the stored logits as opacities in [0, 1], as pixelSplat's PLY exporter writes them; 0 and 1 become
     /// logits of ±[`LOGIT_OF_INFINITY`], values outside become NaN.
     #[must_use]
-    pub fn with_linear_opacities(&self) -> Self {
-        let mut parts = self.parts().clone();
+    pub fn with_linear_opacities(self) -> Self {
+        let mut parts = self.into_parts();
         for logit in &mut parts.opacity_logits {
             *logit = (*logit / (1.0 - *logit)).ln().clamp(-LOGIT_OF_INFINITY, LOGIT_OF_INFINITY);
         }
@@ -121,7 +124,7 @@ mod tests {
         let (low, mut high) = (two(0), two(1).into_parts());
         high.scalars = Some(vec![7.0, 8.0]);
         let high = Gaussians::new(high).unwrap();
-        let both = low.merge(&high);
+        let both = low.clone().merge(high.clone());
         assert_eq!((both.len(), both.sh_degree()), (4, 1));
         assert_eq!(both.parts().scalars, Some(vec![0.0, 0.0, 7.0, 8.0]));
         assert_eq!(both.select(&[2, 3]).unwrap(), high);
@@ -149,6 +152,20 @@ mod tests {
         parts.opacity_logits = vec![0.75, 1.0];
         let logits = Gaussians::new(parts).unwrap().with_linear_opacities().into_parts().opacity_logits;
         assert_eq!(logits, [3.0f32.ln(), 20.0]);
+    }
+
+    #[test]
+    fn arrays_that_do_not_change_are_not_copied() {
+        let gaussians = two(1);
+        let arrays = |of: &Gaussians| (of.parts().means.as_ptr(), of.parts().sh.as_ptr());
+        let before = arrays(&gaussians);
+        let same = gaussians.with_sh_degree(1).with_linear_opacities();
+        assert_eq!(arrays(&same), before);
+        assert_eq!(arrays(&same.with_sh_degree(0)).0, before.0, "without the upper coefficients");
+        let merged = two(2).merge(two(1));
+        let before = arrays(&merged);
+        let (clean, _) = merged.into_cleaned(crate::Cleaning::Repair);
+        assert_eq!((clean.sh_degree(), clean.len(), arrays(&clean)), (2, 4, before));
     }
 
     #[test]

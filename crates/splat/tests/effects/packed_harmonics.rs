@@ -130,7 +130,7 @@ fn packed_harmonics_of_as_many_other_gaussians_are_rejected() {
             let outcome = rendered(&changed(at, coefficient, 0.25), &gaussians);
             assert!(matches!(outcome, Err(SplatError::OtherHarmonics { position }) if position == at), "{outcome:?}");
         }
-        let outcome = rendered(&gaussians, &gaussians.with_sh_degree(1));
+        let outcome = rendered(&gaussians, &gaussians.clone().with_sh_degree(1));
         assert!(
             matches!(outcome, Err(SplatError::OtherHarmonics { position: 0 })),
             "a degree that is gone: {outcome:?}"

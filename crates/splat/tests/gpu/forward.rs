@@ -196,7 +196,7 @@ fn rendering_is_deterministic() {
 fn degrees_beyond_the_constants_change_nothing() {
     let Some(mut gpu) = gpu() else { return };
     let (all, view) = (cloud(800, 4, 31), view(61, 45));
-    let drawn = all.with_sh_degree(3);
+    let drawn = all.clone().with_sh_degree(3);
     let resident = gpu.upload(&all).unwrap();
     for (preset, is_limited) in [("inria", true), ("pixelsplat-family", true), ("gsplat-1.6", false)] {
         let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };

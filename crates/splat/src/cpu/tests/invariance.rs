@@ -92,10 +92,9 @@ fn culled_gaussians_do_not_affect_gradients() {
         let positions: Vec<usize> = (from..past).collect();
         gaussians.select(&positions).unwrap()
     };
-    let between = halves(&gaussians, 0, 1700).merge(&culled).merge(&halves(&gaussians, 1700, 3000));
-    for (with, first, past) in
-        [(culled.merge(&gaussians), 4500, 4500), (gaussians.merge(&culled), 0, 0), (between, 0, 1700)]
-    {
+    let between = halves(&gaussians, 0, 1700).merge(culled.clone()).merge(halves(&gaussians, 1700, 3000));
+    let before = culled.clone().merge(gaussians.clone());
+    for (with, first, past) in [(before, 4500, 4500), (gaussians.merge(culled), 0, 0), (between, 0, 1700)] {
         let found = gradients(&with, &view, SimdLevel::best());
         assert_eq!(shared(&found), shared(&expected));
         let position = |at: usize| {
@@ -128,7 +127,7 @@ fn occluded_gaussians_change_nothing() {
     let hidden = Gaussians::new(hidden).unwrap();
     let alone = rendered(&walls, &view, &everything(), CpuOptions::default());
     let expected = gradients(&walls, &view, SimdLevel::best());
-    for (both, first) in [(hidden.merge(&walls), 5000), (walls.merge(&hidden), 0)] {
+    for (both, first) in [(hidden.clone().merge(walls.clone()), 5000), (walls.merge(hidden), 0)] {
         let mut rendering = rendered(&both, &view, &everything(), CpuOptions::default());
         assert!(rendering.counts.drawn > alone.counts.drawn + 1000, "{:?}", rendering.counts);
         rendering.counts = alone.counts;
