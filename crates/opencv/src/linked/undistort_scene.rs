@@ -1,3 +1,4 @@
+use std::cell::LazyCell;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -40,13 +41,15 @@ pub fn undistort_scene(
     // An earlier list must not stand next to images that are replaced one by one.
     atsplat_files::remove_if_exists(&list).map_err(OpenCvError::io("removing earlier cameras", &list))?;
     let mut recent = RecentMaps::default();
+    let common = LazyCell::new(|| common_size(scene));
     let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
         progress();
         let image = readable_image(scene, position, frame, warnings);
         let size = image.as_ref().map(|image| ImageSize { width: image.width(), height: image.height() });
-        let Some(size) = size.or_else(|| stated_or_common_size(scene, frame)) else {
-            // No image of the scene has a size: the list has no frames at all, which readers reject.
+        // The intrinsics of a frame without an image are written for the stated or the common size.
+        let Some(size) = size.or(frame.stated_size).or_else(|| *common) else {
+            // No frame of the scene has a size: the list has no frames at all, which readers reject.
             count.skipped += 1;
             continue;
         };
@@ -124,10 +127,10 @@ fn readable_image(scene: &Scene, position: usize, frame: &Frame, warnings: &mut 
     image.map_err(|error| warnings.push(WarningKind::UnreadableImage, &scene.key, error.to_string())).ok()
 }
 
-/// The size for which the intrinsics of a frame without an image are written: the stated one, or that of the scene's first image.
-fn stated_or_common_size(scene: &Scene, frame: &Frame) -> Option<ImageSize> {
-    let mut sizes = scene.frames.iter().enumerate().map(|(at, other)| other.size(&scene.key, at));
-    frame.stated_size.or_else(|| sizes.find_map(Result::ok))
+/// The size of the scene's first image that has one, otherwise the first that is stated. It may read a header for every frame.
+fn common_size(scene: &Scene) -> Option<ImageSize> {
+    let mut of_images = scene.frames.iter().enumerate().map(|(at, frame)| frame.size(&scene.key, at));
+    of_images.find_map(Result::ok).or_else(|| scene.frames.iter().find_map(|frame| frame.stated_size))
 }
 
 /// The frame's name, with its position if the name is taken or is not a file name.
@@ -205,6 +208,23 @@ mod tests {
             assert!(centres[0].distance(centres[1]) < 1e-9, "{centres:?}");
             assert!((read.camera.intrinsics.fx - original.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
         }
+    }
+
+    /// Only the second of three states a size, and no image has one.
+    #[test]
+    fn frames_without_any_size_have_that_of_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let images = [FrameImage::Absent, FrameImage::Missing("f_1.png".into()), FrameImage::Missing("f_2.png".into())];
+        let mut frames: Vec<Frame> = images.into_iter().enumerate().map(|(at, image)| frame(at, image)).collect();
+        frames[1].stated_size = Some(ImageSize { width: 32, height: 24 });
+        let scene = Scene { key: "scene".to_owned(), url: None, frames };
+        let count = undistort_scene(&scene, UndistortMode::KeepK, folder.path(), &mut Warnings::new(), &|| ()).unwrap();
+        assert_eq!(count, UndistortedFrames { written: 0, skipped: 3 });
+        let list = std::fs::read(folder.path().join("transforms.json")).unwrap();
+        let list: Value = serde_json::from_slice(&list).unwrap();
+        let paths: Vec<&Value> = list["frames"].as_array().unwrap().iter().map(|frame| &frame["file_path"]).collect();
+        assert_eq!(paths, ["missing/f_0.png", "missing/f_1.png", "missing/f_2.png"]);
+        assert_eq!((&list["frames"][0]["w"], &list["frames"][2]["h"]), (&json!(32), &json!(24)));
     }
 
     #[test]
