@@ -25,6 +25,7 @@ use std::fmt::Debug;
 
 use crate::{Gaussians, RenderOptions, View};
 
+pub use channels::ExtraImage;
 pub use explain::{Cost, Explanation};
 pub use plan::{Decision, EffectOutcome, EffectPlan};
 pub use scene::Scene;
@@ -44,6 +45,11 @@ pub struct Request {
 pub trait Effect: Debug + Send + Sync {
     /// Name, as in `--effects`.
     fn name(&self) -> &'static str;
+
+    /// The image that it renders in addition to colour and alpha; `None` if it changes these.
+    fn image(&self) -> Option<ExtraImage> {
+        None
+    }
 
     /// Whether the request includes it at all.
     fn is_requested(&self, gaussians: &Gaussians, request: &Request) -> bool;
@@ -88,10 +94,15 @@ pub const EFFECTS: [&dyn Effect; 8] = [
     &lens::LensEffect,
     &antialiasing::Antialiasing,
     &background::Background,
-    &channels::DEPTH,
-    &channels::SCALAR,
-    &channels::MEDIAN_DEPTH,
+    &ExtraImage::Depth,
+    &ExtraImage::Scalar,
+    &ExtraImage::MedianDepth,
 ];
+
+/// The image of its own that the effect of this name has.
+fn image_of(effect: &str) -> Option<ExtraImage> {
+    EFFECTS.iter().find(|known| known.name() == effect)?.image()
+}
 
 impl Request {
     /// The degree of spherical harmonics that is evaluated.

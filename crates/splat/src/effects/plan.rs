@@ -119,17 +119,12 @@ impl EffectPlan {
     /// As [`Renderer::render`].
     pub fn render(&self, renderer: &mut dyn Renderer, gaussians: &Gaussians) -> Result<Rendering<f32>, SplatError> {
         let mut rendering = renderer.render(gaussians, &self.reduced.view, &self.reduced.options)?;
-        let proved =
-            |name| self.decisions.iter().any(|decision| decision.effect == name && decision.bound == Some(0.0));
-        let zeros = || vec![0.0; self.requested.view.pixels()];
-        let channels = self.requested.options.channels;
-        for (requested, name, image) in [
-            (channels.depth, "depth", &mut rendering.depth),
-            (channels.scalar, "scalar", &mut rendering.scalar),
-            (channels.median_depth, "median-depth", &mut rendering.median_depth),
-        ] {
-            if requested && image.is_none() && proved(name) {
-                *image = Some(zeros());
+        for (effect, decision) in EFFECTS.iter().zip(&self.decisions) {
+            let Some(image) = effect.image() else { continue };
+            let slot = image.slot(&mut rendering);
+            let is_zero = decision.bound == Some(0.0);
+            if is_zero && slot.is_none() && effect.is_requested(gaussians, &self.requested) {
+                *slot = Some(vec![0.0; self.requested.view.pixels()]);
             }
         }
         Ok(rendering)

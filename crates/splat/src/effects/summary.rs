@@ -3,7 +3,7 @@ use std::fmt;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use super::{Decision, EffectOutcome, EffectSelection};
+use super::{Decision, EffectOutcome, EffectSelection, image_of};
 
 /// What became of each effect over the frames of a render. [`Display`](fmt::Display) lists the effects that were not run in full.
 #[derive(Debug, Serialize)]
@@ -67,11 +67,10 @@ impl fmt::Display for EffectSummary {
             if reduced + skipped == 0 {
                 continue;
             }
-            let is_plane = matches!(*effect, "depth" | "scalar" | "median-depth");
             let bound = match largest_bound {
                 Some(0.0) => "changes nothing".to_owned(),
                 Some(bound) => format!("changes no sample by more than {bound:.1e}"),
-                None if is_plane => "its image is not written".to_owned(),
+                None if image_of(effect).is_some() => "its image is not written".to_owned(),
                 None => "the change is not bounded".to_owned(),
             };
             let frames = |count: usize| if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
