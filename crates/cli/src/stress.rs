@@ -63,7 +63,7 @@ fn plotted_errors(rows: &[StressRow]) -> Vec<StressError<'_>> {
         case: &row.case,
         renderer: &row.renderer,
         // Without compared values there is no error to show, but the case keeps its row.
-        kind: if error.compared > 0 { error.name } else { "" },
+        kind: if error.compared > 0 { error.kind.name() } else { "" },
         relative: error.relative,
         bound: error.bound,
         passes: error.passes(),

@@ -22,6 +22,7 @@ pub mod files;
 pub mod framing;
 mod gaussians;
 pub mod gpu;
+mod gradient_field;
 pub mod hard_cases;
 mod options;
 mod packed_harmonics;
@@ -44,6 +45,7 @@ pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
     MAX_SH_DEGREE, Problem, Validation, sh_coefficients,
 };
+pub use gradient_field::GradientField;
 pub use options::{Channels, RasterMode, RenderOptions, StoppedGradients};
 pub use packed_harmonics::PackedHarmonics;
 pub use renderer::{ReferenceRenderer, Renderer, Stage};

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::reference::SplatGradient;
 use crate::reference::project_backward::GaussianGradient;
-use crate::{Gaussians, RenderOptions, SplatError, View};
+use crate::{Gaussians, GradientField, RenderOptions, SplatError, View};
 
 /// The images of one view, row-major; f64 from the reference renderer, f32 from all others.
 #[derive(Clone, Debug, PartialEq)]
@@ -178,19 +178,19 @@ impl<T: Copy + Into<f64>> Gradients<T> {
         self.fields().into_iter().map(|(_, list)| count_non_finite(list.iter())).sum()
     }
 
-    /// Name and values of every field, in declaration order.
-    pub fn fields(&self) -> [(&'static str, &[T]); 10] {
+    /// The values of every field, in declaration order.
+    pub fn fields(&self) -> [(GradientField, &[T]); 10] {
         [
-            ("means", self.means.as_flattened()),
-            ("quaternions", self.quaternions.as_flattened()),
-            ("log_scales", self.log_scales.as_flattened()),
-            ("opacity_logits", &self.opacity_logits),
-            ("sh", self.sh.as_flattened()),
-            ("scalars", &self.scalars),
-            ("means_2d", self.means_2d.as_flattened()),
-            ("conics", self.conics.as_flattened()),
-            ("background", &self.background),
-            ("pose", &self.pose),
+            (GradientField::Means, self.means.as_flattened()),
+            (GradientField::Quaternions, self.quaternions.as_flattened()),
+            (GradientField::LogScales, self.log_scales.as_flattened()),
+            (GradientField::OpacityLogits, &self.opacity_logits),
+            (GradientField::Sh, self.sh.as_flattened()),
+            (GradientField::Scalars, &self.scalars),
+            (GradientField::Means2d, self.means_2d.as_flattened()),
+            (GradientField::Conics, self.conics.as_flattened()),
+            (GradientField::Background, &self.background),
+            (GradientField::Pose, &self.pose),
         ]
     }
 }

@@ -8,7 +8,7 @@ use atsplat_camera::{Camera, CameraFromWorld};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::catalogue;
-use atsplat_splat::stress::{RendererUnderTest, cpu_under_test, gpu_under_test, rows};
+use atsplat_splat::stress::{ErrorKind, RendererUnderTest, cpu_under_test, gpu_under_test, rows};
 use atsplat_splat::{
     Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -28,7 +28,7 @@ fn every_renderer_passes_every_case() {
     for case in catalogue() {
         let rows = rows(&case, &mut renderers).unwrap();
         // The same parameters of every renderer.
-        compared += rows[0].error("differences").unwrap().compared;
+        compared += rows[0].error(ErrorKind::Differences).unwrap().compared;
         for row in rows.iter().filter(|row| !row.passes()) {
             writeln!(failed, "{row:?}").unwrap();
         }

@@ -11,7 +11,9 @@ use super::self_test::{
 };
 use super::{GpuError, GpuImageGradients, GpuRenderer};
 use crate::renderer::saturated;
-use crate::{GaussianCounts, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer as _, SplatError, View};
+use crate::{
+    GaussianCounts, Gaussians, GradientField, Gradients, ImageGradients, RenderOptions, Renderer as _, SplatError, View,
+};
 
 /// Not as many as views of a scene, so that one cannot stand for the other.
 const SCENES: u32 = 2;
@@ -113,12 +115,12 @@ fn part(images: &ImageGradients<f32>, pixels: Range<usize>) -> ImageGradients<f3
 /// pose and the background are summed over all.
 fn joined(views: &[Gradients<f64>]) -> Vec<Vec<f64>> {
     let fields: Vec<_> = views.iter().map(Gradients::fields).collect();
-    let names = fields.first().into_iter().flatten().map(|(name, _)| *name);
-    let of_field = |(at, name): (usize, &str)| {
-        let each = if matches!(name, "pose" | "background") { fields.len() } else { VIEWS_OF_SCENE as usize };
+    let known = fields.first().into_iter().flatten().map(|(field, _)| *field);
+    let of_field = |(at, field): (usize, GradientField)| {
+        let each = if field.is_of_gaussians() { VIEWS_OF_SCENE as usize } else { fields.len() };
         fields.chunks(each).flat_map(|views| sum(views.iter().map(|fields| fields[at].1))).collect::<Vec<f64>>()
     };
-    names.enumerate().map(of_field).collect()
+    known.enumerate().map(of_field).collect()
 }
 
 fn sum<'a>(lists: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
@@ -147,7 +149,7 @@ mod tests {
         let views = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0].map(view);
         let found = joined(&views);
         assert_eq!(found.len(), views[0].fields().len());
-        let of = |name: &str| &found[views[0].fields().iter().position(|(field, _)| *field == name).unwrap()][..];
+        let of = |name: &str| &found[views[0].fields().iter().position(|(field, _)| field.name() == name).unwrap()][..];
         assert_eq!(of("opacity_logits"), [7.0, 70.0, 56.0, 560.0]);
         assert_eq!(of("means_2d"), [7.0, -7.0, 56.0, -56.0]);
         assert_eq!(of("pose"), [0.0, 0.0, 0.0, 0.0, 0.0, 63.0]);

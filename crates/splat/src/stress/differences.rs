@@ -8,7 +8,7 @@
 
 use atsplat_numeric::Extremes as _;
 
-use super::MeasuredError;
+use super::{ErrorKind, MeasuredError};
 use rayon::prelude::*;
 
 use super::gradients::{loss_gradients, relative, sizes};
@@ -24,9 +24,6 @@ use crate::{
 const FADED: f64 = 1e-12;
 /// `min_alpha` for f32 backends.
 const FADED_IN_F32: f64 = SMALLEST_MIN_ALPHA;
-
-/// Name of their errors.
-pub(super) const NAME: &str = "differences";
 
 /// Finite differences with respect to selected parameters.
 #[derive(Debug)]
@@ -55,7 +52,7 @@ impl Differences {
         let (whole, cut) = (analytic(FADED)?, analytic(FADED_IN_F32)?);
         let sizes = sizes(&whole);
         let of = scene.parameters()?.into_par_iter().filter_map(|(parameter, step)| {
-            let size = sizes.get(parameter.field()).copied()?;
+            let (_, size) = sizes.into_iter().find(|(field, _)| *field == parameter.field())?;
             let value = scene.difference(parameter, step, size)? - (parameter.of(&whole)? - parameter.of(&cut)?);
             Some(Difference { parameter, value, size })
         });
@@ -72,7 +69,7 @@ impl Differences {
         let options = smooth(&case.options, FADED_IN_F32);
         let gradients = renderer.backward(&case.gaussians, &case.view, &options, &self.images)?;
         let compared = self.of.len() as u64;
-        let mut error = MeasuredError { name: NAME, absolute: 0.0, relative: 0.0, bound, compared };
+        let mut error = MeasuredError { kind: ErrorKind::Differences, absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
             let difference = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
             error.absolute = error.absolute.maximum_of(difference);

@@ -1,9 +1,9 @@
 use atsplat_numeric::Extremes as _;
 
-use super::MeasuredError;
+use super::{ErrorKind, MeasuredError};
 
 use crate::reference::Jump;
-use crate::{Gradients, ImageGradients, SplatError, View};
+use crate::{GradientField, Gradients, ImageGradients, SplatError, View};
 
 /// Image gradients that vary from pixel to pixel; zero where a pixel may jump, because no gradient exists there.
 pub(super) fn loss_gradients(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
@@ -30,11 +30,12 @@ pub(super) fn error(
     expected: &Gradients<f64>,
     bound: f64,
 ) -> Result<MeasuredError, SplatError> {
-    let mut error = MeasuredError { name: "gradient", absolute: 0.0, relative: 0.0, bound, compared: 0 };
+    let mut error = MeasuredError { kind: ErrorKind::Gradient, absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let pairs = actual.fields().into_iter().zip(expected.fields());
-    for (((field, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
+    for (((field, actual), (_, expected)), (_, size)) in pairs.zip(sizes(expected)) {
         if actual.len() != expected.len() {
-            return Err(SplatError::Length { field, expected: expected.len(), found: actual.len() });
+            let (expected, found) = (expected.len(), actual.len());
+            return Err(SplatError::Length { field: field.name(), expected, found });
         }
         for (actual, expected) in actual.iter().zip(expected) {
             let difference = (f64::from(*actual) - expected).abs();
@@ -49,17 +50,17 @@ pub(super) fn error(
 /// The largest gradient of each field. For log-scales, logits, SH coefficients and scalars, whose units are comparable,
 /// at least a thousandth of the largest among them: if nothing depends on a field, its gradients are only rounding
 /// errors of others.
-pub(super) fn sizes(gradients: &Gradients<f64>) -> [f64; 10] {
-    const COMPARABLE: std::ops::RangeInclusive<usize> = 2..=5;
-    let largest =
-        gradients.fields().map(|(_, field)| field.iter().fold(0.0, |most: f64, value| most.maximum_of(value.abs())));
-    let largest_comparable =
-        largest.iter().skip(*COMPARABLE.start()).take(COMPARABLE.count()).copied().fold(0.0, f64::maximum_of);
-    let mut sizes = largest;
-    for field in COMPARABLE {
-        sizes[field] = sizes[field].maximum_of(1e-3 * largest_comparable);
-    }
-    sizes
+pub(super) fn sizes(gradients: &Gradients<f64>) -> [(GradientField, f64); 10] {
+    let is_comparable = |field| {
+        use GradientField::{LogScales, OpacityLogits, Scalars, Sh};
+        matches!(field, LogScales | OpacityLogits | Sh | Scalars)
+    };
+    let largest = gradients
+        .fields()
+        .map(|(field, values)| (field, values.iter().fold(0.0, |most: f64, value| most.maximum_of(value.abs()))));
+    let comparable = largest.iter().filter(|(field, _)| is_comparable(*field)).map(|(_, size)| *size);
+    let least = 1e-3 * comparable.fold(0.0, f64::maximum_of);
+    largest.map(|(field, size)| (field, if is_comparable(field) { size.maximum_of(least) } else { size }))
 }
 
 /// The error relative to a size, which is at least f32's smallest normal number: image gradients are of order one, so
@@ -72,6 +73,35 @@ pub(super) fn relative(difference: f64, size: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::renderer::saturated;
+    use crate::stress::parameter::Parameter;
+
+    /// Of the second Gaussian, only the scalar has a gradient.
+    #[test]
+    fn fields_of_comparable_units_share_the_least_size() {
+        let gradients = Gradients {
+            means: vec![[0.0, -3.0, 1.0], [0.0; 3]],
+            log_scales: vec![[0.5, 0.0, -0.25], [0.0; 3]],
+            opacity_logits: vec![0.0; 2],
+            sh: vec![[1e-4, 0.0, 0.0], [0.0; 3]],
+            scalars: vec![0.0, -2.0],
+            pose: [0.0, 0.0, 0.0, 0.0, 0.125, 0.0],
+            ..Gradients::default()
+        };
+        let found = sizes(&gradients);
+        let of = |field: GradientField| found.iter().find(|(known, _)| *known == field).map(|(_, size)| *size);
+        for (parameter, size) in [
+            (Parameter::Mean(1, 2), 3.0),
+            (Parameter::Quaternion(0, 3), 0.0),
+            (Parameter::LogScale(1, 0), 0.5),
+            (Parameter::Logit(0), 2e-3),
+            (Parameter::Sh(1, 2), 2e-3),
+            (Parameter::Scalar(0), 2.0),
+            (Parameter::Pose(5), 0.125),
+        ] {
+            assert_eq!(of(parameter.field()), Some(size), "{parameter:?}");
+        }
+        assert_eq!(of(GradientField::Conics), Some(0.0));
+    }
 
     /// A missing gradient is not one without errors.
     #[test]

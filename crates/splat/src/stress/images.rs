@@ -1,6 +1,6 @@
 use atsplat_numeric::Extremes as _;
 
-use super::MeasuredError;
+use super::{ErrorKind, MeasuredError};
 
 use crate::hard_cases::HardCase;
 use crate::reference::{self, Jump};
@@ -26,7 +26,7 @@ pub(super) fn error(
     bound: f64,
 ) -> Result<MeasuredError, SplatError> {
     check_lengths(actual, expected)?;
-    let mut error = MeasuredError { name: "image", absolute: 0.0, relative: 0.0, bound, compared: 0 };
+    let mut error = MeasuredError { kind: ErrorKind::Image, absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let [colour, depth, scalar] = spreads(case)?;
     let flat = |image: &[f64]| image.iter().fold(1.0, |most: f64, value| most.maximum_of(value.abs()));
     let mut compare =

@@ -17,7 +17,7 @@ use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, S
 use differences::Differences;
 
 pub use report::StressReport;
-pub use row::{MeasuredError, StressRow};
+pub use row::{ErrorKind, MeasuredError, StressRow};
 
 /// A renderer and its error allowance.
 #[expect(missing_debug_implementations, reason = "renderers do not implement it")]
@@ -72,16 +72,16 @@ pub fn rows(case: &HardCase, renderers: &mut [RendererUnderTest]) -> Result<Vec<
 /// Findings for errors of too few compared values, which is correct only if nothing is drawn.
 fn uncompared(errors: &[MeasuredError]) -> impl Iterator<Item = String> {
     // Of differences, as many as a pose has parameters.
-    let least = |error: &MeasuredError| if error.name == differences::NAME { 6 } else { 1 };
+    let least = |error: &MeasuredError| if error.kind == ErrorKind::Differences { 6 } else { 1 };
     let scarce = errors.iter().filter(move |error| error.compared < least(error));
     scarce.map(move |error| {
-        format!("{}: {} values compared, expected at least {}", error.name, error.compared, least(error))
+        format!("{}: {} values compared, expected at least {}", error.kind.name(), error.compared, least(error))
     })
 }
 
 /// Whether any parameter of a Gaussian has a gradient: without, its errors say nothing.
 fn has_gradient(gradients: &Gradients<f64>) -> bool {
-    let of_gaussians = gradients.fields().into_iter().filter(|(field, _)| !["background", "pose"].contains(field));
+    let of_gaussians = gradients.fields().into_iter().filter(|(field, _)| field.is_of_gaussians());
     of_gaussians.flat_map(|(_, values)| values).any(|value| value.abs() > 0.0)
 }
 
@@ -168,9 +168,10 @@ mod tests {
 
     #[test]
     fn reports_errors_without_compared_values() {
-        let error = |name, compared| MeasuredError { name, absolute: 0.0, relative: 0.0, bound: 1.0, compared };
+        let error = |kind, compared| MeasuredError { kind, absolute: 0.0, relative: 0.0, bound: 1.0, compared };
         let of = |image, differences| -> Vec<String> {
-            uncompared(&[error("image", image), error("gradient", 1), error("differences", differences)]).collect()
+            let errors = [(ErrorKind::Image, image), (ErrorKind::Gradient, 1), (ErrorKind::Differences, differences)];
+            uncompared(&errors.map(|(kind, compared)| error(kind, compared))).collect()
         };
         assert_eq!(of(1, 6), [""; 0]);
         assert_eq!(of(1, 5), ["differences: 5 values compared, expected at least 6"]);

@@ -1,7 +1,7 @@
 use atsplat_camera::{Camera, CameraFromWorld};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::{GaussianParts, Gaussians, Gradients, SplatError, View, sh_coefficients};
+use crate::{GaussianParts, Gaussians, GradientField, Gradients, SplatError, View, sh_coefficients};
 
 /// A scalar parameter of a rendering that has a gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,16 +31,16 @@ impl Parameter {
         list
     }
 
-    /// Index of its field in [`Gradients::fields`].
-    pub(crate) const fn field(self) -> usize {
+    /// The field that its gradient is in.
+    pub(crate) const fn field(self) -> GradientField {
         match self {
-            Self::Mean(..) => 0,
-            Self::Quaternion(..) => 1,
-            Self::LogScale(..) => 2,
-            Self::Logit(_) => 3,
-            Self::Sh(..) => 4,
-            Self::Scalar(_) => 5,
-            Self::Pose(_) => 9,
+            Self::Mean(..) => GradientField::Means,
+            Self::Quaternion(..) => GradientField::Quaternions,
+            Self::LogScale(..) => GradientField::LogScales,
+            Self::Logit(_) => GradientField::OpacityLogits,
+            Self::Sh(..) => GradientField::Sh,
+            Self::Scalar(_) => GradientField::Scalars,
+            Self::Pose(_) => GradientField::Pose,
         }
     }
 

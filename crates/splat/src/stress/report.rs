@@ -2,7 +2,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{MeasuredError, StressRow};
+use super::{ErrorKind, MeasuredError, StressRow};
 
 /// Errors of all cases and renderers. [`Display`](fmt::Display) prints them as a table and lists the failures.
 #[derive(Debug, Serialize)]
@@ -32,18 +32,18 @@ impl fmt::Display for StressReport {
         for row in &self.rows {
             let case = if row.case == before { "" } else { &row.case };
             before = &row.case;
-            let of = |name: &str, share: fn(&MeasuredError) -> f64| {
-                let Some(error) = row.error(name).filter(|error| error.compared > 0) else { return "-".to_owned() };
+            let of = |kind: ErrorKind, share: fn(&MeasuredError) -> f64| {
+                let Some(error) = row.error(kind).filter(|error| error.compared > 0) else { return "-".to_owned() };
                 scientific(share(error)) + if error.bound.is_finite() { "" } else { "*" }
             };
             writeln!(
                 f,
                 "{case:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  {}",
                 row.renderer,
-                of("image", |error| error.absolute),
-                of("image", |error| error.relative),
-                of("gradient", |error| error.relative),
-                of("differences", |error| error.relative),
+                of(ErrorKind::Image, |error| error.absolute),
+                of(ErrorKind::Image, |error| error.relative),
+                of(ErrorKind::Gradient, |error| error.relative),
+                of(ErrorKind::Differences, |error| error.relative),
                 row.non_finite,
                 if row.passes() { "ok" } else { "FAILED" },
             )?;
@@ -51,12 +51,13 @@ impl fmt::Display for StressReport {
         writeln!(f)?;
         for row in self.rows.iter().filter(|row| !row.passes()) {
             for error in row.errors.iter().filter(|error| !error.passes()) {
-                let MeasuredError { name, relative, bound, .. } = error;
+                let MeasuredError { kind, relative, bound, .. } = error;
                 writeln!(
                     f,
-                    "{}, {}: {name} {}, at most {}",
+                    "{}, {}: {} {}, at most {}",
                     row.case,
                     row.renderer,
+                    kind.name(),
                     scientific(*relative),
                     scientific(*bound)
                 )?;
@@ -90,11 +91,11 @@ mod tests {
     #[test]
     fn failures_are_listed_at_the_end() {
         let error =
-            |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
+            |kind, relative| MeasuredError { kind, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
         let row = |renderer: &str, relative, findings: &[&str]| StressRow {
             case: "needles".to_owned(),
             renderer: renderer.to_owned(),
-            errors: vec![error("image", relative), error("gradient", 0.0)],
+            errors: vec![error(ErrorKind::Image, relative), error(ErrorKind::Gradient, 0.0)],
             non_finite: 0,
             findings: findings.iter().map(ToString::to_string).collect(),
         };
@@ -116,7 +117,13 @@ mod tests {
 
     #[test]
     fn an_error_without_a_bound_is_marked() {
-        let error = MeasuredError { name: "gradient", absolute: 3.0, relative: 3.0, bound: f64::INFINITY, compared: 9 };
+        let error = MeasuredError {
+            kind: ErrorKind::Gradient,
+            absolute: 3.0,
+            relative: 3.0,
+            bound: f64::INFINITY,
+            compared: 9,
+        };
         let row = StressRow {
             case: "needles".to_owned(),
             renderer: "gpu".to_owned(),

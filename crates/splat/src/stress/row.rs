@@ -16,12 +16,36 @@ pub struct StressRow {
     pub findings: Vec<String>,
 }
 
+/// What the error of a renderer was measured of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorKind {
+    /// Images, against the reference.
+    Image,
+    /// Gradients, against the reference.
+    Gradient,
+    /// Gradients, against finite differences.
+    Differences,
+}
+
+impl ErrorKind {
+    /// Its name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Gradient => "gradient",
+            Self::Differences => "differences",
+        }
+    }
+}
+
 /// A measured error and its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MeasuredError {
-    /// Such as `image` or `gradient`.
-    pub name: &'static str,
+    /// What was compared.
+    #[serde(rename = "name")]
+    pub kind: ErrorKind,
     /// Largest difference; NaN if one of the values is NaN.
     pub absolute: f64,
     /// The same, relative to the size of the compared values.
@@ -45,9 +69,9 @@ impl StressRow {
         self.non_finite == 0 && self.findings.is_empty() && self.errors.iter().all(MeasuredError::passes)
     }
 
-    /// The error of a given name.
-    pub fn error(&self, name: &str) -> Option<&MeasuredError> {
-        self.errors.iter().find(|error| error.name == name)
+    /// The error of a kind.
+    pub fn error(&self, kind: ErrorKind) -> Option<&MeasuredError> {
+        self.errors.iter().find(|error| error.kind == kind)
     }
 }
 
@@ -56,8 +80,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn errors_are_found_by_kind_and_stored_by_name() {
+        let kinds = [ErrorKind::Gradient, ErrorKind::Differences];
+        let error = |kind| MeasuredError { kind, absolute: 0.5, relative: 0.25, bound: 1e-5, compared: 3 };
+        let row = StressRow {
+            case: "needles".to_owned(),
+            renderer: "cpu".to_owned(),
+            errors: kinds.map(error).to_vec(),
+            non_finite: 0,
+            findings: Vec::new(),
+        };
+        assert_eq!(row.error(ErrorKind::Differences).map(|error| error.kind), Some(ErrorKind::Differences));
+        assert_eq!(row.error(ErrorKind::Image), None);
+        let stored = serde_json::to_value(&row).unwrap();
+        for (at, kind) in kinds.into_iter().enumerate() {
+            assert_eq!(stored["errors"][at]["name"], kind.name());
+        }
+    }
+
+    #[test]
     fn nan_and_findings_fail() {
-        let error = |relative| MeasuredError { name: "image", absolute: 0.0, relative, bound: 1e-5, compared: 1 };
+        let error =
+            |relative| MeasuredError { kind: ErrorKind::Image, absolute: 0.0, relative, bound: 1e-5, compared: 1 };
         let row = |relative, non_finite, findings: &[&str]| StressRow {
             case: "needles".to_owned(),
             renderer: "cpu".to_owned(),

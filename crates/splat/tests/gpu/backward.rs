@@ -3,7 +3,7 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::Uploaded;
 use atsplat_splat::{
-    ClampedGradient, Extent, GaussianParts, Gaussians, Gradients, RasterMode, RenderOptions, Renderer,
+    ClampedGradient, Extent, GaussianParts, Gaussians, GradientField, Gradients, RasterMode, RenderOptions, Renderer,
     RendererConstants, ShAxes, StoppedGradients, View, reference,
 };
 use proptest::prelude::*;
@@ -32,7 +32,7 @@ fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str
         );
         // This does not test gradients that are small compared to the largest. Those of the pose are sums with
         // cancellation.
-        if name == "pose" {
+        if name == GradientField::Pose {
             continue;
         }
         let small = || actual.iter().zip(expected).filter(|(_, expected)| expected.abs() <= 0.01 * size);

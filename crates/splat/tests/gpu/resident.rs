@@ -124,7 +124,7 @@ fn gradients_pass_the_exposure_on_the_device() {
     for ((name, found), (_, expected)) in found.fields().into_iter().zip(expected.map(f64::from).fields()) {
         let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
         assert!(size > 0.0, "{name}");
-        Tolerance::absolute(1e-5 * size).assert(found.iter().copied(), expected.iter().copied(), name);
+        Tolerance::absolute(1e-5 * size).assert(found.iter().copied(), expected.iter().copied(), name.name());
     }
 }
 

@@ -16,7 +16,7 @@ fn assert_scaled(scaled: &Gradients<f32>, plain: &Gradients<f32>, factor: f64) {
         for (scaled, plain) in scaled.iter().zip(plain) {
             let expected = f64::from(*plain) * factor;
             if expected.abs() > 1e-32 && expected.abs() < 1e34 {
-                Tolerance::EXACT.assert([f64::from(*scaled)], [expected], name);
+                Tolerance::EXACT.assert([f64::from(*scaled)], [expected], name.name());
             }
         }
     }
