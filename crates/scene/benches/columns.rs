@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_scene::export::{ExportFormat, export};
 use atsplat_scene::inspect::{InspectOptions, inspect};
-use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Format, Frame, FrameImage, Scene, SceneError, SceneSource, Warnings};
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -60,7 +60,7 @@ fn dataset_of_re10k_size(c: &mut Criterion) {
         });
     });
     group.bench_function("inspect", |b| {
-        b.iter(|| inspect(&source, "memory", &InspectOptions::default(), &mut Warnings::new(), &|| {}));
+        b.iter(|| inspect(&source, Format::Re10k, &InspectOptions::default(), &mut Warnings::new(), &|| {}));
     });
     for format in [ExportFormat::Parquet, ExportFormat::ArrowIpc, ExportFormat::Csv] {
         group.bench_function(format!("export {format:?}"), |b| {

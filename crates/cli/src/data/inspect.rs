@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         per_scene: args.scenes,
     };
     let progress = Progress::new("scenes", dataset.keys().len());
-    let inspection = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| progress.step());
+    let inspection = inspect(&dataset, dataset.format, &options, &mut warnings, &|| progress.step());
     drop(progress);
     let mut geometry_warnings = Warnings::new();
     let geometry = if args.check_geometry {

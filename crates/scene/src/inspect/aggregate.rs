@@ -7,7 +7,7 @@ use super::measure::{FrameMeasure, SceneMeasure};
 use super::report::{
     Baselines, ImageCounts, Inspection, Intrinsics, LensCounts, Problem, SceneCounts, SceneSummary, SizeCount, Summary,
 };
-use crate::Warnings;
+use crate::{Format, Warnings};
 
 /// Examples listed for each kind of problem.
 const EXAMPLES: usize = 3;
@@ -54,7 +54,7 @@ impl Aggregate {
 
     pub(super) fn report(
         self,
-        format: &str,
+        format: Format,
         (listed, left_out): (usize, u64),
         per_scene: bool,
         warnings: &Warnings,
@@ -64,7 +64,7 @@ impl Aggregate {
         let [step, rotation_degrees] = self.motion.map(summary);
         let of_scenes = |value: fn(&SceneSummary) -> Option<f64>| summary(self.scenes.iter().filter_map(value));
         Inspection {
-            format: format.to_owned(),
+            format,
             scenes: SceneCounts { listed, read, unreadable: listed - read, left_out },
             frames: self.scenes.iter().map(|scene| scene.frames).sum(),
             frames_per_scene: of_scenes(|scene| Some(scene.frames as f64)),

@@ -10,7 +10,7 @@ mod unlisted;
 
 use rayon::prelude::*;
 
-use crate::{SceneSource, WarningKind, Warnings};
+use crate::{Format, SceneSource, WarningKind, Warnings};
 use aggregate::Aggregate;
 use measure::SceneMeasure;
 
@@ -49,15 +49,14 @@ pub enum SizeSampling {
     All,
 }
 
-/// Reads every scene of `source` in parallel and reports statistics. `format` is the reported name of the dataset's
-/// format. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
+/// Reads every scene of `source` in parallel and reports statistics. `format` is the dataset's. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
 /// after each scene, from any thread.
 ///
 /// The report does not depend on the number of threads. `warnings` are those of opening the dataset, and no others. A scene
 /// that cannot be read is a problem in the report, not an error.
 pub fn inspect(
     source: &dyn SceneSource,
-    format: &str,
+    format: Format,
     options: &InspectOptions,
     warnings: &mut Warnings,
     progress: &(dyn Fn() + Sync),

@@ -7,8 +7,8 @@ use crate::{Format, Warning, WarningKind};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Inspection {
-    /// Name of the dataset's format.
-    pub format: String,
+    /// The dataset's format.
+    pub format: Format,
     /// Scenes listed, read, unreadable and left out.
     pub scenes: SceneCounts,
     /// Frames of all scenes.
@@ -53,7 +53,7 @@ impl Inspection {
             // In the other formats, structure from motion has not placed these images, and the numbers in images' names, which the
             // cameras of a rig share, are no timestamps.
             WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => {
-                [Format::Nerfstudio, Format::Colmap].iter().all(|format| format.name() != self.format)
+                !matches!(self.format, Format::Nerfstudio | Format::Colmap)
             }
             _ => false,
         }

@@ -15,7 +15,7 @@ fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warni
     let step = || {
         steps.fetch_add(1, Ordering::Relaxed);
     };
-    let report = inspect(source, "in memory", &options, &mut warnings, &step);
+    let report = inspect(source, Format::Re10k, &options, &mut warnings, &step);
     assert_eq!(steps.into_inner(), source.keys().len(), "one step a scene");
     (report, warnings)
 }
@@ -173,7 +173,7 @@ fn scenes_that_were_left_out_make_an_inspection_incomplete() {
         for kind in kinds {
             warnings.push(*kind, "elsewhere", "detail");
         }
-        inspect(&small_dataset(), "in memory", &InspectOptions::default(), &mut warnings, &|| ())
+        inspect(&small_dataset(), Format::Re10k, &InspectOptions::default(), &mut warnings, &|| ())
     };
     let kinds = [
         WarningKind::IgnoredScene,
@@ -197,19 +197,19 @@ fn scenes_that_were_left_out_make_an_inspection_incomplete() {
 /// Images of a rig have the same numbers at the end of their names.
 #[test]
 fn rows_that_are_lost_or_wrong_make_an_inspection_incomplete() {
-    let is_complete = |format: &str, kind| {
+    let is_complete = |format: Format, kind| {
         let mut warnings = Warnings::new();
         warnings.push(kind, "line", "detail");
         inspect(&small_dataset(), format, &InspectOptions::default(), &mut warnings, &|| ()).is_complete()
     };
-    let formats = ["re10k", "torch-chunks", "nerfstudio", "colmap"];
+    let formats = [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap];
     let kind = WarningKind::ImplausibleIntrinsics;
     assert_eq!(formats.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
-    assert!(is_complete("colmap", WarningKind::MixedSizes), "captures of two cameras have two sizes");
+    assert!(is_complete(Format::Colmap, WarningKind::MixedSizes), "captures of two cameras have two sizes");
     for kind in [WarningKind::UnlistedImage, WarningKind::DuplicateTimestamp] {
         assert_eq!(formats.map(|format| is_complete(format, kind)), [false, false, true, true], "{kind}");
     }
-    assert!(is_complete("re10k", WarningKind::UnorderedTimestamps));
+    assert!(is_complete(Format::Re10k, WarningKind::UnorderedTimestamps));
 }
 
 /// Without a stated size, cameras have square pixels at 64×36. A run accepts those that are up to 10 % from square, with a warning.
