@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use atsplat_files::{FileError, Malformed};
+use atsplat_files::{FileError, Malformed, Sha256Digest};
 use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
 use sha2::{Digest, Sha256};
@@ -27,8 +27,8 @@ pub struct StoredTensors {
 pub struct TensorFile {
     /// Path of the file.
     pub path: PathBuf,
-    /// SHA-256 of the whole file, in hexadecimal.
-    pub sha256: String,
+    /// SHA-256 of the whole file.
+    pub sha256: Sha256Digest,
     /// Its tensors and metadata.
     pub stored: StoredTensors,
 }
@@ -50,9 +50,9 @@ impl TensorFile {
     /// # Errors
     /// [`TensorError::InFile`] around the errors of [`StoredTensors::parse`].
     pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, TensorError> {
-        let sha256 = atsplat_files::hexadecimal(&Sha256::digest(&*bytes));
+        let sha256 = Sha256Digest::of(&bytes);
         let stored = StoredTensors::parse(bytes).map_err(|error| error.in_file(&path))?;
-        tracing::debug!(file = %path.display(), tensors = stored.tensors.len(), sha256, "read tensors");
+        tracing::debug!(file = %path.display(), tensors = stored.tensors.len(), %sha256, "read tensors");
         Ok(Self { path, sha256, stored })
     }
 
@@ -63,7 +63,7 @@ impl TensorFile {
     /// [`TensorError::Missing`], and as [`Self::open`].
     pub fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Self, TensorError> {
         let found =
-            Self::open(path).inspect(|file| tracing::info!(file = %path.display(), file.sha256, "read weights"));
+            Self::open(path).inspect(|file| tracing::info!(file = %path.display(), %file.sha256, "read weights"));
         found.map_err(|error| match error {
             TensorError::Io(error) if error.source.kind() == std::io::ErrorKind::NotFound => {
                 TensorError::Missing { expected: expected(), path: path.to_owned() }
@@ -76,12 +76,12 @@ impl TensorFile {
     ///
     /// # Errors
     /// [`TensorError::InFile`] around [`TensorError::Malformed`].
-    pub fn check_sha256(&self, expected: Option<&str>) -> Result<(), TensorError> {
-        match expected.filter(|expected| !expected.eq_ignore_ascii_case(&self.sha256)) {
+    pub fn check_sha256(&self, expected: Option<Sha256Digest>) -> Result<(), TensorError> {
+        match expected.filter(|expected| *expected != self.sha256) {
             None => Ok(()),
             Some(expected) => {
                 let expected = format!("a file of sha256 {expected}");
-                let other = Malformed::new("weights", "file", expected, &self.sha256);
+                let other = Malformed::new("weights", "file", expected, self.sha256);
                 Err(TensorError::from(other).in_file(&self.path))
             }
         }

@@ -186,15 +186,14 @@ impl NetworkArgs {
 
     /// Opens a weights file, and reads the configuration that it was written for.
     fn weights_file(&self, path: &Path, requested: Option<&ModelConfig>) -> anyhow::Result<(TensorFile, ModelConfig)> {
-        let expected_hash = self.sha256.map(|hash| hash.to_string());
         let file = embedded::find(path, || {
             let file = match requested {
-                Some(config) => ModelWeights::advice(config, expected_hash.as_deref()),
+                Some(config) => ModelWeights::advice(config, self.sha256),
                 None => "a weights file of this toolkit, which `atsplat weights import` makes".to_owned(),
             };
             format!("{}; `random:SEED` in place of a file runs the network untrained", embedded::or_a_file(&file))
         })?;
-        file.check_sha256(expected_hash.as_deref())?;
+        file.check_sha256(self.sha256)?;
         if !ModelWeights::is_one(&file.stored) && !ModelWeights::is_checkpoint(&file.stored) {
             bail!(
                 "weights: expected a file of this toolkit, found {} tensors without its metadata; convert it with \

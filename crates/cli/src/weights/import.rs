@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let map = KeyMap::resolve(&args.key_map)?;
     let _outputs = OutputFiles::of(args.out.as_deref())?;
     let source = TensorFile::find(&args.file, || "a checkpoint or safetensors to import".to_owned())?;
-    source.check_sha256(args.sha256.map(|hash| hash.to_string()).as_deref())?;
+    source.check_sha256(args.sha256)?;
     let (source, imported) = of_this_toolkit(source)?;
     let config = args.network(requested, imported.as_ref())?;
     if args.backbone.is_some() && !matches!(config.backbone, BackboneConfig::DinoV2 { .. }) {
@@ -83,10 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let backbone = match &args.backbone {
-        Some(path) => {
-            let expected = args.backbone_sha256.map(|hash| hash.to_string());
-            Some(read_backbone(path, &config, expected.as_deref())?)
-        }
+        Some(path) => Some(read_backbone(path, &config, args.backbone_sha256)?),
         None => None,
     };
     let mut expected = parameters(&config);
@@ -98,7 +95,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let lacks_backbone = found.missing.iter().any(|missing| missing.parameter.starts_with("backbone."));
     let mut report = ImportedFile {
         file: args.file.clone(),
-        sha256: source.sha256,
+        sha256: source.sha256.to_string(),
         model: config.name.clone(),
         complete,
         found,

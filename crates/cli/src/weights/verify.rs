@@ -31,19 +31,18 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let config = args.model.as_deref().map(ModelConfig::resolve).transpose()?;
-    let expected = args.sha256.map(|hash| hash.to_string());
     let file = embedded::find(&args.file, || match &config {
-        Some(config) => ModelWeights::advice(config, expected.as_deref()),
+        Some(config) => ModelWeights::advice(config, args.sha256),
         None => embedded::or_a_file("a file of weights"),
     })?;
     if CheckpointFile::is_one(&file.stored) {
-        print_report(&of_checkpoint(file, config.as_ref(), expected.as_deref())?, args.json)?;
+        print_report(&of_checkpoint(file, config.as_ref(), args.sha256)?, args.json)?;
         return Ok(true);
     }
     // A configuration that cannot be read is an error of the verification.
     let stored = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored));
     let written_for = stored.and_then(Result::ok);
-    let verification = Verification::new(file, config.as_ref(), expected.as_deref())?;
+    let verification = Verification::new(file, config.as_ref(), args.sha256)?;
     if let Some((requested, written_for)) = config.as_ref().zip(written_for.as_ref()) {
         same_network(requested, written_for).context("--model")?;
     }
@@ -54,7 +53,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 fn of_checkpoint(
     file: TensorFile,
     config: Option<&ModelConfig>,
-    expected_sha256: Option<&str>,
+    expected_sha256: Option<Sha256Digest>,
 ) -> anyhow::Result<Verification> {
     file.check_sha256(expected_sha256)?;
     let checkpoint = CheckpointFile::read(&file)?;

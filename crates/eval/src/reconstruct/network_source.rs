@@ -187,7 +187,7 @@ impl NetworkSource {
                     .map_err(|error| error.in_file(path))?;
                 let record = WeightsRecord::File {
                     file: path.clone(),
-                    sha256: file.sha256.clone(),
+                    sha256: file.sha256.to_string(),
                     provenance: weights.provenance,
                 };
                 Ok((network.with_weights(&weights.tensors)?, record))
@@ -196,8 +196,7 @@ impl NetworkSource {
                 let mut tensors = generated(&parameters(&self.config), *seed);
                 let mut record = None;
                 if let Some(UntrainedBackbone { path, sha256 }) = backbone {
-                    let expected = sha256.map(|hash| hash.to_string());
-                    let backbone = read_backbone(path, &self.config, expected.as_deref())?;
+                    let backbone = read_backbone(path, &self.config, *sha256)?;
                     tensors.tensors.extend(backbone.tensors.tensors);
                     let known = backbone.known.map(|known| known.what);
                     record = Some(BackboneRecord { file: path.clone(), sha256: backbone.sha256, known });

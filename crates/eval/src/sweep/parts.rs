@@ -93,7 +93,7 @@ impl SweepBase {
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
                 let trained_at = self.trained_at.map(|_| read.config.resolution);
                 let training = (TrainingRecord::of(&read.provenance), TrainedUnder::of(&read.provenance));
-                let weights = WeightsSource::File { sha256: file.sha256 };
+                let weights = WeightsSource::File { sha256: file.sha256.to_string() };
                 (overrides.model(&read.config)?, read.tensors, weights, trained_at, training)
             }
         };

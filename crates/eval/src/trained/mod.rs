@@ -44,7 +44,7 @@ impl TrainedNetwork {
     pub fn new(file: &TensorFile, description: String) -> Result<Self, EvalError> {
         let ModelWeights { config, tensors, provenance, .. } = ModelWeights::of_file(file)?;
         let (weights, training) =
-            (WeightsSource::File { sha256: file.sha256.clone() }, TrainingRecord::of(&provenance));
+            (WeightsSource::File { sha256: file.sha256.to_string() }, TrainingRecord::of(&provenance));
         let trained_under = TrainedUnder::of(&provenance);
         let device = ComputeDevice::default();
         Ok(Self { config, tensors, weights, training, trained_under, description, device })

@@ -60,10 +60,10 @@ impl Perceptual {
                 let digest = embedded.digest();
                 (embedded, digest)
             }
-            None => (file.stored.clone(), file.sha256.clone()),
+            None => (file.stored.clone(), file.sha256.to_string()),
         };
-        tracing::info!(metric = network.name(), file = %weights.display(), file.sha256, "read weights of a metric");
-        let hashes = WeightsHashes { network: file.sha256, heads: heads_hash };
+        tracing::info!(metric = network.name(), file = %weights.display(), %file.sha256, "read weights of a metric");
+        let hashes = WeightsHashes { network: file.sha256.to_string(), heads: heads_hash };
         let perceptual = Self::from_tensors(network, &file.stored, &heads, hashes)?;
         Ok(Self { file: Some(weights.to_owned()), ..perceptual })
     }

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use atsplat_files::Sha256Digest;
+
 use super::{ImportReport, KeyMap, KnownFile, StoredTensors, TensorFile};
 use crate::ModelError;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
@@ -30,7 +32,7 @@ pub struct BackboneWeights {
 pub fn read_backbone(
     path: &Path,
     config: &ModelConfig,
-    expected_sha256: Option<&str>,
+    expected_sha256: Option<Sha256Digest>,
 ) -> Result<BackboneWeights, ModelError> {
     let file = TensorFile::find(path, || KnownFile::advice(&config.backbone))?;
     file.check_sha256(expected_sha256)?;
@@ -55,8 +57,9 @@ pub(super) fn backbone_of(file: &TensorFile, config: &ModelConfig) -> Result<Bac
         let expected = "DINOv2 without registers, as in the model";
         return Err(ModelError::malformed("weights", "file", expected, found).in_file(&file.path));
     }
-    let known = KnownFile::with_sha256(&file.sha256);
-    Ok(BackboneWeights { tensors, report, sha256: file.sha256.clone(), known })
+    let sha256 = file.sha256.to_string();
+    let known = KnownFile::with_sha256(&sha256);
+    Ok(BackboneWeights { tensors, report, sha256, known })
 }
 
 impl BackboneConfig {

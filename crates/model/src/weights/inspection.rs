@@ -65,6 +65,7 @@ impl Inspection {
     /// [`ModelError`] if a configuration or key map cannot be read.
     pub fn new(path: PathBuf, file: TensorFile, list_tensors: bool) -> Result<Self, ModelError> {
         let TensorFile { sha256, stored, .. } = file;
+        let sha256 = sha256.to_string();
         let what = if ModelWeights::is_one(&stored) {
             match ModelWeights::from_stored(&stored) {
                 Ok(weights) => Contents::Atsplat { model: weights.config.name.clone(), hash: weights.config.hash()? },

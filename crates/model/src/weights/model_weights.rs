@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_files::Malformed;
+use atsplat_files::{Malformed, Sha256Digest};
 
 use super::{KeyMap, KnownFile, StoredTensor, StoredTensors, TensorError, TensorFile, UnusedTensor};
 use crate::ModelError;
@@ -85,7 +85,7 @@ impl ModelWeights {
     /// [`ModelError::InFile`] around the errors of [`Self::from_stored`].
     pub fn of_file(file: &TensorFile) -> Result<Self, ModelError> {
         let weights = Self::from_stored(&file.stored).map_err(|error| error.in_file(&file.path))?;
-        Ok(Self { sha256: Some(file.sha256.clone()), ..weights })
+        Ok(Self { sha256: Some(file.sha256.to_string()), ..weights })
     }
 
     /// Whether the metadata are those of a weights file of this toolkit.
@@ -108,7 +108,7 @@ impl ModelWeights {
     }
 
     /// Message for a user without the weights of a network, whose SHA-256 may be known.
-    pub fn advice(config: &ModelConfig, sha256: Option<&str>) -> String {
+    pub fn advice(config: &ModelConfig, sha256: Option<Sha256Digest>) -> String {
         let hash = sha256.map_or_else(String::new, |hash| format!(" of sha256 {hash}"));
         let name = &config.name;
         let mut text = format!(

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_files::Sha256Digest;
 use atsplat_pickle::SharedBytes;
 
 use super::*;
@@ -29,7 +30,10 @@ fn weights_round_trip_through_a_file() {
     let read = ModelWeights::read(&path).unwrap();
     assert_eq!((&read.config, &read.provenance), (&weights.config, &weights.provenance));
     assert_eq!(read.tensors.digest(), weights.tensors.digest());
-    assert_eq!((read.sha256.as_ref(), weights.sha256.as_ref()), (Some(&TensorFile::open(&path).unwrap().sha256), None));
+    assert_eq!(
+        (read.sha256.as_ref(), weights.sha256.as_ref()),
+        (Some(&TensorFile::open(&path).unwrap().sha256.to_string()), None)
+    );
     read.write(&copy, Precision::Single).unwrap();
     assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&copy).unwrap(), "the same bytes");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary file is left");
@@ -142,8 +146,8 @@ fn weights_fit_every_network_with_the_same_parameters() {
 #[test]
 fn errors_of_absent_weights_say_which_and_where_to_get_them() {
     let advice = |name: &str, hash| ModelWeights::advice(&ModelConfig::named(name).unwrap(), hash);
-    let paper = advice("paper-dl3dv", Some("00ff"));
-    for part in ["model paper-dl3dv", "sha256 00ff", "weights import", "dinov2_vitb14_pretrain.pth", "https://"] {
+    let paper = advice("paper-dl3dv", Some(Sha256Digest([0x5a; 32])));
+    for part in ["model paper-dl3dv", "sha256 5a5a", "weights import", "dinov2_vitb14_pretrain.pth", "https://"] {
         assert!(paper.contains(part), "{paper}");
     }
     let mut config = ModelConfig::named("nano").unwrap();
@@ -228,6 +232,6 @@ fn errors_of_absent_and_wrong_backbones_say_where_to_get_the_right_one() {
     nano().write(&path, Precision::Half).unwrap();
     let error = read_backbone(&path, &config, None).unwrap_err().to_string();
     assert!(error.contains("174 missing") && error.contains("nano.safetensors"), "{error}");
-    let error = read_backbone(&path, &config, Some("00ff")).unwrap_err().to_string();
-    assert!(error.contains("expected a file of sha256 00ff, found "), "{error}");
+    let error = read_backbone(&path, &config, Some(Sha256Digest([0x5a; 32]))).unwrap_err().to_string();
+    assert!(error.contains("expected a file of sha256 5a5a"), "{error}");
 }

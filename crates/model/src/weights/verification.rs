@@ -1,6 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
 use super::backbone::backbone_of;
@@ -34,7 +35,7 @@ impl Verification {
     pub fn new(
         file: TensorFile,
         config: Option<&ModelConfig>,
-        expected_sha256: Option<&str>,
+        expected_sha256: Option<Sha256Digest>,
     ) -> Result<Self, ModelError> {
         file.check_sha256(expected_sha256)?;
         let found = if ModelWeights::is_one(&file.stored) {
@@ -55,7 +56,7 @@ impl Verification {
         file: TensorFile,
         (what, weights, metadata_covered): (String, ModelWeights, bool),
         config: Option<&ModelConfig>,
-        expected_sha256: Option<&str>,
+        expected_sha256: Option<Sha256Digest>,
     ) -> Result<Self, ModelError> {
         file.check_sha256(expected_sha256)?;
         let found = (what, weights.tensors.tensors.len(), Some(metadata_covered));
@@ -65,12 +66,13 @@ impl Verification {
         Ok(Self::of(file, found, config, expected_sha256))
     }
 
-    fn of(file: TensorFile, found: Found, config: Option<&ModelConfig>, expected_sha256: Option<&str>) -> Self {
+    fn of(file: TensorFile, found: Found, config: Option<&ModelConfig>, expected_sha256: Option<Sha256Digest>) -> Self {
         let (what, parameters, metadata_covered) = found;
-        let known = KnownFile::with_sha256(&file.sha256);
+        let sha256 = file.sha256.to_string();
+        let known = KnownFile::with_sha256(&sha256);
         Self {
             file: file.path,
-            sha256: file.sha256,
+            sha256,
             sha256_expected: expected_sha256.is_some() || known.is_some(),
             what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
             metadata_covered,

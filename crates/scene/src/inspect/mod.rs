@@ -49,8 +49,8 @@ pub enum SizeSampling {
     All,
 }
 
-/// Reads every scene of `source` in parallel and reports statistics. `format` is the dataset's. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
-/// after each scene, from any thread.
+/// Reads every scene of `source`, a dataset of `format`, in parallel and reports statistics. The reported problems are all of
+/// `warnings`, including those from opening the dataset. `progress` is called after each scene, from any thread.
 ///
 /// The report does not depend on the number of threads. `warnings` are those of opening the dataset, and no others. A scene
 /// that cannot be read is a problem in the report, not an error.

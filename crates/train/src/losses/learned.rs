@@ -47,7 +47,7 @@ impl LearnedLoss {
             Some(heads) => heads.map_err(|error| TrainError::malformed("heads", network.name(), "tensors", error))?,
             None => file.stored.clone(),
         };
-        Self::new(network, &file.stored, &heads, file.sha256, device)
+        Self::new(network, &file.stored, &heads, file.sha256.to_string(), device)
     }
 
     /// A loss with the given tensors on a device with gradients.
