@@ -39,6 +39,11 @@ pub fn without_byte_order_mark(text: &[u8]) -> &[u8] {
     text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
 }
 
+/// Whether bytes are a Git LFS pointer, the placeholder of a file that was not fetched (git-lfs `docs/spec.md`).
+pub fn is_lfs_pointer(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"version https://git-lfs.github.com/spec/")
+}
+
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
@@ -54,6 +59,12 @@ pub fn is_plain_name(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pointers_begin_with_the_address_of_their_specification() {
+        assert!(is_lfs_pointer(b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"));
+        assert!(!is_lfs_pointer(b"version https://git-lfs.github.com/spec") && !is_lfs_pointer(b"version 1.0\n"));
+    }
 
     #[test]
     fn only_the_mark_at_the_beginning_is_left_out() {

@@ -40,8 +40,8 @@ pub fn recognises(file: &[u8]) -> bool {
     ZipDirectory::recognises(file) || legacy_container::recognises(file)
 }
 
-/// Whether bytes are a Git LFS pointer, the placeholder of a file that was not fetched (git-lfs `docs/spec.md`).
-pub fn is_lfs_pointer(file: &[u8]) -> bool {
+/// As `is_lfs_pointer` of `atsplat-files`: this crate uses no other of the workspace.
+fn is_lfs_pointer(file: &[u8]) -> bool {
     file.starts_with(b"version https://git-lfs.github.com/spec/")
 }
 

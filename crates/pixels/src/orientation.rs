@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::ImageFormat;
+use crate::{ImageFormat, png_chunks};
 
 /// EXIF's tag for the orientation.
 const ORIENTATION: u16 = 0x0112;
@@ -98,20 +98,7 @@ fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
 
 fn exif_of_png(bytes: &[u8]) -> Option<&[u8]> {
     let mut chunks = png_chunks(bytes).take_while(|(name, _)| *name != b"IEND");
-    chunks.find(|(name, _)| *name == b"eXIf").map(|(_, data)| data)
-}
-
-/// Names and data of the complete chunks at the start of a PNG, each stored as length (big endian), name, data and
-/// checksum.
-pub(crate) fn png_chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
-    let mut rest = bytes.get(8..).unwrap_or_default();
-    std::iter::from_fn(move || {
-        let ([length, name], _) = rest.as_chunks::<4>().0.split_first_chunk::<2>()?;
-        let end = usize::try_from(u32::from_be_bytes(*length)).ok()?.checked_add(8)?;
-        let data = rest.get(8..end)?;
-        rest = rest.get(end.checked_add(4)?..)?;
-        Some((name, data))
-    })
+    chunks.find(|(name, _)| *name == b"eXIf").and_then(|(_, data)| data)
 }
 
 /// A WebP is a sequence of chunks of name, length (little endian) and data padded to an even length (RFC 9649, section

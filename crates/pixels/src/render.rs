@@ -2,8 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::orientation::png_chunks;
-use crate::{ImageFormat, Orientation, PixelError};
+use crate::{ImageFormat, Orientation, PixelError, png_chunks};
 
 /// Exponents in `gAMA`, times 100 000, of samples that are encoded for display: 1/2.8 to 1/1.7.
 const FOR_DISPLAY: RangeInclusive<u32> = 35_000..=60_000;
@@ -33,10 +32,11 @@ pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
     Ok(())
 }
 
-/// The chunks of a PNG before its first image; none in another format.
+/// The complete chunks of a PNG before its first image; none in another format.
 fn header_chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
     let is_png = ImageFormat::sniff(bytes) == Some(ImageFormat::Png);
-    png_chunks(if is_png { bytes } else { &[] }).take_while(|(name, _)| *name != b"IDAT")
+    let before = png_chunks(if is_png { bytes } else { &[] }).take_while(|(name, _)| *name != b"IDAT");
+    before.filter_map(|(name, data)| Some((name, data?)))
 }
 
 /// The number of pictures of an animated PNG with several: which of them is meant, only its writer knows.

@@ -1,4 +1,4 @@
-use crate::{ImageFormat, PixelError};
+use crate::{ImageFormat, PixelError, png_chunks};
 
 /// Columns and rows of an encoded image according to its header; nothing is decoded or allocated. EXIF orientation is
 /// not applied, as in [`decode`](crate::decode()).
@@ -37,12 +37,9 @@ pub fn has_16_bits(bytes: &[u8]) -> bool {
     ImageFormat::sniff(bytes) == Some(ImageFormat::Png) && bytes.get(BIT_DEPTH) == Some(&16)
 }
 
-/// The start of a Git LFS pointer (git-lfs `docs/spec.md`).
-const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
-
 /// The error for bytes of an unknown format.
 pub(crate) fn unknown(bytes: &[u8]) -> PixelError {
-    if bytes.starts_with(LFS_POINTER) {
+    if atsplat_files::is_lfs_pointer(bytes) {
         return PixelError::LfsPointer;
     }
     let start: Vec<String> = bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
@@ -77,22 +74,10 @@ fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
 /// The colour type's alpha bit (PNG specification, 11.2.1), or a `tRNS` chunk, which comes before the pixels (11.3.1).
 fn png_has_alpha(bytes: &[u8]) -> bool {
     const ALPHA_USED: u8 = 4;
-    const FIRST_CHUNK_AFTER_HEADER: usize = 33;
     if bytes.get(25).is_some_and(|colour_type| colour_type & ALPHA_USED != 0) {
         return true;
     }
-    let mut rest = bytes.get(FIRST_CHUNK_AFTER_HEADER..).unwrap_or_default();
-    while let Some(([l0, l1, l2, l3, kind @ ..], _)) = rest.split_first_chunk::<8>() {
-        match kind {
-            b"tRNS" => return true,
-            b"IDAT" => return false,
-            _ => {
-                let length = u64::from(u32::from_be_bytes([*l0, *l1, *l2, *l3])) + 12;
-                rest = usize::try_from(length).ok().and_then(|length| rest.get(length..)).unwrap_or_default();
-            }
-        }
-    }
-    false
+    png_chunks(bytes).map(|(name, _)| name).find(|name| matches!(*name, b"tRNS" | b"IDAT")) == Some(b"tRNS")
 }
 
 /// RFC 9649: the flag of an extended file (2.7), or the hint of a lossless one (3.4).

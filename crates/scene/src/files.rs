@@ -24,7 +24,7 @@ pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, Sc
 
 /// An error for a Git LFS pointer, which is there instead of a file that was not fetched.
 fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<(), SceneError> {
-    if atsplat_pickle::is_lfs_pointer(start) {
+    if atsplat_files::is_lfs_pointer(start) {
         return Err(SceneError::LfsPointer { action, path: path.to_owned() });
     }
     Ok(())

@@ -133,7 +133,7 @@ impl StoredTensors {
             walk.visit(&root, "")?;
             return Ok(walk.found);
         }
-        if atsplat_pickle::is_lfs_pointer(&file) {
+        if atsplat_files::is_lfs_pointer(&file) {
             let found = "a Git LFS pointer to it: run `git lfs pull` in its repository";
             return Err(Malformed::new("weights", "byte 0", EXPECTED, found).into());
         }

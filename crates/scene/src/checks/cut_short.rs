@@ -1,6 +1,6 @@
 //! Images that were cut short, for example by a copy that was interrupted: found by their structure, without decoding.
 
-use atsplat_pixels::{ImageFormat, jpeg_has_end};
+use atsplat_pixels::{ImageFormat, jpeg_has_end, png_chunks};
 
 /// The last chunk of a PNG, with its checksum.
 pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
@@ -18,17 +18,8 @@ pub(crate) fn cut_short(bytes: &[u8]) -> Option<String> {
     (!is_whole).then(|| format!("cut short: a {format} of {} bytes without its end", bytes.len()))
 }
 
-/// Follows the lengths of the chunks (PNG specification, section 5.3).
 fn png_has_end(bytes: &[u8]) -> bool {
-    let mut rest = bytes.get(8..).unwrap_or_default();
-    while let Some([a, b, c, d, kind @ ..]) = rest.first_chunk::<8>() {
-        if kind == b"IEND" {
-            return rest.len() >= PNG_END.len();
-        }
-        let length = usize::try_from(u32::from_be_bytes([*a, *b, *c, *d])).unwrap_or(usize::MAX);
-        rest = rest.get(length.saturating_add(PNG_END.len())..).unwrap_or_default();
-    }
-    false
+    png_chunks(bytes).any(|(name, data)| name == b"IEND" && data.is_some())
 }
 
 /// Compares the length in the RIFF header. Some encoders count the byte that pads an odd length without writing it.

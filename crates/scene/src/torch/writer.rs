@@ -1,6 +1,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use atsplat_pixels::ImageFormat;
 use indexmap::IndexMap;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
@@ -217,7 +218,7 @@ fn zip_options(len: usize) -> SimpleFileOptions {
         .with_alignment(ALIGNMENT)
 }
 
+/// Whether bytes are an image in a format that chunks contain.
 fn is_image(bytes: &[u8]) -> bool {
-    let is_webp = bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP");
-    bytes.starts_with(b"\xff\xd8\xff") || bytes.starts_with(b"\x89PNG\r\n\x1a\n") || is_webp
+    matches!(ImageFormat::sniff(bytes), Some(ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP))
 }

@@ -31,9 +31,6 @@ pub use import::{ImportReport, SUSPICIOUS_COLOURS, SUSPICIOUS_LOG_SCALES, SUSPIC
 use crate::sh::C0;
 use crate::{Cleaning, GaussianParts, Gaussians, LOGIT_OF_INFINITY, SplatError};
 
-/// First bytes of a Git LFS pointer (git-lfs `docs/spec.md`).
-const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
-
 /// Contents of a file, as a format's reader returns them.
 struct Stored {
     parts: GaussianParts,
@@ -67,7 +64,7 @@ pub(crate) fn parse_cleaned(
     path: &Path,
     policy: Cleaning,
 ) -> Result<(Gaussians, ImportReport), SplatError> {
-    if bytes.starts_with(LFS_POINTER) {
+    if atsplat_files::is_lfs_pointer(bytes) {
         return Err(SplatError::LfsPointer { path: path.to_owned() });
     }
     let Stored { parts, format, unused, integers, antialiased } =
