@@ -1,6 +1,6 @@
 use std::f64::consts::PI;
 
-use atsplat_numeric::Extremes;
+use atsplat_numeric::{Extremes, nearest_rank};
 use glam::DVec3;
 
 use crate::error::positive;
@@ -24,11 +24,11 @@ impl Sphere {
         let tail = 0.5 * (1.0 - share);
         let middle = |coordinate: fn(&DVec3) -> f64| {
             let mut values: Vec<f64> = points.iter().map(coordinate).collect();
-            Some(quantile(&mut values, tail)?.midpoint(quantile(&mut values, 1.0 - tail)?))
+            Some(nearest_rank(&mut values, tail)?.midpoint(nearest_rank(&mut values, 1.0 - tail)?))
         };
         let centre = DVec3::new(middle(|point| point.x)?, middle(|point| point.y)?, middle(|point| point.z)?);
         let mut distances: Vec<f64> = points.iter().map(|point| point.distance(centre)).collect();
-        Some(Self { centre, radius: quantile(&mut distances, share)? })
+        Some(Self { centre, radius: nearest_rank(&mut distances, share)? })
     }
 }
 
@@ -55,14 +55,6 @@ impl NormalizedIntrinsics {
         let tangent = positive("distance of the optical axis from the nearest edge", tangent)?;
         Ok(positive("radius", radius)? / tangent.atan().sin())
     }
-}
-
-/// The nearest-rank quantile: the value with `share` of the values below it.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length is within it")]
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    let at = (share.clamp(0.0, 1.0) * last as f64).round() as usize;
-    Some(*values.select_nth_unstable_by(at.min(last), f64::total_cmp).1)
 }
 
 #[cfg(test)]

@@ -29,6 +29,15 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(low + (high - low) * (position - below))
 }
 
+/// The `share` quantile (0 to 1) without interpolation: of the values in ascending order, the one whose place between the first (0)
+/// and the last (1) is nearest to the share, the greater of two equally near ones. Reorders the values; `None` without any.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length is within it")]
+pub fn nearest_rank(values: &mut [f64], share: f64) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    let at = (share.clamp(0.0, 1.0) * last as f64).round() as usize;
+    Some(*values.select_nth_unstable_by(at.min(last), f64::total_cmp).1)
+}
+
 /// Each value once, where it is first.
 pub fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut found = Vec::new();
@@ -80,6 +89,14 @@ mod tests {
         assert_eq!(quantile(&sorted, 0.75), Some(5.5));
         assert_eq!(quantile(&sorted, 1.0), Some(10.0));
         assert_eq!(quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn quantiles_by_rank_are_among_the_values() {
+        let of = |share| nearest_rank(&mut [10.0, 0.0, 4.0, 1.0], share);
+        assert_eq!([0.0, 0.16, 0.17, 0.5, 0.83, 0.84, 1.0].map(of), [0.0, 0.0, 1.0, 4.0, 4.0, 10.0, 10.0].map(Some));
+        assert_eq!((of(-0.5), of(1.5)), (Some(0.0), Some(10.0)));
+        assert_eq!(nearest_rank(&mut [], 0.5), None);
     }
 
     #[test]

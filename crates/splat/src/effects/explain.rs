@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 use std::time::Instant;
 
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, nearest_rank};
 use serde::Serialize;
 
 use super::{EFFECTS, Effect, EffectOutcome, EffectPlan, Request, Scene};
@@ -55,7 +55,7 @@ pub struct Cost {
 pub struct Interval {
     /// The median.
     pub median: f64,
-    /// The quartiles.
+    /// The quartiles, each the difference of a pair.
     pub quartiles: [f64; 2],
 }
 
@@ -134,10 +134,9 @@ impl Interval {
     /// Of the first time minus the second.
     fn of_differences(pairs: &[[f64; 2]]) -> Self {
         let mut differences: Vec<f64> = pairs.iter().map(|[with, without]| with - without).collect();
-        differences.sort_by(f64::total_cmp);
-        let last = differences.len().saturating_sub(1);
-        let at = |quarters: usize| differences.get((quarters * last + 2) / 4).copied().unwrap_or(f64::NAN);
-        Self { median: median(differences.iter().copied()), quartiles: [at(1), at(3)] }
+        let median = median(differences.iter().copied());
+        let quartiles = [0.25, 0.75].map(|share| nearest_rank(&mut differences, share).unwrap_or(f64::NAN));
+        Self { median, quartiles }
     }
 }
 
@@ -219,5 +218,21 @@ impl Display for Explanation {
             self.tolerance,
             self.pairs
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles_are_differences_of_pairs() {
+        let of = |differences: &[f64]| {
+            let pairs: Vec<[f64; 2]> = differences.iter().map(|difference| [2.0 + difference, 2.0]).collect();
+            Interval::of_differences(&pairs)
+        };
+        assert_eq!(of(&[8.0, -1.0, 0.5, 4.0]), Interval { median: 2.25, quartiles: [0.5, 4.0] });
+        assert_eq!(of(&[8.0, -1.0, 0.5]), Interval { median: 0.5, quartiles: [0.5, 8.0] });
+        assert_eq!(of(&[0.25]), Interval { median: 0.25, quartiles: [0.25; 2] });
     }
 }
