@@ -12,7 +12,7 @@ use super::record::Recorder;
 use super::render::{Resources, bytes_needed, bytes_of_least_lists, check_memory, composite, pair_capacity};
 use super::sort::{word, words};
 use super::uniforms::{ViewBlock, flag};
-use super::{GpuError, GpuOptions};
+use super::{GpuError, GpuOptions, layout};
 use crate::{SplatError, View, sh_coefficients};
 
 /// Sums over pixels, per Gaussian.
@@ -29,6 +29,9 @@ struct Sums {
 
 /// Of lists: keys and values twice, digits, sorted pairs, boxes, owners, sums.
 const BYTES_PER_PAIR: u64 = 84;
+
+/// Of a pair's sums over pixels.
+const BYTES_OF_SUMS: u64 = 4 * layout::PAIR_SUMS as u64;
 
 /// Rejects what has no gradients.
 pub(super) fn check(
@@ -74,7 +77,7 @@ pub(super) fn record(
     let blocks = job.blocks(&flags)?;
     let strips = job.strips(context)?;
     let room = limits.memory_limit.saturating_sub(bytes_with_gradients(job));
-    let most = pair_capacity(context, room, BYTES_PER_PAIR, 48);
+    let most = pair_capacity(context, room, BYTES_PER_PAIR, BYTES_OF_SUMS);
     let (plan, windows) = bounds.plan(context, Key::new(job, true), (&strips, job), most);
 
     let scene = forward::project(recorder, pool, job, &blocks, report)?;
@@ -129,8 +132,8 @@ fn composite_backward(
     let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
     let d_background = pool.get(context, "background gradients", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
-    let d_pair = pool.get(context, "pair sums", 0, 48 * capacity)?;
-    recorder.clear(&d_pair, 48 * capacity);
+    let d_pair = pool.get(context, "pair sums", 0, BYTES_OF_SUMS * capacity)?;
+    recorder.clear(&d_pair, BYTES_OF_SUMS * capacity);
     recorder.stage("composite backward");
     let mut block = lists.block;
     block.window[0] = word(pixels);
@@ -175,8 +178,9 @@ fn part_gradients(
 ) -> Result<(), GpuError> {
     let context = recorder.context();
     let (uniform, splats) = job.launch(context, blocks, (part, first));
+    let record = u64::from(layout::RECORD);
     let coefficients = 3 * sh_coefficients(job.gaussians.sh_degree) as u64;
-    let records = pool.get(context, "records", 0, 96 * splats)?;
+    let records = pool.get(context, "records", 0, 4 * record * splats)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
     // In a batch, views have their own gradients at first.
     let mut of_views = |name, each: u64| pool.get(context, name, 0, if job.is_batch() { each * splats } else { 4 });
@@ -213,21 +217,22 @@ fn part_gradients(
     } else {
         of_splats
     };
-    let field = |result, from, width| Unpacked { result, from, width, stride: width, first: 0 };
+    let field = |result, from: u32, width| Unpacked { result, from: from.into(), width, stride: width, first: 0 };
     let fields = [
-        field(&gradients.means, 0, 3),
-        field(&gradients.quaternions, 3, 4),
-        field(&gradients.log_scales, 7, 3),
-        field(&gradients.opacity_logits, 10, 1),
-        field(&gradients.means_2d, 11, 2),
-        field(&gradients.conics, 13, 3),
+        field(&gradients.means, layout::OF_MEAN, 3),
+        field(&gradients.quaternions, layout::OF_QUATERNION, 4),
+        field(&gradients.log_scales, layout::OF_LOG_SCALES, 3),
+        field(&gradients.opacity_logits, layout::OF_LOGIT, 1),
+        field(&gradients.means_2d, layout::OF_CENTRE, 2),
+        field(&gradients.conics, layout::OF_CONIC, 3),
     ];
-    let screen = gradients.screen.as_ref().map(|screen| field(screen, 22, 2));
+    let screen = gradients.screen.as_ref().map(|screen| field(screen, layout::OF_SCREEN, 2));
     for to in fields.iter().chain(&screen) {
-        unpack(&records, RECORD, to, of_gaussians)?;
+        unpack(&records, record, to, of_gaussians)?;
     }
-    for (result, from) in [(&sums.rotations, 16), (&sums.translations, 19)] {
-        unpack(&records, RECORD, &Unpacked { result, from, width: 3, stride: 4, first: first.into() }, of_splats)?;
+    for (result, from) in [(&sums.rotations, layout::OF_ROTATION), (&sums.translations, layout::OF_TRANSLATION)] {
+        let to = Unpacked { result, from: from.into(), width: 3, stride: 4, first: first.into() };
+        unpack(&records, record, &to, of_splats)?;
     }
     if job.is_batch() {
         unpack(d_sh, coefficients, &field(&gradients.sh, 0, coefficients), of_gaussians)?;
@@ -237,9 +242,6 @@ fn part_gradients(
     }
     Ok(())
 }
-
-/// Numbers of a record of `project_backward.wgsl`.
-const RECORD: u64 = 24;
 
 /// Where some numbers of each record go.
 #[derive(Clone, Copy)]

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use super::GpuError;
 use super::context::Context;
+use super::layout::shared_constants;
 
 /// A compute kernel; its source is in `shaders/`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -189,7 +190,7 @@ impl Pipelines {
 
 fn compile(context: &Context, kernel: Kernel, source: &str) -> Compiled {
     let label = format!("{kernel:?}");
-    let source = format!("{}{source}", context.constants());
+    let source = format!("{}{}{source}", context.constants(), shared_constants());
     let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(&label),
         source: wgpu::ShaderSource::Wgsl(source.into()),

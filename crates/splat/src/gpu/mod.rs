@@ -31,6 +31,7 @@ mod image;
 mod images;
 mod job;
 mod kernels;
+mod layout;
 mod lists;
 mod options;
 mod panics;

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adapters::AdapterDescription;
 use super::kernels::Kernel;
+use super::layout::shared_constants;
 use super::{GpuError, self_test};
 
 /// Key of a self-test's result, which is valid until the adapter, its driver, wgpu, the kernels or the test change.
@@ -118,6 +119,7 @@ fn version(libraries: &[(&'static str, &'static str)]) -> String {
     let texts = Kernel::ALL.iter().map(|kernel| kernel.source()).chain(sources).chain(libraries);
     let hash = texts
         .flat_map(str::bytes)
+        .chain(shared_constants().bytes())
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
     format!("{hash:016x}")
 }

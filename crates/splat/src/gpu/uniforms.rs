@@ -42,26 +42,37 @@ pub(super) fn most_views(bytes: u64) -> u32 {
     u32::try_from(fitting).unwrap_or(u32::MAX).min(MOST_VIEWS)
 }
 
-/// Flags of `view.wgsl`.
-pub(super) mod flag {
-    pub(crate) const NEAR_IS_CULLED: u32 = 1;
-    pub(crate) const ANTIALIASED: u32 = 2;
-    pub(crate) const THREE_SIGMA: u32 = 4;
-    pub(crate) const E3NN: u32 = 8;
-    pub(crate) const HAS_FILTER: u32 = 16;
-    pub(crate) const HAS_SCALAR: u32 = 32;
-    pub(crate) const LENS_OPENCV: u32 = 64;
-    pub(crate) const LENS_FISHEYE: u32 = 128;
-    pub(crate) const CLAMP_PASSES: u32 = 256;
-    pub(crate) const SCALAR_STOPS: u32 = 512;
-    pub(crate) const DIRECTIONS_STOP: u32 = 1024;
-    pub(crate) const EXTRAS: u32 = 2048;
-    pub(crate) const HAS_OWNERS: u32 = 4096;
-    pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
-    pub(crate) const APPLY_EXPOSURE: u32 = 16384;
-    pub(crate) const EXPOSED_LOSS: u32 = 32768;
-    pub(crate) const RESUMES: u32 = 65536;
-    pub(crate) const ABSOLUTE: u32 = 131_072;
+macro_rules! flags {
+    ($($name:ident: $bit:literal),+ $(,)?) => {
+        /// Flags of a view, which kernels know by these names.
+        pub(super) mod flag {
+            $(pub(crate) const $name: u32 = 1 << $bit;)+
+        }
+
+        /// Names and values of the flags.
+        pub(super) const FLAGS: &[(&str, u32)] = &[$((stringify!($name), flag::$name)),+];
+    };
+}
+
+flags! {
+    NEAR_IS_CULLED: 0,
+    ANTIALIASED: 1,
+    THREE_SIGMA: 2,
+    E3NN: 3,
+    HAS_FILTER: 4,
+    HAS_SCALAR: 5,
+    LENS_OPENCV: 6,
+    LENS_FISHEYE: 7,
+    CLAMP_PASSES: 8,
+    SCALAR_STOPS: 9,
+    DIRECTIONS_STOP: 10,
+    EXTRAS: 11,
+    HAS_OWNERS: 12,
+    EXTRA_GRADIENTS: 13,
+    APPLY_EXPOSURE: 14,
+    EXPOSED_LOSS: 15,
+    RESUMES: 16,
+    ABSOLUTE: 17,
 }
 
 impl ViewBlock {

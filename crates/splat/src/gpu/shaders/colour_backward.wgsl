@@ -75,11 +75,12 @@ fn main(
             d_sh[result + k] = 0.0;
         }
     }
-    records[24u * at] = d_mean.x;
-    records[24u * at + 1u] = d_mean.y;
-    records[24u * at + 2u] = d_mean.z;
+    let record = RECORD * at;
+    records[record + OF_MEAN] = d_mean.x;
+    records[record + OF_MEAN + 1u] = d_mean.y;
+    records[record + OF_MEAN + 2u] = d_mean.z;
     // The exponent is ln 2 times a sum of two squares.
     let absolute = select(vec2(0.0), 1.3862944 * vec2(colours[index].w, seconds[index].w), has(ABSOLUTE));
-    records[24u * at + 22u] = select(-1.0, saturated(absolute.x), is_drawn);
-    records[24u * at + 23u] = select(-1.0, saturated(absolute.y), is_drawn);
+    records[record + OF_SCREEN] = select(-1.0, saturated(absolute.x), is_drawn);
+    records[record + OF_SCREEN + 1u] = select(-1.0, saturated(absolute.y), is_drawn);
 }

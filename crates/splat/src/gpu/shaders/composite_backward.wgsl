@@ -62,7 +62,7 @@ fn main(
                 for (var other = 0u; other < THREADS; other++) {
                     sum += partial[k * STRIDE + other];
                 }
-                sums[12u * pairs[pair].x + k % SUMS] = sum;
+                sums[PAIR_SUMS * pairs[pair].x + k % SUMS] = sum;
             }
         }
         if is_tile_finished(thread) {

@@ -93,7 +93,7 @@ fn main(
             for (var other = 1u; other < subgroups; other++) {
                 sum += partial[first + 12u * other];
             }
-            sums[12u * pairs[batch + k / SUMS].x + k % SUMS] = sum;
+            sums[PAIR_SUMS * pairs[batch + k / SUMS].x + k % SUMS] = sum;
         }
         if is_tile_finished(thread) {
             break;

@@ -25,7 +25,7 @@ fn main(
     var second = seconds[gaussian];
     var colour = colours[gaussian];
     for (var slot = offsets[at]; slot < offsets[at + 1u]; slot++) {
-        let base = 12u * slot;
+        let base = PAIR_SUMS * slot;
         let ninth = sums[base + 9u];
         first += vec4(sums[base], sums[base + 1u], sums[base + 2u], select(ninth, 0.0, has(ABSOLUTE)));
         second += vec4(sums[base + 3u], sums[base + 4u], sums[base + 5u], sums[base + 10u]);

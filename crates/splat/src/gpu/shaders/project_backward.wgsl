@@ -25,9 +25,10 @@ fn main(
     }
     let gaussian = enter(at);
     let index = view.part.y + at;
-    let record = 24u * at;
-    let d_mean = vec3(records[record], records[record + 1u], records[record + 2u]);
-    for (var k = 0u; k < 22u; k++) {
+    let record = RECORD * at;
+    let mean = record + OF_MEAN;
+    let d_mean = vec3(records[mean], records[mean + 1u], records[mean + 2u]);
+    for (var k = 0u; k < OF_SCREEN; k++) {
         records[record + k] = 0.0;
     }
     let first = firsts[index];
@@ -49,14 +50,14 @@ fn main(
 
     // Opacity: e is minus the gradient of its logarithm.
     let one_minus_sigmoid = 1.0 / (1.0 + exp_within_range(logits[gaussian]));
-    records[record + 10u] = saturated(-d_e * one_minus_sigmoid);
+    records[record + OF_LOGIT] = saturated(-d_e * one_minus_sigmoid);
     var d_logs = -d_e * (vec3(1.0) - g.unfiltered_share);
 
     // Centre and conic.
     let narrow = power_of_two(-g.exponent);
     let d_centre = -vec2(l11 * m1.x, l12 * m1.x + l22 * m1.y) * narrow;
-    records[record + 11u] = saturated(d_centre.x);
-    records[record + 12u] = saturated(d_centre.y);
+    records[record + OF_CENTRE] = saturated(d_centre.x);
+    records[record + OF_CENTRE + 1u] = saturated(d_centre.y);
     let widen = power_of_two(g.exponent);
     let k1 = root_determinant / across;
     let k2 = g.xy / across;
@@ -65,7 +66,7 @@ fn main(
         across * (k1 * m.y + k2 * m.z),
         across * across * m.z,
     );
-    store3(record + 13u, ((n * vec3(0.5, 1.0, 0.5)) * widen) * widen);
+    store3(record + OF_CONIC, ((n * vec3(0.5, 1.0, 0.5)) * widen) * widen);
 
     // Gradient of the rows V, divided by 2^−exponent.
     let u = g.rows[0];
@@ -90,7 +91,7 @@ fn main(
     }
     let of_axes = d_u * u + d_v * v;
     d_logs += of_axes * g.unfiltered_share;
-    store3(record + 7u, d_logs);
+    store3(record + OF_LOG_SCALES, d_logs);
 
     // Rotation: gradient of a small rotation in the Gaussian's own frame.
     let scaled_u = d_u * g.scales;
@@ -103,8 +104,8 @@ fn main(
     let back = power_of_two(-g.norm.exponent / 2);
     let rest_back = power_of_two(-g.norm.exponent - (-g.norm.exponent / 2));
     let d_quaternion = (d_unit * back) * rest_back;
-    records[record + 3u] = saturated(d_quaternion.x);
-    store3(record + 4u, d_quaternion.yzw);
+    records[record + OF_QUATERNION] = saturated(d_quaternion.x);
+    store3(record + OF_QUATERNION + 1u, d_quaternion.yzw);
 
     // Mean in camera coordinates, through the projected centre, the depth and the Jacobian.
     let z = g.z.x;
@@ -139,9 +140,9 @@ fn main(
             d_camera.z -= d_slope[axis] * g.slope[axis] / z;
         }
     }
-    store3(record, d_mean + rotation * d_camera);
+    store3(mean, d_mean + rotation * d_camera);
     let centre = vec3(g.x.x, g.y.x, g.z.x);
     let d_turn_jacobian = cross(d_row1, g.jacobian[0]) + cross(d_row2, g.jacobian[1]);
-    store3(record + 16u, cross(centre, d_camera) + d_turn_jacobian);
-    store3(record + 19u, d_camera + d_mean * rotation);
+    store3(record + OF_ROTATION, cross(centre, d_camera) + d_turn_jacobian);
+    store3(record + OF_TRANSLATION, d_camera + d_mean * rotation);
 }

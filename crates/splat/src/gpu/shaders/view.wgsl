@@ -38,26 +38,8 @@ struct View {
     batch: vec4<u32>,
 }
 
-const NEAR_IS_CULLED: u32 = 1u;
-const ANTIALIASED: u32 = 2u;
-const THREE_SIGMA: u32 = 4u;
-const E3NN: u32 = 8u;
-const HAS_FILTER: u32 = 16u;
-const HAS_SCALAR: u32 = 32u;
-const LENS_OPENCV: u32 = 64u;
-const LENS_FISHEYE: u32 = 128u;
-// Every model that bends rays.
+// Every model that bends rays. The host adds the constants of each flag, see `layout.rs`.
 const LENS_ANY: u32 = LENS_OPENCV | LENS_FISHEYE;
-const CLAMP_PASSES: u32 = 256u;
-const SCALAR_STOPS: u32 = 512u;
-const DIRECTIONS_STOP: u32 = 1024u;
-const EXTRAS: u32 = 2048u;
-const HAS_OWNERS: u32 = 4096u;
-const EXTRA_GRADIENTS: u32 = 8192u;
-const APPLY_EXPOSURE: u32 = 16384u;
-const EXPOSED_LOSS: u32 = 32768u;
-const RESUMES: u32 = 65536u;
-const ABSOLUTE: u32 = 131072u;
 
 fn has(flag: u32) -> bool {
     return (view.image.z & flag) != 0u;
