@@ -1,7 +1,7 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
-//! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_rank`], [`distinct`]
-//! and [`grouped`] values, the random number generator [`SplitMix64`], evenly [`spread()`] positions, the rounding of [`narrowed()`] and [`logit`],
-//! and numbers with their unit or noun in messages.
+//! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_rank`],
+//! [`distinct`] and [`grouped`] values, the random number generator [`SplitMix64`], evenly [`spread()`] positions, the
+//! rounding of [`narrowed()`] and [`logit`], and numbers with their unit or noun in messages.
 
 mod bytes;
 mod count;
