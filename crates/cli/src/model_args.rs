@@ -1,6 +1,7 @@
 //! Arguments that select and change a network configuration.
 
 use anyhow::{Context as _, ensure};
+use atsplat_eval::sweep::Overrides;
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::{ModelConfig, ModelError};
 
@@ -43,6 +44,17 @@ impl ConfigOverrideArgs {
             config = config.with_expansion_in_first(blocks);
         }
         Ok(config)
+    }
+
+    /// The same as overrides of a sweep, for networks that are read later.
+    pub(crate) fn overrides(&self) -> Overrides {
+        let list = |values: Vec<f64>| (!values.is_empty()).then_some(values);
+        Overrides {
+            ratios: list(self.ratios.iter().map(|ratio| ratio.value()).collect()),
+            thresholds: list(self.thresholds.clone()),
+            expand_first: self.expand_first,
+            ..Overrides::default()
+        }
     }
 
     pub(crate) fn options(&self) -> [GivenOption; 3] {
@@ -90,6 +102,14 @@ mod tests {
         assert_eq!(max_gaussians(&changes(&[], &["1", "0.5", "0"], None)), 24_576);
         assert_eq!(max_gaussians(&changes(&[], &[], Some(0))), 8192);
         assert_eq!(max_gaussians(&changes(&[], &["0.5", "0.5", "1"], Some(2))), 18_432);
+        let nano = ModelConfig::named("nano").unwrap();
+        for changes in [
+            changes(&[0.1, 0.1, 0.4], &[], Some(1)),
+            changes(&[], &["0.3", "0.5", "0"], None),
+            ConfigOverrideArgs::default(),
+        ] {
+            assert_eq!(changes.overrides().model(&nano).unwrap(), changes.applied(&nano).unwrap());
+        }
     }
 
     #[test]

@@ -7,6 +7,8 @@ mod evaluation;
 
 use std::path::Path;
 
+use atsplat_model::weights::ModelWeights;
+use atsplat_results::Results;
 use common::{Outcome, atsplat, succeed};
 use evaluation::write_noise;
 use serde_json::Value;
@@ -107,6 +109,23 @@ fn what_a_sweep_rejects_is_rejected_before_its_first_part_runs() {
     let error = "other names than truth and context";
     assert!(outcome.code == 1 && outcome.stderr.contains(error), "{}: {}", outcome.code, outcome.stderr);
     assert!(!here.join("out").exists(), "nothing is run");
+}
+
+/// The base is untrained and sees images of any size as given; options of the network are of all settings.
+#[test]
+fn weights_of_a_setting_run_with_the_options_of_the_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/checkpoints/micro-rooms.safetensors");
+    let settings = format!("{WHOLE}[[settings]]\nlabel = 'micro'\noverrides = {{ weights = '{}' }}\n", file.display());
+    let outcome = sweep(here, &settings, "out", &["--expand-first", "1"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let methods = Results::read(&here.join("out")).unwrap().provenance.methods;
+    let micro = methods.iter().find(|method| method.name == "micro").unwrap();
+    let stored = ModelWeights::read(&file).unwrap().config;
+    assert_eq!(micro.model_hash(), Some(stored.with_expansion_in_first(1).hash().unwrap().as_str()));
+    assert_eq!(micro.parameters["context-at-scale-of"], stored.resolution.to_string());
 }
 
 /// As `run` does: a shard is complete without the others, and one that is smaller than a scene is empty.

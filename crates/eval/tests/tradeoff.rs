@@ -11,7 +11,7 @@ use atsplat_eval::method::{
     ConstantsChoice, Method, Prediction, START_POINTS, TrainedUnder, TrialInput, WeightsSource,
 };
 use atsplat_eval::runner::{Dataset, Plan, current_provenance};
-use atsplat_eval::sweep::{Part, Setting, Sweep, SweepBase, parts};
+use atsplat_eval::sweep::{Overrides, Part, Setting, Sweep, SweepBase, parts};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
@@ -19,7 +19,7 @@ use atsplat_model::weights::{ModelWeights, Precision, generated};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use atsplat_results::statistics::Leaked;
 use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
-use atsplat_results::{GapKind, Results, Store, TrainingRecord};
+use atsplat_results::{GapKind, MethodRecord, Results, Store, TrainingRecord};
 use common::{Run, Walls, dataset, entry};
 
 fn swept() -> SweepBase {
@@ -29,11 +29,13 @@ fn swept() -> SweepBase {
     let constants = ConstantsChoice::FromPreset;
     SweepBase {
         config,
+        changes: Overrides::default(),
         tensors,
         weights,
         training: None,
         trained_under: TrainedUnder::default(),
         trained_at: None,
+        sees_as_given: false,
         call_seed: 0,
         constants,
         background: None,
@@ -196,6 +198,40 @@ fn settings_keep_the_training_of_their_weights() {
         let background = "trained on the background [0.5, 0.0, 1.0], evaluated on [";
         assert_eq!(notes.iter().any(|note| note.starts_with(background)), *trained == "second", "{notes:?}");
     }
+}
+
+/// The base is untrained and sees images as given; weights of a setting are resized for, unless the base says that none are.
+#[test]
+fn weights_of_a_setting_run_with_the_changes_of_the_base() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("other.safetensors");
+    let base = swept();
+    let other = ModelWeights::new(base.config.clone(), [].into(), &base.tensors).unwrap();
+    other.write(&path, Precision::Single).unwrap();
+    let sweep = sweep(&format!(
+        "[[settings]]\nlabel = 'other'\noverrides = {{ weights = '{path}' }}\n\
+         [[settings]]\nlabel = 'other, first two'\noverrides = {{ weights = '{path}', expand-first = 2 }}\n",
+        path = path.display()
+    ));
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
+    let records = |base: &SweepBase| -> Vec<_> {
+        parts(&sweep, base, &datasets).unwrap()[0].methods.iter().map(|method| method.record()).collect()
+    };
+    let hashes = |base: &SweepBase| -> Vec<_> {
+        records(base).iter().map(|record| record.model_hash().map(str::to_owned)).collect()
+    };
+    let hash = |blocks| Some(base.config.with_expansion_in_first(blocks).hash().unwrap());
+    assert_eq!(hashes(&base), [hash(3), hash(2)]);
+    let changes = Overrides { expand_first: Some(1), ..Overrides::default() };
+    let changed = SweepBase { changes, ..base.clone() };
+    assert_eq!(hashes(&changed), [hash(1), hash(1)], "blocks that the base does not expand stay so");
+    let resized = |base: &SweepBase| -> Vec<_> {
+        let size = |record: &MethodRecord| record.parameters.get("context-at-scale-of").cloned();
+        records(base).iter().map(size).collect()
+    };
+    let trained = Some(serde_json::Value::from(base.config.resolution.to_string()));
+    assert_eq!(resized(&base), [trained.clone(), trained]);
+    assert_eq!(resized(&SweepBase { sees_as_given: true, ..base.clone() }), [None, None]);
 }
 
 #[test]

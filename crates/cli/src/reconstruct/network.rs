@@ -125,6 +125,16 @@ impl NetworkArgs {
         self.seed.unwrap_or_default()
     }
 
+    /// Changes of the configuration.
+    pub(crate) const fn changes(&self) -> &ConfigOverrideArgs {
+        &self.changes
+    }
+
+    /// Whether networks are to see photos as given, and not at the size of their training.
+    pub(crate) fn sees_as_given(&self) -> bool {
+        self.context_size == Some(ContextSize::Given)
+    }
+
     /// The files that are read, or names of embedded weights.
     pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
         let weights = match &self.weights {
@@ -171,10 +181,7 @@ impl NetworkArgs {
                 NetworkSource::from_file(config, path.clone(), file, written_for)
             }
         };
-        Ok(match self.context_size {
-            None | Some(ContextSize::Trained) => source,
-            Some(ContextSize::Given) => source.without_resizing(),
-        })
+        Ok(if self.sees_as_given() { source.without_resizing() } else { source })
     }
 
     fn changed(&self, base: &ModelConfig) -> anyhow::Result<ModelConfig> {

@@ -113,11 +113,13 @@ fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
     let (network, record) = args.source()?.load(&device.network()?)?;
     Ok(SweepBase {
         config: network.config().clone(),
+        changes: args.changes().overrides(),
         tensors: network.weights()?,
         weights: record.weights(),
         training: record.training(),
         trained_under: record.trained_under(),
         trained_at: network.trained_size(),
+        sees_as_given: args.sees_as_given(),
         call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,
         background: None,

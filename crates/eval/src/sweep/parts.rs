@@ -18,8 +18,10 @@ use crate::{ComputeDevice, EvalError};
 /// The base setting of a sweep, before any override is applied.
 #[derive(Clone, Debug)]
 pub struct SweepBase {
-    /// The network's configuration.
+    /// The network's configuration, with [`Self::changes`].
     pub config: ModelConfig,
+    /// Changes of configurations that apply to the networks of all settings, before a setting's own.
+    pub changes: Overrides,
     /// The network's weights.
     pub tensors: StoredTensors,
     /// Where they came from.
@@ -31,6 +33,8 @@ pub struct SweepBase {
     /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
     /// they are.
     pub trained_at: Option<ImageSize>,
+    /// Whether the networks of settings with weights of their own use images as they are too.
+    pub sees_as_given: bool,
     /// Seed of random token selection.
     pub call_seed: u64,
     /// Renderer constants.
@@ -91,10 +95,10 @@ impl SweepBase {
                 let file = TensorFile::open(path)?;
                 let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
-                let trained_at = self.trained_at.map(|_| read.config.resolution);
+                let (config, trained_at) = self.network_of(&read.config)?;
                 let training = (TrainingRecord::of(&read.provenance), TrainedUnder::of(&read.provenance));
                 let weights = WeightsSource::File { sha256: file.sha256.to_string() };
-                (overrides.model(&read.config)?, read.tensors, weights, trained_at, training)
+                (overrides.model(&config)?, read.tensors, weights, trained_at, training)
             }
         };
         let tensors = adapted(&config, tensors, &weights)?;
@@ -117,6 +121,11 @@ impl SweepBase {
                     .with_matmul_precision(precision),
             ),
         })
+    }
+
+    /// How a setting's own weights run: their configuration with the changes of the base, and the size that images are resized to.
+    fn network_of(&self, stored: &ModelConfig) -> Result<(ModelConfig, Option<ImageSize>), EvalError> {
+        Ok((self.changes.model(stored)?, (!self.sees_as_given).then_some(stored.resolution)))
     }
 
     fn splatting(&self, overrides: &Overrides) -> Result<Splatting, EvalError> {
