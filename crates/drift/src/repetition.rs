@@ -6,7 +6,7 @@ use super::provenance::differences;
 use super::{Difference, DriftError, Setting, acceptable};
 
 /// Checks that results are a repetition of a run, so that nothing but repeating it makes their numbers differ: a finished run of
-/// the same protocols, methods and metrics on the same targets and data.
+/// the same protocols, methods and metrics by the same program on the same targets and data.
 ///
 /// # Errors
 /// [`DriftError::Unacceptable`] with the first difference, and as [`acceptable`].
@@ -35,13 +35,16 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
     }
 }
 
-/// Whether a difference is one of protocols, methods or metrics; the same data may be elsewhere, and so may the files that another
-/// run of a method wrote.
+/// Whether a difference is one of the program, protocols, methods or metrics; the same data may be elsewhere, and so may the files
+/// that another run of a method wrote. Processors and adapters may differ, as repetitions show what they change.
 fn is_of_plan(difference: &Difference) -> bool {
     let Difference { of, field, .. } = difference;
-    let is_place =
-        matches!((of, field.as_deref()), (Setting::Preset(_), Some("data")) | (Setting::Method(_), Some("folder")));
-    *of != Setting::Run && !is_place
+    !matches!(
+        (of, field.as_deref()),
+        (Setting::Run, Some("processor" | "adapter"))
+            | (Setting::Preset(_), Some("data"))
+            | (Setting::Method(_), Some("folder"))
+    )
 }
 
 fn targets(results: &Results) -> BTreeSet<(&TrialKey, u32)> {

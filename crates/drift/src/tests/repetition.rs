@@ -7,10 +7,12 @@ type Change = fn(&mut Results);
 
 #[test]
 fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
-    let run = store(false, 4, 0.5, 1);
+    let mut run = store(false, 4, 0.5, 1);
+    run.provenance.commit = Some("f00".to_owned());
     let with = |change: fn(&mut Results)| {
         let mut repeat = store(false, 4, 0.5, 2);
         repeat.provenance.presets[0].dataset = "a copy".to_owned();
+        repeat.provenance.commit = Some("f00".to_owned());
         (repeat.provenance.processor, repeat.provenance.threads) = ("another".to_owned(), 7);
         change(&mut repeat);
         check_repetition(&run, &repeat)
@@ -18,7 +20,10 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
     with(|_| ()).unwrap();
     with(|repeat| repeat.targets.reverse()).unwrap();
     with(|repeat| _ = repeat.provenance.methods[0].parameters.insert("folder".to_owned(), "renders-2".into())).unwrap();
-    let cases: [(Change, &str); 10] = [
+    let cases: [(Change, &str); 13] = [
+        (|repeat| repeat.provenance.commit = Some("bad".to_owned()), "run, found commit: bad instead of f00"),
+        (|repeat| repeat.provenance.atsplat = "0.0.9".to_owned(), "run, found atsplat: 0.0.9 instead of "),
+        (|repeat| repeat.provenance.platform = "an abacus".to_owned(), "run, found platform: an abacus instead of "),
         (
             |repeat| _ = repeat.provenance.methods[0].parameters.insert("step".to_owned(), "2".into()),
             "method m, step: 2 instead of none",
