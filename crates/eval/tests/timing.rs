@@ -156,6 +156,34 @@ fn long_work_needs_no_warm_up_and_two_repetitions() {
     assert_eq!(runs(4 * one, one, None), (1, 2, 2, 3));
 }
 
+/// Encodes like [`SleepingMethod`], which is not timed.
+#[derive(Debug)]
+struct Reading(SleepingMethod);
+
+impl Method for Reading {
+    fn record(&self) -> MethodRecord {
+        record("reading")
+    }
+
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        self.0.predict(input)
+    }
+}
+
+/// Reading and rendering take 160 ms, rendering alone 60 ms.
+#[test]
+fn work_that_is_not_timed_does_not_make_a_warm_up_a_repetition() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = TimingPlan { trials: 1, warm_up_until: COST + IMAGE, repetitions: 2, ..TimingPlan::default() };
+    let results = timed_run(folder.path(), walls(1), &[Arc::new(Reading(SleepingMethod::default()))], Some(plan));
+    let found = times(&results, "walls", "reading").unwrap();
+    assert_eq!((found.warm_up, found.repetitions), (1, 2));
+}
+
 /// Allocates 64 MiB while it encodes; rejects one scene.
 #[derive(Debug)]
 struct Allocating;

@@ -25,8 +25,8 @@ pub struct TimingPlan {
     pub trials: u32,
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
-    /// A warm-up run that takes at least this long counts as a repetition, and no more follow, unless it takes a tenth longer
-    /// than the next run.
+    /// A warm-up run whose timed parts take at least this long counts as a repetition, and no more follow, unless one of them
+    /// takes a tenth longer than in the next run.
     pub warm_up_until: Duration,
     /// Minimum number of repetitions of each trial.
     pub repetitions: u32,

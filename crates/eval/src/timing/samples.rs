@@ -17,9 +17,11 @@ const MIN_DURATION: Duration = LoadMonitor::SHORTEST;
 /// Maximum number of repetitions for that purpose.
 const MAX_REPETITIONS: usize = 200;
 
-/// A warm-up that takes longer than the next run by this factor prepared something, such as a model's weights: both count as
-/// warm-ups.
+/// A warm-up of which a timed part takes longer than in the next run by this factor prepared something, such as a model's weights:
+/// both count as warm-ups.
 const COLD: f64 = 1.1;
+/// Seconds by which it takes longer at least, as the times of short parts vary by more than [`COLD`].
+const COLD_SECS: f64 = 0.01;
 
 /// A trial with decoded context images.
 #[derive(Debug)]
@@ -42,6 +44,35 @@ pub(super) struct Samples {
     pub(super) process_peak_bytes: Option<u64>,
 }
 
+/// Seconds of one run of a method.
+#[derive(Clone, Copy, Debug)]
+struct Parts {
+    encode: f64,
+    /// Of all targets.
+    render: f64,
+}
+
+impl Parts {
+    /// Both, timed or not.
+    const fn sum(self) -> f64 {
+        self.encode + self.render
+    }
+
+    /// The parts that are timed; nothing for others.
+    const fn of(self, timed: Timed) -> Self {
+        Self {
+            encode: if timed.encoding { self.encode } else { 0.0 },
+            render: if timed.rendering { self.render } else { 0.0 },
+        }
+    }
+
+    /// Whether it prepared something that the next run had.
+    fn is_cold(self, next: Self) -> bool {
+        let is_slower = |secs: f64, next: f64| secs > COLD * next && secs - next > COLD_SECS;
+        is_slower(self.encode, next.encode) || is_slower(self.render, next.render)
+    }
+}
+
 impl Samples {
     /// Repeats a method's work on one trial in the caller's thread pool.
     pub(super) fn of(
@@ -62,12 +93,12 @@ impl Samples {
         let mut samples = Self::default();
         let is_peak_reset = memory::reset_peak();
         samples.held_bytes = memory::held_bytes();
-        let (timed, mut repetitions, mut total, mut before_first) = (method.timed(), 0, 0.0, None);
+        let (timed, mut repetitions, mut total, mut first) = (method.timed(), 0, 0.0, None);
         for _ in 0..plan.warm_up {
             let before = samples.clone();
-            let secs = samples.repeat(input, method, &targets)?;
-            if secs >= plan.warm_up_until.as_secs_f64() {
-                (repetitions, total, before_first) = (1, secs, Some(before));
+            let parts = samples.repeat(input, method, &targets)?;
+            if parts.of(timed).sum() >= plan.warm_up_until.as_secs_f64() {
+                (repetitions, total, first) = (1, parts.sum(), Some((before, parts.of(timed))));
                 break;
             }
             samples = Self { warm_up: before.warm_up + 1, ..before };
@@ -75,16 +106,16 @@ impl Samples {
         while !plan.is_enough(repetitions, samples.secs_of(timed))
             || (total < MIN_DURATION.as_secs_f64() && repetitions < MAX_REPETITIONS)
         {
-            let secs = samples.repeat(input, method, &targets)?;
-            if let Some(before) = before_first.take()
-                && total > COLD * secs
+            let parts = samples.repeat(input, method, &targets)?;
+            if let Some((before, first)) = first.take()
+                && first.is_cold(parts.of(timed))
             {
                 samples = Self { warm_up: before.warm_up + 2, ..before };
                 (repetitions, total) = (0, 0.0);
                 continue;
             }
             repetitions += 1;
-            total += secs;
+            total += parts.sum();
         }
         samples.peak_bytes = memory::peak_bytes().filter(|_| is_peak_reset);
         if samples.process_peak_bytes.is_some() {
@@ -119,20 +150,23 @@ impl Samples {
         }
     }
 
-    /// Runs the method once: from context images to a scene, then renders some targets. Returns the seconds of all of it.
-    fn repeat(&mut self, input: TrialInput<'_>, method: &dyn Method, targets: &[usize]) -> Result<f64, MethodError> {
+    /// Runs the method once: from context images to a scene, then renders some targets.
+    fn repeat(&mut self, input: TrialInput<'_>, method: &dyn Method, targets: &[usize]) -> Result<Parts, MethodError> {
         let start = Instant::now();
         let prediction = method.predict(input)?;
-        self.encode.push(start.elapsed().as_secs_f64());
+        let mut parts = Parts { encode: start.elapsed().as_secs_f64(), render: 0.0 };
+        self.encode.push(parts.encode);
         let cost = prediction.cost();
         self.process_peak_bytes = cost.process_peak_bytes.or(self.process_peak_bytes);
         for (name, secs) in cost.stages {
             self.stages.entry(name).or_default().push(secs);
         }
         for target in targets {
-            self.render.push(render_secs(prediction.as_ref(), *target).map_err(MethodError::Failed)?);
+            let secs = render_secs(prediction.as_ref(), *target).map_err(MethodError::Failed)?;
+            self.render.push(secs);
+            parts.render += secs;
         }
-        Ok(start.elapsed().as_secs_f64())
+        Ok(parts)
     }
 }
 
@@ -150,6 +184,21 @@ fn render_secs(prediction: &dyn Prediction, target: usize) -> Result<f64, String
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Files of Gaussians are read in five seconds each time; the first render prepares something.
+    #[test]
+    fn a_run_is_cold_by_its_timed_parts_alone() {
+        let parts = |encode, render| Parts { encode, render };
+        let (first, next) = (parts(5.0, 0.3), parts(5.1, 0.1));
+        assert!(first.of(Timed::RENDERING).is_cold(next.of(Timed::RENDERING)));
+        let all = Timed { encoding: true, rendering: true };
+        assert!(first.of(all).is_cold(next.of(all)), "however long the encoding takes");
+        let encoding = Timed { encoding: true, rendering: false };
+        assert!(!first.of(encoding).is_cold(next.of(encoding)));
+        assert!((first.of(Timed::RENDERING).sum() - 0.3).abs() < 1e-12, "which is no long work");
+        assert!(!parts(5.0, 0.003).is_cold(parts(5.0, 0.001)), "short times vary");
+        assert!(!next.is_cold(first), "a slower run after it");
+    }
 
     #[test]
     fn a_stage_of_some_repetitions_only_is_rejected() {
