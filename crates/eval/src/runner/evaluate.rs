@@ -18,7 +18,7 @@ use thiserror::Error;
 
 use super::kept_images::ImageSink;
 use super::resemblance::{self, Compared};
-use super::scored::{compare, unscored_row};
+use super::scored::{compare, hash_of, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
 use crate::EvalError;
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
@@ -140,7 +140,7 @@ impl Evaluation<'_> {
         }
         if let Some(store) = self.images.worst(key, &result.rows, self.preset.metrics.psnr) {
             write_inputs(store, key, decoded)?;
-            write_renders(store, &result.rows, prediction)?;
+            result.cost.notes.extend(write_renders(store, &result.rows, prediction)?);
         }
         Ok(())
     }
@@ -225,17 +225,28 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
     Ok(())
 }
 
-/// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped.
-fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<(), Failure> {
+/// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped. Those that are
+/// not the scored ones are left out, and counted in a note.
+fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<Option<String>, Failure> {
     let positions: Vec<usize> = (0..rows.len()).collect();
+    let mut others = 0_usize;
     for batch in positions.chunks(BATCH) {
         for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
-            if let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) {
+            let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) else { continue };
+            if row.render_hash.as_ref().is_some_and(|scored| *scored != hash_of(&rendered.image)) {
+                others += 1;
+            } else {
                 images::write_render(store, row, &rendered.image).map_err(EvalError::from)?;
             }
         }
     }
-    Ok(())
+    let of = rows.len();
+    let note = || {
+        format!(
+            "the images of {others} of {of} targets are not kept: rendered again, they are not those that were scored"
+        )
+    };
+    Ok((others > 0).then(note))
 }
 
 /// A rendered and scored target.

@@ -70,7 +70,7 @@ fn possible(id: &str, score: f64) -> bool {
 }
 
 /// SHA-256 of the samples as little-endian f32.
-fn hash_of(render: &Image) -> String {
+pub(super) fn hash_of(render: &Image) -> String {
     let bytes: Vec<u8> = render.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
     Sha256Digest::of(&bytes).to_string()
 }
