@@ -53,6 +53,27 @@ fn photos_with_alpha_are_composited_over_the_background_if_asked() {
     succeed(here, &reconstruct(&["--background", "white", "--alpha", "composite"]));
 }
 
+/// The second run has one photo less, no targets, and a new photo; the render at 2 is its own.
+#[test]
+fn images_of_another_run_are_counted_and_recorded() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "5", "--size", "48x32", "--out", "photos"]);
+    let reconstruct = |more: &[&str]| {
+        let input = ["reconstruct", "photos", "--weights", "random:3", "--model", TINY, "--renders", "renders"];
+        let outcome = atsplat(here, &[&input[..], &["--out", "scene.ply"], more].concat());
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        let record: Value = serde_json::from_slice(&fs::read(here.join("scene.ply.json")).unwrap()).unwrap();
+        let warnings = record["warnings"].as_array().unwrap().clone();
+        (outcome.stderr, warnings.iter().find(|text| text.as_str().unwrap().contains("another run")).cloned())
+    };
+    assert_eq!(reconstruct(&["--views", "0,1,2", "--targets", "3"]).1, None);
+    let (stderr, recorded) = reconstruct(&["--views", "2,4"]);
+    let expected = "renders contains 5 images from another run";
+    assert!(stderr.contains(&format!("warning: {expected}")), "{stderr}");
+    assert_eq!(recorded, Some(expected.into()));
+}
+
 /// The listed photos are gone, and two copies of them are there: the smaller one has the size that the protocol requires.
 #[test]
 fn a_protocol_chooses_the_copy_of_photos_that_it_requires() {

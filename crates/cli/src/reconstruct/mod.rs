@@ -9,8 +9,8 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_eval::GaussianFrame;
 use atsplat_eval::reconstruct::{
-    self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, Report, TokenRecord,
-    rounding_warning, write_gaussians,
+    self, Clock, MemoryRecord, NetworkSource, OutputRecord, PhotoSelection, Photos, Record, RendersRecord, Report,
+    TokenRecord, rounding_warning, write_gaussians,
 };
 use atsplat_eval::timing::memory;
 use atsplat_model::budget;
@@ -102,7 +102,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let options = args.renders.options(photos.trial().near_far())?;
         args.plots.draw(&network, &photos, options, seed, &subject)
     })?;
+    let unknown_images = renders.as_ref().map(RendersRecord::unknown_images_warning).transpose()?.flatten();
     let notes = [reconstruct::warnings(&reconstruction, &photos, processor), notes_of_output].concat();
+    let notes: Vec<String> = notes.into_iter().chain(unknown_images).collect();
     let of_dataset = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),

@@ -15,7 +15,7 @@ use anyhow::bail;
 use atsplat_eval::rendering::{
     ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, FrameTimings, RENDER_RECORD, Record,
     RenderFile, RenderSettingsRecord, Report, ViewRecord, empty_frames, empty_frames_warning, render_all,
-    unknown_images,
+    unknown_images_warning,
 };
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
@@ -222,9 +222,8 @@ impl Args {
         for warning in &report.record.warnings {
             warn(warning);
         }
-        let unknown = unknown_images(&self.out, frames)?;
-        if unknown > 0 {
-            warn(&format!("{} contains {unknown} images from another run", self.out.display()));
+        if let Some(warning) = unknown_images_warning(&self.out, &[""], frames.iter().flat_map(|frame| &frame.files))? {
+            warn(&warning);
         }
         Ok(())
     }

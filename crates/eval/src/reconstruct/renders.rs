@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Photos, ReconstructError};
 use crate::method::Backend;
-use crate::rendering::{frame_file_name, rendered_image};
+use crate::rendering::{RenderingError, frame_file_name, rendered_image, unknown_images_warning};
 
 /// The renders of a reconstruction, and what they depend on in addition to the Gaussians.
 #[derive(Debug, Serialize)]
@@ -25,6 +25,19 @@ pub struct RendersRecord {
     pub background: [f64; 3],
     /// Names of the files inside the folder.
     pub files: Vec<String>,
+}
+
+/// Subfolders of renders.
+const FOLDERS: [&str; 3] = ["inputs", "context", "targets"];
+
+impl RendersRecord {
+    /// A warning about images of another run in the same folders, if there are any.
+    ///
+    /// # Errors
+    /// [`RenderingError::Io`] if a folder cannot be listed.
+    pub fn unknown_images_warning(&self) -> Result<Option<String>, RenderingError> {
+        unknown_images_warning(&self.folder, &FOLDERS, &self.files)
+    }
 }
 
 /// Writes PNG files of the context images to `inputs/`, and of the renders at context and target views to `context/` and

@@ -1,5 +1,6 @@
 //! Renders and writes frames in batches: while one batch is rendered, the previous one is encoded.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -229,12 +230,26 @@ pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<S
     })
 }
 
-/// Number of image files in a folder that are named like frames but come from another run.
+/// Warns of image files in the subfolders of a folder, or in the folder itself as the subfolder `""`, that are named like frames but
+/// are not among the files of this run, with their paths from the folder.
 ///
 /// # Errors
 /// [`RenderingError::Io`].
-pub fn unknown_images(folder: &Path, frames: &[Frame]) -> Result<usize, RenderingError> {
-    let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
+pub fn unknown_images_warning<'a>(
+    folder: &Path,
+    subfolders: &[&str],
+    files: impl IntoIterator<Item = &'a String>,
+) -> Result<Option<String>, RenderingError> {
+    let ours: BTreeSet<PathBuf> = files.into_iter().map(|file| folder.join(file)).collect();
+    let mut unknown = 0;
+    for path in subfolders.iter().map(|subfolder| folder.join(subfolder)).filter(|path| path.is_dir()) {
+        unknown += unknown_images(&path, &ours)?;
+    }
+    Ok((unknown > 0).then(|| format!("{} contains {unknown} images from another run", folder.display())))
+}
+
+fn unknown_images(folder: &Path, ours: &BTreeSet<PathBuf>) -> Result<usize, RenderingError> {
+    let is_ours = |name: &str| ours.contains(&folder.join(name));
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<std::io::Result<Vec<_>>>);
     let entries = entries.map_err(FileError::during::<RenderingError>("listing images", folder))?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);

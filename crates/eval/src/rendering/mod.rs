@@ -16,7 +16,7 @@ use thiserror::Error;
 pub use exposures::{ExposureSource, Exposures, ExposuresError};
 pub use frame_request::{FrameRequest, PathRecord, PathSpacing, RenderPlan};
 pub use frame_timings::{FrameTiming, FrameTimings};
-pub use frames::{Frame, FrameFiles, empty_frames, empty_frames_warning, render_all, unknown_images};
+pub use frames::{Frame, FrameFiles, empty_frames, empty_frames_warning, render_all, unknown_images_warning};
 pub use images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 pub use record::{FrameCounts, RENDER_RECORD, Record, RenderFile, Report, ViewRecord};
 pub use settings::{RenderSettings, RenderSettingsRecord, ignored_principal_points};
