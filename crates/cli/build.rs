@@ -1,29 +1,81 @@
-//! Passes the commit to the binary if it is built inside its own repository, with a mark of the changes that are not committed.
+//! Passes the commit to the binary if it is built inside its own repository, with a mark of the changes that are not committed, and
+//! otherwise a hash of the sources.
 
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// What a binary is made of.
-const SOURCES: [&str; 4] = [":(glob)crates/*/src/**", "eval", "Cargo.toml", "Cargo.lock"];
+const SOURCES: [&str; 5] =
+    [":(glob)crates/*/src/**", ":(glob)crates/*/Cargo.toml", "eval", "Cargo.toml", "Cargo.lock"];
 
 pub(crate) fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // In another repository, the commits are not of this project.
     // Not `env!`: a script that another checkout has built with the same target folder is run here too.
     let Some(manifest) = std::env::var_os("CARGO_MANIFEST_DIR") else { return };
-    let ours = Path::new(&manifest).join("../..").canonicalize().ok();
-    let top = git(&["rev-parse", "--show-toplevel"]).and_then(|top| Path::new(&top).canonicalize().ok());
-    let Some(top) = top.filter(|top| ours.as_ref() == Some(top)) else { return };
-    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).is_file()) {
-        println!("cargo::rerun-if-changed={log}");
-    }
-    let sources = top.join("crates").read_dir().into_iter().flatten().flatten().map(|entry| entry.path().join("src"));
-    for source in sources.chain([top.join("eval"), top.join("Cargo.toml"), top.join("Cargo.lock")]) {
+    let Ok(ours) = Path::new(&manifest).join("../..").canonicalize() else { return };
+    for source in parts(&ours) {
         println!("cargo::rerun-if-changed={}", source.display());
     }
-    if let Some(commit) = commit_of(&top) {
+    // In another repository, the commits are not of this project. Git may be absent, or refuse a repository of another user.
+    let top = git(&["rev-parse", "--show-toplevel"]).and_then(|top| Path::new(&top).canonicalize().ok());
+    let is_repository = top.is_some_and(|top| top == ours);
+    let log = git(&["rev-parse", "--git-path", "logs/HEAD"]);
+    if let Some(log) = log.filter(|log| is_repository && Path::new(log).is_file()) {
+        println!("cargo::rerun-if-changed={log}");
+    }
+    let commit = if is_repository { commit_of(&ours) } else { None };
+    if let Some(commit) = commit.or_else(|| hash_of_sources(&ours)) {
         println!("cargo::rustc-env=ATSPLAT_COMMIT={commit}");
+    }
+}
+
+/// The files and folders that a binary is made of, as [`SOURCES`].
+fn parts(top: &Path) -> Vec<PathBuf> {
+    let crates = entries(&top.join("crates")).into_iter();
+    let of_crates = crates.flat_map(|part| [part.join("src"), part.join("Cargo.toml")]);
+    let all = of_crates.chain(["eval", "Cargo.toml", "Cargo.lock"].map(|name| top.join(name)));
+    // A path that is not there would run the script in every build.
+    all.filter(|path| path.exists()).collect()
+}
+
+/// The entries of a folder in order; none if it cannot be listed.
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let mut entries: Vec<PathBuf> =
+        folder.read_dir().into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    entries.sort();
+    entries
+}
+
+/// `sources+` and a hash (FNV-1a) of all sources, for folders without commits. `None` without crates, as in a registry, where the
+/// version says which program it is.
+pub(crate) fn hash_of_sources(top: &Path) -> Option<String> {
+    let mut hash = Fnv(0xcbf2_9ce4_8422_2325);
+    let mut found = false;
+    let mut unread = parts(top);
+    unread.reverse();
+    while let Some(path) = unread.pop() {
+        if path.is_dir() && !path.is_symlink() {
+            unread.extend(entries(&path).into_iter().rev());
+        } else if let Ok(bytes) = std::fs::read(&path) {
+            let name = path.strip_prefix(top).unwrap_or(&path).to_string_lossy().replace('\\', "/");
+            found |= name.starts_with("crates/");
+            for part in [name.as_bytes(), bytes.as_slice()] {
+                hash.add(&(part.len() as u64).to_le_bytes());
+                hash.add(part);
+            }
+        }
+    }
+    found.then(|| format!("sources+{:016x}", hash.0))
+}
+
+struct Fnv(u64);
+
+impl Fnv {
+    fn add(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+        }
     }
 }
 

@@ -42,6 +42,7 @@ fn uncommitted_changes_of_sources_are_part_of_the_commit() {
         ("crates/splat/src/other.rs", "one"),
         ("crates/splat/src/other.rs", "two"),
         ("eval/presets/a.toml", "one"),
+        ("crates/splat/Cargo.toml", "opt-level = 1"),
     ] {
         write(file, text);
         let now = commit();
@@ -52,4 +53,40 @@ fn uncommitted_changes_of_sources_are_part_of_the_commit() {
     git(here, &["add", "."]);
     git(here, &["commit", "-q", "-m", "second"]);
     assert!(!commit().contains('+') && commit() != clean);
+}
+
+/// As in an archive of the sources, or where git refuses to read a repository.
+#[test]
+fn without_a_repository_a_hash_of_the_sources_tells_programs_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let write = |file: &str, text: &str| {
+        let path = here.join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    };
+    let hash = || build::hash_of_sources(here);
+    write("eval/presets/a.toml", "one");
+    assert_eq!(hash(), None, "without crates");
+    write("crates/splat/src/lib.rs", "one");
+    write("crates/splat/src/gpu/mod.rs", "two");
+    let first = hash().unwrap();
+    assert!(first.starts_with("sources+") && first.len() == 24, "{first}");
+    write("docs/a.md", "one");
+    write("crates/splat/tests/a.rs", "one");
+    assert_eq!(hash().unwrap(), first, "no part of the program");
+    let mut found = vec![first];
+    for (file, text) in [
+        ("crates/splat/src/lib.rs", "two"),
+        ("crates/splat/src/gpu/mod.rs", "one"),
+        ("crates/splat/src/gpu/other.rs", ""),
+        ("crates/splat/Cargo.toml", "one"),
+        ("eval/presets/a.toml", "two"),
+        ("Cargo.lock", "one"),
+    ] {
+        write(file, text);
+        let now = hash().unwrap();
+        assert!(!found.contains(&now), "{file}");
+        found.push(now);
+    }
 }
