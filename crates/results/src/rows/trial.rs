@@ -68,11 +68,11 @@ pub struct TrialRow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrialStatus {
-    /// Every target was compared.
+    /// No target failed. Renders with samples that are not finite were not compared, which may be all of them.
     Done,
     /// Some targets failed.
     Partial,
-    /// No target was compared.
+    /// Every target failed.
     Failed,
     /// The method does not support this kind of trial, such as its number of views or a size that its patches do not
     /// divide.

@@ -27,8 +27,9 @@ struct Inputs {
     lacks_metric: bool,
     /// Number of targets with scores.
     scored: usize,
-    status: TrialStatus,
-    /// Whether it failed, wholly or in part, and the run evaluates it again.
+    /// Whether it failed, wholly or in part, or no render of it could be compared.
+    is_incomplete: bool,
+    /// Whether it is incomplete, and the run evaluates it again.
     is_tried_again: bool,
 }
 
@@ -45,13 +46,16 @@ impl KnownResults {
         for (row, rows_of_targets) in rows {
             let TrialRow { key, trial_hash, targets, data_hash, input_hash, status, .. } = row;
             let lacks_metric = rows_of_targets.iter().any(|target| metrics.iter().any(|metric| target.lacks(metric)));
-            let retried = status.is_incomplete() && python.contains(key.method.as_str());
+            let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
+            let is_incomplete = status.is_incomplete() || (status == TrialStatus::Done && scored == 0);
+            let retried = is_incomplete && python.contains(key.method.as_str());
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
-            let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
             let is_tried_again = false;
-            let inputs = Inputs { trial, targets, data, input, retried, lacks_metric, scored, status, is_tried_again };
-            by_method.insert(key.method, inputs);
+            by_method.insert(
+                key.method,
+                Inputs { trial, targets, data, input, retried, lacks_metric, scored, is_incomplete, is_tried_again },
+            );
         }
         known
     }
@@ -77,7 +81,7 @@ impl KnownResults {
     /// Makes a run evaluate again what failed, wholly or in part.
     pub(super) fn retry_failed(&mut self) {
         for known in self.0.values_mut().flat_map(BTreeMap::values_mut) {
-            known.is_tried_again = known.status.is_incomplete();
+            known.is_tried_again = known.is_incomplete;
         }
     }
 
@@ -188,26 +192,39 @@ mod tests {
     /// A method of Python may have been mended; what another method failed fails again.
     #[test]
     fn failures_of_python_are_tried_again() {
-        let of = |kind: &str, status| {
+        let of_targets = |kind: &str, status, of_target| {
             let method = MethodRecord { name: "m".to_owned(), kind: kind.to_owned(), ..MethodRecord::default() };
             let row = TrialRow { status, data_hash: Some("d".to_owned()), ..sample_rows::trial("m", "a", 0, 1) };
             let (key, hash) = (row.key.clone(), row.trial_hash.clone());
-            let known = KnownResults::of([(row, Vec::new())].into_iter(), &[method], &[]);
+            let target = sample_rows::target("m", "a", 0, 0, "psnr", 20.0);
+            let rows = [(row, vec![TargetRow { status: of_target, ..target }])];
+            let known = KnownResults::of(rows.into_iter(), &[method], &[]);
             assert_eq!(known.methods(&key.preset, "a", 0).count(), 1, "its row is there");
             known.contains(&key, &hash, "d", None)
         };
+        let of = |kind: &str, status| of_targets(kind, status, TargetStatus::Scored);
+        assert!(!of_targets("python", TrialStatus::Done, TargetStatus::NonFinite), "nothing could be compared");
         assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
         assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
         assert!(of("exec", TrialStatus::Failed));
     }
 
-    /// One of three results is whole; a method that does not support a trial has not failed.
+    /// One of four results is whole, and nothing of the last could be compared; a method that does not support a trial has not failed.
     #[test]
     fn failures_are_tried_again_on_request() {
-        let statuses = [TrialStatus::Failed, TrialStatus::Done, TrialStatus::Partial, TrialStatus::NotApplicable];
-        let rows = statuses.iter().zip(["a", "b", "c", "d"]);
-        let rows = rows.map(|(status, scene)| TrialRow { status: *status, ..sample_rows::trial("m", scene, 0, 1) });
-        let mut known = KnownResults::of(rows.map(|row| (row, Vec::new())), &[], &[]);
+        let of_trials = [
+            ("a", TrialStatus::Failed, TargetStatus::Failed),
+            ("b", TrialStatus::Done, TargetStatus::Scored),
+            ("c", TrialStatus::Partial, TargetStatus::Scored),
+            ("d", TrialStatus::NotApplicable, TargetStatus::Failed),
+            ("e", TrialStatus::Done, TargetStatus::NonFinite),
+        ];
+        let rows = of_trials.map(|(scene, status, of_target)| {
+            let target = sample_rows::target("m", scene, 0, 0, "psnr", 20.0);
+            let trial = TrialRow { status, ..sample_rows::trial("m", scene, 0, 1) };
+            (trial, vec![TargetRow { status: of_target, ..target }])
+        });
+        let mut known = KnownResults::of(rows.into_iter(), &[], &[]);
         let run = Provenance {
             presets: vec![PresetRecord { name: sample_rows::PRESET.to_owned(), ..PresetRecord::default() }],
             methods: vec![MethodRecord { name: "m".to_owned(), ..MethodRecord::default() }],
@@ -215,9 +232,9 @@ mod tests {
         };
         assert!(known.tried_again(&run).is_empty());
         known.retry_failed();
-        assert_eq!(known.tried_again(&run), BTreeMap::from([("m", 2)]));
-        let again = ["a", "b", "c", "d"].map(|scene| known.is_tried_again(&sample_rows::key("m", scene, 0)));
-        assert_eq!(again, [true, false, true, false]);
+        assert_eq!(known.tried_again(&run), BTreeMap::from([("m", 3)]));
+        let again = of_trials.map(|(scene, ..)| known.is_tried_again(&sample_rows::key("m", scene, 0)));
+        assert_eq!(again, [true, false, true, false, true]);
     }
 
     /// Of two methods, one is run again, under one of two protocols.

@@ -8,7 +8,7 @@ use super::*;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
 use crate::times::{GAUSSIANS_UNTIMED, Load, TimingRow};
-use crate::{MethodRecord, PresetRecord, Results, TrialStatus};
+use crate::{MethodRecord, PresetRecord, Results, TargetStatus, TrialStatus};
 
 /// The rows of several methods under one protocol, each timed for half a second on every scene.
 fn store(methods: &[&str], scenes: &[(&str, u32, Vec<f64>)]) -> Results {
@@ -83,6 +83,23 @@ fn gaussians_are_averaged_over_common_trials() {
     store.trials.retain(|row| row.key.method == "lavish" || row.key.scene == "dense");
     assert_eq!(costs(&only(&store), Axis::Gaussians), [("lavish", 2000.0), ("frugal", 10_000.0)]);
     assert!(noted(&store).iter().any(|note| note.starts_with("No trial was finished by all")), "{:?}", noted(&store));
+}
+
+/// The images of one are NaN in the dense scene, where it has ten times as many Gaussians.
+#[test]
+fn trials_without_a_compared_image_are_not_finished() {
+    let mut store = store(&["finite", "nan"], &scenes());
+    for row in &mut store.trials {
+        row.gaussians = Some(if row.key.scene == "dense" { 5000 } else { 500 });
+    }
+    for row in store.targets.iter_mut().filter(|row| row.key.method == "nan" && row.key.scene == "dense") {
+        row.status = TargetStatus::NonFinite;
+        row.scores.clear();
+    }
+    let found = only(&store);
+    assert_eq!(costs(&found, Axis::Gaussians), [("finite", 500.0), ("nan", 500.0)]);
+    let expected = "Gaussians are averaged over the 1 trials that all settings finished, of 2";
+    assert!(found.notes.iter().any(|note| note.text == expected), "{:?}", found.notes);
 }
 
 #[test]

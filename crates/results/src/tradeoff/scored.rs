@@ -9,7 +9,7 @@ use super::unscored::why_unscored;
 use super::{Counts, Note, Sample};
 use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_without_interval};
 use crate::times::{GAUSSIANS_UNTIMED, Machine, times_on};
-use crate::{MethodRecord, Results, TrialKey, TrialRow, TrialStatus};
+use crate::{MethodRecord, Results, TrialKey, TrialRow};
 
 /// Scene and entry: a trial under any protocol.
 type TrialId<'a> = (&'a str, u32);
@@ -125,9 +125,11 @@ fn timed<'a>(results: &'a Results, machine: Option<&Machine>, preset: &str, meth
     rows.filter(|row| Some(&row.machine) == machine).map(|row| id(&row.key)).collect()
 }
 
+/// The trials of which at least one target was compared.
 fn with_results<'a>(results: &'a Results, preset: &str, method: &str) -> impl Iterator<Item = &'a TrialRow> {
-    let trials = results.trials_of(preset, method);
-    trials.filter(|trial| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial))
+    let compared = results.targets_of(preset, method).filter(|target| target.status.is_scored());
+    let compared: BTreeSet<TrialId<'a>> = compared.map(|target| id(&target.key)).collect();
+    results.trials_of(preset, method).filter(move |trial| compared.contains(&id(&trial.key)))
 }
 
 fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTreeMap<TrialId<'a>, u64> {
