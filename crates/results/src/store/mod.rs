@@ -284,14 +284,16 @@ impl Store {
     /// Those of [`Results::read`], and [`ResultsError::Io`].
     pub fn finish(mut self) -> Result<Results, ResultsError> {
         self.digests.save()?;
+        let content = Content::read(&self.folder)?;
+        let parts = content.parts.clone();
+        let mut results = content.into_results();
+        // The recorded places are those of the rows: first, their data are checked.
+        data::check_consistent(&results)?;
         if let Some(run) = self.run.take() {
             self.provenance.take_places(&run);
         }
         self.write_provenance()?;
-        let content = Content::read(&self.folder)?;
-        let parts = content.parts.clone();
-        let results = content.into_results();
-        data::check_consistent(&results)?;
+        results.provenance = read::provenance(&self.folder)?;
         results.write_tables(&self.folder)?;
         for part in parts {
             fs::remove_file(&part).map_err(ResultsError::io("removing a part that is in the tables", &part))?;

@@ -173,3 +173,29 @@ fn files_in_another_folder_that_a_run_does_not_compare_are_rejected() {
     drop(resumed);
     assert_eq!(Store::resume(folder.path(), of("q", "step_10000")).unwrap().moved(), Moved::default());
 }
+
+/// Of m and n, which the run read from another place, n was given other images.
+#[test]
+fn places_of_a_run_with_other_data_are_not_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |data: &str| {
+        let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
+        let (name, dataset) = ("p".to_owned(), data.to_owned());
+        Provenance { presets: vec![PresetRecord { name, toml, dataset, ..PresetRecord::default() }], ..run_of(1) }
+    };
+    let store = Store::create(folder.path(), of("first")).unwrap();
+    let (trial, targets) = scored("m", "a");
+    store.append(&trial, &targets).unwrap();
+    store.finish().unwrap();
+    let store = Store::resume(folder.path(), of("second")).unwrap();
+    let (trial, targets) = scored("n", "a");
+    let other = TrialRow { data_hash: Some("other".to_owned()), ..trial.clone() };
+    store.append(&other, &targets).unwrap();
+    assert!(matches!(store.finish(), Err(ResultsError::MixedData { .. })));
+    let store = Store::open(folder.path()).unwrap();
+    assert_eq!(store.provenance().presets[0].dataset, "first");
+    store.append(&trial, &targets).unwrap();
+    drop(store);
+    let store = Store::resume(folder.path(), of("second")).unwrap();
+    assert_eq!(store.finish().unwrap().provenance.presets[0].dataset, "second");
+}
