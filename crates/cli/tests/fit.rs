@@ -90,7 +90,7 @@ fn a_fit_on_an_adapter_says_so() {
     Tolerance::absolute(0.05).assert([psnr(&on_adapter)], [psnr(&on_cpu)], "held-out PSNR");
 }
 
-/// One step before the end, when each photo but one was seen and most comparisons were made.
+/// From the state after its last step, which has all comparisons and the losses of every photo.
 #[test]
 fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
     let folder = tempdir().unwrap();
@@ -460,6 +460,7 @@ fn a_record_has_the_hash_of_its_file_and_a_missing_checkpoint_is_noted() {
     let hash = Sha256Digest::of(&std::fs::read(here.join("fitted.ply")).unwrap());
     assert_eq!(record["file-sha256"], hash.to_string());
     assert_eq!(record["steps"], 1);
+    assert!(here.join("state").is_file(), "the state at the end, though the interval is longer");
 }
 
 #[test]

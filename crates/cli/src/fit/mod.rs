@@ -56,7 +56,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
     checkpoint: Option<PathBuf>,
 
-    /// Write the checkpoint every N steps.
+    /// Write the checkpoint every N steps, and after the last one.
     #[arg(long, value_name = "N", default_value_t = 500, requires = "checkpoint", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     checkpoint_every: u64,
 

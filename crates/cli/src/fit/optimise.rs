@@ -15,12 +15,18 @@ impl Args {
         fit.run(deadline, |fit, step| {
             // Before the checkpoint, which contains the comparison with the held-out photos.
             log.step(fit, step)?;
-            if let Some(path) = self.checkpoint.as_deref().filter(|_| step.step.is_multiple_of(self.checkpoint_every)) {
+            let is_due = is_written(step.step, fit.config().steps, self.checkpoint_every);
+            if let Some(path) = self.checkpoint.as_deref().filter(|_| is_due) {
                 fit.checkpoint(path)?;
             }
             Ok(())
         })
     }
+}
+
+/// Whether a run of so many steps writes its checkpoint after a step: at intervals, and at the end.
+const fn is_written(step: u64, steps: u64, every: u64) -> bool {
+    step == steps || step.is_multiple_of(every)
 }
 
 /// Follows a run: progress and held-out views.
@@ -109,6 +115,16 @@ mod tests {
         assert_eq!(planned(3, 3), [1, 2, 3]);
         assert_eq!(planned(250, 700), [32, 64, 96, 184, 272, 360, 448, 536, 624, 700]);
         assert_eq!(planned(4000, 200), [100, 125, 150, 175, 200]);
+    }
+
+    #[test]
+    fn a_checkpoint_is_written_at_intervals_and_at_the_end() {
+        let written = |steps: u64, every: u64| -> Vec<u64> {
+            (1..=steps).filter(|step| is_written(*step, steps, every)).collect()
+        };
+        assert_eq!(written(20, 500), [20]);
+        assert_eq!(written(12, 5), [5, 10, 12]);
+        assert_eq!(written(6, 3), [3, 6]);
     }
 
     /// Every 300 steps opacities are reset, until step 1200.
