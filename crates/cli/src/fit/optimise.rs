@@ -25,7 +25,7 @@ impl Args {
 }
 
 /// Whether a run of so many steps writes its checkpoint after a step: at intervals, and at the end.
-const fn is_written(step: u64, steps: u64, every: u64) -> bool {
+fn is_written(step: u64, steps: u64, every: u64) -> bool {
     step == steps || step.is_multiple_of(every)
 }
 
