@@ -5,7 +5,7 @@ use atsplat_numeric::narrowed;
 use atsplat_splat::{Exposure, View};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::{FitConfig, FitError};
+use crate::{FitConfig, FitError, StopReason};
 
 /// Rotation and translation of a motion, then the 3×3 matrix and the offset of an exposure.
 const GRADIENTS: usize = 18;
@@ -77,6 +77,20 @@ impl Corrections {
         let values = self.values.get(number)?.map(f64::from);
         let row = |first: usize| std::array::from_fn(|column| values[first + column]);
         Some(Exposure { matrix: [row(7), row(10), row(13)], offset: row(16) })
+    }
+
+    /// The first correction with gradients that are not finite. Without corrections, none is used; with one of both, Adam keeps the
+    /// moments of the other too.
+    pub(crate) fn non_finite(&self, of_view: &CorrectionGradients) -> Option<StopReason> {
+        if self.values.is_empty() {
+            return None;
+        }
+        let all = of_view.array();
+        let (pose, exposure) = all.split_at(of_view.pose.len());
+        [("pose", pose), ("exposure", exposure)].into_iter().find_map(|(parameter, gradients)| {
+            let count = gradients.iter().filter(|gradient| !gradient.is_finite()).count();
+            (count > 0).then_some(StopReason::NonFiniteGradients { parameter, count })
+        })
     }
 
     /// A step of one Adam for the corrections of all views, as in the published code: the other views have gradients of zero in this
@@ -201,6 +215,27 @@ mod tests {
         }
         let motion = |values: &[f32; VALUES]| values.map(f64::from).into_iter().take(7);
         Tolerance::EXACT.assert(motion(&corrections.values[0]), motion(&NONE), "motion of the other view");
+    }
+
+    #[test]
+    fn gradients_of_corrections_stop_a_run_that_uses_them() {
+        let [nan, infinity] = [f32::NAN, f32::INFINITY];
+        let moved = CorrectionGradients { pose: [0.0, nan, 1.0, 0.0, infinity, 0.0], exposure: Some(exposure_of(0.5)) };
+        let exposed = CorrectionGradients { pose: [0.5; 6], exposure: Some(exposure_of(f64::NAN)) };
+        let found = |pose_rate: Option<f64>, exposure_rate: Option<f64>| {
+            let config = FitConfig { pose_rate, exposure_rate, ..FitConfig::new(Strategy::Fixed, 100) };
+            [&moved, &exposed].map(|gradients| match Corrections::new(&config, 2).non_finite(gradients) {
+                Some(StopReason::NonFiniteGradients { parameter, count }) => Some((parameter, count)),
+                _ => None,
+            })
+        };
+        assert_eq!(found(None, None), [None, None]);
+        let both = [Some(("pose", 2)), Some(("exposure", 2))];
+        assert_eq!(found(Some(0.1), None), both);
+        assert_eq!(found(None, Some(0.2)), both);
+        let finite = CorrectionGradients { pose: [0.5; 6], exposure: None };
+        let config = FitConfig { pose_rate: Some(0.1), ..FitConfig::new(Strategy::Fixed, 100) };
+        assert!(Corrections::new(&config, 2).non_finite(&finite).is_none());
     }
 
     /// Each view has ten steps of its own; with moments that rest between them, exposures would end at 0.02.

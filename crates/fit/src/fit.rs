@@ -198,7 +198,7 @@ impl Fit {
             return Err(self.stopped(step, number, self.nothing_visible()));
         }
         let regularisers = self.density.regularise(&self.scene, &mut self.gradients.gaussians);
-        if let Some(reason) = self.non_finite_gradients() {
+        if let Some(reason) = self.non_finite_gradients(&of_view) {
             return Err(self.stopped(step, number, reason));
         }
         let means_rate = self.schedule.means_rate(&self.config.rates, step) * self.extent;

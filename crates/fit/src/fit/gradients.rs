@@ -47,8 +47,8 @@ impl Fit {
         })
     }
 
-    /// The first parameter with gradients that are not finite.
-    pub(super) fn non_finite_gradients(&self) -> Option<StopReason> {
+    /// The first parameter with gradients that are not finite, of those that the step changes.
+    pub(super) fn non_finite_gradients(&self, of_view: &CorrectionGradients) -> Option<StopReason> {
         // Those that nothing is optimised by are named, so that a new one is not left out by accident.
         let Gradients {
             means,
@@ -56,26 +56,27 @@ impl Fit {
             log_scales,
             opacity_logits,
             sh,
-            pose,
+            // Of the view, with its corrections.
+            pose: _,
             scalars: _,
             means_2d: _,
             conics: _,
             background: _,
         } = &self.gradients.gaussians;
-        let fields: [(&'static str, &[f32]); 6] = [
+        let fields: [(&'static str, &[f32]); 5] = [
             ("means", means.as_flattened()),
             ("quaternions", quaternions.as_flattened()),
             ("log_scales", log_scales.as_flattened()),
             ("opacity_logits", opacity_logits),
             ("sh", sh.as_flattened()),
-            ("pose", pose),
         ];
-        fields.into_iter().find_map(|(parameter, values)| {
+        let of_gaussians = fields.into_iter().find_map(|(parameter, values)| {
             let non_finite = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
             let count =
                 values.par_chunks(CHUNK).map(|values| if all_finite(values) { 0 } else { non_finite(values) }).sum();
             (count > 0).then_some(StopReason::NonFiniteGradients { parameter, count })
-        })
+        });
+        of_gaussians.or_else(|| self.corrections.non_finite(of_view))
     }
 }
 
