@@ -24,6 +24,9 @@ pub struct Times {
     pub device: Option<String>,
     /// Trials that were timed.
     pub trials: u64,
+    /// Their scenes and entries; empty if the times were stated.
+    #[serde(skip)]
+    pub timed: BTreeSet<(String, u32)>,
     /// Trials of the protocol: if all were timed, no more could be.
     pub trials_there: u64,
     /// Smallest number of repetitions of a trial.
@@ -147,6 +150,7 @@ impl Times {
             // A method of a store has one device.
             device: rows.first().and_then(device),
             trials: rows.len() as u64,
+            timed: rows.iter().map(|row| (row.key.scene.clone(), row.key.entry)).collect(),
             trials_there: rows.iter().fold(there, |most, row| most.max(row.trials_there)),
             repetitions: repetitions.fold(u64::MAX, u64::min),
             warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
@@ -174,6 +178,7 @@ impl Times {
             machine: stated.machine(),
             device: None,
             trials,
+            timed: BTreeSet::new(),
             trials_there: trials,
             repetitions: 1,
             warm_up: 0,

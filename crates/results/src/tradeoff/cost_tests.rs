@@ -120,6 +120,16 @@ fn times_of_other_trials_and_rows_of_several_machines_are_named() {
     assert!(expected.iter().all(|note| text.contains(&format!("\n  {note}\n"))), "{text}");
 }
 
+/// The images of a scene have changed since a setting was timed on it.
+#[test]
+fn times_of_outdated_trials_are_not_counted() {
+    let mut store = store(&["a", "b"], &scenes());
+    let row = store.timings.iter_mut().find(|row| row.key.method == "b" && row.key.scene == "dense").unwrap();
+    row.trial_hash = "another".to_owned();
+    let expected = "b: timed on 1 of the 2 trials that have times: times of different trials are compared";
+    assert_eq!(only(&store).notes.iter().map(ToString::to_string).collect::<Vec<_>>(), [expected]);
+}
+
 #[test]
 fn differences_are_averaged_as_all_protocols_average() {
     // Two targets gain nothing, and one 3 dB.

@@ -22,7 +22,7 @@ pub(super) struct Scored<'a> {
     /// Gaussians of each trial with results.
     gaussians: BTreeMap<TrialId<'a>, u64>,
     /// The trials that were timed; empty if the sample has no seconds.
-    timed: BTreeSet<TrialId<'a>>,
+    timed: BTreeSet<(String, u32)>,
     /// The machines on which it was optimised for a time.
     optimised_on: BTreeSet<&'a str>,
     /// Whether its number of Gaussians was stated, not counted.
@@ -49,7 +49,7 @@ pub(super) fn scored<'a>(
         let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
         let selected = select(results, &query);
         let summary = summary_without_interval(&selected, aggregation);
-        let sample = Sample {
+        let mut sample = Sample {
             label: method.to_owned(),
             quality: summary.mean,
             unscored: summary.mean.is_none().then(|| why_unscored(results, &query, &summary)),
@@ -65,15 +65,7 @@ pub(super) fn scored<'a>(
             },
             ..Sample::default()
         };
-        let sample = with_times(sample, results, machine, preset, record);
-        let timed = match sample.secs {
-            None => BTreeSet::new(),
-            // A mean over all trials.
-            Some(_) if machine.is_some_and(Machine::is_stated) => {
-                with_results(results, preset, method).map(|trial| id(&trial.key)).collect()
-            }
-            Some(_) => timed(results, machine, preset, method),
-        };
+        let timed = add_times(&mut sample, results, machine, preset, record);
         let gaussians = gaussians(results, preset, method);
         let optimised_on = results.optimised_on(preset, method);
         let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
@@ -94,13 +86,14 @@ pub(super) fn scored<'a>(
     results.provenance.methods.iter().filter_map(scored).collect()
 }
 
-fn with_times(
-    mut sample: Sample,
+/// Adds the seconds to a sample, or why there are none. Returns the trials that they are of.
+fn add_times(
+    sample: &mut Sample,
     results: &Results,
     machine: Option<&Machine>,
     preset: &str,
     method: &MethodRecord,
-) -> Sample {
+) -> BTreeSet<(String, u32)> {
     let found = times_on(machine, results, preset, &method.name)
         .and_then(|times| Ok((times.first_image.ok_or(GAUSSIANS_UNTIMED)?, times)));
     match found {
@@ -110,19 +103,22 @@ fn with_times(
             sample.busy = times.busy;
             sample.whole_answer = method.is_process() && times.encode.is_some();
             sample.device = times.device;
+            if !times.machine.is_stated() {
+                return times.timed;
+            }
+            // A mean over all trials.
+            let trials = with_results(results, preset, &method.name);
+            trials.map(|trial| (trial.key.scene.clone(), trial.key.entry)).collect()
         }
-        Err(reason) => sample.untimed = Some(reason),
+        Err(reason) => {
+            sample.untimed = Some(reason);
+            BTreeSet::new()
+        }
     }
-    sample
 }
 
 fn id(key: &TrialKey) -> TrialId<'_> {
     (key.scene.as_str(), key.entry)
-}
-
-fn timed<'a>(results: &'a Results, machine: Option<&Machine>, preset: &str, method: &str) -> BTreeSet<TrialId<'a>> {
-    let rows = results.timings.iter().filter(|row| row.is_timed() && row.key.is_of(preset, method));
-    rows.filter(|row| Some(&row.machine) == machine).map(|row| id(&row.key)).collect()
 }
 
 /// The trials of which at least one target was compared.
@@ -160,11 +156,12 @@ pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
 
 /// What a reader must know of settings: which were timed on other trials, or optimised on several machines, and which costs were stated.
 pub(super) fn notes(all: &[Scored<'_>]) -> Vec<Note> {
-    let timed_on: BTreeSet<TrialId<'_>> = all.iter().flat_map(|setting| &setting.timed).copied().collect();
+    let timed_on: BTreeSet<&(String, u32)> = all.iter().flat_map(|setting| &setting.timed).collect();
     let mut notes = Vec::new();
     for Scored { sample, timed, optimised_on, states_gaussians, lacks_rendering, .. } in all {
         let mut note = |text| notes.push(Note { label: Some(sample.label.clone()), text });
-        if !timed.is_empty() && *timed != timed_on {
+        // Each is of some of them.
+        if !timed.is_empty() && timed.len() < timed_on.len() {
             let [some, of] = [timed.len(), timed_on.len()];
             note(format!("timed on {some} of the {of} trials that have times: times of different trials are compared"));
         }
