@@ -8,7 +8,10 @@ use super::*;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
 use crate::times::{GAUSSIANS_UNTIMED, Load, TimingRow};
-use crate::{MethodRecord, PresetRecord, Results, TargetStatus, TrialStatus};
+use crate::{
+    MethodRecord, PresetRecord, Results, StatedCost, StatedSeconds, TargetRow, TargetStatus, TrialKey, TrialRow,
+    TrialStatus,
+};
 
 /// The rows of several methods under one protocol, each timed for half a second on every scene.
 fn store(methods: &[&str], scenes: &[(&str, u32, Vec<f64>)]) -> Results {
@@ -128,6 +131,31 @@ fn times_of_outdated_trials_are_not_counted() {
     row.trial_hash = "another".to_owned();
     let expected = "b: timed on 1 of the 2 trials that have times: times of different trials are compared";
     assert_eq!(only(&store).notes.iter().map(ToString::to_string).collect::<Vec<_>>(), [expected]);
+}
+
+/// Of three protocols, the first has another stated machine than the others, and the machine of an outdated time.
+#[test]
+fn protocols_are_compared_on_the_machine_for_which_most_state_times() {
+    let names = ["first", "second", "third"];
+    let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+    let (trial, target) = (store.trials.remove(0), store.targets.remove(0));
+    let mut record = MethodRecord { name: "a".to_owned(), ..MethodRecord::default() };
+    for (preset, machine) in names.into_iter().zip(["one card", "two cards", "two cards"]) {
+        let key = TrialKey { preset: preset.to_owned(), ..trial.key.clone() };
+        store.trials.push(TrialRow { key: key.clone(), ..trial.clone() });
+        store.targets.push(TargetRow { key, ..target.clone() });
+        let seconds = StatedSeconds { encode: 0.5, render: Some(0.25), machine: machine.to_owned() };
+        record.stated.insert(preset.to_owned(), StatedCost { seconds: Some(seconds), ..StatedCost::default() });
+        store.provenance.presets.push(preset_record(preset, Aggregation::SceneMeans));
+    }
+    store.provenance.methods.push(record);
+    let outdated = timing("a", "x", &[0.5], &[]);
+    let key = store.trials[0].key.clone();
+    store.timings.push(TimingRow { key, trial_hash: "another".to_owned(), ..outdated });
+    let found = across(&store, "psnr", Leaked::Included).unwrap();
+    assert_eq!(found.machines.iter().map(|machine| machine.processor.as_str()).collect::<Vec<_>>(), ["two cards"]);
+    let timed: Vec<&str> = costs(&found, Axis::Seconds).into_iter().map(|(label, _)| label).collect();
+    assert_eq!(timed, ["a, second", "a, third"]);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::scored::{Scored, notes, pair_gaussians, scored};
 use super::{Axis, Counts, Frontier, Sample, frontier};
 use crate::statistics::{Leaked, SelectedTarget, contrast, direction};
-use crate::times::{Machine, machine_of};
+use crate::times::{Machine, TimingRow, machine_of};
 use crate::{PresetRecord, Results, ResultsError, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
@@ -132,19 +132,33 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
 const DIFFERENT_AGGREGATIONS: &str =
     "Protocols average targets in different ways: qualities are as each averages them, differences are of scene means";
 
-/// The machine on which methods of different protocols are compared: the one on which most protocols were timed, of those the
-/// one with the most timed trials, the first in order if tied.
+/// The machine on which methods of different protocols are compared: the one on which most protocols were timed, or without any the
+/// one for which most protocols state times; of those the one with the most timed trials or methods, the first in order if tied.
 fn common_machine(results: &Results) -> Option<Machine> {
-    let mut counts: BTreeMap<&Machine, (BTreeSet<&str>, usize)> = BTreeMap::new();
-    for row in results.timings.iter().filter(|row| row.is_timed()) {
-        let (presets, rows) = counts.entry(&row.machine).or_default();
-        presets.insert(&row.key.preset);
-        *rows += 1;
+    // Other images make a trial another one, whose times are not used.
+    let trials: BTreeSet<(&TrialKey, &str)> =
+        results.trials.iter().map(|trial| (&trial.key, trial.trial_hash.as_str())).collect();
+    let is_of_trial = |row: &&TimingRow| trials.contains(&(&row.key, row.trial_hash.as_str()));
+    let timed = results.timings.iter().filter(|row| row.is_timed()).filter(is_of_trial);
+    let measured = most_common(timed.map(|row| (row.machine.clone(), row.key.preset.as_str())));
+    let stated = results.provenance.methods.iter().flat_map(|method| {
+        let of_method = method.stated.iter().map(|(preset, cost)| (preset.as_str(), &cost.seconds));
+        let with_trials = of_method.filter(|(preset, _)| results.trials_of(preset, &method.name).next().is_some());
+        with_trials.filter_map(|(preset, seconds)| Some((seconds.as_ref()?.machine(), preset)))
+    });
+    measured.or_else(|| most_common(stated))
+}
+
+/// The machine of most protocols, given once for each of its uses.
+fn most_common<'a>(uses: impl Iterator<Item = (Machine, &'a str)>) -> Option<Machine> {
+    let mut counts: BTreeMap<Machine, (BTreeSet<&str>, usize)> = BTreeMap::new();
+    for (machine, preset) in uses {
+        let (presets, times) = counts.entry(machine).or_default();
+        presets.insert(preset);
+        *times += 1;
     }
-    let counts = counts.into_iter().map(|(machine, (presets, rows))| (machine, (presets.len(), rows)));
-    let measured = counts.reduce(|most, other| if other.1 > most.1 { other } else { most });
-    let stated = || results.provenance.presets.iter().find_map(|preset| machine_of(results, &preset.name));
-    measured.map(|(machine, _)| machine.clone()).or_else(stated)
+    let counts = counts.into_iter().map(|(machine, (presets, times))| (machine, (presets.len(), times)));
+    counts.reduce(|most, other| if other.1 > most.1 { other } else { most }).map(|(machine, _)| machine)
 }
 
 /// Counts the targets of protocols.
