@@ -143,7 +143,8 @@ fn common_machine(results: &Results) -> Option<Machine> {
     let measured = most_common(timed.map(|row| (row.machine.clone(), row.key.preset.as_str())));
     let stated = results.provenance.methods.iter().flat_map(|method| {
         let of_method = method.stated.iter().map(|(preset, cost)| (preset.as_str(), &cost.seconds));
-        let with_trials = of_method.filter(|(preset, _)| results.trials_of(preset, &method.name).next().is_some());
+        let has_trials = move |preset: &str| results.trials_of(preset, &method.name).next().is_some();
+        let with_trials = of_method.filter(move |(preset, _)| has_trials(preset));
         with_trials.filter_map(|(preset, seconds)| Some((seconds.as_ref()?.machine(), preset)))
     });
     measured.or_else(|| most_common(stated))
