@@ -58,6 +58,19 @@ fn a_process_and_score_give_equal_numbers() {
     assert!(changed.code == 1 && changed.stderr.contains("methods mine"), "{}", changed.stderr);
 }
 
+#[test]
+fn no_process_starts_before_all_options_are_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let run = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "a=exec:touch started; exit 1"];
+    let rejected = atsplat(here, &[&run[..], &["--repetitions", "6"]].concat());
+    assert!(rejected.code == 2 && rejected.stderr.contains("--repetitions requires --timing"), "{}", rejected.stderr);
+    assert!(!here.join("started").exists());
+    let failed = atsplat(here, &[&run[..], &["--repetitions", "6", "--timing"]].concat());
+    assert!(failed.code == 1 && here.join("started").exists(), "{}", failed.stderr);
+}
+
 /// The second of three scenes fails until a file is there.
 #[test]
 fn failed_trials_are_asked_again_on_request() {

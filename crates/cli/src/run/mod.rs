@@ -14,6 +14,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow, ensure};
 use atsplat_eval::method::{Method, MethodSpec};
 use atsplat_eval::runner::{self, Plan, Step};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_results::{GapKind, RunReport};
 use atsplat_scene::Warnings;
 
@@ -76,10 +77,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.protocols.check()?;
     let methods = args.methods.concat();
     args.sources.check(&methods)?;
+    // Loading starts processes.
+    let timing = args.timing.plan()?;
     let methods = args.sources.load(&methods)?;
     let names: Vec<String> = methods.iter().map(|method| method.record().name).collect();
     once("--method", &names).map_err(usage_error)?;
-    evaluate(&args.protocols, &methods, &args.settings, args.timing)
+    evaluate(&args.protocols, &methods, &args.settings, timing)
 }
 
 /// Evaluates loaded methods.
@@ -87,9 +90,8 @@ fn evaluate(
     protocols: &ProtocolArgs,
     methods: &[Arc<dyn Method>],
     settings: &SettingArgs,
-    timing: TimingArgs,
+    timing: Option<TimingPlan>,
 ) -> anyhow::Result<bool> {
-    let timing = timing.plan()?;
     let mut warnings = Warnings::new();
     let remote = protocols.remote()?;
     let datasets = protocols.open(remote.as_ref(), &mut warnings)?;

@@ -87,6 +87,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         },
     ]);
     requirements.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
+    let timing = args.timing.plan()?;
     let (name, title) = (args.name.as_deref(), args.title.as_deref());
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
         (Some(folder), _) => {
@@ -99,5 +100,5 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         (None, None) => bail!("expected --renders or --ply"),
     };
-    evaluate(&args.protocols, &[method], &args.settings, args.timing)
+    evaluate(&args.protocols, &[method], &args.settings, timing)
 }

@@ -12,7 +12,7 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};
 use crate::objects::CacheArgs;
-use crate::parse;
+use crate::parse::{self, once, usage_error};
 use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
@@ -58,6 +58,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         (None, Some(store)) => store,
         (None, None) => bail!("expected a folder of results"),
     };
+    once("--metric", &args.metric).map_err(usage_error)?;
     let results = Results::read(&args.cache.store(store)?)?;
     let leaked = if args.without_leaked { Leaked::Excluded } else { Leaked::Included };
     let metrics: Vec<&str> = args.metric.iter().map(String::as_str).collect();
