@@ -121,6 +121,20 @@ struct Evaluated {
     why_empty: Option<String>,
 }
 
+/// The stores of a reproduction by the names of their folders, and those without any result.
+#[derive(Default)]
+struct Stores {
+    all: Vec<(String, Results)>,
+    empty: Vec<NotRun>,
+}
+
+impl Stores {
+    fn add(&mut self, name: String, Evaluated { results, why_empty }: Evaluated) {
+        self.empty.extend(why_empty.map(|why| NotRun { what: name.clone(), why }));
+        self.all.push((name, results));
+    }
+}
+
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let _lock = OutputLock::of(&args.out)?;
@@ -135,17 +149,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     // Left out on purpose, which is not incomplete.
     let unlisted = not_run.len() - found;
     anyhow::ensure!(!groups.is_empty(), "nothing to run: {}", reasons(&not_run));
-    let (mut stores, mut empty) = (Vec::new(), Vec::new());
+    let mut stores = Stores::default();
     for (at, TrainedGroup { trained, datasets }) in groups.iter().enumerate() {
         let name = numbered("results", at);
         let mut methods = trained.methods()?;
         methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
         let evaluated = args.evaluate(&name, datasets, &methods, Some(args.suite.timing()))?;
-        empty.extend(evaluated.why_empty);
-        stores.push((name, evaluated.results));
+        stores.add(name, evaluated);
     }
-    if empty.len() == groups.len() {
-        bail!("nothing was evaluated: {}", empty.join("; "));
+    if stores.empty.len() == groups.len() {
+        let reasons: Vec<&str> = stores.empty.iter().map(|store| store.why.as_str()).collect();
+        bail!("nothing was evaluated: {}", reasons.join("; "));
     }
     let (mut sections, mut live) = (curves, Vec::new());
     for TrainedGroup { trained, datasets } in groups.iter().take(1) {
@@ -164,9 +178,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for (at, (methods, datasets)) in networks.ablations(groups)?.into_iter().enumerate() {
         let name = numbered("ablations", at);
         // Ablation tables have no times.
-        let Evaluated { results, .. } = args.evaluate(&name, &datasets, &methods, None)?;
-        stores.push((name, results));
+        let evaluated = args.evaluate(&name, &datasets, &methods, None)?;
+        stores.add(name, evaluated);
     }
+    let Stores { all: stores, empty } = stores;
+    not_run.extend(empty);
     let report = summary::write(&args.out, &stores, sections, live, args.page)?;
     print_warnings(&warnings);
     print_findings(&stores.iter().map(|(_, results)| results).collect::<Vec<_>>(), &warnings);
@@ -242,5 +258,27 @@ impl Args {
         let (results, _) = runner::run(&plan, store, &|step| progress.result(step))?;
         let why_empty = plan.nothing_evaluated(&results);
         Ok(Evaluated { results, why_empty })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One of the tables' stores and one of ablations are empty.
+    #[test]
+    fn stores_without_results_are_named_with_the_reason() {
+        let evaluated = |why: Option<&str>| Evaluated { results: Results::default(), why_empty: why.map(str::to_owned) };
+        let mut stores = Stores::default();
+        for (name, at, why) in [
+            ("results", 0, None),
+            ("results", 1, Some("the index has no entry")),
+            ("ablations", 0, Some("out of memory")),
+            ("ablations", 1, None),
+        ] {
+            stores.add(numbered(name, at), evaluated(why));
+        }
+        assert_eq!(reasons(&stores.empty), "results-2: the index has no entry; ablations: out of memory");
+        assert_eq!(stores.all.len(), 4);
     }
 }
