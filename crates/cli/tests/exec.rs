@@ -63,7 +63,8 @@ fn no_process_starts_before_all_options_are_checked() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);
-    let run = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "a=exec:touch started; exit 1"];
+    fs::write(here.join("method.sh"), "touch started\nexit 1\n").unwrap();
+    let run = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "a=exec:sh method.sh"];
     let rejected = atsplat(here, &[&run[..], &["--repetitions", "6"]].concat());
     assert!(rejected.code == 2 && rejected.stderr.contains("--repetitions requires --timing"), "{}", rejected.stderr);
     assert!(!here.join("started").exists());

@@ -268,7 +268,10 @@ mod tests {
     /// One of the tables' stores and one of ablations are empty.
     #[test]
     fn stores_without_results_are_named_with_the_reason() {
-        let evaluated = |why: Option<&str>| Evaluated { results: Results::default(), why_empty: why.map(str::to_owned) };
+        let evaluated = |why: Option<&str>| {
+            let why_empty = why.map(str::to_owned);
+            Evaluated { results: Results::default(), why_empty }
+        };
         let mut stores = Stores::default();
         for (name, at, why) in [
             ("results", 0, None),
