@@ -63,7 +63,7 @@ fn other_settings_are_not_compared_with_published_rows() {
     assert!(rows(&["--thresholds", "1,1,1"]).iter().all(|row| row["published"].is_null()));
 }
 
-/// As `run yards-6v-112 --weights micro-yards` does, and as `reproduce` does with large images.
+/// As `run yards-6v-112 --weights micro-yards` does, and as it does with large images.
 #[test]
 fn another_size_than_that_of_the_weights_has_the_counts_of_a_run_too() {
     let budget = ["budget", "--model", "micro", "--views", "6", "--size"];
@@ -81,7 +81,7 @@ fn another_size_than_that_of_the_weights_has_the_counts_of_a_run_too() {
     for line in [
         "paper-dl3dv: assumes weights that were trained at 512x960; the network of weights trained at 256x448 sees these images at \
          256x480: 5760 > 16200 tokens, 259200 Gaussians",
-        "paper-dl3dv: in `reproduce`, this network takes the setting for large images: 5760 > 19440 tokens, 311040 Gaussians",
+        "paper-dl3dv: in evaluations, this network takes the setting for large images: 5760 > 19440 tokens, 311040 Gaussians",
     ] {
         assert!(text.lines().any(|found| found == line), "{line}: {text}");
     }

@@ -126,6 +126,32 @@ fn weights_of_a_setting_run_with_the_options_of_the_command() {
     let stored = ModelWeights::read(&file).unwrap().config;
     assert_eq!(micro.model_hash(), Some(stored.with_expansion_in_first(1).hash().unwrap().as_str()));
     assert_eq!(micro.parameters["context-at-scale-of"], stored.resolution.to_string());
+    assert!(methods.iter().any(|method| method.name == "whole" && !method.parameters.contains_key(LARGE)));
+}
+
+/// The parameter with the configuration for large images.
+const LARGE: &str = "high-resolution";
+
+/// With the options of the network.
+#[test]
+fn trained_networks_have_the_setting_for_large_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let large = |out: &str, more: &[&str]| {
+        let args = ["run", "tiny.toml", "--data", "data", "--method", "atsplat", "--metrics", "psnr", "--out", out];
+        // What is recorded does not depend on the images.
+        atsplat(here, &[&args[..], more].concat());
+        let method = Results::read(&here.join(out)).unwrap().provenance.methods.remove(0);
+        method.parameters.get(LARGE).cloned()
+    };
+    let found = large("changed", &["--weights", "micro-rooms", "--ratios", "0.25,0.5,0.25"]).unwrap();
+    let blocks = found["decoder"]["blocks"].as_array().unwrap();
+    let first = blocks.iter().find(|block| !block["expansion"].is_null()).unwrap();
+    assert_eq!(found["coarse"]["image-downscale"], 2);
+    assert_eq!(first["expansion"]["ratio"], 0.25);
+    assert_eq!(large("given", &["--weights", "micro-rooms", "--context-size", "given"]), None);
+    assert_eq!(large("random", &["--weights", "random:1"]), None);
 }
 
 /// As `run` does: a shard is complete without the others, and one that is smaller than a scene is empty.

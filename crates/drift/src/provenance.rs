@@ -83,7 +83,9 @@ const PROSE: [&str; 6] = ["name", "title", "notes", "inferred", "sources", "stan
 const PROSE_BELOW: [&str; 2] = ["index.sampler", "overlap-bins.estimator"];
 
 /// Parameters of a method that are configurations of networks.
-const NETWORKS: [&str; 2] = ["configuration.", "high-resolution."];
+const NETWORKS: [&str; 2] = ["configuration.", LARGE_IMAGES];
+/// That of the network for large images. Methods of older versions may have none: this is a single difference.
+const LARGE_IMAGES: &str = "high-resolution.";
 /// Fields of a network's configuration that change no number; `model` has its name.
 const PROSE_OF_NETWORK: [&str; 4] = ["name", "title", "notes", "inferred"];
 
@@ -116,7 +118,16 @@ fn differing_fields(of: &Setting, then: &Fields, now: &Fields) -> Vec<Difference
         let is_different = baseline != now && is_known(field);
         is_different.then(|| Difference { of: of.clone(), field: Some(field.clone()), baseline, now })
     };
-    then.keys().chain(now.keys()).collect::<BTreeSet<_>>().into_iter().filter_map(difference).collect()
+    let has_large = |fields: &Fields| fields.keys().any(|field| field.starts_with(LARGE_IMAGES));
+    let [large_then, large_now] = [then, now].map(|fields| has_large(fields).then(|| "present".to_owned()));
+    let is_single = |field: &&String| large_then != large_now && field.starts_with(LARGE_IMAGES);
+    let names: BTreeSet<&String> = then.keys().chain(now.keys()).filter(|field| !is_single(field)).collect();
+    let mut found: Vec<Difference> = names.into_iter().filter_map(difference).collect();
+    if large_then != large_now {
+        let field = Some(LARGE_IMAGES.trim_end_matches('.').to_owned());
+        found.push(Difference { of: of.clone(), field, baseline: large_then, now: large_now });
+    }
+    found
 }
 
 /// Whether results can be compared bit by bit: the same platform, and a single processor that is the same. Graphics adapters do not

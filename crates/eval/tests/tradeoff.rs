@@ -29,6 +29,7 @@ fn swept() -> SweepBase {
     let constants = ConstantsChoice::FromPreset;
     SweepBase {
         config,
+        high_resolution: None,
         changes: Overrides::default(),
         tensors,
         weights,
@@ -231,7 +232,16 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     };
     let trained = Some(serde_json::Value::from(base.config.resolution.to_string()));
     assert_eq!(resized(&base), [trained.clone(), trained]);
-    assert_eq!(resized(&SweepBase { sees_as_given: true, ..base.clone() }), [None, None]);
+    let given = SweepBase { sees_as_given: true, ..base.clone() };
+    assert_eq!(resized(&given), [None, None]);
+    let large = |base: &SweepBase| -> Vec<_> {
+        records(base).iter().map(|record| record.parameters.get("high-resolution").cloned()).collect()
+    };
+    let high = base.config.for_high_resolution().unwrap();
+    let expanding = |blocks| Some(serde_json::to_value(high.with_expansion_in_first(blocks)).unwrap());
+    assert_eq!(large(&base), [expanding(3), expanding(2)]);
+    assert_eq!(large(&changed), [expanding(1), expanding(1)]);
+    assert_eq!(large(&given), [None, None]);
 }
 
 #[test]

@@ -177,8 +177,11 @@ impl NetworkArgs {
                 if let Some(requested) = &requested {
                     same_network(requested, &written_for).context("--model")?;
                 }
-                let config = self.changed(requested.as_ref().unwrap_or(&written_for))?;
-                NetworkSource::from_file(config, path.clone(), file, written_for)
+                let base = requested.as_ref().unwrap_or(&written_for);
+                let config = self.changed(base)?;
+                // A configuration without one for large images has its own for them too.
+                let large = base.for_high_resolution().ok().map(|base| self.changed(&base)).transpose()?;
+                NetworkSource::from_file(config, path.clone(), file, written_for).with_high_resolution(large)
             }
         };
         Ok(if self.sees_as_given() { source.without_resizing() } else { source })

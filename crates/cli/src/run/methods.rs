@@ -172,7 +172,11 @@ impl MethodArgs {
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.splatting_without_mode(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
-                Ok(Arc::new(method.with_training(record.training(), record.trained_under())))
+                let method = method.with_training(record.training(), record.trained_under());
+                Ok(Arc::new(match source.high_resolution() {
+                    Some(config) => method.with_high_resolution(config.clone())?,
+                    None => method,
+                }))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;

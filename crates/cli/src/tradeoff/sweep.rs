@@ -110,9 +110,11 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
 
 fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
     let device = args.device.open_for_networks()?;
-    let (network, record) = args.source()?.load(&device.network()?)?;
+    let source = args.source()?;
+    let (network, record) = source.load(&device.network()?)?;
     Ok(SweepBase {
         config: network.config().clone(),
+        high_resolution: source.high_resolution().cloned(),
         changes: args.changes().overrides(),
         tensors: network.weights()?,
         weights: record.weights(),

@@ -46,6 +46,29 @@ fn weights_are_named_before_settings_and_prose_not_at_all() {
     assert!(detail.ends_with(": the method's files, such as renders or weights, or its code"), "{detail}");
 }
 
+/// Older versions recorded none for `run`.
+#[test]
+fn a_network_for_large_images_that_one_run_lacks_is_one_difference() {
+    let with = |step: Option<u32>| {
+        let mut run = network("a", "rooms", "of rooms", 6, 0.0);
+        if let Some(step) = step {
+            let large = serde_json::json!({ "coarse": { "patch-size": 16, "step": step }, "name": "rooms" });
+            run.provenance.methods[0].parameters.insert("high-resolution".to_owned(), large);
+        }
+        run
+    };
+    let fields = |then: &Results, now: &Results| -> Vec<_> {
+        let differences = report(then, now).differences.into_iter();
+        differences.map(|found| (found.field.unwrap(), found.baseline, found.now)).collect()
+    };
+    let some = |text: &str| Some(text.to_owned());
+    let single = |then, now| [("high-resolution".to_owned(), then, now)];
+    assert_eq!(fields(&with(None), &with(Some(2))), single(None, some("present")));
+    assert_eq!(fields(&with(Some(2)), &with(None)), single(some("present"), None));
+    let step = [("high-resolution.coarse.step".to_owned(), some("2"), some("4"))];
+    assert_eq!(fields(&with(Some(2)), &with(Some(4))), step);
+}
+
 /// As a target whose render is not there.
 fn lose(results: &mut Results, target: usize) {
     let row = &mut results.targets[target];

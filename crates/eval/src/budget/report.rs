@@ -7,7 +7,6 @@ use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
 use super::{MeasuredBudget, PublishedBudget};
-use crate::method::HIGH_RESOLUTION;
 
 /// The table of budgets. [`Display`](fmt::Display) prints it, with the runs below.
 #[derive(Debug, Serialize)]
@@ -167,9 +166,7 @@ impl Resized {
 impl HighResolution {
     /// `None` for images that are not large, or whose half is not at the scale of the training.
     fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
-        let half = ImageSize::new(size.height / 2, size.width / 2);
-        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION;
-        if !is_large || config.context_size(half, config.resolution) != half {
+        if !config.has_high_resolution(size, config.resolution) {
             return None;
         }
         let BudgetRange { min, max } = budget(&config.for_high_resolution().ok()?, views, size).ok()?;
@@ -270,7 +267,7 @@ impl BudgetRow {
             counts(min, max)
         )?;
         let Some(HighResolution { min, max }) = high_resolution else { return Ok(()) };
-        writeln!(f, "{model}: in `reproduce`, this network takes the setting for large images: {}", counts(min, max))
+        writeln!(f, "{model}: in evaluations, this network takes the setting for large images: {}", counts(min, max))
     }
 
     fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,4 +1,4 @@
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use atsplat_model::network::{MatmulPrecision, Network, Reconstruction, Views};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
@@ -8,10 +8,6 @@ use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrainedUnder, TrialInput, trial_seed};
 use crate::{EvalError, adapter_record};
 
-/// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
-/// but not at 256×448.
-pub const HIGH_RESOLUTION: usize = 400_000;
-
 /// How the note of a trial begins whose network saw its context images at another size; then `images of 112x112 at 128x128`.
 pub const SAW_RESIZED: &str = "the network saw context ";
 
@@ -20,7 +16,7 @@ pub const SAW_RESIZED: &str = "the network saw context ";
 pub struct AtSplat {
     network: Network,
     /// Used instead of `network` for large images.
-    high_resolution: Option<Network>,
+    large_images: Option<LargeImages>,
     splatting: Splatting,
     matmul_precision: MatmulPrecision,
     /// Combined with the trial's identity into the seed of each forward pass.
@@ -28,6 +24,14 @@ pub struct AtSplat {
     record: MethodRecord,
     trained_under: TrainedUnder,
     shared: Option<Arc<SharedEncoding>>,
+}
+
+/// The same weights under the configuration for large images.
+#[derive(Debug)]
+struct LargeImages {
+    config: ModelConfig,
+    /// Made for the first such image.
+    network: OnceLock<Network>,
 }
 
 /// Where a network's weights came from.
@@ -98,7 +102,7 @@ impl AtSplat {
         let matmul_precision = MatmulPrecision::default();
         Ok(Self {
             network,
-            high_resolution: None,
+            large_images: None,
             splatting,
             matmul_precision,
             call_seed,
@@ -108,14 +112,14 @@ impl AtSplat {
         })
     }
 
-    /// Adds a network for images of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
-    /// for high resolution.
+    /// Adds the configuration for large images ([`ModelConfig::has_high_resolution`]), which the same weights fit
+    /// ([`ModelConfig::for_high_resolution`]).
     ///
     /// # Errors
     /// [`EvalError::Settings`] for a configuration that JSON cannot represent.
-    pub fn with_high_resolution(mut self, network: Network) -> Result<Self, EvalError> {
-        self.record.parameters.insert("high-resolution".to_owned(), as_json(network.config())?);
-        self.high_resolution = Some(network);
+    pub fn with_high_resolution(mut self, config: ModelConfig) -> Result<Self, EvalError> {
+        self.record.parameters.insert("high-resolution".to_owned(), as_json(&config)?);
+        self.large_images = Some(LargeImages { config, network: OnceLock::new() });
         Ok(self)
     }
 
@@ -170,7 +174,7 @@ impl AtSplat {
         let views = context_views(input)?;
         let seed = trial_seed(self.call_seed, input.trial);
         let size = views.size();
-        let network = self.network_for(size);
+        let network = self.network_for(size).map_err(|error| method_error(&error))?;
         let reconstruction = self.matmul_precision.scope(|| match &self.shared {
             Some(shared) => shared.reconstruct(network, views, seed),
             None => network.reconstruct(&views, seed),
@@ -182,13 +186,16 @@ impl AtSplat {
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
 
-    /// Large images use the high-resolution configuration, whose coarse branch sees them at half size, provided that the
-    /// weights were trained at that half size.
-    fn network_for(&self, size: ImageSize) -> &Network {
-        let half = ImageSize::new(size.height / 2, size.width / 2);
-        let is_large =
-            size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.input_size(half) == half;
-        self.high_resolution.as_ref().filter(|_| is_large).unwrap_or(&self.network)
+    /// Large images use the configuration for high resolution.
+    fn network_for(&self, size: ImageSize) -> Result<&Network, ModelError> {
+        let is_large = |trained_at| self.network.config().has_high_resolution(size, trained_at);
+        let large_images = self.large_images.as_ref().filter(|_| self.network.trained_size().is_some_and(is_large));
+        let Some(LargeImages { config, network }) = large_images else { return Ok(&self.network) };
+        if let Some(network) = network.get() {
+            return Ok(network);
+        }
+        let made = Network::new(config, &self.network.device())?.with_weights(&self.network.weights()?)?;
+        Ok(network.get_or_init(|| made))
     }
 }
 
@@ -288,6 +295,29 @@ pub(super) mod tests {
         let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
         let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
         AtSplat::new("atsplat", network, &weights, call_seed, Splatting::default()).unwrap()
+    }
+
+    /// Of two images that are large, the weights see the half of one as it is.
+    #[test]
+    fn large_images_have_a_configuration_of_their_own() {
+        let sized = |side: usize| {
+            let AtSplat { network, splatting, .. } = method(None, 0);
+            let network = network.trained_at(ImageSize::new(side, 480));
+            let weights = WeightsSource::File { sha256: "00".to_owned() };
+            AtSplat::new("atsplat", network, &weights, 0, splatting).unwrap()
+        };
+        let high = ModelConfig::named("nano").unwrap().for_high_resolution().unwrap();
+        let downscale = |method: &AtSplat, height: usize, width: usize| {
+            method.network_for(ImageSize::new(height, width)).unwrap().config().coarse.image_downscale
+        };
+        let method = sized(256).with_high_resolution(high.clone()).unwrap();
+        let first = [downscale(&method, 512, 960), downscale(&method, 768, 960), downscale(&method, 256, 480)];
+        assert_eq!((first, downscale(&method, 512, 960)), ([2, 1, 1], 2), "and the same network again");
+        let weights = |size| method.network_for(size).unwrap().weights().unwrap().digest();
+        assert_eq!(weights(ImageSize::new(512, 960)), weights(ImageSize::new(64, 64)));
+        assert_eq!(method.record().parameters["high-resolution"], serde_json::to_value(&high).unwrap());
+        assert_eq!(downscale(&sized(256), 512, 960), 1, "not without the configuration");
+        assert_eq!(downscale(&sized(128).with_high_resolution(high).unwrap(), 512, 960), 1);
     }
 
     #[test]

@@ -31,7 +31,7 @@ use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::{MethodRecord, StatedCost};
 use thiserror::Error;
 
-pub use atsplat::{AtSplat, HIGH_RESOLUTION, SAW_RESIZED, WeightsSource};
+pub use atsplat::{AtSplat, SAW_RESIZED, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use exec::{Exec, ExecSettings};
 pub use layout::{FoundFiles, Layout, RequestedScene};

@@ -16,6 +16,8 @@ use crate::method::{TrainedUnder, WeightsSource};
 pub struct NetworkSource {
     /// The configuration that runs; the weights may have been written for another one.
     pub config: ModelConfig,
+    /// The configuration for large images, if the network has another one for them.
+    high_resolution: Option<ModelConfig>,
     weights: Weights,
     /// Whether the network sees images as given instead of at the training resolution of its weights.
     sees_as_given: bool,
@@ -137,17 +139,32 @@ impl WeightsRecord {
 impl NetworkSource {
     /// The weights of a file, which was written for the configuration `written_for`.
     pub fn from_file(config: ModelConfig, path: PathBuf, file: TensorFile, written_for: ModelConfig) -> Self {
-        Self { config, weights: Weights::File { path, file, written_for: Box::new(written_for) }, sees_as_given: false }
+        Self::new(config, Weights::File { path, file, written_for: Box::new(written_for) })
     }
 
     /// Random weights.
     pub const fn untrained(config: ModelConfig, seed: u64) -> Self {
-        Self { config, weights: Weights::Untrained { seed, backbone: None }, sees_as_given: false }
+        Self::new(config, Weights::Untrained { seed, backbone: None })
     }
 
     /// Random weights with a trained backbone.
     pub const fn untrained_with_backbone(config: ModelConfig, seed: u64, backbone: UntrainedBackbone) -> Self {
-        Self { config, weights: Weights::Untrained { seed, backbone: Some(backbone) }, sees_as_given: false }
+        Self::new(config, Weights::Untrained { seed, backbone: Some(backbone) })
+    }
+
+    const fn new(config: ModelConfig, weights: Weights) -> Self {
+        Self { config, high_resolution: None, weights, sees_as_given: false }
+    }
+
+    /// Adds the configuration for large images, which evaluations use ([`crate::method::AtSplat::with_high_resolution`]).
+    #[must_use]
+    pub fn with_high_resolution(self, config: Option<ModelConfig>) -> Self {
+        Self { high_resolution: config, ..self }
+    }
+
+    /// The configuration for large images, unless the network sees images as given.
+    pub fn high_resolution(&self) -> Option<&ModelConfig> {
+        self.high_resolution.as_ref().filter(|_| self.trained_at().is_some())
     }
 
     /// The same network, but it sees images as given, not at the training resolution of its weights.

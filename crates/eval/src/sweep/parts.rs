@@ -1,3 +1,4 @@
+use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_model::network::Network;
@@ -20,6 +21,8 @@ use crate::{ComputeDevice, EvalError};
 pub struct SweepBase {
     /// The network's configuration, with [`Self::changes`].
     pub config: ModelConfig,
+    /// That for large images, if the network has another one for them ([`AtSplat::with_high_resolution`]).
+    pub high_resolution: Option<ModelConfig>,
     /// Changes of configurations that apply to the networks of all settings, before a setting's own.
     pub changes: Overrides,
     /// The network's weights.
@@ -77,6 +80,17 @@ pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Ve
     Ok(parts.into_iter().map(|(_, part)| part).collect())
 }
 
+/// The network of a setting, before its overrides.
+struct SettingNetwork {
+    config: ModelConfig,
+    high_resolution: Option<ModelConfig>,
+    tensors: StoredTensors,
+    weights: WeightsSource,
+    trained_at: Option<ImageSize>,
+    training: Option<TrainingRecord>,
+    under: TrainedUnder,
+}
+
 impl SweepBase {
     /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
@@ -86,21 +100,12 @@ impl SweepBase {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
-        let (config, tensors, weights, trained_at, (training, under)) = match &overrides.weights {
-            None => {
-                let training = (self.training.clone(), self.trained_under.clone());
-                (overrides.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
-            }
-            Some(path) => {
-                let file = TensorFile::open(path)?;
-                let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
-                let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
-                let (config, trained_at) = self.network_of(&read.config)?;
-                let training = (TrainingRecord::of(&read.provenance), TrainedUnder::of(&read.provenance));
-                let weights = WeightsSource::File { sha256: file.sha256.to_string() };
-                (overrides.model(&config)?, read.tensors, weights, trained_at, training)
-            }
-        };
+        let SettingNetwork { config, high_resolution, tensors, weights, trained_at, training, under } =
+            match &overrides.weights {
+                None => self.own_network(),
+                Some(path) => self.network_of(path)?,
+            };
+        let config = overrides.model(&config)?;
         let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
         // Images in a resolution of the sweep are not resized for the network.
@@ -109,23 +114,49 @@ impl SweepBase {
             None => network,
         };
         let precision = overrides.matmul_precision(&network)?;
+        let is_resizing = network.trained_size().is_some();
         let (name, seed) = (setting.label.as_str(), self.call_seed);
-        Ok(match budget {
-            Some(budget) => Arc::new(
-                Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?
-                    .with_training(training, under),
-            ),
-            None => Arc::new(
-                AtSplat::new(name, network, &weights, seed, splatting)?
-                    .with_training(training, under)
-                    .with_matmul_precision(precision),
-            ),
-        })
+        if let Some(budget) = budget {
+            let method = Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?;
+            return Ok(Arc::new(method.with_training(training, under)));
+        }
+        let method = AtSplat::new(name, network, &weights, seed, splatting)?
+            .with_training(training, under)
+            .with_matmul_precision(precision);
+        Ok(Arc::new(match high_resolution.filter(|_| is_resizing) {
+            Some(config) => method.with_high_resolution(overrides.model(&config)?)?,
+            None => method,
+        }))
     }
 
-    /// How a setting's own weights run: their configuration with the changes of the base, and the size that images are resized to.
-    fn network_of(&self, stored: &ModelConfig) -> Result<(ModelConfig, Option<ImageSize>), EvalError> {
-        Ok((self.changes.model(stored)?, (!self.sees_as_given).then_some(stored.resolution)))
+    /// The network of settings without weights of their own.
+    fn own_network(&self) -> SettingNetwork {
+        SettingNetwork {
+            config: self.config.clone(),
+            high_resolution: self.high_resolution.clone(),
+            tensors: self.tensors.clone(),
+            weights: self.weights.clone(),
+            trained_at: self.trained_at,
+            training: self.training.clone(),
+            under: self.trained_under.clone(),
+        }
+    }
+
+    /// The network of a weights file, with the changes of the base.
+    fn network_of(&self, path: &Path) -> Result<SettingNetwork, EvalError> {
+        let file = TensorFile::open(path)?;
+        let in_file = |source| ModelError::InFile { path: path.to_owned(), source: Box::new(source) };
+        let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
+        let large = read.config.for_high_resolution().ok().map(|config| self.changes.model(&config)).transpose()?;
+        Ok(SettingNetwork {
+            config: self.changes.model(&read.config)?,
+            high_resolution: large,
+            tensors: read.tensors,
+            weights: WeightsSource::File { sha256: file.sha256.to_string() },
+            trained_at: (!self.sees_as_given).then_some(read.config.resolution),
+            training: TrainingRecord::of(&read.provenance),
+            under: TrainedUnder::of(&read.provenance),
+        })
     }
 
     fn splatting(&self, overrides: &Overrides) -> Result<Splatting, EvalError> {

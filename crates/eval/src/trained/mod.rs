@@ -61,8 +61,7 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn methods(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let large = self.network_for(&self.config.for_high_resolution()?)?.without_resizing();
-        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(large)?;
+        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(self.config.for_high_resolution()?)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 

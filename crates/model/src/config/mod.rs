@@ -195,6 +195,17 @@ impl ModelConfig {
         given.at_scale_of(trained_at, self.coarse.patch_size.saturating_mul(self.coarse.image_downscale))
     }
 
+    /// Smallest number of pixels of large images: the paper uses its setting for them at 512×960 but not at 256×448.
+    pub const LARGE_IMAGE: usize = 400_000;
+
+    /// Whether images of this size have the paper's setting for large images ([`Self::for_high_resolution`]), whose coarse branch
+    /// sees them at half size: they are large, and weights trained at `trained_at` see that half as it is.
+    pub fn has_high_resolution(&self, size: ImageSize, trained_at: ImageSize) -> bool {
+        let half = ImageSize::new(size.height / 2, size.width / 2);
+        let is_large = size.height.saturating_mul(size.width) >= Self::LARGE_IMAGE;
+        is_large && self.context_size(half, trained_at) == half
+    }
+
     /// The same network, expanding every token whose uncertainty exceeds its block's threshold (paper, supplement, "Dynamic
     /// Gaussian Budgets"): one threshold for each expanding block, in order.
     ///

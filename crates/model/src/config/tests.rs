@@ -225,6 +225,21 @@ fn names_and_paths_are_distinguished() {
 }
 
 #[test]
+fn images_are_large_if_the_weights_see_their_half_as_it_is() {
+    let config = ModelConfig::named("paper-dl3dv").unwrap();
+    let size = ImageSize::new;
+    for (image, trained_at, expected) in [
+        (size(512, 960), size(256, 480), true),
+        (size(512, 960), size(256, 448), true),
+        (size(512, 960), size(512, 960), false),
+        (size(512, 960), size(224, 448), false),
+        (size(256, 448), size(128, 224), false),
+    ] {
+        assert_eq!(config.has_high_resolution(image, trained_at), expected, "{image} by weights of {trained_at}");
+    }
+}
+
+#[test]
 fn the_high_resolution_setting_equals_its_configuration() {
     let [normal, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
     assert_eq!(normal.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
