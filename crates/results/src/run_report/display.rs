@@ -94,22 +94,24 @@ impl RunReport {
 
     /// The times of the timing pass, or a line with the reason for having none.
     fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());
-        for MethodTimes { preset, method, times, is_process, .. } in &timed {
-            let Some(times) = times else { continue };
-            writeln!(f, "{preset}, {method}: {}", times_text(times, *is_process))?;
-        }
-        let mut machines: Vec<String> =
-            timed.iter().filter_map(|row| Some(format!("timed on {}", row.times.as_ref()?.machine))).collect();
-        machines.dedup();
-        machines.iter().try_for_each(|machine| writeln!(f, "{machine}"))?;
+        let mut machines: Vec<String> = Vec::new();
         let mut reasons: BTreeMap<&String, Vec<&str>> = BTreeMap::new();
-        for row in absent {
-            let methods = reasons.entry(row.absent.as_ref().unwrap_or(&row.method)).or_default();
-            if !methods.contains(&row.method.as_str()) {
-                methods.push(&row.method);
+        for MethodTimes { preset, method, times, is_process } in &self.times {
+            match times {
+                Ok(times) => {
+                    writeln!(f, "{preset}, {method}: {}", times_text(times, *is_process))?;
+                    machines.push(format!("timed on {}", times.machine));
+                }
+                Err(reason) => {
+                    let methods = reasons.entry(reason).or_default();
+                    if !methods.contains(&method.as_str()) {
+                        methods.push(method);
+                    }
+                }
             }
         }
+        machines.dedup();
+        machines.iter().try_for_each(|machine| writeln!(f, "{machine}"))?;
         reasons.iter().try_for_each(|(reason, methods)| writeln!(f, "no times of {}: {reason}", methods.join(", ")))
     }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_metrics::definition;
 use atsplat_protocol::{DropReason, Preset};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::statistics::{Identical, Leaked, MetricQuery, mean_of, select};
 use crate::times::{Times, times};
@@ -71,11 +71,9 @@ struct Row {
 struct MethodTimes {
     preset: String,
     method: String,
-    /// `None` with the reason in `absent`.
-    #[serde(flatten)]
-    times: Option<Times>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    absent: Option<String>,
+    /// Or the reason for having none, as `absent`.
+    #[serde(flatten, serialize_with = "times_or_absent")]
+    times: Result<Times, String>,
     /// Whether its encoding is the whole answer of a process.
     #[serde(skip)]
     is_process: bool,
@@ -193,14 +191,24 @@ fn protocol(preset: &PresetRecord) -> Preset {
     preset.protocol().expect("a preset that was parsed before")
 }
 
+fn times_or_absent<S: Serializer>(times: &Result<Times, String>, serializer: S) -> Result<S::Ok, S::Error> {
+    match times {
+        Ok(times) => times.serialize(serializer),
+        Err(absent) => Absent { absent }.serialize(serializer),
+    }
+}
+
+/// Why there are no times.
+#[derive(Serialize)]
+struct Absent<'a> {
+    absent: &'a str,
+}
+
 impl MethodTimes {
     fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord) -> Self {
-        let (times, absent) = match times(results, &preset.name, &method.name) {
-            Ok(times) => (Some(times), None),
-            Err(reason) => (None, Some(reason)),
-        };
+        let times = times(results, &preset.name, &method.name);
         let (preset, is_process, method) = (preset.name.clone(), method.is_process(), method.name.clone());
-        Self { preset, method, times, absent, is_process }
+        Self { preset, method, times, is_process }
     }
 }
 
@@ -299,5 +307,30 @@ mod tests {
         results.provenance.presets.pop();
         let json = serde_json::to_value(RunReport::of(&results, None, Path::new("store"))).unwrap();
         assert_eq!(json.get("alternative-indices"), None);
+    }
+
+    /// Fields of the times beside the names, or the reason.
+    #[test]
+    fn times_and_reasons_are_fields_of_their_method() {
+        let mut results = sample_rows::results("timed", "psnr", &[("a", 0, vec![20.0])]);
+        let other = sample_rows::results("untimed", "psnr", &[("a", 0, vec![21.0])]);
+        results.trials.extend(other.trials);
+        results.targets.extend(other.targets);
+        results.timings.push(sample_rows::timing("timed", "a", &[0.5], &[0.25]));
+        let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        let preset = PresetRecord { name: sample_rows::PRESET.to_owned(), toml, ..PresetRecord::default() };
+        results.provenance.presets.push(preset);
+        results.provenance.schema_version = crate::store::SCHEMA_VERSION;
+        let record = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+        results.provenance.methods = ["timed", "untimed"].map(record).to_vec();
+        let report = RunReport::of(&results, None, Path::new("store"));
+        let json = serde_json::to_value(&report).unwrap();
+        let [timed, untimed] = [0, 1].map(|at: usize| json["times"][at].as_object().unwrap());
+        assert_eq!((&timed["method"], &timed["trials"], timed.get("absent")), (&"timed".into(), &1.into(), None));
+        let reason = "no timing pass was made: `atsplat run --timing` makes one";
+        assert_eq!((&untimed["absent"], untimed.len()), (&reason.into(), 3), "with preset and method: {untimed:?}");
+        let text = report.to_string();
+        assert!(text.contains(&format!("\nno times of untimed: {reason}\n")), "{text}");
+        assert!(text.contains("\nsampled, timed: encoding 500.00 ms"), "{text}");
     }
 }

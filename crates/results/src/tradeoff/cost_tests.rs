@@ -186,12 +186,13 @@ fn differences_are_averaged_as_all_protocols_average() {
 }
 
 fn timed(label: &str, quality: f64, secs: f64) -> Sample {
-    Sample { label: label.to_owned(), quality: Some(quality), secs: Some(secs), secs_error: 0.1, ..Sample::default() }
+    let secs = Ok(Seconds { median: secs, error: 0.1, ..Seconds::default() });
+    Sample { label: label.to_owned(), quality: Ok(quality), secs, gaussians: None, counts: Counts::default() }
 }
 
 /// The difference of their qualities, give or take 1.
 fn within_one(samples: &[Sample], terms: &[(usize, f64)]) -> Contrast {
-    let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
+    let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.as_ref().unwrap()).sum::<f64>();
     Contrast { value, interval: Some([value - 1.0, value + 1.0]), scenes: 9, unpaired: 0 }
 }
 

@@ -4,31 +4,33 @@ use serde::{Deserialize, Serialize};
 use crate::statistics::Contrast;
 
 /// One setting of a method: its quality and cost.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
     /// The setting's name in tables.
     pub label: String,
-    /// Mean score; `None` if nothing was scored.
-    pub quality: Option<f64>,
-    /// Why nothing was scored.
-    pub unscored: Option<String>,
-    /// Seconds from images in memory to the first rendered image, from a timing pass ([`crate::times::Times::first_image`]).
-    pub secs: Option<f64>,
-    /// Half-width of their 95 % interval ([`crate::times::Spread::error`]).
-    pub secs_error: f64,
-    /// Whether the machine was busy with other work while they were measured.
-    pub busy: bool,
-    /// Whether they include the whole answer of a process, with reading and writing of files.
-    pub whole_answer: bool,
-    /// Why there are no seconds.
-    pub untimed: Option<String>,
-    /// What ran on a graphics adapter, as [`crate::times::Times::device`].
-    pub device: Option<String>,
+    /// Mean score, or why nothing was scored.
+    pub quality: Result<f64, String>,
+    /// The time to the first image, or why there is none.
+    pub secs: Result<Seconds, String>,
     /// Mean number of Gaussians, over the trials in which every setting made some if there are any.
     pub gaussians: Option<f64>,
     /// What the quality is over, and what is missing from it.
     pub counts: Counts,
+}
+
+/// Seconds from images in memory to the first rendered image, from a timing pass ([`crate::times::Times::first_image`]).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seconds {
+    /// Their median.
+    pub median: f64,
+    /// Half-width of their 95 % interval ([`crate::times::Spread::error`]).
+    pub error: f64,
+    /// Whether the machine was busy with other work while they were measured.
+    pub busy: bool,
+    /// Whether they include the whole answer of a process, with reading and writing of files.
+    pub whole_answer: bool,
+    /// What ran on a graphics adapter, as [`crate::times::Times::device`].
+    pub device: Option<String>,
 }
 
 /// Targets of a mean score, and why others are not in it.
@@ -73,13 +75,13 @@ pub struct Point {
     pub cost: f64,
     /// Half-width of the cost's 95 % interval; 0 for counts.
     pub cost_error: f64,
-    /// Same as [`Sample::secs`].
+    /// [`Seconds::median`], if there are seconds.
     pub secs: Option<f64>,
-    /// Same as [`Sample::secs_error`].
+    /// [`Seconds::error`]; 0 without seconds.
     pub secs_error: f64,
-    /// Same as [`Sample::busy`].
+    /// [`Seconds::busy`]; false without seconds.
     pub busy: bool,
-    /// Same as [`Sample::whole_answer`].
+    /// [`Seconds::whole_answer`]; false without seconds.
     pub whole_answer: bool,
     /// Same as [`Sample::gaussians`].
     pub gaussians: Option<f64>,
@@ -155,7 +157,7 @@ pub struct Price {
     pub secs: Option<f64>,
     /// Whether the machine was busy while one of them was timed, so that the seconds are not reliable.
     pub busy: bool,
-    /// Whether the seconds of one of them are those of a whole answer ([`Sample::whole_answer`]).
+    /// Whether the seconds of one of them are those of a whole answer ([`Seconds::whole_answer`]).
     pub whole_answer: bool,
     /// Gaussians for the step, likewise.
     pub gaussians: Option<f64>,
@@ -203,20 +205,24 @@ pub fn frontier(
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
-    let sample = sample.clone();
-    let Sample { label, quality, unscored, secs, secs_error, busy, whole_answer, untimed, gaussians, .. } = sample;
+    let Sample { label, quality, secs, gaussians, .. } = sample.clone();
+    let quality = quality.map_err(|why| format!("nothing was scored: {why}"))?;
+    if !quality.is_finite() {
+        return Err("nothing was scored".to_owned());
+    }
     let (name, cost, cost_error) = match axis {
-        Axis::Seconds => ("seconds", secs, secs_error),
-        Axis::Gaussians => ("Gaussians", gaussians, 0.0),
+        Axis::Seconds => {
+            let Seconds { median, error, .. } = secs.clone()?;
+            ("seconds", median, error)
+        }
+        Axis::Gaussians => ("Gaussians", gaussians.ok_or("no Gaussians")?, 0.0),
     };
-    let quality = quality.filter(|value| value.is_finite()).ok_or_else(|| match unscored {
-        Some(why) => format!("nothing was scored: {why}"),
-        None => "nothing was scored".to_owned(),
-    })?;
-    let cost = cost.ok_or_else(|| untimed.filter(|_| axis == Axis::Seconds).unwrap_or_else(|| format!("no {name}")))?;
     if !cost.is_finite() || cost <= 0.0 {
         return Err(format!("{cost} {name}"));
     }
+    let timed = secs.ok();
+    let Seconds { error: secs_error, busy, whole_answer, .. } = timed.clone().unwrap_or_default();
+    let secs = timed.map(|secs| secs.median);
     let (standing, against) = (Standing::NotDistinguishable, None);
     Ok(Point {
         label,

@@ -13,6 +13,8 @@ mod scored;
 mod tests;
 mod unscored;
 
-pub use frontier::{Axis, Contrasts, Counts, Frontier, Point, PointDifference, Price, Sample, Standing, frontier};
+pub use frontier::{
+    Axis, Contrasts, Counts, Frontier, Point, PointDifference, Price, Sample, Seconds, Standing, frontier,
+};
 pub use report::TradeoffReport;
 pub use sample::{Incomplete, Note, Tradeoff, across, quality_step, tradeoffs};

@@ -6,7 +6,7 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::scored::{Scored, notes, pair_gaussians, scored};
-use super::{Axis, Counts, Frontier, Sample, frontier};
+use super::{Axis, Counts, Frontier, Sample, Seconds, frontier};
 use crate::statistics::{Leaked, SelectedTarget, contrast, direction};
 use crate::times::{Machine, TimingRow, machine_of};
 use crate::{PresetRecord, Results, ResultsError, TargetRow, TrialKey};
@@ -191,11 +191,12 @@ fn of_scored(
     };
     let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for sample in &samples {
-        if let Some(device) = &sample.device {
+        if let Ok(Seconds { device: Some(device), .. }) = &sample.secs {
             devices.entry(device.clone()).or_default().push(sample.label.clone());
         }
     }
-    let unscored = samples.iter().filter_map(|sample| Some((sample.label.clone(), sample.unscored.clone()?))).collect();
+    let reason = |sample: &Sample| Some((sample.label.clone(), sample.quality.as_ref().err()?.clone()));
+    let unscored = samples.iter().filter_map(reason).collect();
     let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);
     Tradeoff {
         preset: preset.to_owned(),
@@ -219,7 +220,7 @@ fn incomplete(scored: &[Scored<'_>]) -> Vec<Incomplete> {
     let scenes: BTreeSet<&str> = images.iter().map(|(scene, ..)| *scene).collect();
     let (of_scenes, of_targets) = (scenes.len() as u64, images.len() as u64);
     // A setting without a mean is left out of the frontiers, which say why.
-    let lacks_some = |sample: &&Sample| sample.quality.is_some() && sample.counts.targets < of_targets;
+    let lacks_some = |sample: &&Sample| sample.quality.is_ok() && sample.counts.targets < of_targets;
     let of_sample = |Sample { label, counts, .. }: &Sample| Incomplete {
         label: label.clone(),
         counts: *counts,

@@ -6,7 +6,7 @@ use atsplat_numeric::mean;
 use atsplat_protocol::Aggregation;
 
 use super::unscored::why_unscored;
-use super::{Counts, Note, Sample};
+use super::{Counts, Note, Sample, Seconds};
 use crate::statistics::{Identical, Leaked, MetricQuery, SelectedTarget, cost, select, summary_without_interval};
 use crate::times::{GAUSSIANS_UNTIMED, Machine, times_on};
 use crate::{MethodRecord, Results, TrialKey, TrialRow};
@@ -49,10 +49,14 @@ pub(super) fn scored<'a>(
         let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
         let selected = select(results, &query);
         let summary = summary_without_interval(&selected, aggregation);
-        let mut sample = Sample {
+        let (secs, timed) = match seconds(results, machine, preset, record) {
+            Ok((secs, timed)) => (Ok(secs), timed),
+            Err(reason) => (Err(reason), BTreeSet::new()),
+        };
+        let sample = Sample {
             label: method.to_owned(),
-            quality: summary.mean,
-            unscored: summary.mean.is_none().then(|| why_unscored(results, &query, &summary)),
+            quality: summary.mean.ok_or_else(|| why_unscored(results, &query, &summary)),
+            secs,
             gaussians: cost.gaussians,
             counts: Counts {
                 scenes: summary.scenes,
@@ -63,15 +67,13 @@ pub(super) fn scored<'a>(
                 uncomputed: summary.uncomputed,
                 identical: summary.identical,
             },
-            ..Sample::default()
         };
-        let timed = add_times(&mut sample, results, machine, preset, record);
         let gaussians = gaussians(results, preset, method);
         let optimised_on = results.optimised_on(preset, method);
         let has_trials = cost.trials + cost.failed + cost.not_applicable > 0;
         let stated = record.stated.get(preset);
         let states_gaussians = stated.is_some_and(|stated| stated.gaussians.is_some());
-        let seconds = stated.and_then(|stated| stated.seconds.as_ref()).filter(|_| sample.secs.is_some());
+        let seconds = stated.and_then(|stated| stated.seconds.as_ref()).filter(|_| sample.secs.is_ok());
         let lacks_rendering = seconds.is_some_and(|seconds| seconds.render.is_none());
         has_trials.then_some(Scored {
             sample,
@@ -86,35 +88,30 @@ pub(super) fn scored<'a>(
     results.provenance.methods.iter().filter_map(scored).collect()
 }
 
-/// Adds the seconds to a sample, or why there are none. Returns the trials that they are of.
-fn add_times(
-    sample: &mut Sample,
+/// The seconds of a method with the trials that they are of, or why there are none.
+fn seconds(
     results: &Results,
     machine: Option<&Machine>,
     preset: &str,
     method: &MethodRecord,
-) -> BTreeSet<(String, u32)> {
-    let found = times_on(machine, results, preset, &method.name)
-        .and_then(|times| Ok((times.first_image.ok_or(GAUSSIANS_UNTIMED)?, times)));
-    match found {
-        Ok((first_image, times)) => {
-            sample.secs = Some(first_image.median);
-            sample.secs_error = first_image.error;
-            sample.busy = times.busy;
-            sample.whole_answer = method.is_process() && times.encode.is_some();
-            sample.device = times.device;
-            if !times.machine.is_stated() {
-                return times.timed;
-            }
-            // A mean over all trials.
-            let trials = with_results(results, preset, &method.name);
-            trials.map(|trial| (trial.key.scene.clone(), trial.key.entry)).collect()
-        }
-        Err(reason) => {
-            sample.untimed = Some(reason);
-            BTreeSet::new()
-        }
-    }
+) -> Result<(Seconds, BTreeSet<(String, u32)>), String> {
+    let times = times_on(machine, results, preset, &method.name)?;
+    let first_image = times.first_image.ok_or(GAUSSIANS_UNTIMED)?;
+    let timed = if times.machine.is_stated() {
+        // A mean over all trials.
+        let trials = with_results(results, preset, &method.name);
+        trials.map(|trial| (trial.key.scene.clone(), trial.key.entry)).collect()
+    } else {
+        times.timed
+    };
+    let seconds = Seconds {
+        median: first_image.median,
+        error: first_image.error,
+        busy: times.busy,
+        whole_answer: method.is_process() && times.encode.is_some(),
+        device: times.device,
+    };
+    Ok((seconds, timed))
 }
 
 fn id(key: &TrialKey) -> TrialId<'_> {
@@ -136,7 +133,7 @@ fn gaussians<'a>(results: &'a Results, preset: &'a str, method: &'a str) -> BTre
 /// Takes the means of Gaussians over the trials in which every setting with a score made some, because costs of different trials
 /// cannot be compared. If there is no such trial, they stay as they are. Says so where these are not all trials.
 pub(super) fn pair_gaussians(all: &mut [Scored<'_>]) -> Option<Note> {
-    let ranked = all.iter().filter(|setting| setting.sample.quality.is_some() && !setting.gaussians.is_empty());
+    let ranked = all.iter().filter(|setting| setting.sample.quality.is_ok() && !setting.gaussians.is_empty());
     let trials: Vec<BTreeSet<_>> = ranked.map(|setting| setting.gaussians.keys().copied().collect()).collect();
     let most = trials.iter().map(BTreeSet::len).max()?;
     let common = trials.into_iter().reduce(|common, trials| &common & &trials)?;

@@ -12,14 +12,21 @@ use crate::times::{Machine, TimingRow, machine_of};
 use crate::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 fn sample(label: &str, quality: f64, secs: f64) -> Sample {
-    let (quality, gaussians) = (Some(quality), Some(1000.0 * secs));
-    Sample { label: label.to_owned(), quality, secs: Some(secs), gaussians, ..Sample::default() }
+    let (quality, gaussians, counts) = (Ok(quality), Some(1000.0 * secs), Counts::default());
+    let secs = Ok(Seconds { median: secs, ..Seconds::default() });
+    Sample { label: label.to_owned(), quality, secs, gaussians, counts }
+}
+
+/// [`sample`], whose seconds have a measurement error.
+fn measured(label: &str, quality: f64, secs: f64, error: f64) -> Sample {
+    let timed = Ok(Seconds { median: secs, error, ..Seconds::default() });
+    Sample { secs: timed, ..sample(label, quality, secs) }
 }
 
 /// The frontier if every difference has the interval ± `half`.
 fn frontier_with_intervals(half: f64, samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
     let contrasts = |terms: &[(usize, f64)]| {
-        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
+        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.as_ref().unwrap()).sum::<f64>();
         Some(Contrast { value, interval: Some([value - half, value + half]), scenes: 9, unpaired: 0 })
     };
     super::frontier(samples, &contrasts, direction, axis, step)
@@ -63,7 +70,7 @@ fn dominated_points_are_not_on_the_frontier() {
     Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.secs), [0.1 / 7.0, 0.2], "seconds a tenth");
     Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.gaussians), [100.0 / 7.0, 200.0], "Gaussians");
     // The same with the opposite direction, as for LPIPS.
-    let lower: Vec<Sample> = samples.iter().map(|s| Sample { quality: s.quality.map(|q| -q), ..s.clone() }).collect();
+    let lower = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| -quality), ..s });
     let rotated = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
     assert_eq!((labels(&rotated), &rotated.knee, &rotated.prices), (labels(&found), &found.knee, &found.prices));
 }
@@ -72,7 +79,7 @@ fn dominated_points_are_not_on_the_frontier() {
 #[test]
 fn points_are_compared_with_the_frontier_as_it_is_in_the_end() {
     let samples = [("first", 20.0, 1.0), ("twin", 20.0, 1.02), ("better", 25.0, 1.05), ("dear", 30.0, 2.0)];
-    let samples = samples.map(|(label, quality, secs)| Sample { secs_error: 0.1, ..sample(label, quality, secs) });
+    let samples = samples.map(|(label, quality, secs)| measured(label, quality, secs, 0.1));
     let found = frontier_with_intervals(0.1, &samples, Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(standings(&found), [("first", Worse), ("twin", Worse), ("better", On), ("dear", On)]);
     let against = found.points.iter().filter_map(|point| Some(point.against.as_ref()?.label.as_str()));
@@ -123,8 +130,10 @@ fn points_with_overlapping_intervals_are_not_ranked() {
 
 #[test]
 fn times_within_the_measurement_error_are_equal() {
-    let timed = |label, quality, secs, secs_error| Sample { secs_error, ..sample(label, quality, secs) };
-    let samples = |error| [timed("a", 20.0, 1.0, error), timed("b", 22.0, 1.1, error), timed("c", 24.0, 2.0, error)];
+    let samples = |error| {
+        [("a", 20.0, 1.0), ("b", 22.0, 1.1), ("c", 24.0, 2.0)]
+            .map(|(label, quality, secs)| measured(label, quality, secs, error))
+    };
     let found = frontier(&samples(0.01), Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(labels(&found), ["a", "b", "c"]);
     let found = frontier(&samples(0.08), Direction::Higher, Axis::Seconds, 0.1);
@@ -149,8 +158,8 @@ fn frontiers_of_few_or_invalid_points() {
         sample("quality", f64::NAN, 0.5),
         sample("cost", 30.0, f64::INFINITY),
         sample("free", 30.0, 0.0),
-        Sample { secs: None, untimed: Some("no timing pass".to_owned()), ..sample("untimed", 30.0, 1.0) },
-        Sample { quality: None, ..sample("unscored", 30.0, 0.1) },
+        Sample { secs: Err("no timing pass".to_owned()), ..sample("untimed", 30.0, 1.0) },
+        Sample { quality: Err("no target".to_owned()), ..sample("unscored", 30.0, 0.1) },
     ];
     let found = frontier(&broken, Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(labels(&found), ["good"]);
@@ -160,7 +169,7 @@ fn frontiers_of_few_or_invalid_points() {
         "cost: inf seconds",
         "free: 0 seconds",
         "untimed: no timing pass",
-        "unscored: nothing was scored",
+        "unscored: nothing was scored: no target",
     ];
     assert_eq!(left_out, expected);
 }
@@ -221,8 +230,9 @@ fn samples_summarise_a_store() {
         scored(&store, machine_of(&store, PRESET).as_ref(), PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
     let [Scored { sample, .. }, Scored { sample: failed, .. }] = &found[..] else { panic!("{found:?}") };
     assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
-    assert_eq!((failed.quality, failed.gaussians), (None, None));
-    let values = [sample.quality, sample.secs, sample.gaussians].map(Option::unwrap);
+    assert_eq!((failed.quality.is_err(), failed.gaussians), (true, None));
+    let secs = sample.secs.as_ref().unwrap().median;
+    let values = [*sample.quality.as_ref().unwrap(), secs, sample.gaussians.unwrap()];
     Tolerance::F64.assert(values, [25.5, 0.51, 23_040.0], "quality, seconds, Gaussians");
     Tolerance::EXACT.assert([quality_step("psnr"), quality_step("lpips")], [0.1, 0.01], "steps");
 }
