@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// What a binary is made of.
-const SOURCES: [&str; 5] =
-    [":(glob)crates/*/src/**", ":(glob)crates/*/Cargo.toml", "eval", "Cargo.toml", "Cargo.lock"];
+const SOURCES: [&str; 5] = [":(glob)crates/*/src/**", ":(glob)crates/*/Cargo.toml", "eval", "Cargo.toml", "Cargo.lock"];
 
 pub(crate) fn main() {
     println!("cargo::rerun-if-changed=build.rs");

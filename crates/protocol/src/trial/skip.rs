@@ -133,7 +133,8 @@ mod tests {
             SkipReason::PoseNormalisation,
             SkipReason::NoTargets,
         ];
-        let reasons = [SkipReason::NullEntry].into_iter().chain(DropReason::ALL.map(SkipReason::Dropped)).chain(of_entries);
+        let reasons =
+            [SkipReason::NullEntry].into_iter().chain(DropReason::ALL.map(SkipReason::Dropped)).chain(of_entries);
         let names: Vec<&str> = reasons.map(SkipReason::name).collect();
         assert_eq!(listed, names);
     }
