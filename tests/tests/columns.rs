@@ -14,7 +14,7 @@ fn inspected(path: &Path) -> (Inspection, Warnings) {
     let mut warnings = Warnings::new();
     let dataset = open(path, &mut warnings).unwrap();
     let options = InspectOptions { sizes: SizeSampling::All, per_scene: true };
-    let report = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| {});
+    let report = inspect(&dataset, dataset.format, &options, &mut warnings, &|| {});
     (report, warnings)
 }
 
@@ -22,7 +22,7 @@ fn inspected(path: &Path) -> (Inspection, Warnings) {
 fn the_fox_is_67_frames_of_which_17_have_no_image() {
     let Some(data) = shared_data("the_fox_is_67_frames_of_which_17_have_no_image") else { return };
     let (report, warnings) = inspected(&data.join("fox"));
-    assert_eq!((report.format.as_str(), report.frames), ("nerfstudio", 67));
+    assert_eq!((report.format.name(), report.frames), ("nerfstudio", 67));
     assert_eq!((report.images.files, report.images.missing, report.images.headers_read), (50, 17, 50));
     assert_eq!(warnings.count(WarningKind::MissingImage), 17);
     assert_eq!((report.lenses.opencv, report.lenses.pinhole), (67, 0), "distortion is kept");
@@ -35,11 +35,11 @@ fn the_fox_is_67_frames_of_which_17_have_no_image() {
 fn one_re10k_scene_has_279_frames() {
     let Some(data) = shared_data("one_re10k_scene_has_279_frames") else { return };
     let (report, _) = inspected(&data.join("re10k/chunk"));
-    assert_eq!((report.format.as_str(), report.frames, report.images.encoded), ("torch-chunks", 279, 279));
+    assert_eq!((report.format.name(), report.frames, report.images.encoded), ("torch-chunks", 279, 279));
     assert!(report.is_complete());
     // A chunk holds f32: the trajectory's numbers to six decimals, from another reader.
     let (text, _) = inspected(&data.join("re10k/000c3ab189999a83"));
-    assert_eq!((text.format.as_str(), text.frames), ("re10k", 279));
+    assert_eq!((text.format.name(), text.frames), ("re10k", 279));
     let numbers = |report: &Inspection| {
         let b = report.baselines;
         [b.step, b.rotation_degrees, b.extent, b.path_length].map(|s| s.median.unwrap())

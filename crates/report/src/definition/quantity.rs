@@ -102,9 +102,10 @@ impl Quantity {
             _ if self.is_in_thousands(value, exact) => format!("{}K", three_digits(value / 1000.0)),
             Self::Metric(metric) => fixed(value, metric.scale.decimals()),
             Self::Seconds => fixed(value, 3),
-            Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
             Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
-            Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax => format!("{value:.0}"),
+            Self::InitialTokens | Self::FinalTokens | Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax => {
+                format!("{value:.0}")
+            }
         }
     }
 

@@ -59,7 +59,7 @@ fn no_line_is_wider_than_its_terminal() {
     let presets = ["re10k-2v-256", "re10k-overlap"].map(preset).to_vec();
     let results = results_over(presets, vec![atsplat("atsplat", |_| ()), long], 8);
     let measured = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap();
-    assert!(measured.iter().flat_map(|table| table.columns()).any(|(_, column)| column.intervals));
+    assert!(measured.iter().flat_map(Table::columns).any(|(_, column)| column.intervals));
     let measured = measured.into_iter().map(|table| (table.name.clone(), table));
     for (name, table) in published.chain(measured) {
         for width in [60, 80, 120, 200] {

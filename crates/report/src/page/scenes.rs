@@ -116,7 +116,9 @@ fn trial_to_json(
     let means: BTreeMap<&str, f64> =
         by_frame.iter().map(|(metric, scores)| (*metric, rounded(metric, mean(scores)))).collect();
     for (metric, scores) in &mut by_frame {
-        scores.iter_mut().for_each(|(_, score)| *score = rounded(metric, *score));
+        for (_, score) in scores {
+            *score = rounded(metric, *score);
+        }
     }
     let images = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;

@@ -12,7 +12,11 @@ type TrialId = (String, String, u32);
 
 /// The results of a store: for each trial, the inputs of each method's result.
 #[derive(Debug, Default)]
-pub struct KnownResults(HashMap<TrialId, BTreeMap<String, Inputs>>);
+pub struct KnownResults {
+    inputs: HashMap<TrialId, BTreeMap<String, Inputs>>,
+    /// Whether the run evaluates again what failed.
+    retries_failed: bool,
+}
 
 /// Hashes of what a result was computed from.
 #[derive(Debug)]
@@ -29,8 +33,6 @@ struct Inputs {
     scored: usize,
     /// Whether it failed, wholly or in part, or no render of it could be compared.
     is_incomplete: bool,
-    /// Whether it is incomplete, and the run evaluates it again.
-    is_tried_again: bool,
 }
 
 impl KnownResults {
@@ -49,19 +51,18 @@ impl KnownResults {
             let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
             let is_incomplete = status.is_incomplete() || (status == TrialStatus::Done && scored == 0);
             let retried = is_incomplete && python.contains(key.method.as_str());
-            let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
+            let by_method = known.inputs.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
-            let is_tried_again = false;
             by_method.insert(
                 key.method,
-                Inputs { trial, targets, data, input, retried, lacks_metric, scored, is_incomplete, is_tried_again },
+                Inputs { trial, targets, data, input, retried, lacks_metric, scored, is_incomplete },
             );
         }
         known
     }
 
     fn get(&self, key: &TrialKey) -> Option<&Inputs> {
-        self.0.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
+        self.inputs.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
     }
 
     /// Whether there is a result for exactly this trial, data and input files that is not tried again.
@@ -79,15 +80,13 @@ impl KnownResults {
     }
 
     /// Makes a run evaluate again what failed, wholly or in part.
-    pub(super) fn retry_failed(&mut self) {
-        for known in self.0.values_mut().flat_map(BTreeMap::values_mut) {
-            known.is_tried_again = known.is_incomplete;
-        }
+    pub(super) const fn retry_failed(&mut self) {
+        self.retries_failed = true;
     }
 
     /// Whether a result failed, and is evaluated again ([`Store::retry_failed`](super::Store::retry_failed)).
     pub fn is_tried_again(&self, key: &TrialKey) -> bool {
-        self.get(key).is_some_and(|known| known.is_tried_again)
+        self.retries_failed && self.get(key).is_some_and(|known| known.is_incomplete)
     }
 
     /// How many results of a run's protocols and methods lack a metric that it computes, by method: they are evaluated again.
@@ -97,11 +96,11 @@ impl KnownResults {
 
     /// How many results of a run's protocols and methods failed and are evaluated again, by method.
     pub fn tried_again(&self, run: &Provenance) -> BTreeMap<&str, u64> {
-        self.count(run, |known| known.is_tried_again)
+        self.count(run, |known| self.retries_failed && known.is_incomplete)
     }
 
     fn count(&self, run: &Provenance, is_counted: impl Fn(&Inputs) -> bool) -> BTreeMap<&str, u64> {
-        let of_run = self.0.iter().filter(|((preset, ..), _)| run.preset(preset).is_some());
+        let of_run = self.inputs.iter().filter(|((preset, ..), _)| run.preset(preset).is_some());
         let mut counts = BTreeMap::new();
         for (method, known) in of_run.flat_map(|(_, methods)| methods) {
             if is_counted(known) && run.method(method).is_some() {
@@ -123,18 +122,18 @@ impl KnownResults {
 
     /// Scenes with results under a preset.
     pub fn scenes(&self, preset: &str) -> BTreeSet<&str> {
-        let of_preset = self.0.keys().filter(|(name, ..)| name == preset);
+        let of_preset = self.inputs.keys().filter(|(name, ..)| name == preset);
         of_preset.map(|(_, scene, _)| scene.as_str()).collect()
     }
 
     /// Whether there is a result of a method under a preset.
     pub(super) fn has(&self, preset: &str, method: &str) -> bool {
-        self.0.iter().any(|((name, ..), methods)| name == preset && methods.contains_key(method))
+        self.inputs.iter().any(|((name, ..), methods)| name == preset && methods.contains_key(method))
     }
 
     /// Drops the results of these methods.
     pub(super) fn forget(&mut self, methods: &BTreeSet<String>) {
-        self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
+        self.inputs.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
     }
 
     /// The hash of the trial that a method's result belongs to, and its number of targets.
@@ -144,12 +143,12 @@ impl KnownResults {
 
     /// Methods with a result for a trial.
     pub fn methods(&self, preset: &str, scene: &str, entry: u32) -> impl Iterator<Item = &str> {
-        self.0.get(&trial_id(preset, scene, entry)).into_iter().flatten().map(|(method, _)| method.as_str())
+        self.inputs.get(&trial_id(preset, scene, entry)).into_iter().flatten().map(|(method, _)| method.as_str())
     }
 
     /// Methods whose result for a trial was computed from other data.
     pub fn outdated(&self, key: &TrialKey, data_hash: &str) -> impl Iterator<Item = &str> {
-        let methods = self.0.get(&trial_id(&key.preset, &key.scene, key.entry)).into_iter().flatten();
+        let methods = self.inputs.get(&trial_id(&key.preset, &key.scene, key.entry)).into_iter().flatten();
         methods.filter(move |(_, known)| known.data.as_deref() != Some(data_hash)).map(|(name, _)| name.as_str())
     }
 }

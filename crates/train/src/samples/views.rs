@@ -134,7 +134,7 @@ mod tests {
         let growing = ", initial-min = 1, initial-max = 7, warm-up-steps = 9 }";
         assert_eq!(with("[2, 4]", growing), "2 to 4 views, gaps 3 to 7, then 3 to 8, targets 1");
         assert_eq!(with("[2, 8]", growing), "2 to 8 views, gaps 7 to 7, then 7 to 8, targets 1");
-        let too_small = growing.replace("7", "6");
+        let too_small = growing.replace('7', "6");
         assert_eq!(with("[2, 8]", &too_small), "2 to 8 views, gaps 7 to 8, targets 1");
     }
 }

@@ -235,7 +235,7 @@ mod tests {
             .items
             .iter()
             .filter_map(|item| match &item.shape {
-                super::super::shape::Shape::Text(text) => Some(text.extent()),
+                Shape::Text(text) => Some(text.extent()),
                 _ => None,
             })
             .collect();
@@ -264,7 +264,7 @@ mod tests {
             }
             assert!(labels.place_if_free(&mut drawing, &TextLine::new("a", [0.0, 0.0]), mark));
             let mut lines = drawing.items.iter().filter_map(|item| match &item.shape {
-                super::super::shape::Shape::Line { points, .. } => Some([points[0], points[1]]),
+                Shape::Line { points, .. } => Some([points[0], points[1]]),
                 _ => None,
             });
             intersect(lines.next().unwrap(), diagonal)
