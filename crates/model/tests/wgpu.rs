@@ -344,7 +344,7 @@ fn gradients_of_scenes_that_are_too_large_together_are_those_one_by_one() {
 /// the CPU makes, in dB.
 const PSNR: f64 = 0.005;
 
-/// A trial of simulated scenes, as `crates/eval/tests/device_trials.rs` writes it: context views, then one target.
+/// A trial of simulated scenes, as `crates/eval/tests/eval/device_trials.rs` writes it: context views, then one target.
 struct Trial {
     context: Views,
     target: View,

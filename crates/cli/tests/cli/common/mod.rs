@@ -1,0 +1,47 @@
+//! Runs the binary and writes small datasets for it.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::Command;
+
+/// Outcome of a call of the binary.
+pub(crate) struct Outcome {
+    pub(crate) code: i32,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// Runs `atsplat` with `args` in `folder`.
+pub(crate) fn atsplat(folder: &Path, args: &[&str]) -> Outcome {
+    let output = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(args).current_dir(folder).output().unwrap();
+    Outcome {
+        code: output.status.code().unwrap(),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// Runs `atsplat`, expects exit code 0, and returns its standard output.
+pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
+    let outcome = atsplat(folder, args);
+    assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
+    outcome.stdout
+}
+
+/// Writes a RE10K trajectory of a camera that moves right by 2 cm per frame and turns a little.
+pub(crate) fn write_trajectory(path: &Path, frames: usize) {
+    let mut text = "https://example.org/video\n".to_owned();
+    for frame in 0..frames {
+        let angle = 0.002 * frame as f64;
+        let (sin, cos) = angle.sin_cos();
+        let x = -0.02 * frame as f64;
+        writeln!(
+            text,
+            "{} 0.48 0.86 0.5 0.5 0 0 {cos:.9} 0 {sin:.9} {x:.9} 0 1 0 0 {:.9} 0 {cos:.9} 0",
+            frame * 33_367,
+            -sin
+        )
+        .unwrap();
+    }
+    std::fs::write(path, text).unwrap();
+}

@@ -1,0 +1,105 @@
+//! Killed runs and full disks: nothing is lost, and a resumed run has the same results.
+
+#![cfg(unix)]
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::evaluation::{FRAMES, bare, write_noise};
+use atsplat_results::Results;
+
+fn command(here: &Path, out: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let args = ["--threads", "2", "run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", out];
+    command.args(args).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+fn finished(here: &Path, out: &str) -> Results {
+    assert!(command(here, out).status().unwrap().success());
+    Results::read(&here.join(out)).unwrap()
+}
+
+/// `child.kill()` is kill −9.
+fn killed_after(here: &Path, out: &str, delay: Duration) {
+    let mut child = command(here, out).spawn().unwrap();
+    sleep(delay);
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_run_killed_at_twenty_moments_resumes_to_the_same_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 16);
+    let start = Instant::now();
+    let expected = finished(here, "undisturbed");
+    let whole = start.elapsed();
+    assert_eq!(expected.trials.len(), 32);
+    let mut partial = 0;
+    for moment in 0..20u32 {
+        let out = format!("killed-{moment}");
+        // Quasi-random moments by the golden ratio.
+        let share = (f64::from(moment) * 0.618_033_988_75).fract();
+        killed_after(here, &out, whole.mul_f64(share));
+        let left = Results::read(&here.join(&out)).map_or(0, |results| results.trials.len());
+        partial += usize::from(left > 0 && left < 32);
+        let resumed = finished(here, &out);
+        assert_eq!(bare(&resumed), bare(&expected), "killed after {share} of the time, with {left} trials there");
+        assert!(!here.join(&out).join("parts").exists());
+    }
+    assert!(partial >= 3, "the moments hardly met the work: {partial} of 20");
+}
+
+#[test]
+fn a_run_killed_repeatedly_resumes_to_the_same_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 12);
+    let start = Instant::now();
+    let expected = finished(here, "undisturbed");
+    let whole = start.elapsed();
+    for moment in 1..=20u32 {
+        killed_after(here, "store", whole.mul_f64(f64::from(moment * 7 % 20) / 20.0));
+    }
+    assert_eq!(bare(&finished(here, "store")), bare(&expected));
+}
+
+/// Files may grow to 24 KiB (48 if the shell counts in KiB): the provenance fits, the rows of a trial
+/// with many targets do not.
+fn with_a_full_disk(here: &Path, out: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_atsplat");
+    let script = "trap '' XFSZ; ulimit -f 48; exec \"$0\" \"$@\"";
+    let mut args = vec!["-c", script, program, "run", "tiny.toml", "--data", "data", "--method", "warp"];
+    args.extend(["--metrics", "all", "--out", out]);
+    Command::new("sh").args(args).current_dir(here).output().unwrap()
+}
+
+#[test]
+fn a_full_disk_stops_the_run_without_losing_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    // One scene needs more than a file may hold.
+    let frames: Vec<String> = (1..FRAMES).map(|frame| frame.to_string()).collect();
+    let (few, many) = ("[1, 2]", format!("[{}]", frames.join(", ")));
+    let entry = |scene: &str, target: &str| format!("\"{scene}\": {{\"context\": [0, 20], \"target\": {target}}}");
+    let index = [entry("scene-00", few), entry("scene-01", &many), entry("scene-02", few)].join(", ");
+    std::fs::write(here.join("data/evaluation_index.json"), format!("{{{index}}}")).unwrap();
+    let full = with_a_full_disk(here, "store");
+    let message = String::from_utf8(full.stderr).unwrap();
+    assert_eq!(full.status.code(), Some(1), "{message}");
+    assert!(message.contains("writing results") && message.contains("store"), "{message}");
+    let left = Results::read(&here.join("store")).unwrap();
+    assert!(left.trials.iter().all(|trial| trial.targets == 2), "whole trials or none");
+    let resume = |out: &str| {
+        let args = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--metrics", "all", "--out", out];
+        let status = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(args).current_dir(here).output().unwrap();
+        assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
+        Results::read(&here.join(out)).unwrap()
+    };
+    assert_eq!(bare(&resume("store")), bare(&resume("undisturbed")));
+}

@@ -1,0 +1,350 @@
+//! Input of `atsplat render`: camera files, arguments, and errors.
+
+use std::fs;
+
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, decode, exr};
+use atsplat_splat::RendererConstants;
+use serde_json::{Value, json};
+
+use crate::common::{atsplat, succeed, write_trajectory};
+use crate::render_scene::{SCENE, contents, folder, record};
+
+#[test]
+fn a_record_is_a_camera_file_that_gives_identical_images() {
+    let folder = folder();
+    let here = folder.path();
+    succeed(here, &["render", "scene.ply", "--orbit", "4", "--size", "40x30", "--up", "-y", "--out", "first"]);
+    succeed(here, &["render", "scene.ply", "--cameras", "first/render.json", "--frames", "3,1", "--out", "second"]);
+    let (first, second) = (contents(&here.join("first")), contents(&here.join("second")));
+    assert_eq!(second.len(), 4, "two images, their record and the lock");
+    let again = atsplat(here, &["render", "scene.ply", "--orbit", "1", "--size", "40x30", "--out", "first"]);
+    assert!(again.stderr.contains("3 images from another run"), "{}", again.stderr);
+    let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
+    let one = atsplat(here, &along);
+    let keyed = ["render", "scene.ply", "--cameras", "first/render.json", "--key", "garden", "--out", "third"];
+    let keyed = atsplat(here, &keyed);
+    assert!(keyed.code == 2 && keyed.stderr.contains("--key requires a dataset"), "{}", keyed.stderr);
+    assert!(one.code == 1 && one.stderr.contains("error: --spline second/render.json: "), "{}", one.stderr);
+    for name in ["000001.png", "000003.png"] {
+        assert_eq!(first[name], second[name], "{name}");
+    }
+}
+
+/// 3DGS writes the camera's axes in the world; a record of the same camera gives the same image.
+#[test]
+fn reads_the_cameras_of_a_trained_model() {
+    let folder = folder();
+    let here = folder.path();
+    let (sin, cos) = 0.1f64.sin_cos();
+    let trained = json!([{
+        "id": 0, "img_name": "a", "width": 40, "height": 30, "position": [0.25, 0.0, -0.5],
+        "rotation": [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]], "fy": 36.0, "fx": 32.0,
+    }]);
+    // camera from world: the transposed rotation, and the centre seen from the camera.
+    let translation = [-(cos * 0.25 - sin * -0.5), 0.0, -(sin * 0.25 + cos * -0.5)];
+    let record = json!({ "views": [{
+        "number": 0, "name": "a", "width": 40, "height": 30,
+        "camera-from-world": [cos, 0.0, -sin, translation[0], 0.0, 1.0, 0.0, 0.0, sin, 0.0, cos, translation[2]],
+        "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 },
+    }]});
+    for (name, cameras) in [("trained", trained), ("record", record)] {
+        fs::write(here.join(name), cameras.to_string()).unwrap();
+        succeed(here, &["render", "scene.ply", "--cameras", name, "--out", &format!("of-{name}"), "--formats", "exr"]);
+    }
+    let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
+    let (trained, recorded) = (image("of-trained/000000.exr"), image("of-record/000000.exr"));
+    for (a, b) in trained.channels().iter().zip(recorded.channels()) {
+        let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
+        Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
+        assert!(
+            a.samples.iter().any(|sample| sample.to_bits() != a.samples[0].to_bits()),
+            "{} shows something",
+            a.name
+        );
+    }
+}
+
+/// Of 101 evenly timed cameras three, of which the first two are adjacent: the middle in time is at camera 50.
+#[test]
+fn a_path_follows_the_times_of_its_cameras() {
+    let folder = folder();
+    let here = folder.path();
+    write_trajectory(&here.join("long.txt"), 101);
+    let render = |out: &str, args: &[&str]| {
+        atsplat(here, &[&["render", "scene.ply", "--size", "8x6", "--out", out], args].concat())
+    };
+    let poses = |out: &str, args: &[&str]| -> (Value, Vec<Vec<f64>>) {
+        let outcome = render(out, args);
+        assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
+        let record = record(&here.join(out));
+        let views = record["views"].as_array().unwrap().iter();
+        let rows = views.map(|view| serde_json::from_value(view["camera-from-world"].clone()).unwrap());
+        (record["path"]["spacing"].clone(), rows.collect())
+    };
+    let along = ["--spline", "long.txt", "3", "--frames", "0,1,100"];
+    let with = |spacing: &'static str| [&along[..], &["--spacing", spacing]].concat();
+    let (_, given) = poses("given", &["--cameras", "long.txt", "--frames", "0,1,50,100"]);
+    let (spacing, timed) = poses("timed", &with("time"));
+    assert_eq!(spacing, "time");
+    assert_eq!((&timed[0], &timed[2]), (&given[0], &given[3]));
+    // 1.02 units away from camera 1. The path bends a little more between its keys than the cameras do.
+    Tolerance::absolute(0.06).assert(timed[1].clone(), given[2].clone(), "the middle in time");
+    let (spacing, even) = poses("even", &with("even"));
+    assert_eq!((spacing, &even[1]), (json!("even"), &given[1]));
+    assert_eq!(poses("default", &along).0, "arc-length");
+
+    let back = render("none", &["--spline", "long.txt", "--frames", "0,5,2", "--spacing", "time"]);
+    let names_them =
+        back.stderr.contains("found 66734 µs of frame 2 ") && back.stderr.contains("166835 µs of frame 5 ");
+    assert!(back.code == 1 && names_them && back.stderr.contains("--frames"), "{}", back.stderr);
+    // A record has no times, and numbers of frames are none.
+    let rows = fs::read_to_string(here.join("path.txt")).unwrap();
+    let numbered = rows.lines().enumerate().map(|(number, row)| match row.split_once(' ') {
+        Some((_, rest)) => format!("{number} {rest}\n"),
+        None => format!("{row}\n"),
+    });
+    fs::write(here.join("numbered.txt"), numbered.collect::<String>()).unwrap();
+    for file in ["given/render.json", "numbered.txt"] {
+        let rejected = render("none", &["--spline", file, "--spacing", "time"]);
+        let message = format!("--spacing time: {file} records no times of its cameras");
+        assert!(rejected.code == 1 && rejected.stderr.contains(&message), "{}", rejected.stderr);
+        assert!(rejected.stderr.contains("--spacing even"), "{}", rejected.stderr);
+        assert_eq!(render("fine", &["--spline", file, "4", "--spacing", "even"]).code, 0, "{file}");
+    }
+    assert!(!here.join("none").exists());
+}
+
+/// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same images.
+#[test]
+fn bare_poses_use_the_requested_lens() {
+    let folder = folder();
+    let here = folder.path();
+    let (sin, cos) = 0.1f64.sin_cos();
+    // World to camera, row by row.
+    let rows = [cos, 0.0, -sin, -0.3, 0.0, 1.0, 0.0, 0.1, sin, 0.0, cos, 0.45];
+    let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    fs::write(here.join("poses.json"), json!([identity, rows]).to_string()).unwrap();
+    // 90° across, square pixels.
+    let view = |number: usize, rows: [f64; 12]| {
+        json!({ "number": number, "name": number.to_string(), "width": 40, "height": 30, "camera-from-world": rows,
+                "intrinsics": { "fx": 0.5, "fy": 0.5 * 40.0 / 30.0, "cx": 0.5, "cy": 0.5 } })
+    };
+    fs::write(here.join("record.json"), json!({ "views": [view(0, identity), view(1, rows)] }).to_string()).unwrap();
+    let render = |cameras: &str, more: &[&str]| {
+        let args = [
+            "render",
+            "scene.ply",
+            "--cameras",
+            cameras,
+            "--out",
+            cameras.trim_end_matches(".json"),
+            "--formats",
+            "exr",
+        ];
+        atsplat(here, &[&args, more].concat())
+    };
+    for more in [&[][..], &["--fov", "90"], &["--size", "40x30"]] {
+        let outcome = render("poses.json", more);
+        let message = outcome.stderr.contains("poses.json contains camera matrices without intrinsics");
+        assert!(outcome.code == 1 && message && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
+    }
+    assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
+    assert_eq!(render("record.json", &[]).code, 0);
+    let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
+    for frame in ["000000.exr", "000001.exr"] {
+        let (poses, recorded) = (image(&format!("poses/{frame}")), image(&format!("record/{frame}")));
+        for (a, b) in poses.channels().iter().zip(recorded.channels()) {
+            let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
+            Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
+        }
+    }
+    assert_ne!(image("record/000000.exr"), image("record/000001.exr"), "two views");
+    let outcome = render("record.json", &["--fov", "90"]);
+    assert!(outcome.code == 1 && outcome.stderr.contains("record.json has intrinsics"), "{}", outcome.stderr);
+}
+
+#[test]
+fn errors_name_unsupported_camera_formats() {
+    let folder = folder();
+    let here = folder.path();
+    for (text, message) in [
+        (r#"[{"cameras": {}, "shots": {}}]"#, "a reconstruction of OpenSfM"),
+        (r"[[1, 2, 3]]", "a list of 1, the first of which is a list of 3"),
+        (r#"{"camera_path": [], "keyframes": []}"#, "a camera path of nerfstudio's viewer"),
+        (r#"{"views": [], "sfm_data_version": "0.3"}"#, "a scene of OpenMVG"),
+        ("{\"views\": [],\n\"views\": []}", "\"views\" a second time at line 2"),
+    ] {
+        fs::write(here.join("odd.json"), text).unwrap();
+        let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "odd.json", "--out", "out"]);
+        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{text}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains("odd.json"), "{}", outcome.stderr);
+    }
+}
+
+#[test]
+fn an_empty_scene_renders_as_background() {
+    let folder = folder();
+    let here = folder.path();
+    let empty = SCENE.replace("vertex 6", "vertex 0").split_inclusive("end_header\n").next().unwrap().to_owned();
+    fs::write(here.join("empty.ply"), &empty).unwrap();
+    let args =
+        ["render", "empty.ply", "--cameras", "path.txt", "--frames", "3", "--size", "4x3", "--background", "0,1,0.2"];
+    let outcome = atsplat(here, &[&args[..], &["--out", "out"]].concat());
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("no Gaussian is left"), "{}", outcome.stderr);
+    let image = decode(&fs::read(here.join("out/000003.png")).unwrap(), &DecodeLimits::default()).unwrap();
+    assert_eq!(image.samples(), [0, 255, 51].repeat(12));
+    let outcome = atsplat(here, &["render", "empty.ply", "--orbit", "--out", "out"]);
+    assert_eq!(outcome.code, 1);
+    assert!(outcome.stderr.contains("no visible Gaussian"), "{}", outcome.stderr);
+    let only_nan = empty.replace("vertex 0", "vertex 1") + SCENE.lines().next_back().unwrap() + "\n";
+    fs::write(here.join("nan.ply"), only_nan).unwrap();
+    for scene in ["empty.ply", "nan.ply"] {
+        let args = ["render", scene, "--cameras", "path.txt", "--size", "4x3", "--out", "strict", "--strict"];
+        let outcome = atsplat(here, &args);
+        assert!(outcome.code == 4 && outcome.stderr.contains("no Gaussian is left"), "{scene}: {}", outcome.stderr);
+    }
+    let outcome = atsplat(here, &["render", "nan.ply", "--orbit", "--out", "out"]);
+    assert!(outcome.stderr.contains("1 removed, 0 repaired; 1  means: not-a-number"), "{}", outcome.stderr);
+}
+
+#[test]
+fn usage_errors_are_reported_before_anything_is_written() {
+    let folder = folder();
+    let here = folder.path();
+    let start = ["render", "scene.ply", "--out", "out"];
+    for more in [
+        &[][..],
+        &["--orbit", "--cameras", "path.txt"],
+        &["--orbit", "0"],
+        &["--spline", "path.txt", "many"],
+        &["--orbit", "--closed"],
+        &["--spline", "path.txt", "--closed", "--spacing", "time"],
+        &["--orbit", "--frames", "0"],
+        &["--cameras", "path.txt", "--frames", "5..2"],
+        &["--cameras", "path.txt", "--elevation", "3"],
+        &["--orbit", "--size", "40"],
+        &["--orbit", "--background", "grey"],
+        &["--orbit", "--up", "sideways"],
+        &["--orbit", "--constants", "brush"],
+        &["--orbit", "--channels", "depth"],
+        &["--orbit", "--formats", "gif"],
+        &["--orbit", "--preview", "preview.gif"],
+        &["--orbit", "--fps", "12"],
+        &["--orbit", "--device", "cuda"],
+        &["--orbit", "--backend", "gpu"],
+        &["--orbit", "--round-trip", "splat"],
+        &["--orbit", "--effects", "fog"],
+        &["--orbit", "--tolerance", "-1"],
+        &["--orbit", "--tolerance", "0.1", "--effects", "all"],
+        &["--orbit", "--rounding", "truncate", "--formats", "exr"],
+        &["--orbit", "--preview", "out/000000.png"],
+        &["--orbit", "--adapter", "0"],
+        &["--orbit", "--formats", "exr,exr"],
+        &["--orbit", "--round-trip", "ply,spz3,ply"],
+        &["--orbit", "--formats", "exr", "--channels", "depth", "--effects", "none"],
+        &["--orbit", "--formats", "exr", "--channels", "depth,scalar", "--effects", "depth,lens"],
+        &["--orbit", "--exposure", "-1"],
+        &["--orbit", "--exposure", "bright"],
+    ] {
+        let outcome = atsplat(here, &[&start[..], more].concat());
+        assert_eq!(outcome.code, 2, "{more:?}: {}", outcome.stderr);
+        assert!(!here.join("out").exists(), "{more:?}");
+    }
+    let swallowed = atsplat(here, &["render", "--out", "out", "--orbit", "scene.ply"]);
+    assert!(swallowed.code == 2 && swallowed.stderr.contains("comes before"), "{}", swallowed.stderr);
+    let help = succeed(here, &["render", "--help"]);
+    assert!(help.find("<SCENE>").unwrap() < help.find("--orbit").unwrap(), "{help}");
+    assert!(help.contains("on a circle around the scene; 60 by default"), "{help}");
+}
+
+/// The record replaces nothing that it was made from.
+#[test]
+fn a_record_never_replaces_its_camera_file() {
+    let folder = folder();
+    let here = folder.path();
+    succeed(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", "out"]);
+    let before = contents(&here.join("out"));
+    for args in [["--cameras", "out/render.json"], ["--spline", "out/../out/render.json"]] {
+        let outcome =
+            atsplat(here, &[&["render", "scene.ply"], &args[..], &["--frames", "0", "--out", "out"]].concat());
+        assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+        assert!(outcome.stderr.contains("would overwrite the input cameras"), "{}", outcome.stderr);
+        assert_eq!(contents(&here.join("out")), before);
+    }
+}
+
+/// A trajectory states no size; its intrinsics are those of images of 16 : 9.
+#[test]
+fn warns_of_a_size_that_squeezes_images_without_a_stated_size() {
+    let folder = folder();
+    let here = folder.path();
+    for (size, squeezes) in [("64x36", false), ("48x48", true)] {
+        let args = ["render", "scene.ply", "--cameras", "path.txt", "--frames", "0,1", "--size", size, "--out", size];
+        let outcome = atsplat(here, &args);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        let said = outcome.stderr.matches("--size 48×48 squeezes images: expected an image of about 86×48").count();
+        assert_eq!(said, usize::from(squeezes), "{size}: {}", outcome.stderr);
+    }
+}
+
+#[test]
+fn warns_of_images_without_gaussians() {
+    let folder = folder();
+    let here = folder.path();
+    let view = |number: usize, [x, z]: [f64; 2]| {
+        json!({ "number": number, "name": "v", "width": 8, "height": 6,
+                "camera-from-world": [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, z],
+                "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 } })
+    };
+    for (moved, cause) in
+        [([1000.0, 0.0], "do the cameras belong to this scene"), ([0.0, -100.0], "they are behind the camera")]
+    {
+        fs::write(here.join("views"), json!({ "views": [view(0, [0.0; 2]), view(1, moved)] }).to_string()).unwrap();
+        let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "out"]);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        let expected = format!("no Gaussian is drawn in 1 of 2 frames: {cause}");
+        assert!(outcome.stderr.contains(&expected), "{}", outcome.stderr);
+    }
+    let strict = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "strict", "--strict"]);
+    assert_eq!(strict.code, 4, "{}", strict.stderr);
+}
+
+#[test]
+fn errors_name_unreadable_and_unwritable_files() {
+    let folder = folder();
+    let here = folder.path();
+    fs::write(here.join("taken"), b"a file").unwrap();
+    fs::write(here.join("notes.ply"), b"no Gaussians at all").unwrap();
+    fs::write(here.join("broken.json"), br#"{"views": [{"number": 0}]}"#).unwrap();
+    fs::write(here.join("cut.json"), br#"[{"id": 0, "img_"#).unwrap();
+    fs::write(here.join("exposure.json"), br#"{"0": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}"#).unwrap();
+    let odd = RendererConstants { max_alpha: 1.5, ..RendererConstants::default() };
+    fs::write(here.join("odd.toml"), toml::to_string(&odd).unwrap()).unwrap();
+    let cases: [(&[&str], &str); 12] = [
+        (&["scene.ply", "--orbit", "--constants", "odd.toml", "--out", "out"], "odd.toml: constants: max-alpha"),
+        (&["scene.ply", "--cameras", "cut.json", "--out", "out"], "cut.json: expected JSON"),
+        (
+            &["scene.ply", "--orbit", "2", "--exposure", "exposure.json", "--out", "out"],
+            "no exposure for the view \"1\"",
+        ),
+        (&["scene.ply", "--orbit", "2", "--exposure", "broken.json", "--out", "out"], "a 3×4 array"),
+        (&["scene.ply", "--orbit", "--out", "taken"], "taken"),
+        (&["scene.ply", "--orbit", "--out", "out", "--preview", "taken/preview.png"], "taken"),
+        (&["notes.ply", "--orbit", "--out", "out"], "expected a PLY, SPZ or .splat file"),
+        (&["nowhere.ply", "--orbit", "--out", "out"], "nowhere.ply"),
+        (&["scene.ply", "--cameras", "notes.ply", "--out", "out"], "notes.ply"),
+        (&["scene.ply", "--cameras", "broken.json", "--out", "out"], "camera 0"),
+        (&["scene.ply", "--cameras", "path.txt", "--out", "out"], "--size"),
+        (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "positions below 12"),
+    ];
+    for (args, expected) in cases {
+        let outcome = atsplat(here, &[&["render"], args].concat());
+        assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
+    }
+    let planes = atsplat(here, &["render", "scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"]);
+    assert!(planes.code == 2 && planes.stderr.contains("--near, --far: expected a near plane"), "{}", planes.stderr);
+    assert!(!here.join("out").exists(), "a record belongs to images that were written, and a folder to its files");
+}
