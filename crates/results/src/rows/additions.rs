@@ -81,6 +81,19 @@ impl Provenance {
         Ok(())
     }
 
+    /// Drops scenes that only the record has, of an undivided run that stopped before it evaluated one: the run that resumes these
+    /// results has fewer, and at least as many as have results. Whether those are among its scenes, the run checks.
+    pub(crate) fn forget_added_scenes(&mut self, run: &Self, entries_of: impl Fn(&str) -> u64) {
+        let is_whole = self.limit.is_none() && self.shard.is_none();
+        for known in self.presets.iter_mut().filter(|_| is_whole) {
+            let now = run.preset(&known.name).filter(|now| now.index_sha256 == known.index_sha256);
+            if let Some(now) = now.filter(|now| (entries_of(&known.name)..known.entries).contains(&now.entries)) {
+                known.entries = now.entries;
+                known.scenes_sha256.clone_from(&now.scenes_sha256);
+            }
+        }
+    }
+
     /// Checks that another part of the run has the same limit.
     ///
     /// # Errors

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::{
-    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, TargetRow, TrialKey, TrialRow,
-    TrialStatus,
+    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, SkippedEntry, TargetRow, TrialKey,
+    TrialRow, TrialStatus,
 };
 
 /// Preset, scene and entry: a trial without its method.
@@ -124,6 +124,16 @@ impl KnownResults {
     pub fn scenes(&self, preset: &str) -> BTreeSet<&str> {
         let of_preset = self.inputs.keys().filter(|(name, ..)| name == preset);
         of_preset.map(|(_, scene, _)| scene.as_str()).collect()
+    }
+
+    /// How many entries of a preset have a result of any method, or a reason why there is none.
+    pub(super) fn entries_of(&self, preset: &str, skipped: &[SkippedEntry]) -> u64 {
+        let of_preset = self.0.iter().filter(|((name, ..), methods)| name == preset && !methods.is_empty());
+        let mut entries: BTreeSet<(&str, u32)> =
+            of_preset.map(|((_, scene, entry), _)| (scene.as_str(), *entry)).collect();
+        let skipped = skipped.iter().filter(|skipped| skipped.preset == preset);
+        entries.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
+        entries.len() as u64
     }
 
     /// Whether there is a result of a method under a preset.

@@ -118,9 +118,9 @@ impl Store {
     }
 
     /// Resumes the store in a folder, or creates one if there is none. Presets, methods and metrics that it lacks are added, and
-    /// scenes that a limit left out; [`KnownResults::lacks_metric`] says which results lack a metric. A method
-    /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
-    /// target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
+    /// scenes that a limit left out; scenes that a stopped run added to the record alone may be missing again.
+    /// [`KnownResults::lacks_metric`] says which results lack a metric. A method that failed in every trial may be replaced by
+    /// another of its name, without its rows, and a store without any scored target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
     /// differ: the run has to reject other contents in the places of [`Self::moved`], and [`Self::finish`] records its places.
     ///
     /// # Errors
@@ -144,6 +144,7 @@ impl Store {
                 known.clone_from(other);
             }
         }
+        joined.forget_added_scenes(&provenance, |preset| store.known.entries_of(preset, &store.provenance.skipped));
         let moved = joined.moved(&provenance);
         match joined.resume_with(provenance.clone()) {
             // Without a score, nothing is worth the record of data that were given by mistake.

@@ -148,6 +148,45 @@ fn places_of_a_run_without_a_score_are_forgotten() {
     assert_eq!(resumed(true, "right", "renders"), (first, new, true), "until the run has ended, which compares them");
 }
 
+/// A copy of the data has another scene; the run that was given it stopped before its first result.
+#[test]
+fn scenes_without_a_result_do_not_stay_in_the_record() {
+    let of = |entries: u64, index: &str| {
+        let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
+        let (name, index_sha256) = ("p".to_owned(), index.to_owned());
+        let scenes_sha256 = Some(format!("of {entries}"));
+        let preset = PresetRecord { name, toml, index_sha256, entries, scenes_sha256, ..PresetRecord::default() };
+        Provenance { presets: vec![preset], ..run_of(1) }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::create(folder.path(), of(3, "index")).unwrap();
+    for (method, scene) in [("m", "a"), ("n", "a"), ("m", "b")] {
+        let (trial, targets) = scored(method, scene);
+        store.append(&trial, &targets).unwrap();
+    }
+    drop(store);
+    let recorded = || {
+        let preset = Results::read(folder.path()).unwrap().provenance.presets.remove(0);
+        (preset.entries, preset.scenes_sha256)
+    };
+    let with = |entries: u64| (entries, Some(format!("of {entries}")));
+    drop(Store::resume(folder.path(), of(5, "index")).unwrap());
+    assert_eq!(recorded(), with(5));
+    drop(Store::resume(folder.path(), of(3, "index")).unwrap());
+    assert_eq!(recorded(), with(3), "as before the run that stopped");
+    let mut store = Store::resume(folder.path(), of(5, "index")).unwrap();
+    let (trial, targets) = scored("n", "c");
+    store.append(&trial, &targets).unwrap();
+    let skipped = SkippedEntry { preset: "p".to_owned(), scene: "d".to_owned(), ..SkippedEntry::default() };
+    store.set_findings(Vec::new(), vec![skipped]);
+    store.finish().unwrap();
+    let fewer = Store::resume(folder.path(), of(3, "index")).unwrap_err().to_string();
+    assert!(fewer.contains("then 5 entries of the index, now 3; restore the data"), "{fewer}");
+    assert!(Store::resume(folder.path(), of(4, "another")).is_err(), "entries of another index");
+    drop(Store::resume(folder.path(), of(4, "index")).unwrap());
+    assert_eq!(recorded(), with(4), "three have results, and one has a reason why there is none");
+}
+
 /// It has results under p, and the run is of q alone.
 #[test]
 fn files_in_another_folder_that_a_run_does_not_compare_are_rejected() {
