@@ -2,28 +2,22 @@ use atsplat_numeric::Extremes;
 
 use crate::WorldFromCamera;
 
-/// Rotations of poses in f64, also if computed from quaternions or inverted, are less far from orthonormal.
-const F64_RESIDUAL: f64 = 1e-13;
-/// Rotations with nine decimals are less far from orthonormal, those in f32 farther: 1e-9 and 5e-8 are usual.
-const NINE_DECIMALS_RESIDUAL: f64 = 4e-9;
-
 /// If stored numbers are off by u, the centre `−R⁻¹t` is off by at most 3u of its distance from the origin for the rotation, and √3u
 /// for the translation, where f32 adds at most u of the distance: two centres of one place differ by at most 6u of 1 plus the distance.
 const F32: f64 = 6.0 / 16_777_216.0;
 const NINE_DECIMALS: f64 = 6.0 * 5e-10;
-/// Above 6u, for the arithmetic of a few transforms.
-const F64: f64 = 1e-14;
+
+/// Inverting a pose twice changes its rotation by less, and its translation by less of its length: 6e-16 is the most of 20 000 poses.
+const TWO_INVERSIONS: f64 = 4e-15;
 
 /// Below this share of their distance from the origin, f32 does not resolve the differences of centres.
 const CLOSE: f64 = 1e-6;
 
 /// How far apart the centres of cameras are, compared with the precision of their poses.
 ///
-/// The precision is that of the least precise pose, which shows in how far its rotation is from orthonormal: f64, nine decimals, or f32.
-/// Unlike a precision for each format, it is that of the numbers however often they were converted: chunks of f32 stay so as text with
-/// nine decimals. Loading keeps these numbers as they are. Rotations that are less precise than f32 count as f32, because their error may
-/// be that of an estimate. If all rotations happen to be more precise than the translations, such as quarter turns, cameras in one
-/// place may be found [`Self::Close`].
+/// The precision is that of f32 if all numbers of all camera-from-world poses are f32, as those of `.torch` chunks, and nine decimals
+/// otherwise: text has at least about as many, also of quaternions, and nothing says how many of the digits of an f64 are known. Loading
+/// keeps these numbers as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CentreSpread {
     /// Their differences are numbers to compute with.
@@ -44,11 +38,7 @@ impl CentreSpread {
         };
         let spread = largest(&|view| view.centre().distance(first));
         let distance = largest(&|view| view.centre().length());
-        let precision = match largest(&WorldFromCamera::orthonormality_residual) {
-            residual if residual <= F64_RESIDUAL => F64,
-            residual if residual <= NINE_DECIMALS_RESIDUAL => NINE_DECIMALS,
-            _ => F32,
-        };
+        let precision = if views.iter().copied().all(is_in_f32) { F32 } else { NINE_DECIMALS };
         if !spread.is_finite() {
             Self::Apart
         } else if spread <= precision * (1.0 + distance) {
@@ -61,11 +51,24 @@ impl CentreSpread {
     }
 }
 
+/// Whether the camera-from-world pose consists of f32 numbers.
+fn is_in_f32(view: &WorldFromCamera) -> bool {
+    let stored = view.inverse();
+    let length = stored.translation().length();
+    let is_f32 = |number: f64, size: f64| {
+        #[expect(clippy::cast_possible_truncation, reason = "what an f32 keeps")]
+        let rounded = f64::from(number as f32);
+        (number - rounded).abs() <= TWO_INVERSIONS * size
+    };
+    stored.rotation().to_cols_array().iter().all(|entry| is_f32(*entry, 1.0))
+        && stored.translation().to_array().iter().all(|entry| is_f32(*entry, length))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::CameraFromWorld;
-    use glam::{DMat3, DVec3, EulerRot};
+    use glam::{DMat3, DQuat, DVec3, EulerRot};
 
     fn in_f32(number: f64) -> f64 {
         #[expect(clippy::cast_possible_truncation, reason = "what a chunk stores")]
@@ -77,20 +80,36 @@ mod tests {
         (number * 1e9).round() / 1e9
     }
 
-    /// Cameras that turn about two axes, stored as `[R | t]` by `rounded`; each centre is `step` along x from the one before.
-    fn turning(centre: DVec3, step: f64, rounded: impl Fn(f64) -> f64) -> Vec<WorldFromCamera> {
-        let pose = |at: u32| {
-            let turn = f64::from(at);
-            let rotation = DMat3::from_euler(EulerRot::YXZ, 0.2 + 0.17 * turn, 0.05 * turn, 0.3);
-            let rows =
-                CameraFromWorld::new(rotation, -(rotation * (centre + DVec3::X * step * turn))).unwrap().to_rows();
-            CameraFromWorld::from_rows(&rows.map(&rounded)).unwrap().inverse()
-        };
-        (0..5).map(pose).collect()
+    fn with_twelve_decimals(number: f64) -> f64 {
+        (number * 1e12).round() / 1e12
     }
 
+    /// The rotation of one of five cameras that turn about two axes.
+    fn turned(at: u32) -> DMat3 {
+        DMat3::from_euler(EulerRot::YXZ, 0.2 + 0.17 * f64::from(at), 0.05 * f64::from(at), 0.3)
+    }
+
+    /// These cameras, stored as `[R | t]` by `rounded`; each centre is `step` along x from the one before.
     fn spread(centre: DVec3, step: f64, rounded: impl Fn(f64) -> f64) -> CentreSpread {
-        CentreSpread::of(&turning(centre, step, rounded))
+        let pose = |at: u32| {
+            let rotation = turned(at);
+            let translation = -(rotation * (centre + DVec3::X * step * f64::from(at)));
+            let rows = CameraFromWorld::new(rotation, translation).unwrap().to_rows();
+            CameraFromWorld::from_rows(&rows.map(&rounded)).unwrap().inverse()
+        };
+        CentreSpread::of(&(0..5).map(pose).collect::<Vec<_>>())
+    }
+
+    /// As COLMAP stores cameras in one place: a quaternion, which readers normalise, and the translation.
+    fn spread_of_quaternions(centre: DVec3, rounded: impl Fn(f64) -> f64) -> CentreSpread {
+        let pose = |at: u32| {
+            let rotation = turned(at);
+            let quaternion = DQuat::from_mat3(&rotation).to_array().map(&rounded);
+            let translation = (-(rotation * centre)).to_array().map(&rounded);
+            let read = DMat3::from_quat(DQuat::from_array(quaternion).normalize());
+            CameraFromWorld::new(read, DVec3::from_array(translation)).unwrap().inverse()
+        };
+        CentreSpread::of(&(0..5).map(pose).collect::<Vec<_>>())
     }
 
     /// However far from the origin: the precision of what is stored, not that of f64, tells a place from a motion.
@@ -101,8 +120,9 @@ mod tests {
             assert_eq!(spread(centre, 0.0, |number| number), CentreSpread::Coincident, "f64, {centre}");
             assert_eq!(spread(centre, 0.0, with_nine_decimals), CentreSpread::Coincident, "nine decimals, {centre}");
             assert_eq!(spread(centre, 0.0, in_f32), CentreSpread::Coincident, "f32, {centre}");
-            let converted = |number: f64| with_nine_decimals(in_f32(number));
-            assert_eq!(spread(centre, 0.0, converted), CentreSpread::Coincident, "text of chunks, {centre}");
+            for rounded in [with_nine_decimals as fn(f64) -> f64, with_twelve_decimals] {
+                assert_eq!(spread_of_quaternions(centre, rounded), CentreSpread::Coincident, "quaternions, {centre}");
+            }
         }
     }
 
@@ -112,14 +132,28 @@ mod tests {
         for (step, expected) in [
             (1e-3, [CentreSpread::Apart; 3]),
             (2e-7, [CentreSpread::Close, CentreSpread::Close, CentreSpread::Coincident]),
-            (1e-10, [CentreSpread::Close, CentreSpread::Coincident, CentreSpread::Coincident]),
+            (1e-10, [CentreSpread::Coincident; 3]),
         ] {
             let rules: [fn(f64) -> f64; 3] = [|number| number, with_nine_decimals, in_f32];
             assert_eq!(rules.map(|rounded| spread(centre, step, rounded)), expected, "{step}");
         }
         let far = DVec3::new(1e6, 0.0, -2e5);
-        assert_eq!(spread(far, 1e-3, |number| number), CentreSpread::Close, "f64 has seven digits of a millimetre");
+        assert_eq!(spread(far, 1e-1, |number| number), CentreSpread::Close, "more than 3e-9 of the distance");
         assert_eq!(spread(far, 10.0, |number| number), CentreSpread::Apart);
+    }
+
+    /// Georeferenced captures, whose camera-to-world rotations are in f32, and their centres in f64.
+    #[test]
+    fn a_rig_far_from_the_origin_does_not_stand_still() {
+        let origin = DVec3::new(4.5e5, 5.4e6, 120.0);
+        let rig = |step: f64| {
+            let pose = |at: u32| {
+                let rotation = DMat3::from_cols_array(&turned(at).transpose().to_cols_array().map(in_f32));
+                WorldFromCamera::new(rotation, origin + DVec3::X * step * f64::from(at)).unwrap()
+            };
+            CentreSpread::of(&(0..5).map(pose).collect::<Vec<_>>())
+        };
+        assert_eq!([0.0, 1.0, 10.0].map(rig), [CentreSpread::Coincident, CentreSpread::Close, CentreSpread::Apart]);
     }
 
     #[test]

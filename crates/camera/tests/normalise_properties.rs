@@ -310,7 +310,7 @@ fn coincident_centres_keep_their_scale() {
 #[test]
 fn a_small_rig_far_from_the_origin_has_its_published_scale() {
     let rig = |offset: DVec3| {
-        let at = |turned: f64, x: f64| pose(turn(turned, 0.2, 0.0), DVec3::new(1e-3 * x, 2e-4 * x, 0.0) + offset);
+        let at = |turned: f64, x: f64| pose(turn(turned, 0.2, 0.0), DVec3::new(1e-2 * x, 2e-3 * x, 0.0) + offset);
         [at(0.1, 0.0), at(-0.1, 1.0), at(0.0, -0.7)]
     };
     let of = |offset: DVec3, scale| normalise(&rig(offset), &[], &mean_camera(scale)).unwrap();

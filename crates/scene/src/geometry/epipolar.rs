@@ -172,8 +172,9 @@ mod tests {
         let geometry = |angles, centre| EpipolarGeometry::new(&first, &in_f32(angles, centre));
         assert!(geometry([-0.3, 0.2, 0.1], [1.0, 2.0, 3.0]).is_none(), "rotation only, in f32");
         assert!(geometry([-0.3, 0.2, 0.1], [1.0, 2.0, 3.001]).is_some(), "a thousandth ahead");
-        let (first, second) = (view([0.0; 3], [1e6, 2.0, 3.0]), view([0.0; 3], [1e6, 2.0, 3.0001]));
-        assert!(EpipolarGeometry::new(&first, &second).is_some(), "in f64, far from the origin");
+        let far = |z: f64| view([0.2, 0.1, 0.0], [1e6, 2.0, z]);
+        assert!(EpipolarGeometry::new(&far(3.0), &far(3.1)).is_some(), "in f64, far from the origin");
+        assert!(EpipolarGeometry::new(&far(3.0), &far(3.001)).is_none(), "less than the ninth decimal of a rotation");
     }
 
     #[test]
