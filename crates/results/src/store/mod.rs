@@ -374,7 +374,7 @@ impl Results {
     /// Writes these rows to a new store. If interrupted at any moment, there is no store, and it can be repeated.
     ///
     /// # Errors
-    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`].
+    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`]; [`ResultsError::HasResults`] for a folder with `images`.
     pub fn write(&self, folder: &Path) -> Result<(), ResultsError> {
         self.write_merged(folder, &[])
     }
@@ -390,6 +390,12 @@ impl Results {
         data::check_consistent(self)?;
         let _lock = lock(folder)?;
         require_no_rows(folder)?;
+        // Under the mark of a merge, they would be removed as its own.
+        let images = folder.join(images::FOLDER);
+        if images.exists() {
+            let found = images.display().to_string();
+            return Err(ResultsError::HasResults { folder: folder.to_owned(), found });
+        }
         disk::write(&folder.join(MERGING), &[])?;
         if !self.timings.is_empty() {
             timings::write(folder, &self.timings)?;

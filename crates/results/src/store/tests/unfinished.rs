@@ -38,6 +38,19 @@ fn a_merge_is_whole_or_none() {
     assert!(matches!(again, ResultsError::HasResults { .. }), "{again}");
 }
 
+/// The folder of a dataset, whose photos have the place of a store's images.
+#[test]
+fn a_merge_into_a_folder_with_images_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let photo = folder.path().join("images/0001.jpg");
+    fs::create_dir(folder.path().join("images")).unwrap();
+    fs::write(&photo, b"photo").unwrap();
+    let refused = whole().write(folder.path()).unwrap_err();
+    assert!(matches!(&refused, ResultsError::HasResults { found, .. } if found.ends_with("images")), "{refused}");
+    assert!(!folder.path().join(MERGING).exists(), "no mark under which the next merge would remove them");
+    assert!(whole().write(folder.path()).is_err() && photo.is_file());
+}
+
 #[test]
 fn unfinished_files_are_removed_when_a_store_is_opened() {
     let folder = tempfile::tempdir().unwrap();
