@@ -190,3 +190,27 @@ fn a_file_that_lacks_a_tile_is_rejected() {
     let lost = "EXR data: expected a block that starts at row 1, column 0, found another that states row 1, column 2";
     assert_eq!(error, lost);
 }
+
+/// A file of a few hundred bytes whose header announces 67 million tiles, which took gigabytes.
+#[test]
+fn announced_tiles_that_are_not_there_take_no_memory() {
+    let planes = [AnyChannel::new("G", FlatSamples::F32(vec![0.5]))];
+    let tiles = Blocks::Tiles(Vec2(1, 1));
+    let encoding = Encoding { compression: Compression::Uncompressed, blocks: tiles, ..Encoding::SMALL_LOSSLESS };
+    let channels = AnyChannels::sort(planes.into_iter().collect());
+    let layer = Layer::new((1, 1), LayerAttributes::default(), encoding, channels);
+    let mut file = std::io::Cursor::new(Vec::new());
+    ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut file).unwrap();
+    let mut bytes = file.into_inner();
+    assert!(read(&bytes, &DecodeLimits::default()).is_ok());
+    let name = b"dataWindow\0box2i\0";
+    let window = bytes.windows(name.len()).position(|found| found == name).unwrap() + name.len() + 4;
+    // The last column and row follow the first ones.
+    bytes[window + 8..window + 12].copy_from_slice(&8191_i32.to_le_bytes());
+    bytes[window + 12..window + 16].copy_from_slice(&8191_i32.to_le_bytes());
+    let begin = std::time::Instant::now();
+    let limits = DecodeLimits { max_bytes: 1 << 30, ..DecodeLimits::default() };
+    let error = read(&bytes, &limits).unwrap_err();
+    assert!(matches!(error, PixelError::Decode { .. }), "{error}");
+    assert!(begin.elapsed().as_secs() < 5, "millions of entries were made before the table was read");
+}

@@ -3,7 +3,10 @@
 use std::collections::BTreeSet;
 use std::io::Cursor;
 
-use ::exr::block::chunk::{Chunk, CompressedBlock};
+use ::exr::block::BlockIndex;
+use ::exr::block::chunk::{Chunk, CompressedBlock, TileCoordinates};
+use ::exr::math::Vec2;
+use ::exr::meta::MetaData;
 use ::exr::meta::header::Header;
 
 use super::failed;
@@ -13,14 +16,19 @@ use crate::{ImageFormat, PixelError};
 /// itself says, so that the pixels of a missing one would stay 0.
 pub(super) fn require_all(bytes: &[u8], header: &Header) -> Result<(), PixelError> {
     let mut missing = BTreeSet::new();
-    for block in header.blocks_increasing_y_order().filter(|block| block.location.is_largest_resolution_level()) {
-        let start = header.get_absolute_block_pixel_coordinates(block.location).map_err(failed)?.position;
-        missing.insert((start.1, start.0));
-    }
     let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
-    let chunks = reader.filter_chunks(false, |_, tile, block| block.layer == 0 && tile.is_largest_resolution_level());
+    // Called after the table of blocks was read: a header of a few bytes may announce millions of them.
+    let select = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| {
+        let is_read = block.layer == 0 && tile.is_largest_resolution_level();
+        if is_read {
+            let Vec2(column, row) = block.pixel_position;
+            missing.extend(i32::try_from(row).ok().zip(i32::try_from(column).ok()));
+        }
+        is_read
+    };
+    let chunks = reader.filter_chunks(false, select).map_err(failed)?;
     let mut stray = None;
-    for chunk in chunks.map_err(failed)? {
+    for chunk in chunks {
         let start = stated_start(&chunk.map_err(failed)?, header);
         if !start.is_some_and(|start| missing.remove(&start)) {
             stray = start;
