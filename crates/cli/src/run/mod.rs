@@ -12,6 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, ensure};
+use atsplat_eval::EvalError;
 use atsplat_eval::method::{Method, MethodSpec};
 use atsplat_eval::runner::{self, Plan, Step};
 use atsplat_eval::timing::TimingPlan;
@@ -28,6 +29,8 @@ use crate::warnings::{
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
+
+const RESUMES: &str = "the run stopped; its results so far are kept, and the same command resumes it";
 
 // The protocols come first.
 #[derive(Debug, clap::Args)]
@@ -127,11 +130,16 @@ fn evaluate(
         if out.failure().is_none() {
             out.finish()?;
         }
-        return Err(
-            anyhow!(error).context("the run stopped; its results so far are kept, and the same command resumes it")
-        );
+        return Err(anyhow!(error).context(RESUMES));
     }
-    let (results, summary) = outcome?;
+    let (results, summary) = match outcome {
+        // The method's process does not start again, or the disk is full.
+        Err(error @ EvalError::Io(_)) => {
+            out.finish()?;
+            return Err(anyhow!(error).context(RESUMES));
+        }
+        outcome => outcome?,
+    };
     let results = urls::name_urls(&folder, results)?;
     out.finish()?;
     let images = protocols.images_of_expected_size(&datasets, &results);

@@ -31,7 +31,8 @@ pub enum Step<'a> {
 /// times, from any thread. A timing pass and evaluations of other plans in this process wait for each other.
 ///
 /// # Errors
-/// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
+/// [`EvalError::Io`] if the store or files for a method cannot be written, or a method's process cannot be started again; results so far
+/// are kept. [`EvalError::Settings`] for a timing pass on a
 /// rayon thread while something else is evaluated.
 pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn(Step<'_>) + Sync)) -> Result<(Results, RunCounts), EvalError> {
     run_until(plan, store, step, &|| false)

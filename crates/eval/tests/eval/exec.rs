@@ -357,6 +357,27 @@ fn a_process_that_cannot_be_started_again_stops_the_run() {
     assert_eq!((summary.evaluated, counts(&results)), (2, (5, 1)));
 }
 
+/// After its second answer it crashes, and its next start fails, as while the memory of the process before is not free yet.
+#[test]
+fn a_process_that_does_not_start_once_is_started_once_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 5);
+    let body = r#"n=$((n + 1)); if [ $n = 3 ] && [ ! -e lost ]; then touch lost; exit 1; fi
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    script(here, "images", body);
+    let path = here.join("method.sh");
+    let refused = format!(
+        "if [ -e '{0}/lost' ] && [ ! -e '{0}/found' ]; then touch '{0}/found'; echo 'no GPU' >&2; exit 4; fi",
+        here.display()
+    );
+    fs::write(&path, format!("{refused}\n{}", fs::read_to_string(&path).unwrap())).unwrap();
+    let found = results_of(5, exec(&format!("sh '{}'", path.display())));
+    let failed = found.trials.iter().filter(|trial| trial.status == TrialStatus::Failed).count();
+    assert_eq!((found.trials.len(), failed), (5, 1), "the trial that killed it failed: {:?}", found.trials);
+    assert!(here.join("found").is_file());
+}
+
 /// Two lines at once, for the trial that is asked first.
 #[test]
 fn an_extra_line_is_blamed_on_the_answer_before_it() {

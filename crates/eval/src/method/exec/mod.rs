@@ -12,6 +12,7 @@ mod wire;
 use std::collections::BTreeMap;
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use atsplat_files::FileError;
@@ -28,12 +29,15 @@ use process::Process;
 use scratch::Scratch;
 use wire::{Answer, Hello, OutputKind, Request, VERSION, check_seconds};
 
+/// How long to wait before a process that did not start is started once more.
+const PAUSE: Duration = Duration::from_secs(1);
+
 /// A method that runs as a process: it is started once, given one trial after the other, and answers with images or with
 /// Gaussians (`docs/methods.md`).
 ///
 /// If a process crashes, hangs or writes anything but an answer, the trial that it was given fails; the process is
-/// killed, and another one is started for the next trial; if it does not start as the first one did, the run stops. All processes
-/// end when this value is dropped, and on Unix when this process ends.
+/// killed, and another one is started for the next trial; if it does not start as the first one did, not even at a second attempt,
+/// the run stops. All processes end when this value is dropped, and on Unix when this process ends.
 #[derive(Debug)]
 pub struct Exec {
     words: Vec<String>,
@@ -129,24 +133,47 @@ impl Exec {
     }
 
     /// A process in place of one that has ended, or in an empty slot. If there is none, that is no result of a trial: it stops the run.
+    /// One that does not start is started once more: the memory of the one before may be freed late.
     fn restarted(&self, number: usize) -> Result<Process, MethodError> {
-        let program = self.words.first().map_or("", String::as_str);
-        let not_started =
-            |error: io::Error| FileError::during::<MethodError>("starting a method's process", program)(error);
-        let rejected = |why: String| not_started(io::Error::other(why));
-        let names = self.files.keys().cloned();
-        let files = command::hashed(names).map_err(|error| rejected(error.to_string()))?;
-        if files != self.files {
-            let differences = differences(&self.files, &files);
-            return Err(rejected(format!("files of its command have changed since its first start: {differences}")));
-        }
-        let process = Process::start(&self.words, number).map_err(not_started)?;
-        let (process, hello) = described(process, self.limit).map_err(rejected)?;
+        self.require_same_files()?;
+        let (process, hello) = match self.started(number) {
+            Ok(started) => started,
+            Err(error) => {
+                tracing::warn!("{error}; it is started once more");
+                thread::sleep(PAUSE);
+                self.require_same_files()?;
+                self.started(number)?
+            }
+        };
         if hello == self.hello {
             return Ok(process);
         }
         let differences = differences(&self.hello, &hello);
-        Err(rejected(format!("it describes itself differently after a restart: {differences}")))
+        Err(self.rejected(format!("it describes itself differently after a restart: {differences}")))
+    }
+
+    fn started(&self, number: usize) -> Result<(Process, Hello), MethodError> {
+        let process = Process::start(&self.words, number).map_err(|error| self.not_started(error))?;
+        described(process, self.limit).map_err(|why| self.rejected(why))
+    }
+
+    /// An error if files that its command names have changed since its first start.
+    fn require_same_files(&self) -> Result<(), MethodError> {
+        let files = command::hashed(self.files.keys().cloned()).map_err(|error| self.rejected(error.to_string()))?;
+        if files == self.files {
+            return Ok(());
+        }
+        let differences = differences(&self.files, &files);
+        Err(self.rejected(format!("files of its command have changed since its first start: {differences}")))
+    }
+
+    fn rejected(&self, why: String) -> MethodError {
+        self.not_started(io::Error::other(why))
+    }
+
+    fn not_started(&self, error: io::Error) -> MethodError {
+        let program = self.words.first().map_or("", String::as_str);
+        FileError::during("starting a method's process", program)(error)
     }
 
     /// What the process makes of a trial.
