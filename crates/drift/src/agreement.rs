@@ -2,6 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_numeric::Tolerance;
+use atsplat_results::TrialKey;
 
 use super::data::images_of_targets;
 use super::history::{Name, means_of};
@@ -23,7 +24,34 @@ pub(super) fn require_agreement(baseline: &Baseline, path: &Path) -> Result<(), 
         let found = format!("none of {}, scene {}, frame {} with its hash", image.preset, image.scene, image.frame);
         return Err(DriftError::malformed(path, "images", "the image of each target", found));
     }
+    require_targets(baseline, path)?;
     require_means(baseline, path)
+}
+
+/// An error unless each trial has targets 0, 1 and so on, as many as the same trial of other methods. Those without a score are in no
+/// mean.
+fn require_targets(baseline: &Baseline, path: &Path) -> Result<(), DriftError> {
+    let mut targets: BTreeMap<&TrialKey, BTreeSet<u32>> = BTreeMap::new();
+    for trial in &baseline.trials {
+        targets.entry(&trial.key).or_default();
+    }
+    for row in &baseline.targets {
+        targets.entry(&row.key).or_default().insert(row.target);
+    }
+    let mut counts: BTreeMap<(&str, &str, u32), (&TrialKey, usize)> = BTreeMap::new();
+    for (key, targets) in targets {
+        if let Some((expected, found)) = (0u32..).zip(&targets).find(|(expected, found)| expected != *found) {
+            let expected = format!("target {expected} of {key}");
+            return Err(DriftError::malformed(path, "targets", expected, format!("target {found} instead")));
+        }
+        let found = targets.len();
+        let (first, count) = *counts.entry((&key.preset, &key.scene, key.entry)).or_insert((key, found));
+        if count != found {
+            let expected = format!("as many targets of {key} as of {}, {count}", first.method);
+            return Err(DriftError::malformed(path, "targets", expected, found));
+        }
+    }
+    Ok(())
 }
 
 /// An error unless the numbers of the last acceptance are those of the targets.

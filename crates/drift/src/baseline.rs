@@ -234,7 +234,8 @@ impl Baseline {
     ///
     /// # Errors
     /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON, for another format, for two
-    /// rows of one trial or target, and for targets without their trial or image, or of another mean than the numbers.
+    /// rows of one trial or target, for trials without one of their targets, and for targets without their trial or image, or of another
+    /// mean than the numbers.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = atsplat_files::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: BaselineFile =
