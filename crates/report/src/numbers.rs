@@ -17,6 +17,15 @@ pub(crate) fn three_digits(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
+/// A count with at most three digits, in thousands or millions: `950`, `23K`, `5.9M`.
+pub(crate) fn count_label(value: f64) -> String {
+    match value {
+        value if value >= 999_500.0 => format!("{}M", three_digits(value / 1e6)),
+        value if value >= 999.5 => format!("{}K", three_digits(value / 1e3)),
+        value => three_digits(value),
+    }
+}
+
 /// `decimals`, or as many as show that an interval does not contain 0, if both ends are on one side of it and one would print as 0.
 pub(crate) fn decimals_of(interval: Option<[f64; 2]>, decimals: usize) -> usize {
     const MOST_MORE: usize = 6;
@@ -44,6 +53,12 @@ mod tests {
     fn three_digits_have_no_trailing_zeros() {
         let texts = [5.1249, 24.772, 120.96, 5898.2, 2.0, 80.04].map(three_digits);
         assert_eq!(texts, ["5.12", "24.8", "121", "5898", "2", "80"]);
+    }
+
+    #[test]
+    fn counts_have_at_most_three_digits() {
+        let counts = [950.0, 999.7, 23_040.0, 131_072.0, 999_700.0, 5_898_240.0];
+        assert_eq!(counts.map(count_label), ["950", "1K", "23K", "131K", "1M", "5.9M"]);
     }
 
     #[test]

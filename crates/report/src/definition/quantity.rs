@@ -3,7 +3,7 @@ use std::str::FromStr;
 use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::numbers::{decimals_of, fixed, signed, three_digits};
+use crate::numbers::{count_label, decimals_of, fixed, signed};
 
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,11 +95,11 @@ impl Quantity {
         }
     }
 
-    /// Formats a measured number: decibels with two decimals, other scores and seconds with three, Gaussians in thousands of at
-    /// most three digits unless `exact` (23 040 → `23K`, 24 772 → `24.8K`), tokens without decimals.
+    /// Formats a measured number: decibels with two decimals, other scores and seconds with three, Gaussians in thousands
+    /// or millions of at most three digits unless `exact` (23 040 → `23K`, 24 772 → `24.8K`), tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
-            _ if self.is_in_thousands(value, exact) => format!("{}K", three_digits(value / 1000.0)),
+            _ if self.is_in_thousands(value, exact) => count_label(value),
             Self::Metric(metric) => fixed(value, metric.scale.decimals()),
             Self::Seconds => fixed(value, 3),
             Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
@@ -205,7 +205,7 @@ mod tests {
             (5120.0, "5.12K"),
             (8999.0, "9K"),
             (120_960.0, "121K"),
-            (5_898_240.0, "5898K"),
+            (5_898_240.0, "5.9M"),
             (999.0, "999"),
             (999.7, "1K"),
         ] {

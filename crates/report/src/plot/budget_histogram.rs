@@ -1,9 +1,10 @@
 use atsplat_numeric::Extremes as _;
 
 use super::drawing::axes::{Axes, AxisText};
-use super::drawing::scale::{Scale, bounds, count_label};
+use super::drawing::scale::{Scale, bounds};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
 use super::drawing::theme::{INK, MUTED, colour};
+use crate::numbers::count_label;
 
 /// The distribution of Gaussians per scene under uncertainty thresholds: one row per setting.
 #[derive(Clone, Debug)]

@@ -2,10 +2,11 @@ use atsplat_results::tradeoff::Standing;
 
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::labels::Labels;
-use super::drawing::scale::{Scale, count_label, seconds_label, single_label, time_unit};
+use super::drawing::scale::{Scale, seconds_label, single_label, time_unit};
 use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::drawing::theme::{COLOURS, GREY, MUTED};
+use crate::numbers::count_label;
 
 /// Quality against cost: every method as a point, the Pareto frontier as a step line.
 #[derive(Clone, Debug)]

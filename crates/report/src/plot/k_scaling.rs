@@ -1,9 +1,10 @@
 use super::drawing::axes::{Axes, AxisText};
 use super::drawing::labels::Labels;
-use super::drawing::scale::{Scale, count_label};
+use super::drawing::scale::Scale;
 use super::drawing::series::{Estimate, Origin, QualityMetric, bars, mark, note, number_axis, sentences, whisker};
 use super::drawing::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::drawing::theme::{COLOURS, GREY};
+use crate::numbers::count_label;
 
 /// Quality against the number of Gaussians per token.
 #[derive(Clone, Debug)]

@@ -1,10 +1,11 @@
 use atsplat_numeric::mean;
 
 use super::drawing::axes::{Axes, AxisText};
-use super::drawing::scale::{Scale, bounds, count_label, single_label};
+use super::drawing::scale::{Scale, bounds, single_label};
 use super::drawing::series::number_axis;
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
 use super::drawing::theme::{GREY, colour};
+use crate::numbers::count_label;
 
 /// Maximum number of points of a curve, each a mean over consecutive steps.
 const POINTS: usize = 200;

@@ -165,15 +165,6 @@ pub(in crate::plot) fn label(value: f64, ticks: &[f64]) -> String {
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// A count in thousands or millions: `23K`, `5.9M`.
-pub(in crate::plot) fn count_label(value: f64) -> String {
-    match value {
-        value if value >= 999_950.0 => format!("{}M", three_digits(value / 1e6)),
-        value if value >= 1000.0 => format!("{}K", three_digits(value / 1e3)),
-        value => three_digits(value),
-    }
-}
-
 /// The unit in which all ticks of a time axis are written: its name, and its length in seconds.
 pub(in crate::plot) fn time_unit(secs: impl IntoIterator<Item = f64>) -> (&'static str, f64) {
     let longest = bounds(secs).map_or(1.0, |(_, high)| high);
@@ -244,7 +235,6 @@ mod tests {
     fn labels_have_as_many_digits_as_needed() {
         assert_eq!(label(0.25, &[0.0, 0.25, 0.5]), "0.25");
         assert_eq!(label(28.0, &[26.0, 28.0]), "28");
-        assert_eq!([950.0, 23_040.0, 131_072.0, 5_898_240.0].map(count_label), ["950", "23K", "131K", "5.9M"]);
         assert_eq!([0.022, 1.5, 600.0, 2e-5].map(seconds_label), ["22 ms", "1.5 s", "10 min", "20 µs"]);
     }
 

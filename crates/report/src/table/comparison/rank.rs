@@ -52,7 +52,7 @@ pub(in crate::table) fn rank(table: &mut Table, marks: Marks, one_ranking: bool)
 /// Positions of the measured rows whose values of a column may be ranked. The mean of several trainings compares if these do.
 pub(super) fn rankable_rows(table: &Table, index: CellIndex) -> Vec<usize> {
     let measured = printed(table, index, &|row| row.origin == Origin::Measured);
-    measured.into_iter().map(|(at, _)| at).filter(|at| !table.rows[*at].is_over_trainings()).collect()
+    measured.into_iter().map(|value| value.at).filter(|at| !table.rows[*at].is_over_trainings()).collect()
 }
 
 /// Why the measured values of a column do not compare; `None` if they do.
@@ -186,12 +186,37 @@ fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
     weights.all(|sha256| network.is_published(sha256))
 }
 
-/// The printed values of a column that may be ranked, with the positions of their rows.
-fn printed(table: &Table, index: CellIndex, included: &dyn Fn(&Row) -> bool) -> Vec<(usize, f64)> {
+/// A value that may be ranked.
+#[derive(Clone, Copy)]
+struct Printed {
+    /// The position of its row.
+    at: usize,
+    /// As printed.
+    value: f64,
+    /// With the digits that papers print: of counts, whole thousands.
+    as_papers: f64,
+    is_published: bool,
+}
+
+impl Printed {
+    /// The better value first. Only a measured and a published one have the papers' digits in common.
+    fn compared(&self, other: &Self, direction: Direction) -> Ordering {
+        if self.is_published == other.is_published {
+            in_direction(direction, self.value, other.value)
+        } else {
+            in_direction(direction, self.as_papers, other.as_papers)
+        }
+    }
+
+    fn is_beaten(&self, among: &[Self], direction: Direction) -> bool {
+        among.iter().any(|other| other.compared(self, direction).is_lt())
+    }
+}
+
+/// The printed values of a column that may be ranked.
+fn printed(table: &Table, index: CellIndex, included: &dyn Fn(&Row) -> bool) -> Vec<Printed> {
     let rows = table.rows.iter().enumerate().filter(|(_, row)| included(row) && is_ranked(row));
-    let rows: Vec<(usize, &Row)> = rows.collect();
-    let as_papers = rows.iter().any(|(_, row)| row.cell(index).published);
-    rows.into_iter().filter_map(|(at, row)| Some((at, printed_value(table, row, index, as_papers)?))).collect()
+    rows.filter_map(|(at, row)| printed_value(table, at, row, index)).collect()
 }
 
 fn rank_column(
@@ -201,19 +226,12 @@ fn rank_column(
     marks: Marks,
     included: &dyn Fn(&Row) -> bool,
 ) {
-    let mut printed = printed(table, index, included);
+    let printed = printed(table, index, included);
     // A single value is not ranked.
     if printed.len() < 2 || marks == Marks::None {
         return;
     }
-    printed.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
-    let mut distinct: Vec<f64> = printed.iter().map(|(_, value)| *value).collect();
-    distinct.dedup_by(|a, b| a.total_cmp(b) == Ordering::Equal);
-    let holders = |rank: usize| -> Vec<usize> {
-        let Some(at_rank) = distinct.get(rank) else { return Vec::new() };
-        printed.iter().filter(|(_, value)| value.total_cmp(at_rank) == Ordering::Equal).map(|(at, _)| *at).collect()
-    };
-    let (best, second) = (holders(0), holders(1));
+    let (best, second) = best_and_second(&printed, direction);
     if best.len() == printed.len() {
         return;
     }
@@ -226,22 +244,48 @@ fn rank_column(
     }
 }
 
-/// The number as printed, or with the digits that papers print: counts truncated to thousands are compared as such.
-fn printed_value(table: &Table, row: &Row, index: CellIndex, as_papers: bool) -> Option<f64> {
+/// The rows whose values no other is better than, and those of the rest.
+fn best_and_second(printed: &[Printed], direction: Direction) -> (Vec<usize>, Vec<usize>) {
+    let (rest, best): (Vec<Printed>, Vec<Printed>) =
+        printed.iter().copied().partition(|value| value.is_beaten(printed, direction));
+    let second = rest.iter().filter(|value| !value.is_beaten(&rest, direction));
+    (best.iter().map(|value| value.at).collect(), second.map(|value| value.at).collect())
+}
+
+fn printed_value(table: &Table, at: usize, row: &Row, index: CellIndex) -> Option<Printed> {
     let cell = row.cell(index);
     let value = cell.value.number().filter(|_| cell.is_rankable())?;
     let column = table.column(index);
-    let text = if as_papers { column.format_as_papers(value) } else { column.format(value) };
-    match text.strip_suffix('K') {
-        Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
-        None => text.parse().ok(),
-    }
+    let as_papers = number(&column.format_as_papers(value))?;
+    let value = if cell.published { as_papers } else { number(&column.format(value))? };
+    Some(Printed { at, value, as_papers, is_published: cell.published })
+}
+
+/// A printed number, which may be in thousands or millions.
+fn number(text: &str) -> Option<f64> {
+    let units = [('K', 1e3), ('M', 1e6)];
+    let in_unit = units.iter().find_map(|(unit, scale)| Some((text.strip_suffix(*unit)?, *scale)));
+    let (digits, scale) = in_unit.unwrap_or((text, 1.0));
+    digits.parse::<f64>().ok().map(|value| value * scale)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::definition::TableDefinition;
+
+    /// Of a column with 24 100 and 24 900 measured, and 24K in a paper, which may be either.
+    #[test]
+    fn only_a_measured_and_a_published_count_compare_in_the_digits_of_papers() {
+        let measured = |at, value: f64| Printed { at, value, as_papers: 24e3, is_published: false };
+        let paper = |at, value: f64| Printed { at, value, as_papers: value, is_published: true };
+        let few = [measured(0, 24.9e3), measured(1, 24.1e3), paper(2, 24e3)];
+        assert_eq!(best_and_second(&few, Direction::Lower), (vec![1, 2], vec![0]));
+        let more = [measured(0, 24.9e3), paper(1, 23e3), measured(2, 24.1e3), paper(3, 25e3)];
+        assert_eq!(best_and_second(&more, Direction::Lower), (vec![1], vec![2]));
+        assert_eq!(best_and_second(&more, Direction::Higher), (vec![3], vec![0]));
+        assert_eq!(["24K", "5.9M", "512", "n/c"].map(number), [Some(24e3), Some(5.9e6), Some(512.0), None]);
+    }
 
     #[test]
     fn weights_of_another_hash_are_not_the_published_ones() {
