@@ -123,7 +123,7 @@ pub fn read(
     warnings: &mut Warnings,
 ) -> Result<Vec<FileCamera>, CameraFileError> {
     let malformed = |problem| CameraFileError::Malformed { path: path.to_owned(), problem };
-    let json = if path.is_file() { parse_if_json(path)? } else { None };
+    let json = if path.exists() && !path.is_dir() { parse_if_json(path)? } else { None };
     let is_dataset = match &json {
         None => true,
         // Files of OpenMVG also have a field `views`.
@@ -168,7 +168,7 @@ pub fn read(
 
 /// Parses the file if it looks like JSON.
 fn parse_if_json(path: &Path) -> Result<Option<Value>, CameraFileError> {
-    let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
+    let bytes = atsplat_files::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
     let text = without_byte_order_mark(&bytes);
     if !matches!(text.trim_ascii_start().first(), Some(b'[' | b'{')) {
         return Ok(None);
@@ -363,6 +363,22 @@ mod tests {
         std::fs::write(&path, [row(0, "1"), row(7, "-1"), row(9, "1")].concat()).unwrap();
         let error = read(&path, None, LensOfPoses::default(), &mut Warnings::new()).unwrap_err().to_string();
         assert!(error.contains("frame 1 of scene \"clip\" has no usable pose: line 2: rotation: "), "{error}");
+    }
+
+    /// Reading it would wait for whoever writes to it.
+    #[cfg(unix)]
+    #[test]
+    fn a_pipe_is_not_a_camera_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let [pipe, link] = ["cameras", "cameras.json"].map(|name| folder.path().join(name));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        std::os::unix::fs::symlink(&pipe, &link).unwrap();
+        for path in [&pipe, &link] {
+            let refused = read(path, None, LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
+            assert!(matches!(refused, CameraFileError::Io(_)), "{refused}");
+            let expected = format!("found a pipe, a socket or a device ({})", path.display());
+            assert!(refused.to_string().ends_with(&expected), "{refused}");
+        }
     }
 
     #[test]
