@@ -25,7 +25,7 @@ impl Provenance {
         self.check_metrics(&other.metrics, ADVICE)?;
         self.check_limit(&other, ADVICE)?;
         self.note_places(&other);
-        other.commands().for_each(|command| self.add_command(command));
+        self.add_commands(&other);
         // They may have been added to the shards in another order.
         same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
         let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
@@ -68,7 +68,7 @@ impl Provenance {
     /// Resumes a run with the same settings; presets, methods, metrics, scenes, stated costs and titles of imported files may be new,
     /// and the data may have scenes of the index that they lacked.
     /// Data, indices and folders may be in other places, which [`Self::take_places`] takes over once the run has found the same
-    /// contents there.
+    /// contents there. Its command is not recorded yet: it may make nothing.
     ///
     /// # Errors
     /// [`ResultsError::Differences`] naming what differs.
@@ -78,7 +78,6 @@ impl Provenance {
         self.add_metrics(&other.metrics)?;
         let is_part = self.limit.is_some() || self.shard.is_some();
         self.extend_limit(&other)?;
-        other.commands().for_each(|command| self.add_command(command));
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         let part = |run: &Self| run.part().unwrap_or_else(|| "the whole run".to_owned());
         same("shards", None, &part(self), &part(&other), ADVICE)?;
@@ -216,14 +215,14 @@ mod tests {
     fn every_command_is_recorded_once() {
         let of = |command: &str| {
             let command = command.split(' ').map(str::to_owned).collect();
-            Provenance { schema_version: crate::store::SCHEMA_VERSION, command, ..Provenance::default() }
+            Provenance { command, ..Provenance::default() }
         };
         let all = |run: &Provenance| run.commands().map(|command| command.join(" ")).collect::<Vec<_>>();
         let mut known = of("atsplat run --limit 2");
         for next in ["atsplat run", "atsplat run --limit 2", "atsplat run"] {
-            known.resume_with(of(next)).unwrap();
+            known.add_commands(&of(next));
         }
-        known.resume_with(Provenance { command: Vec::new(), ..of("") }).unwrap();
+        known.add_commands(&Provenance { command: Vec::new(), ..of("") });
         assert_eq!(all(&known), ["atsplat run --limit 2", "atsplat run"]);
         let mut merged = of("atsplat run --shard 1/2");
         merged.merge_shard(known, false).unwrap();

@@ -187,6 +187,11 @@ impl Provenance {
         }
     }
 
+    /// Records the command lines of another run.
+    pub(crate) fn add_commands(&mut self, other: &Self) {
+        other.commands().for_each(|command| self.add_command(command));
+    }
+
     /// The graphics adapters of the methods, each once.
     pub fn adapters(methods: &[MethodRecord]) -> Option<String> {
         let of = |method: &'_ MethodRecord| [method.network_adapter.clone(), method.renderer_adapter.clone()];

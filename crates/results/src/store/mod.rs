@@ -35,6 +35,7 @@ mod trials;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
@@ -61,6 +62,8 @@ pub struct Store {
     provenance: Provenance,
     /// That of the run that resumed it, until [`Store::finish`] takes over its places.
     run: Option<Provenance>,
+    /// Whether the stored provenance has the command of that run: one that makes nothing leaves none.
+    has_command: Mutex<bool>,
     known: KnownResults,
     /// Methods with at least one scored target.
     scored_methods: BTreeSet<String>,
@@ -86,7 +89,8 @@ impl Store {
         fs::create_dir_all(&parts).map_err(ResultsError::io("creating a results store", &parts))?;
         let provenance = of_this_schema(provenance);
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
-        let store = Self { folder: folder.to_owned(), provenance, run: None, known, scored_methods, digests, lock };
+        let (folder, has_command) = (folder.to_owned(), Mutex::new(false));
+        let store = Self { folder, provenance, run: None, has_command, known, scored_methods, digests, lock };
         store.write_provenance()?;
         Ok(store)
     }
@@ -114,7 +118,8 @@ impl Store {
         let metrics = metrics.unwrap_or(&provenance.metrics);
         let known = KnownResults::of(rows.into_values(), &provenance.methods, metrics);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
-        Ok(Self { folder: folder.to_owned(), provenance, run: None, known, scored_methods, digests, lock })
+        let (folder, has_command) = (folder.to_owned(), Mutex::new(false));
+        Ok(Self { folder, provenance, run: None, has_command, known, scored_methods, digests, lock })
     }
 
     /// Resumes the store in a folder, or creates one if there is none. Presets, methods and metrics that it lacks are added, and
@@ -275,7 +280,21 @@ impl Store {
     pub fn append(&self, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), ResultsError> {
         trial.check()?;
         targets.iter().try_for_each(TargetRow::check)?;
+        self.record_command()?;
         parts::write(&self.folder, trial, targets)
+    }
+
+    /// Records the command of the run that resumed the store, before its first result.
+    fn record_command(&self) -> Result<(), ResultsError> {
+        let Some(run) = &self.run else { return Ok(()) };
+        let mut has_command = self.has_command.lock().unwrap_or_else(PoisonError::into_inner);
+        if !*has_command {
+            let mut provenance = self.provenance.clone();
+            provenance.add_commands(run);
+            write_provenance(&self.folder, &provenance)?;
+            *has_command = true;
+        }
+        Ok(())
     }
 
     /// Moves all trials into the two tables, unless they were made from different data, and records where the run read its data and
@@ -292,6 +311,7 @@ impl Store {
         data::check_consistent(&results)?;
         if let Some(run) = self.run.take() {
             self.provenance.take_places(&run);
+            self.provenance.add_commands(&run);
         }
         self.write_provenance()?;
         results.provenance = read::provenance(&self.folder)?;

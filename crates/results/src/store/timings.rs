@@ -38,7 +38,10 @@ impl Store {
         let mut all = self.timings()?;
         all.retain(|row| !replaced.contains(&subject(row)));
         all.extend(rows);
-        write(&self.folder, &merged(all)?)
+        let all = merged(all)?;
+        all.iter().try_for_each(TimingRow::check)?;
+        self.record_command()?;
+        write(&self.folder, &all)
     }
 
     /// Removes the times of one result, on every machine. Not to be called by two threads at once.

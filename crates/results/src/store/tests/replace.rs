@@ -148,6 +148,33 @@ fn places_of_a_run_without_a_score_are_forgotten() {
     assert_eq!(resumed(true, "right", "renders"), (first, new, true), "until the run has ended, which compares them");
 }
 
+/// Neither is one recorded that was refused, nor does one get lost that was killed.
+#[test]
+fn commands_are_recorded_with_what_they_make() {
+    let of = |command: &str| Provenance { command: vec![command.to_owned()], ..run_of(1) };
+    let folder = tempfile::tempdir().unwrap();
+    let resumed = |command: &str| Store::resume(folder.path(), of(command)).unwrap();
+    let add = |store: &Store, method: &str, scene: &str| {
+        let (trial, targets) = scored(method, scene);
+        store.append(&trial, &targets).unwrap();
+    };
+    let commands = || {
+        let provenance = Results::read(folder.path()).unwrap().provenance;
+        provenance.commands().map(|command| command.join(" ")).collect::<Vec<_>>()
+    };
+    add(&Store::create(folder.path(), of("first")).unwrap(), "m", "a");
+    drop(resumed("refused"));
+    assert_eq!(commands(), ["first"]);
+    let killed = resumed("killed");
+    ["m", "n"].into_iter().for_each(|method| add(&killed, method, "b"));
+    drop(killed);
+    assert_eq!(commands(), ["first", "killed"]);
+    resumed("timed").add_timings(vec![timing("a", 1)]).unwrap();
+    assert_eq!(commands(), ["first", "killed", "timed"]);
+    resumed("whole").finish().unwrap();
+    assert_eq!(commands(), ["first", "killed", "timed", "whole"]);
+}
+
 /// A copy of the data has another scene; the run that was given it stopped before its first result.
 #[test]
 fn scenes_without_a_result_do_not_stay_in_the_record() {
