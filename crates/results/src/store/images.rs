@@ -188,18 +188,22 @@ fn files(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
     Ok(paths)
 }
 
-/// Gives a store the images of another one that it lacks: as links to the same files, which are replaced and never changed, or as
-/// copies on another disk.
+/// Gives a store the images of another one that it lacks, or has cut: as links to the same files, which are replaced and never changed,
+/// or as copies on another disk.
 pub(super) fn add_those_of(part: &Path, store: &Path) -> Result<(), ResultsError> {
     for path in files(part)?.into_iter().filter(|path| is_named(path)) {
         let Ok(name) = path.strip_prefix(part) else { continue };
         let target = store.join(name);
-        if target.exists() {
+        if start_of_whole(&target).map_err(ResultsError::io("reading an image", &target))?.is_some() {
             continue;
         }
+        // A copy would be written into the file of the part that it is a link to.
+        disk::remove(&target)?;
+        // A link to a symbolic link would be one too, whose path may be relative to the part.
+        let file = path.canonicalize().map_err(ResultsError::io("reading an image of a part", &path))?;
         let folder = target.parent().unwrap_or(store);
         fs::create_dir_all(folder).map_err(ResultsError::io("creating a folder for images", folder))?;
-        let added = fs::hard_link(&path, &target).or_else(|_| fs::copy(&path, &target).map(drop));
+        let added = fs::hard_link(&file, &target).or_else(|_| fs::copy(&file, &target).map(drop));
         added.map_err(ResultsError::io("copying an image of a part", &path))?;
     }
     Ok(())

@@ -304,3 +304,31 @@ fn rejects_conflicting_times_of_one_pass() {
     let error = Results::merge(vec![first, second]).unwrap_err().to_string();
     assert!(error.contains("the times of one pass on processor 1"), "{error}");
 }
+
+/// The first part has an image as a link relative to its place, and another that a power failure has cut.
+#[cfg(unix)]
+#[test]
+fn a_merged_store_has_whole_images_and_no_symbolic_links() {
+    use crate::store::images::{hash_of_bytes, image_path, is_stored, write_image};
+    use atsplat_pixels::ImageU8;
+
+    let root = tempfile::tempdir().unwrap();
+    let [first, second, merged] = ["first", "second", "merged"].map(|name| root.path().join(name));
+    let image = |sample| ImageU8::new(1, 1, vec![sample; 3]).unwrap();
+    let [x, y] = ["x", "y"].map(|scene| sample_rows::key("m", scene, 0));
+    write_image(&first, &x, 4, &image(20)).unwrap();
+    let linked = image_path(&first, &x, 4);
+    fs::rename(&linked, linked.with_file_name("file")).unwrap();
+    std::os::unix::fs::symlink("file", &linked).unwrap();
+    for part in [&first, &second] {
+        write_image(part, &y, 4, &image(30)).unwrap();
+    }
+    let cut = fs::read(image_path(&first, &y, 4)).unwrap()[..40].to_vec();
+    fs::write(image_path(&first, &y, 4), &cut).unwrap();
+    Results::default().write_merged(&merged, &[first.clone(), second]).unwrap();
+    for (key, sample) in [(&x, 20), (&y, 30)] {
+        assert!(is_stored(&merged, key, 4, Some(&hash_of_bytes(&image(sample)))).unwrap(), "{key}");
+    }
+    assert!(!image_path(&merged, &x, 4).is_symlink());
+    assert_eq!(fs::read(image_path(&first, &y, 4)).unwrap(), cut, "the part keeps its file");
+}
