@@ -122,7 +122,8 @@ pub(crate) const TITLE: &str = "Measured results next to the paper's";
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct PageArgs {
     /// Size of the page in megabytes; what tables, plots and the list of trials leave of it is filled with images of trials, the
-    /// worst, typical and best first. If they alone take more, a warning says so, and images take an eighth of this size.
+    /// worst, typical and best first. If they leave hardly any room, images take an eighth of this size, and a warning says that the page
+    /// is larger.
     #[arg(long = "page-size", value_name = "MB", default_value_t = PAGE_MEGABYTES)]
     megabytes: u16,
 }
@@ -132,13 +133,14 @@ impl PageArgs {
         usize::from(self.megabytes) * 1_000_000
     }
 
-    /// Warns of a page that is larger than requested: without images, it would be too.
+    /// Warns of a page that is larger than requested: it has hardly any room for images.
     pub(crate) fn warn_of_size(self, report: &Report) {
         let found = report.page_bytes();
         if found > self.max_bytes() {
             let (found, allowed) = (found as f64 / 1e6, self.megabytes);
             warn(&format!(
-                "the page has {found:.1} MB, more than --page-size {allowed}: tables, plots and the list of trials alone take more"
+                "the page has {found:.1} MB, more than --page-size {allowed}: tables, plots and the list of trials leave \
+                 hardly any room for images, or none"
             ));
         }
     }

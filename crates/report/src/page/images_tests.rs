@@ -68,7 +68,7 @@ fn a_page_that_is_a_little_too_large_is_written_only_once_more() {
 
 /// Tables and plots of a thousand bytes, and images of a hundred.
 #[test]
-fn a_page_that_is_too_large_without_images_has_a_few_of_them() {
+fn a_page_with_little_room_for_images_has_a_few_of_them() {
     let sizes = |limit| {
         let mut budgets = Vec::new();
         let page = fitted(limit, |budget| {
@@ -79,7 +79,8 @@ fn a_page_that_is_too_large_without_images_has_a_few_of_them() {
         (page.unwrap().len(), budgets)
     };
     assert_eq!(sizes(960), (1100, vec![960, 120]), "one of a hundred, although none fits");
-    assert_eq!(sizes(1000), (1000, vec![1000, 0]), "none, because the page would fit without it");
+    assert_eq!(sizes(1000), (1100, vec![1000, 125]), "one, although the page would fit without it");
+    assert_eq!(sizes(1120), (1100, vec![1120, 120]), "one fits, in less than an eighth");
     assert_eq!(sizes(700), (1000, vec![700, 87]), "an eighth has no room for one");
 }
 

@@ -49,8 +49,8 @@ pub struct Page<'a> {
     pub live: &'a [LiveTrial],
     /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// Limit on the bytes of the page: images of trials are added until it is reached. If the page is larger even without images,
-    /// they take an eighth of the limit.
+    /// Limit on the bytes of the page: images of trials are added until it is reached. If that leaves hardly any room to them, they
+    /// take an eighth of the limit.
     pub max_bytes: usize,
 }
 
@@ -196,20 +196,21 @@ impl Page<'_> {
     }
 }
 
-/// A page of at most `limit` bytes, or one that is larger even without images and has few of them, those of the worst, best and typical
-/// trials: `write` gets a budget for images, and returns the page and the bytes that its images take.
+/// A page of at most `limit` bytes, or a larger one if it leaves hardly any room for images: then those of the worst, best and typical
+/// trials take at most an eighth of the limit. `write` gets a budget for images, and returns the page and the bytes that its images take.
 fn fitted<E>(limit: usize, mut write: impl FnMut(usize) -> Result<(String, usize), E>) -> Result<String, E> {
     let reserve = limit / 8;
     let mut budget = limit;
     loop {
         let (page, images) = write(budget)?;
-        let excess = page.len().saturating_sub(limit);
-        let is_too_large_without = excess > images;
-        if excess == 0 || images == 0 || (is_too_large_without && images <= reserve) {
+        let without = page.len().saturating_sub(images);
+        // Less than the images took: with less than the budget alone, the same images might fit again.
+        let room = limit.saturating_sub(without);
+        let has_room = room >= images.min(reserve) / 4;
+        if page.len() <= limit || images == 0 || (!has_room && images <= reserve) {
             return Ok(page);
         }
-        // Less than the images took: with less than the budget alone, the same images might fit again.
-        budget = if is_too_large_without { reserve } else { images - excess };
+        budget = if has_room { room } else { reserve };
     }
 }
 
