@@ -128,7 +128,7 @@ impl KnownResults {
 
     /// How many entries of a preset have a result of any method, or a reason why there is none.
     pub(super) fn entries_of(&self, preset: &str, skipped: &[SkippedEntry]) -> u64 {
-        let of_preset = self.0.iter().filter(|((name, ..), methods)| name == preset && !methods.is_empty());
+        let of_preset = self.inputs.iter().filter(|((name, ..), methods)| name == preset && !methods.is_empty());
         let mut entries: BTreeSet<(&str, u32)> =
             of_preset.map(|((_, scene, entry), _)| (scene.as_str(), *entry)).collect();
         let skipped = skipped.iter().filter(|skipped| skipped.preset == preset);

@@ -166,7 +166,9 @@ fn commands_are_recorded_with_what_they_make() {
     drop(resumed("refused"));
     assert_eq!(commands(), ["first"]);
     let killed = resumed("killed");
-    ["m", "n"].into_iter().for_each(|method| add(&killed, method, "b"));
+    for method in ["m", "n"] {
+        add(&killed, method, "b");
+    }
     drop(killed);
     assert_eq!(commands(), ["first", "killed"]);
     resumed("timed").add_timings(vec![timing("a", 1)]).unwrap();
