@@ -191,7 +191,8 @@ fn settings_keep_the_training_of_their_weights() {
     for (method, (training, trained)) in parts[0].methods.iter().zip(expected.iter().cycle()) {
         assert_eq!(method.record().training, *training);
         let notes = predicted(method.as_ref(), &datasets[0], |prediction| prediction.cost().notes);
-        assert_eq!(notes[0], format!("trained with the pose normalisation {trained}, evaluated with {poses}"));
+        let said = format!("trained with the pose normalisation {trained}, evaluated with {poses}");
+        assert!(notes.contains(&said), "{notes:?}");
         let background = "trained on the background [0.5, 0.0, 1.0], evaluated on [";
         assert_eq!(notes.iter().any(|note| note.starts_with(background)), *trained == "second", "{notes:?}");
     }

@@ -311,7 +311,9 @@ impl Store {
         data::check_consistent(&results)?;
         if let Some(run) = self.run.take() {
             self.provenance.take_places(&run);
-            self.provenance.add_commands(&run);
+            if *self.has_command.get_mut().unwrap_or_else(PoisonError::into_inner) {
+                self.provenance.add_commands(&run);
+            }
         }
         self.write_provenance()?;
         results.provenance = read::provenance(&self.folder)?;

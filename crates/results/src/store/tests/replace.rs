@@ -173,7 +173,11 @@ fn commands_are_recorded_with_what_they_make() {
     assert_eq!(commands(), ["first", "killed"]);
     resumed("timed").add_timings(vec![timing("a", 1)]).unwrap();
     assert_eq!(commands(), ["first", "killed", "timed"]);
-    resumed("whole").finish().unwrap();
+    resumed("of results that are there").finish().unwrap();
+    assert_eq!(commands(), ["first", "killed", "timed"]);
+    let whole = resumed("whole");
+    add(&whole, "n", "a");
+    whole.finish().unwrap();
     assert_eq!(commands(), ["first", "killed", "timed", "whole"]);
 }
 
