@@ -37,6 +37,7 @@ pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "images.rs",
     "job.rs",
     "kernels.rs",
+    "layout.rs",
     "lists.rs",
     "mod.rs",
     "options.rs",
