@@ -74,15 +74,8 @@ impl SceneFile {
         let (parsed, sha256) =
             rayon::join(|| files::parse_cleaned(&contents, path, policy), || Sha256Digest::of(&contents));
         let (gaussians, import) = parsed?;
-        let (mut gaussians, mut notes) = files::interpret(gaussians, &import, opacities_as_stored, path)?;
-        let found = gaussians.validate();
-        let mut found = if found.is_clean() {
-            found
-        } else {
-            let (remaining, found) = gaussians.into_cleaned(policy);
-            gaussians = remaining;
-            found
-        };
+        let (gaussians, mut notes) = files::interpret(gaussians, &import, opacities_as_stored, path)?;
+        let (gaussians, mut found) = gaussians.into_cleaned(policy);
         // Both lists of problems have the rows of the file.
         for finding in &mut found.findings {
             finding.first = import.validation.position_before(finding.first);
