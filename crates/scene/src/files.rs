@@ -16,8 +16,7 @@ const FIRST_UNREAD: usize = 4;
 
 /// Reads a regular file; a pipe or device could block or never end.
 pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
-    require_regular(action, path)?;
-    let bytes = fs::read(path).map_err(SceneError::io(action, path))?;
+    let bytes = atsplat_files::read(path).map_err(SceneError::io(action, path))?;
     require_fetched(action, path, &bytes)?;
     Ok(bytes)
 }
@@ -32,16 +31,12 @@ fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<()
 
 /// The first bytes of a regular file, at most `length`.
 pub(crate) fn read_start(action: &'static str, path: &Path, length: u64) -> Result<Vec<u8>, SceneError> {
-    require_regular(action, path)?;
+    atsplat_files::require_regular(path).map_err(SceneError::io(action, path))?;
     let mut start = Vec::new();
     let file = fs::File::open(path).map_err(SceneError::io(action, path))?;
     file.take(length).read_to_end(&mut start).map_err(SceneError::io(action, path))?;
     require_fetched(action, path, &start)?;
     Ok(start)
-}
-
-fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> {
-    atsplat_files::require_regular(path).map_err(SceneError::io(action, path))
 }
 
 /// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped, because keys and
