@@ -8,6 +8,7 @@ use atsplat_files::{FileError, without_byte_order_mark};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::checks::cameras::count_and_first;
 use crate::checks::intrinsics_unit::wrong_unit;
 use crate::files::last_name;
 use crate::scene::can_be_micros;
@@ -196,11 +197,8 @@ fn cameras_from_3dgs(list: &Value) -> Result<Vec<FileCamera>, String> {
 
 /// Counts the cameras whose intrinsics are in another unit, as for those of datasets.
 fn report_implausible(path: &Path, cameras: &[FileCamera], warnings: &mut Warnings) {
-    let problem = |(at, camera): (usize, &FileCamera)| Some((at, wrong_unit(&camera.camera.intrinsics, camera.size)?));
-    let mut offenders = cameras.iter().enumerate().filter_map(problem);
-    if let Some((first, detail)) = offenders.next() {
-        let count = offenders.count() + 1;
-        let detail = format!("{count} of {} cameras, first {first}: {detail}", cameras.len());
+    let problem = |camera: &FileCamera| wrong_unit(&camera.camera.intrinsics, camera.size);
+    if let Some(detail) = count_and_first(cameras, "cameras", problem) {
         warnings.push(WarningKind::ImplausibleIntrinsics, last_name(path), detail);
     }
 }

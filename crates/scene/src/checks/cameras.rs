@@ -39,10 +39,7 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
         warnings.push(WarningKind::RepeatedPose, &scene.key, detail);
     }
     let mut report = |kind, problem: &dyn Fn(&Frame) -> Option<String>| {
-        let mut offenders = scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(frame)?)));
-        if let Some((first, detail)) = offenders.next() {
-            let count = offenders.count() + 1;
-            let detail = format!("{count} of {} frames, first {first}: {detail}", scene.frames.len());
+        if let Some(detail) = count_and_first(&scene.frames, "frames", problem) {
             warnings.push(kind, &scene.key, detail);
         }
     };
@@ -94,6 +91,14 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
     });
     let ends = LensEnds::default();
     report(WarningKind::LensEndsInside, &|frame| if has_unit(frame) { ends.inside(frame) } else { None });
+}
+
+/// How many items have a problem, and the problem of the first; `None` if there is none. `name` is what the items are called.
+pub(crate) fn count_and_first<T>(items: &[T], name: &str, problem: impl Fn(&T) -> Option<String>) -> Option<String> {
+    let mut offenders = items.iter().enumerate().filter_map(|(at, item)| Some((at, problem(item)?)));
+    let (first, detail) = offenders.next()?;
+    let count = offenders.count() + 1;
+    Some(format!("{count} of {} {name}, first {first}: {detail}", items.len()))
 }
 
 /// The frames whose image is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:
