@@ -1,15 +1,15 @@
 //! Files of checkpoints: those of earlier versions, and damaged ones.
 
-#[allow(dead_code, reason = "each test takes what it needs")]
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::common::{config, run, start, views};
 use atsplat_files::Sha256Digest;
 use atsplat_fit::{Fit, FitConfig, FitDevice, FitError, Strategy};
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
 use serde_json::{Value, json};
+
+use crate::common::{config, run, start, views};
 
 /// All tensors of a checkpoint of Mip-Splatting, in the order of their hash.
 const TENSORS: [&str; 24] = [

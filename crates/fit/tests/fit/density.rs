@@ -1,9 +1,9 @@
 //! Which steps change the number of Gaussians, and what says so before a run.
 
-use crate::common::{config, run, start, truth, views};
-#[allow(dead_code, reason = "each test takes what it needs")]
 use atsplat_fit::density::{Adaptive, DensityControl as _, StepContext, ViewGradients};
 use atsplat_fit::{Fit, FitConfig, FitDevice, OptimisedGaussians, Schedule, Strategy};
+
+use crate::common::{config, run, start, truth, views};
 
 fn fit(strategy: Strategy, steps: u64, most: usize) -> Fit {
     let config = FitConfig { max_gaussians: most, ..config(strategy, steps) };

@@ -2,12 +2,9 @@
 
 #![expect(clippy::panic, reason = "a test fails by panicking")]
 
-#[allow(dead_code, reason = "each test takes what it needs")]
-use crate::common;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use crate::common::{held_out, run, views};
 use atsplat_fit::{Fit, FitConfig, FitDevice, FitError, StopReason, Strategy};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
@@ -18,6 +15,8 @@ use atsplat_splat::{Gaussians, RendererConstants};
 use atsplat_tests::skip_without_graphics;
 use safetensors::SafeTensors;
 use safetensors::tensor::Dtype;
+
+use crate::common::{self, held_out, run, views};
 
 /// The tests of atsplat-splat run its self-test.
 struct Trusting;

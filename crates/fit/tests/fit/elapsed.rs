@@ -1,8 +1,8 @@
 //! The time of a run that was resumed.
 
-use crate::common::{config, rewrite_metadata, run, start, views};
-#[allow(dead_code, reason = "each test takes what it needs")]
 use atsplat_fit::{Fit, FitDevice, Strategy};
+
+use crate::common::{config, rewrite_metadata, run, start, views};
 
 #[test]
 fn a_resumed_run_goes_on_counting_its_time() {

@@ -1,8 +1,8 @@
 //! The limit on memory.
 
-use crate::common::{config, run, start, view, views};
-#[allow(dead_code, reason = "each test takes what it needs")]
 use atsplat_fit::{Fit, FitConfig, Strategy, TrainingView, TrainingViews};
+
+use crate::common::{config, run, start, view, views};
 
 #[test]
 fn memory_is_bounded() {

@@ -1,6 +1,5 @@
 //! Whole runs on a small scene whose images are rendered from known Gaussians.
 
-use crate::common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views};
 use atsplat_camera::{CameraFromWorld, Similarity};
 use atsplat_fit::density::relocated;
 use atsplat_fit::start::{Point, from_points};
@@ -9,6 +8,8 @@ use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
 use glam::{DMat3, DVec3};
+
+use crate::common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views};
 
 #[test]
 fn every_strategy_learns_views_that_it_does_not_see() {

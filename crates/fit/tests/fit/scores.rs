@@ -1,9 +1,9 @@
 //! Scores of held-out views.
 
-use crate::common::{config, run, start, views};
-#[allow(dead_code, reason = "each test takes what it needs")]
 use atsplat_fit::{Fit, MeanScore, Strategy};
 use atsplat_splat::RendererConstants;
+
+use crate::common::{config, run, start, views};
 
 /// Its PSNR is infinite, and so would the mean be.
 #[test]

@@ -1,11 +1,11 @@
 //! Runs in which no training view sees a Gaussian.
 
-use crate::common::{config, run, start, views};
-#[allow(dead_code, reason = "each test takes what it needs")]
 use atsplat_camera::CameraFromWorld;
 use atsplat_fit::{Fit, FitDevice, FitError, Strategy, TrainingView};
 use atsplat_splat::Gaussians;
 use glam::{DMat3, DVec3};
+
+use crate::common::{config, run, start, views};
 
 #[test]
 fn a_run_that_sees_nothing_in_all_its_views_stops_with_the_near_plane() {
