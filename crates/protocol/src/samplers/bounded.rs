@@ -119,8 +119,7 @@ impl Bounded {
     pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
         let frames = scene.cameras.len();
         let (min_gap, max_gap) = self.gaps.at(step);
-        let extra = self.context_views.get().saturating_sub(2);
-        let min_gap = min_gap.max(self.min_distance_to_context.saturating_mul(2)).max(extra + 1);
+        let min_gap = min_gap.max(self.least_drawn_gap());
         if max_gap < min_gap {
             return Err(NoEntry::GapsTooSmall { needed: min_gap, most: max_gap });
         }
@@ -130,6 +129,7 @@ impl Bounded {
         let left = random.within(0..=(frames - 1 - gap)).ok_or(too_short.clone())?;
         let right = left + gap;
         let target = self.draw_targets(left, right, frames, random)?;
+        let extra = self.extra_views();
         let context = match self.extra_context {
             ExtraContext::FarthestPoint if extra > 0 => {
                 let window: Vec<DVec3> = scene.centres().take(right + 1).skip(left).collect();
@@ -146,6 +146,25 @@ impl Bounded {
             }
         };
         Ok(entry(context, target))
+    }
+
+    /// The smallest gap that gives an entry in scenes of any length: the insets, the context frames between the ends and distinct
+    /// targets need room.
+    pub fn least_gap(&self) -> usize {
+        let between_insets = if self.repeat_targets { 0 } else { self.target_views.get() - 1 };
+        let insets = self.min_distance_to_context.saturating_mul(2);
+        let outside = self.max_distance_outside.saturating_mul(2);
+        self.least_drawn_gap().max(insets.saturating_add(between_insets).saturating_sub(outside))
+    }
+
+    /// The smallest gap that is drawn, whatever the schedule: with room for the insets and the context frames.
+    fn least_drawn_gap(&self) -> usize {
+        self.min_distance_to_context.saturating_mul(2).max(self.extra_views() + 1)
+    }
+
+    /// Number of context frames between the ends of the window.
+    const fn extra_views(&self) -> usize {
+        self.context_views.get().saturating_sub(2)
     }
 
     fn draw_targets(

@@ -191,13 +191,11 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     check_views(&views, &rooms.views)?;
     let seed = atsplat_rooms::SceneSeed { split: rooms.split, number: rooms.first };
     let offered = Request::new(rooms.scenes_of, seed).frames.div_ceil(rooms.stride.get());
-    for step in rooms.views.extreme_steps() {
-        for context in rooms.views.numbers_of_views() {
-            if let Err(error) = try_draws(&rooms.views, context, offered, step) {
-                let expected =
-                    format!("windows that fit into the {offered} frames of a clip at a stride of {}", rooms.stride);
-                return invalid(views, &expected, format!("{error}, for {context} context views at step {step}"));
-            }
+    for (step, context) in rooms.views.extremes() {
+        if let Err(error) = try_draws(&rooms.views, context, offered, step) {
+            let expected =
+                format!("windows that fit into the {offered} frames of a clip at a stride of {}", rooms.stride);
+            return invalid(views, &expected, format!("{error}, for {context} context views at step {step}"));
         }
     }
     Ok(())

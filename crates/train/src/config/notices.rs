@@ -17,9 +17,9 @@ impl TrainConfig {
     fn smaller_gaps(&self) -> impl Iterator<Item = String> {
         self.sources().filter_map(|(field, source)| {
             let views = source.views();
-            let of_step = |step| views.numbers_of_views().map(move |number| (step, number));
-            views.extreme_steps().flat_map(of_step).find_map(|(step, number)| {
-                let ((smallest, largest), least) = (views.gaps_of(number, step), views.least_gap(number));
+            views.extremes().find_map(|(step, number)| {
+                let sampler = views.sampler(number, step);
+                let ((smallest, largest), least) = (sampler.gaps.at(step), sampler.least_gap());
                 let field = views_field(&field, source);
                 (smallest < least).then(|| {
                     format!(

@@ -31,20 +31,18 @@ fn check(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
         return Err(TrainError::malformed(WHAT, format!("{field}.outside"), expected, views.outside));
     }
     let [_, most] = views.context;
-    for step in views.extreme_steps() {
-        for number in views.numbers_of_views() {
-            let (least, (_, largest)) = (views.least_gap(number), views.gaps_of(number, step));
-            if largest < least {
-                let expected = format!(
-                    "gaps of up to at least {least} frames for {number} context views, their targets and insets"
-                );
-                let divided = match most.get() / number.get() {
-                    0 | 1 => String::new(),
-                    divisor => format!(", divided by {divisor} for fewer views"),
-                };
-                let found = format!("up to {largest} at step {step}{divided}");
-                return Err(TrainError::malformed(WHAT, format!("{field}.gaps"), expected, found));
-            }
+    for (step, number) in views.extremes() {
+        let sampler = views.sampler(number, step);
+        let (least, (_, largest)) = (sampler.least_gap(), sampler.gaps.at(step));
+        if largest < least {
+            let expected =
+                format!("gaps of up to at least {least} frames for {number} context views, their targets and insets");
+            let divided = match most.get() / number.get() {
+                0 | 1 => String::new(),
+                divisor => format!(", divided by {divisor} for fewer views"),
+            };
+            let found = format!("up to {largest} at step {step}{divided}");
+            return Err(TrainError::malformed(WHAT, format!("{field}.gaps"), expected, found));
         }
     }
     Ok(())

@@ -33,32 +33,28 @@ pub struct ViewChoice {
 }
 
 impl ViewChoice {
-    /// Each allowed number of context views.
-    pub(crate) fn numbers_of_views(&self) -> impl Iterator<Item = NonZeroUsize> {
+    /// The steps at which gaps are at their smallest and at their largest, each with every allowed number of context views.
+    pub(crate) fn extremes(&self) -> impl Iterator<Item = (u64, NonZeroUsize)> {
         let [fewest, most] = self.context;
-        (fewest.get()..=most.get()).filter_map(NonZeroUsize::new)
-    }
-
-    /// The steps at which gaps are at their smallest and at their largest.
-    pub(crate) fn extreme_steps(&self) -> impl Iterator<Item = u64> {
         let last = self.gaps.warm_up_steps;
-        std::iter::once(0).chain((last > 0).then_some(last))
+        let steps = std::iter::once(0).chain((last > 0).then_some(last));
+        let numbers = (fewest.get()..=most.get()).filter_map(NonZeroUsize::new);
+        steps.flat_map(move |step| numbers.clone().map(move |views| (step, views)))
     }
 
-    /// The smallest and the largest gap of this many context views at a step, by the configuration alone.
-    pub(crate) fn gaps_of(&self, views: NonZeroUsize, step: u64) -> (usize, usize) {
+    /// The sampler of this many context views at a step.
+    pub(crate) fn sampler(&self, views: NonZeroUsize, step: u64) -> Bounded {
         let [_, most] = self.context;
-        self.gaps.divided_for(views, most.get(), step).at(step)
-    }
-
-    /// The smallest gap that gives a sample of this many context views, in scenes of any length: the insets, the views between the ends
-    /// and distinct targets need room.
-    pub(crate) fn least_gap(&self, views: NonZeroUsize) -> usize {
-        let insets = self.inset.saturating_mul(2);
-        let between_insets = if self.repeat_targets { 0 } else { self.targets.get() - 1 };
-        let outside = self.outside.saturating_mul(2);
-        let for_targets = insets.saturating_add(between_insets).saturating_sub(outside);
-        insets.max(for_targets).max(views.get() - 1)
+        Bounded {
+            context_views: views,
+            target_views: self.targets,
+            gaps: self.gaps.divided_for(views, most.get(), step),
+            min_distance_to_context: self.inset,
+            max_distance_outside: self.outside,
+            extra_context: self.extra_context,
+            repeat_targets: self.repeat_targets,
+            seed: 0,
+        }
     }
 
     /// Draws the frames of one sample.
@@ -84,18 +80,7 @@ impl ViewChoice {
         step: u64,
         random: &mut SplitMix64,
     ) -> Result<IndexEntry, NoEntry> {
-        let [_, most] = self.context;
-        let sampler = Bounded {
-            context_views: views,
-            target_views: self.targets,
-            gaps: self.gaps.divided_for(views, most.get(), step),
-            min_distance_to_context: self.inset,
-            max_distance_outside: self.outside,
-            extra_context: self.extra_context,
-            repeat_targets: self.repeat_targets,
-            seed: 0,
-        };
-        sampler.draw(scene, step, random)
+        self.sampler(views, step).draw(scene, step, random)
     }
 }
 
@@ -109,7 +94,8 @@ impl fmt::Display for ViewChoice {
         }
         let GapSchedule { min, max, initial_min, initial_max, warm_up_steps } = self.gaps;
         write!(f, "{most} views, gaps ")?;
-        let drawn = |smallest: usize| smallest.max(self.least_gap(most));
+        let least = self.sampler(most, warm_up_steps).least_gap();
+        let drawn = |smallest: usize| smallest.max(least);
         // No initial gap may give a sample of the most views, as in runs of earlier versions.
         if warm_up_steps > 0 && drawn(initial_min) <= initial_max {
             write!(f, "{} to {initial_max}, then ", drawn(initial_min))?;
