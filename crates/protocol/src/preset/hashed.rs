@@ -3,15 +3,16 @@
 use atsplat_scene::preprocess::Preprocessing;
 use serde::Serialize;
 
-use super::older::{self, MetricWords};
+use super::metrics::MetricsTable;
+use super::older;
 use super::{
-    Aggregation, DisparityPlanes, Filters, IndexRule, LensDistortion, MethodSetting, MetricIds, NearCull, NearFar,
+    Aggregation, DisparityPlanes, Filters, IndexRule, LensDistortion, MethodSetting, NearCull, NearFar,
     PoseNormalisation, Preset, RendererConvention, RendererOverrides, RendererPrincipalPoint,
 };
 use crate::OverlapBins;
 
-/// The fields of a preset in their order, without what changes no number, in the words of older versions where they have any: hashes
-/// of presets of any version are equal if their numbers are.
+/// The fields of a preset in their order, without what changes no number, in the form of older versions where it can state them:
+/// hashes of presets of any version are equal if their numbers are.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Hashed<'a> {
@@ -32,7 +33,7 @@ pub(super) struct Hashed<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     overlap_bins: Option<OverlapBins>,
     aggregation: Aggregation,
-    metrics: HashedMetrics,
+    metrics: MetricsTable,
     renderer: HashedRenderer,
 }
 
@@ -78,18 +79,10 @@ impl<'a> From<&'a Preset> for Hashed<'a> {
             // The estimator that the edges were published for affects how results are binned, not the numbers.
             overlap_bins: overlap_bins.clone().map(OverlapBins::without_estimator),
             aggregation: *aggregation,
-            metrics: MetricWords::of(*metrics).map_or(HashedMetrics::Ids(*metrics), HashedMetrics::Words),
+            metrics: older::metrics_table(*metrics).unwrap_or_else(|| (*metrics).into()),
             renderer: HashedRenderer::of(renderer.into(), renderer),
         }
     }
-}
-
-/// Ids of metrics for which older versions have no words.
-#[derive(Serialize)]
-#[serde(untagged)]
-enum HashedMetrics {
-    Words(MetricWords),
-    Ids(MetricIds),
 }
 
 /// A [`MethodSetting`] without its source.

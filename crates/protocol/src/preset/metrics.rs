@@ -1,3 +1,5 @@
+use std::borrow::Cow;
+
 use atsplat_metrics::{Measure, definitions};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -27,6 +29,7 @@ impl Aggregation {
 
 /// Which metrics are a protocol's PSNR, SSIM and LPIPS, by their ids among [`atsplat_metrics::definitions`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(into = "MetricsTable")]
 pub struct MetricIds {
     /// A kind of PSNR.
     pub psnr: &'static str,
@@ -35,18 +38,17 @@ pub struct MetricIds {
     /// A kind of LPIPS or ST-LPIPS.
     pub lpips: &'static str,
     /// Whether a preset of an older version clips renders that are truncated to bytes, which changes its hash but no number.
-    #[serde(rename = "clip-before-ssim-and-lpips", skip_serializing_if = "std::ops::Not::not")]
-    pub(super) clips_bytes: bool,
+    pub(super) clip_before_ssim_and_lpips: bool,
 }
 
 impl MetricIds {
     pub(super) const fn new(psnr: &'static str, ssim: &'static str, lpips: &'static str) -> Self {
-        Self { psnr, ssim, lpips, clips_bytes: false }
+        Self { psnr, ssim, lpips, clip_before_ssim_and_lpips: false }
     }
 
     /// PSNR, SSIM and LPIPS, in this order.
     pub const fn ids(self) -> [&'static str; 3] {
-        let Self { psnr, ssim, lpips, clips_bytes: _ } = self;
+        let Self { psnr, ssim, lpips, clip_before_ssim_and_lpips: _ } = self;
         [psnr, ssim, lpips]
     }
 }
@@ -59,14 +61,27 @@ impl Default for MetricIds {
 }
 
 /// The table `[metrics]` of a preset, or of one of an older version, which always has the last two fields.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(super) struct MetricsTable {
-    pub(super) psnr: Option<String>,
-    pub(super) ssim: Option<String>,
-    pub(super) lpips: Option<String>,
-    pub(super) pixels: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) psnr: Option<Cow<'static, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) ssim: Option<Cow<'static, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) lpips: Option<Cow<'static, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) pixels: Option<Cow<'static, str>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) clip_before_ssim_and_lpips: Option<bool>,
+}
+
+impl From<MetricIds> for MetricsTable {
+    fn from(MetricIds { psnr, ssim, lpips, clip_before_ssim_and_lpips }: MetricIds) -> Self {
+        let [psnr, ssim, lpips] = [psnr, ssim, lpips].map(|id| Some(Cow::Borrowed(id)));
+        let clip_before_ssim_and_lpips = clip_before_ssim_and_lpips.then_some(true);
+        Self { psnr, ssim, lpips, pixels: None, clip_before_ssim_and_lpips }
+    }
 }
 
 // Derived, it would borrow the ids from the text.

@@ -155,7 +155,7 @@ impl Preset {
 
     /// Hash of everything that can change a number: the preset's fields as compact JSON in declaration order, without
     /// name, title, notes, inferences, sources, the preset that it stands for, the sampler and the estimator of the bins.
-    /// Metrics and renderers are in the words of presets of older versions, so that hashes of stored results stay what they are.
+    /// Metrics and renderers are in the form of presets of older versions, so that hashes of stored results stay what they are.
     /// Results with different protocol hashes do not share a table.
     ///
     /// # Errors

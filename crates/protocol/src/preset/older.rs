@@ -1,77 +1,61 @@
-//! What presets of older versions state otherwise: metrics by several words instead of ids, the extent of Gaussians in standard
-//! deviations, and the degree of harmonics by the name of the rasteriser. Such presets are read, and hashes are of these words.
+//! What presets of older versions state otherwise: metrics by their settings instead of ids, the extent of Gaussians in standard
+//! deviations, and the degree of harmonics by the name of the rasteriser. Such presets are read, and hashes are of this form.
 
+use std::borrow::Cow;
+
+use serde::Deserialize;
 use serde::de::IgnoredAny;
-use serde::{Deserialize, Serialize};
 
 use super::metrics::MetricsTable;
 use super::{MethodSetting, MetricIds, RendererConvention, RendererExtent};
 
-/// The metrics of presets with their pixel values, and whether renders are clipped before SSIM and LPIPS.
-const OF_PIXELS: [(&str, bool, MetricIds); 4] = [
-    (FLOAT, false, MetricIds::new("psnr", "ssim", "lpips")),
-    (FLOAT, true, MetricIds::new("psnr", "ssim-clipped", "lpips-clipped")),
-    (TRUNCATED, false, OF_BYTES),
-    (TRUNCATED, true, OF_CLIPPED_BYTES),
+/// The tables of metrics in presets of older versions, with the ids of what they mean.
+const METRICS: [(MetricsTable, MetricIds); 8] = [
+    (of_settings(GAUSSIAN, VGG, FLOAT, false), MetricIds::new("psnr", "ssim", "lpips")),
+    (of_settings(GAUSSIAN, ALEX, FLOAT, false), MetricIds::new("psnr", "ssim", "lpips-alex")),
+    (of_settings(UNIFORM, VGG, FLOAT, false), MetricIds::new("psnr", "ssim-uniform-7x7", "lpips")),
+    (of_settings(UNIFORM, ALEX, FLOAT, false), MetricIds::new("psnr", "ssim-uniform-7x7", "lpips-alex")),
+    (of_settings(GAUSSIAN, VGG, FLOAT, true), MetricIds::new("psnr", "ssim-clipped", "lpips-clipped")),
+    (of_settings(UNIFORM, VGG, FLOAT, true), MetricIds::new("psnr", "ssim-uniform-7x7", "lpips-clipped")),
+    (of_settings(GAUSSIAN, VGG, TRUNCATED, false), OF_BYTES),
+    (of_settings(GAUSSIAN, VGG, TRUNCATED, true), OF_CLIPPED_BYTES),
 ];
+const GAUSSIAN: &str = "skimage-gaussian";
+const UNIFORM: &str = "skimage-uniform";
+const VGG: &str = "vgg-v01";
+const ALEX: &str = "alex-v01";
 const FLOAT: &str = "float";
 const TRUNCATED: &str = "truncated-to-bytes";
 const OF_BYTES: MetricIds = MetricIds::new("psnr-8bit-truncated", "ssim-8bit-truncated", "lpips-8bit-truncated");
 /// The same metrics, with another hash.
-const OF_CLIPPED_BYTES: MetricIds = MetricIds { clips_bytes: true, ..OF_BYTES };
+const OF_CLIPPED_BYTES: MetricIds = MetricIds { clip_before_ssim_and_lpips: true, ..OF_BYTES };
 
-/// The words for metrics.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct MetricWords {
-    psnr: &'static str,
-    ssim: &'static str,
-    lpips: &'static str,
-    pixels: &'static str,
-    clip_before_ssim_and_lpips: bool,
-}
-
-impl MetricWords {
-    /// All words that mean metrics, with these.
-    fn all() -> impl Iterator<Item = (Self, MetricIds)> {
-        OF_PIXELS.into_iter().flat_map(|(pixels, clip_before_ssim_and_lpips, usual)| {
-            let is_float = pixels == FLOAT;
-            let uniform = is_float.then_some("ssim-uniform-7x7");
-            let alex = (is_float && !clip_before_ssim_and_lpips).then_some("lpips-alex");
-            let ssims = [("skimage-gaussian", Some(usual.ssim)), ("skimage-uniform", uniform)];
-            let lpipses = [("vgg-v01", Some(usual.lpips)), ("alex-v01", alex)];
-            ssims.into_iter().flat_map(move |(ssim, ssim_id)| {
-                lpipses.into_iter().filter_map(move |(lpips, lpips_id)| {
-                    let ids = MetricIds { ssim: ssim_id?, lpips: lpips_id?, ..usual };
-                    Some((Self { psnr: "clipped", ssim, lpips, pixels, clip_before_ssim_and_lpips }, ids))
-                })
-            })
-        })
-    }
-
-    /// The words for these metrics; `None` for metrics that only ids name.
-    pub(super) fn of(metrics: MetricIds) -> Option<Self> {
-        Self::all().find(|(_, ids)| *ids == metrics).map(|(words, _)| words)
-    }
-
-    fn are_of(&self, table: &MetricsTable) -> bool {
-        let words = [&table.psnr, &table.ssim, &table.lpips, &table.pixels].map(Option::as_deref);
-        words == [self.psnr, self.ssim, self.lpips, self.pixels].map(Some)
-            && table.clip_before_ssim_and_lpips == Some(self.clip_before_ssim_and_lpips)
+/// A table with these SSIM, LPIPS, pixel values and clipping of renders before both.
+const fn of_settings(ssim: &'static str, lpips: &'static str, pixels: &'static str, clip: bool) -> MetricsTable {
+    MetricsTable {
+        psnr: Some(Cow::Borrowed("clipped")),
+        ssim: Some(Cow::Borrowed(ssim)),
+        lpips: Some(Cow::Borrowed(lpips)),
+        pixels: Some(Cow::Borrowed(pixels)),
+        clip_before_ssim_and_lpips: Some(clip),
     }
 }
 
-/// The metrics of a table of words, or of the ids of [`OF_CLIPPED_BYTES`] as they are written.
+/// The table of these metrics in a preset of an older version; `None` for metrics that only ids name.
+pub(super) fn metrics_table(metrics: MetricIds) -> Option<MetricsTable> {
+    METRICS.into_iter().find(|(_, ids)| *ids == metrics).map(|(table, _)| table)
+}
+
+/// The metrics of a table of an older version, or of the ids of [`OF_CLIPPED_BYTES`] as they are written.
 pub(super) fn metrics(table: &MetricsTable) -> Result<MetricIds, String> {
-    let found = MetricWords::all().find(|(words, _)| words.are_of(table)).map(|(_, ids)| ids);
-    let ids = [&table.psnr, &table.ssim, &table.lpips].map(Option::as_deref);
-    let is_written = table.pixels.is_none() && table.clip_before_ssim_and_lpips == Some(true);
-    let clipped = (is_written && ids == OF_CLIPPED_BYTES.ids().map(Some)).then_some(OF_CLIPPED_BYTES);
-    found.or(clipped).ok_or_else(|| {
+    let written = (MetricsTable::from(OF_CLIPPED_BYTES), OF_CLIPPED_BYTES);
+    let found = METRICS.into_iter().chain([written]).find(|(known, _)| known == table);
+    found.map(|(_, ids)| ids).ok_or_else(|| {
         let MetricsTable { psnr, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = table;
-        let word = |word: &Option<String>| word.as_ref().map_or_else(|| "nothing".to_owned(), |word| format!("{word:?}"));
-        let [psnr, ssim, lpips, pixels] = [psnr, ssim, lpips, pixels].map(word);
-        let clip = clip.map_or_else(|| "nothing".to_owned(), |clip| clip.to_string());
+        let or_nothing = |value: Option<String>| value.unwrap_or_else(|| "nothing".to_owned());
+        let quoted = |text: &Option<Cow<'static, str>>| or_nothing(text.as_ref().map(|text| format!("{text:?}")));
+        let [psnr, ssim, lpips, pixels] = [psnr, ssim, lpips, pixels].map(quoted);
+        let clip = or_nothing(clip.map(|clip| clip.to_string()));
         format!(
             "psnr = {psnr}, ssim = {ssim}, lpips = {lpips}, pixels = {pixels} and clip-before-ssim-and-lpips = {clip}, expected \
              ids of metrics without pixels and clip-before-ssim-and-lpips, such as ssim = \"ssim-8bit-truncated\""
@@ -145,7 +129,7 @@ mod tests {
         Preset::from_toml(&text.replacen(IDS, table, 1)).map_err(|error| error.to_string())
     }
 
-    fn words(ssim: &str, lpips: &str, pixels: &str, clip: bool) -> String {
+    fn older_table(ssim: &str, lpips: &str, pixels: &str, clip: bool) -> String {
         format!(
             "[metrics]\npsnr = \"clipped\"\nssim = \"{ssim}\"\nlpips = \"{lpips}\"\npixels = \"{pixels}\"\n\
              clip-before-ssim-and-lpips = {clip}\n"
@@ -153,48 +137,48 @@ mod tests {
     }
 
     #[test]
-    fn words_mean_the_metrics_that_they_meant() {
+    fn older_tables_mean_the_metrics_that_they_meant() {
         let (gaussian, uniform, vgg, alex) = ("skimage-gaussian", "skimage-uniform", "vgg-v01", "alex-v01");
         let of_bytes = ["psnr-8bit-truncated", "ssim-8bit-truncated", "lpips-8bit-truncated"];
         for (table, expected) in [
-            (words(gaussian, vgg, FLOAT, false), ["psnr", "ssim", "lpips"]),
-            (words(gaussian, vgg, FLOAT, true), ["psnr", "ssim-clipped", "lpips-clipped"]),
-            (words(gaussian, vgg, TRUNCATED, false), of_bytes),
-            (words(gaussian, vgg, TRUNCATED, true), of_bytes),
-            (words(gaussian, alex, FLOAT, false), ["psnr", "ssim", "lpips-alex"]),
-            (words(uniform, vgg, FLOAT, true), ["psnr", "ssim-uniform-7x7", "lpips-clipped"]),
-            (words(uniform, alex, FLOAT, false), ["psnr", "ssim-uniform-7x7", "lpips-alex"]),
+            (older_table(gaussian, vgg, FLOAT, false), ["psnr", "ssim", "lpips"]),
+            (older_table(gaussian, vgg, FLOAT, true), ["psnr", "ssim-clipped", "lpips-clipped"]),
+            (older_table(gaussian, vgg, TRUNCATED, false), of_bytes),
+            (older_table(gaussian, vgg, TRUNCATED, true), of_bytes),
+            (older_table(gaussian, alex, FLOAT, false), ["psnr", "ssim", "lpips-alex"]),
+            (older_table(uniform, vgg, FLOAT, true), ["psnr", "ssim-uniform-7x7", "lpips-clipped"]),
+            (older_table(uniform, alex, FLOAT, false), ["psnr", "ssim-uniform-7x7", "lpips-alex"]),
         ] {
             assert_eq!(with_metrics(&table).unwrap().metrics.ids(), expected, "{table}");
         }
     }
 
-    /// Each would be measured on other pixel values than the words say.
+    /// Each would be measured on other pixel values than the table says.
     #[test]
-    fn words_without_a_metric_are_rejected_with_what_to_write() {
+    fn older_tables_without_a_metric_are_rejected_with_what_to_write() {
         for table in [
-            words("skimage-uniform", "vgg-v01", TRUNCATED, false),
-            words("skimage-gaussian", "alex-v01", FLOAT, true),
-            words("skimage-gaussian", "alex-v01", TRUNCATED, false),
-            words("skimage-gauss", "vgg-v01", FLOAT, false),
-            words("skimage-gaussian", "vgg-v01", FLOAT, false).replace("psnr = \"clipped\"\n", ""),
+            older_table("skimage-uniform", "vgg-v01", TRUNCATED, false),
+            older_table("skimage-gaussian", "alex-v01", FLOAT, true),
+            older_table("skimage-gaussian", "alex-v01", TRUNCATED, false),
+            older_table("skimage-gauss", "vgg-v01", FLOAT, false),
+            older_table("skimage-gaussian", "vgg-v01", FLOAT, false).replace("psnr = \"clipped\"\n", ""),
             "[metrics]\nssim = \"ssim-8bit-truncated\"\nclip-before-ssim-and-lpips = true\n".to_owned(),
         ] {
             let error = with_metrics(&table).unwrap_err();
-            let is_told =
+            let says_what_to_write =
                 error.contains("expected ids of metrics without pixels") && error.starts_with("preset: line ");
-            assert!(is_told, "{error}");
+            assert!(says_what_to_write, "{error}");
         }
     }
 
     #[test]
-    fn metrics_are_hashed_by_their_words() {
+    fn metrics_are_hashed_in_their_older_form() {
         let hash = |table: &str| with_metrics(table).unwrap().hash().unwrap();
         let built_in = Preset::named("re10k-2v-256").unwrap().hash().unwrap();
-        assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, false)), built_in);
+        assert_eq!(hash(&older_table("skimage-gaussian", "vgg-v01", FLOAT, false)), built_in);
         assert_eq!(hash(""), built_in, "the usual metrics");
         // Clipped before they are truncated, values are the same; a training or store under either is not one under the other.
-        let [bytes, clipped] = [false, true].map(|clip| words("skimage-gaussian", "vgg-v01", TRUNCATED, clip));
+        let [bytes, clipped] = [false, true].map(|clip| older_table("skimage-gaussian", "vgg-v01", TRUNCATED, clip));
         assert_ne!(hash(&bytes), hash(&clipped));
         for table in [bytes, clipped] {
             let preset = with_metrics(&table).unwrap();
@@ -202,7 +186,7 @@ mod tests {
             assert_eq!((&again, again.hash().unwrap()), (&preset, hash(&table)), "{table}");
         }
         let clipped = "[metrics]\nssim = \"ssim-clipped\"\nlpips = \"lpips-clipped\"\n";
-        assert_eq!(hash(&words("skimage-gaussian", "vgg-v01", FLOAT, true)), hash(clipped));
+        assert_eq!(hash(&older_table("skimage-gaussian", "vgg-v01", FLOAT, true)), hash(clipped));
         let others = ["ssim-clipped", "ssim-inria", "ssim-inria-8bit-rounded"]
             .map(|ssim| hash(&format!("[metrics]\nssim = \"{ssim}\"\n")));
         assert!(!others.contains(&built_in) && others[1] != others[2], "{others:?}");
