@@ -5,9 +5,10 @@ use serde::Serialize;
 
 use super::metrics::MetricsTable;
 use super::older;
+use super::renderer::RendererTable;
 use super::{
-    Aggregation, DisparityPlanes, Filters, IndexRule, LensDistortion, MethodSetting, NearCull, NearFar,
-    PoseNormalisation, Preset, RendererConvention, RendererOverrides, RendererPrincipalPoint,
+    Aggregation, DisparityPlanes, Filters, IndexRule, LensDistortion, MethodSetting, NearFar, PoseNormalisation,
+    Preset, RendererConvention, RendererOverrides,
 };
 use crate::OverlapBins;
 
@@ -34,7 +35,7 @@ pub(super) struct Hashed<'a> {
     overlap_bins: Option<OverlapBins>,
     aggregation: Aggregation,
     metrics: MetricsTable,
-    renderer: HashedRenderer,
+    renderer: RendererTable,
 }
 
 impl<'a> From<&'a Preset> for Hashed<'a> {
@@ -80,7 +81,7 @@ impl<'a> From<&'a Preset> for Hashed<'a> {
             overlap_bins: overlap_bins.clone().map(OverlapBins::without_estimator),
             aggregation: *aggregation,
             metrics: older::metrics_table(*metrics).unwrap_or_else(|| (*metrics).into()),
-            renderer: HashedRenderer::of(renderer.into(), renderer),
+            renderer: renderer_table(renderer.into(), renderer),
         }
     }
 }
@@ -96,13 +97,13 @@ struct HashedMethod<'a> {
     disparity_planes: Option<DisparityPlanes>,
     source: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
-    renderer: Option<HashedRenderer>,
+    renderer: Option<RendererTable>,
 }
 
 impl<'a> HashedMethod<'a> {
     fn of(setting: &'a MethodSetting, of_preset: &RendererConvention) -> Self {
         let MethodSetting { method, pose_normalisation, near_far, disparity_planes, source: _, renderer } = setting;
-        let hashed = |own: &RendererOverrides| HashedRenderer::of(own.clone(), &own.applied_to(of_preset));
+        let hashed = |own: &RendererOverrides| renderer_table(own.clone(), &own.applied_to(of_preset));
         Self {
             method,
             pose_normalisation,
@@ -114,52 +115,23 @@ impl<'a> HashedMethod<'a> {
     }
 }
 
-/// The constants that a preset states for a renderer. The degree of spherical harmonics is among them where it is not the one that the
-/// rasteriser of this name has in older versions.
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct HashedRenderer {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rasteriser: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    near_cull: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    near_cull_unit: Option<NearCull>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dilation: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alpha_max: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    alpha_min_inverse: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    transmittance_stop: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    extent_sigmas: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    max_sh_degree: Option<u8>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    background: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    principal_point: Option<RendererPrincipalPoint>,
-}
-
-impl HashedRenderer {
-    /// Of the constants that are stated, and all of the renderer's.
-    fn of(stated: RendererOverrides, all: &RendererConvention) -> Self {
-        let is_of_name = all.max_sh_degree == older::sh_degree(&all.rasteriser);
-        Self {
-            rasteriser: stated.rasteriser,
-            near_cull: stated.near_cull,
-            near_cull_unit: stated.near_cull_unit,
-            dilation: stated.dilation,
-            alpha_max: stated.alpha_max,
-            alpha_min_inverse: stated.alpha_min_inverse,
-            transmittance_stop: stated.transmittance_stop,
-            extent_sigmas: stated.extent.map(older::sigmas),
-            max_sh_degree: (!is_of_name).then_some(all.max_sh_degree),
-            background: stated.background,
-            principal_point: stated.principal_point,
-        }
+/// The constants that a preset states for a renderer, in the form of older versions; `all` are the renderer's. The degree of spherical
+/// harmonics is among them where it is not the one that the rasteriser of this name has in older versions.
+fn renderer_table(stated: RendererOverrides, all: &RendererConvention) -> RendererTable {
+    let is_of_name = all.max_sh_degree == older::sh_degree(&all.rasteriser);
+    RendererTable {
+        rasteriser: stated.rasteriser,
+        near_cull: stated.near_cull,
+        near_cull_unit: stated.near_cull_unit,
+        dilation: stated.dilation,
+        alpha_max: stated.alpha_max,
+        alpha_min_inverse: stated.alpha_min_inverse,
+        transmittance_stop: stated.transmittance_stop,
+        extent: None,
+        extent_sigmas: stated.extent.map(older::sigmas),
+        max_sh_degree: (!is_of_name).then_some(all.max_sh_degree),
+        background: stated.background,
+        principal_point: stated.principal_point,
     }
 }
 

@@ -117,21 +117,33 @@ impl From<&RendererConvention> for RendererOverrides {
 }
 
 /// A table of a renderer's constants in a preset, or in one of an older version, which states the extent in standard deviations.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct RendererTable {
-    rasteriser: Option<String>,
-    near_cull: Option<f64>,
-    near_cull_unit: Option<NearCull>,
-    dilation: Option<f64>,
-    alpha_max: Option<f64>,
-    alpha_min_inverse: Option<f64>,
-    transmittance_stop: Option<f64>,
-    extent: Option<RendererExtent>,
-    extent_sigmas: Option<f64>,
-    max_sh_degree: Option<u8>,
-    background: Option<[f64; 3]>,
-    principal_point: Option<RendererPrincipalPoint>,
+pub(super) struct RendererTable {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) rasteriser: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) near_cull: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) near_cull_unit: Option<NearCull>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) dilation: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) alpha_max: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) alpha_min_inverse: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) transmittance_stop: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) extent: Option<RendererExtent>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) extent_sigmas: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) max_sh_degree: Option<u8>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) background: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) principal_point: Option<RendererPrincipalPoint>,
 }
 
 impl TryFrom<RendererTable> for RendererOverrides {
