@@ -2,16 +2,15 @@
 
 use std::fs;
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{SCENE, atsplat, succeed, write_trajectory};
 use crate::evaluation::write_noise;
 
 #[test]
 fn urls_as_outputs_are_usage_errors_and_leave_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
     for args in [
-        &["render", scene, "--orbit", "1", "--size", "8x8", "--out", "s3://bucket/frames"][..],
+        &["render", SCENE, "--orbit", "1", "--size", "8x8", "--out", "s3://bucket/frames"][..],
         &["data", "simulate", "s3://bucket/rooms", "--scenes", "1"],
         &["data", "simulate", "rooms", "--scenes", "1", "--costs", "--plot", "gs://bucket/costs.svg"],
         &["stress", "--plot", "S3://bucket/stress.svg"],

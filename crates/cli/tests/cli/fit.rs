@@ -1,6 +1,5 @@
 //! `atsplat fit` as a user runs it.
 
-use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -12,18 +11,11 @@ use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{atsplat, succeed};
-
-const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+use crate::common::{SCENE, atsplat, photograph, succeed};
 
 /// A short run; the file follows.
 const FIT_TO: [&str; 11] =
     ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed", "--out"];
-
-/// Eight photos of 64×64 pixels around a small scene, in `photos`.
-fn photograph(folder: &Path) {
-    succeed(folder, &["render", SCENE, "--orbit", "8", "--size", "64x64", "--out", "photos"]);
-}
 
 /// The scene is optimised for photos at half their size; held-out ones are then compared at that size, at the photos' own, and at an
 /// eighth of that.

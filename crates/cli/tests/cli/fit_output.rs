@@ -6,16 +6,14 @@ use atsplat_splat::files::{self, Encoding, Format};
 use serde_json::Value;
 use tempfile::tempdir;
 
-use crate::common::{atsplat, succeed};
-
-const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+use crate::common::{SCENE, atsplat, photograph, succeed};
 
 /// The centres of an SPZ are rounded to 2⁻¹². What it cannot store is an error before the first step.
 #[test]
 fn gaussians_are_written_in_the_format_of_their_extension() {
     let folder = tempdir().unwrap();
     let here = folder.path();
-    succeed(here, &["render", SCENE, "--orbit", "8", "--size", "64x64", "--out", "photos"]);
+    photograph(here);
     let views = ["fit", "photos", "--views", "..", "--size", "32x32", "--steps", "1"];
     let read = |name: &'static str| {
         succeed(here, &[&views[..], &["--start", SCENE, "--strategy", "fixed", "--out", name]].concat());

@@ -8,9 +8,8 @@ use atsplat_pixels::{DecodeLimits, ImageU8, decode};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{atsplat, succeed};
+use crate::common::{SCENE, atsplat, succeed};
 
-const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
 const FIT: [&str; 8] = ["fit", "photos", "--start", SCENE, "--strategy", "fixed", "--out", "fitted.ply"];
 
 fn record(here: &Path) -> Value {

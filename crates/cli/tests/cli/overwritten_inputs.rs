@@ -4,12 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{SCENE, atsplat, succeed, write_trajectory};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{KeyMap, ModelWeights, Precision, generated};
-
-const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
 
 /// Every file below a folder, with its bytes.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {

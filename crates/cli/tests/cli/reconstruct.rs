@@ -16,7 +16,7 @@ use atsplat_splat::{Gaussians, files};
 use atsplat_tests::{graphics_required, shared_data};
 use serde_json::{Value, json};
 
-use crate::common::{atsplat, succeed};
+use crate::common::{SCENE, atsplat, succeed};
 
 const SEED: u64 = 3;
 
@@ -436,8 +436,7 @@ fn plots_token_expansion() {
 fn reconstructs_from_renders() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/compressed_degree1.ply");
-    succeed(here, &["render", scene.to_str().unwrap(), "--orbit", "8", "--size", "96x96", "--out", "frames"]);
+    succeed(here, &["render", SCENE, "--orbit", "8", "--size", "96x96", "--out", "frames"]);
     let tiny = tiny();
     let network = ["--weights", "random:1", "--model", tiny.to_str().unwrap()];
     for (data, out) in [("frames", "a.ply"), ("frames/render.json", "b.ply")] {

@@ -6,9 +6,8 @@ use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{atsplat, succeed};
+use crate::common::{SCENE, atsplat, succeed};
 
-const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
 /// A network for 48×32 pixels.
 const TINY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../model/oracle/tiny.toml");
 

@@ -4,6 +4,9 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
+/// A file of Gaussians.
+pub(crate) const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+
 /// Outcome of a call of the binary.
 pub(crate) struct Outcome {
     pub(crate) code: i32,
@@ -26,6 +29,11 @@ pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
     let outcome = atsplat(folder, args);
     assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
     outcome.stdout
+}
+
+/// Eight photos of 64×64 pixels around [`SCENE`], in `photos`.
+pub(crate) fn photograph(folder: &Path) {
+    succeed(folder, &["render", SCENE, "--orbit", "8", "--size", "64x64", "--out", "photos"]);
 }
 
 /// Writes a RE10K trajectory of a camera that moves right by 2 cm per frame and turns a little.
