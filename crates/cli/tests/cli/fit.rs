@@ -1,9 +1,5 @@
 //! `atsplat fit` as a user runs it.
 
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
-
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::adapters;
@@ -11,7 +7,7 @@ use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 use tempfile::tempdir;
 
-use crate::common::{SCENE, atsplat, photograph, succeed};
+use crate::common::{SCENE, atsplat, photograph, started, succeed};
 
 /// A short run; the file follows.
 const FIT_TO: [&str; 11] =
@@ -391,13 +387,7 @@ fn an_interrupted_run_leaves_no_incomplete_file() {
     photograph(here);
     let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
     let run = ["--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100", "--out", "fitted.ply"];
-    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let mut fit = command.args([&fit[..], &run].concat()).current_dir(here).stderr(Stdio::null()).spawn().unwrap();
-    let begin = Instant::now();
-    while !here.join("state").exists() && begin.elapsed() < Duration::from_mins(1) {
-        assert!(fit.try_wait().unwrap().is_none(), "it ended");
-        sleep(Duration::from_millis(5));
-    }
+    let mut fit = started(here, &[&fit[..], &run].concat(), "state");
     fit.kill().unwrap();
     fit.wait().unwrap();
     let mut names: Vec<_> = std::fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
@@ -416,14 +406,8 @@ fn of_two_runs_into_one_file_the_later_one_fails() {
     let folder = tempdir().unwrap();
     let here = folder.path();
     photograph(here);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
     let long = ["fitted.ply", "--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100"];
-    let mut long = command.args(FIT_TO).args(long).current_dir(here).stderr(Stdio::null()).spawn().unwrap();
-    let begin = Instant::now();
-    while !here.join("state").exists() && begin.elapsed() < Duration::from_mins(1) {
-        assert!(long.try_wait().unwrap().is_none(), "it ended");
-        sleep(Duration::from_millis(5));
-    }
+    let mut long = started(here, &[&FIT_TO[..], &long].concat(), "state");
     for (more, expected) in [
         (&["./fitted.ply", "--steps", "1"][..], "fitted.ply is being written by process "),
         (&["other.ply", "--steps", "1", "--checkpoint", "state", "--resume"], "state is being written by process "),

@@ -1,9 +1,7 @@
 //! `atsplat render` as a user runs it: its files equal the renders of the library.
 
 use std::fs;
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::process::Command;
 
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::exr::{self, Values};
@@ -14,7 +12,7 @@ use atsplat_splat::{Channels, Exposure, RenderOptions, Renderer, RendererConstan
 use atsplat_tests::skip_without_graphics;
 use serde_json::{Value, json};
 
-use crate::common::{atsplat, succeed};
+use crate::common::{atsplat, started, succeed};
 use crate::render_scene::{bits, contents, fixture, folder, json_of, record, rendered};
 
 #[test]
@@ -185,14 +183,7 @@ fn an_interrupted_render_leaves_no_record_of_earlier_images() {
     succeed(here, &again);
     let scene = fixture("degree3_little_endian.ply");
     let long = ["--threads", "1", "render", scene.to_str().unwrap(), "--orbit", "50000", "--size", "64x48"];
-    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let command = command.args(long).args(["--out", "out"]).current_dir(here);
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let begin = Instant::now();
-    while !here.join("out/000003.png").exists() && begin.elapsed() < Duration::from_mins(1) {
-        assert!(child.try_wait().unwrap().is_none(), "it ended");
-        sleep(Duration::from_millis(5));
-    }
+    let mut child = started(here, &[&long[..], &["--out", "out"]].concat(), "out/000003.png");
     let second = atsplat(here, &again);
     child.kill().unwrap();
     child.wait().unwrap();

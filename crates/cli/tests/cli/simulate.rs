@@ -1,10 +1,6 @@
 //! `atsplat data simulate` as a user runs it.
 
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
-
-use crate::common::{atsplat, succeed, write_trajectory};
+use crate::common::{atsplat, started, succeed, write_trajectory};
 
 #[test]
 fn simulated_scenes_are_readable_in_every_layout() {
@@ -35,14 +31,7 @@ fn a_folder_has_one_simulation_and_tells_if_that_did_not_end() {
     let here = folder.path();
     let simulate = ["data", "simulate", "out", "--frames", "2", "--size", "24x16", "--samples", "1", "--scenes"];
     let many = [&simulate[..], &["4000"]].concat();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let command = command.args(&many).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut child = command.spawn().unwrap();
-    let begin = Instant::now();
-    while !here.join("out/test/rooms-test-00000000.txt").exists() && begin.elapsed() < Duration::from_mins(1) {
-        assert!(child.try_wait().unwrap().is_none(), "it ended");
-        sleep(Duration::from_millis(5));
-    }
+    let mut child = started(here, &many, "out/test/rooms-test-00000000.txt");
     let second = atsplat(here, &many);
     child.kill().unwrap();
     child.wait().unwrap();

@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 /// A file of Gaussians.
 pub(crate) const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
@@ -29,6 +31,19 @@ pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
     let outcome = atsplat(folder, args);
     assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
     outcome.stdout
+}
+
+/// Starts `atsplat` in `folder`, and waits until it has written `file` there; it must not end before.
+pub(crate) fn started(folder: &Path, args: &[&str], file: &str) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let command = command.args(args).current_dir(folder).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let begin = Instant::now();
+    while !folder.join(file).exists() && begin.elapsed() < Duration::from_mins(1) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended");
+        sleep(Duration::from_millis(5));
+    }
+    child
 }
 
 /// Eight photos of 64×64 pixels around [`SCENE`], in `photos`.
