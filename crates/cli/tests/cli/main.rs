@@ -17,6 +17,7 @@ mod findings_left_out;
 mod fit;
 mod fit_output;
 mod fit_photos;
+mod fit_resumed;
 mod index_fit;
 mod log;
 mod lost_objects;
