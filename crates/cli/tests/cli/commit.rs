@@ -13,25 +13,26 @@ fn git(at: &Path, args: &[&str]) {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
+fn write(at: &Path, file: &str, text: &str) {
+    let path = at.join(file);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, text).unwrap();
+}
+
 /// Programs that differ have other commits, also if the difference is not committed.
 #[test]
 fn uncommitted_changes_of_sources_are_part_of_the_commit() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let write = |file: &str, text: &str| {
-        let path = here.join(file);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, text).unwrap();
-    };
-    write("crates/splat/src/lib.rs", "one");
-    write("docs/a.md", "one");
+    write(here, "crates/splat/src/lib.rs", "one");
+    write(here, "docs/a.md", "one");
     git(here, &["init", "-q"]);
     git(here, &["add", "."]);
     git(here, &["commit", "-q", "-m", "first"]);
     let commit = || build::commit_of(here).unwrap();
     let clean = commit();
     assert!(clean.len() == 40 && clean.bytes().all(|byte| byte.is_ascii_hexdigit()), "{clean}");
-    write("docs/a.md", "two");
+    write(here, "docs/a.md", "two");
     assert_eq!(commit(), clean, "no part of the program");
     let mut found = vec![clean.clone()];
     for (file, text) in [
@@ -42,7 +43,7 @@ fn uncommitted_changes_of_sources_are_part_of_the_commit() {
         ("eval/presets/a.toml", "one"),
         ("crates/splat/Cargo.toml", "opt-level = 1"),
     ] {
-        write(file, text);
+        write(here, file, text);
         let now = commit();
         assert!(now.starts_with(&format!("{clean}+")) && now.len() == 53, "{file}: {now}");
         assert!(!found.contains(&now), "{file}");
@@ -58,20 +59,15 @@ fn uncommitted_changes_of_sources_are_part_of_the_commit() {
 fn without_a_repository_a_hash_of_the_sources_tells_programs_apart() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let write = |file: &str, text: &str| {
-        let path = here.join(file);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, text).unwrap();
-    };
     let hash = || build::hash_of_sources(here);
-    write("eval/presets/a.toml", "one");
+    write(here, "eval/presets/a.toml", "one");
     assert_eq!(hash(), None, "without crates");
-    write("crates/splat/src/lib.rs", "one");
-    write("crates/splat/src/gpu/mod.rs", "two");
+    write(here, "crates/splat/src/lib.rs", "one");
+    write(here, "crates/splat/src/gpu/mod.rs", "two");
     let first = hash().unwrap();
     assert!(first.starts_with("sources+") && first.len() == 24, "{first}");
-    write("docs/a.md", "one");
-    write("crates/splat/tests/a.rs", "one");
+    write(here, "docs/a.md", "one");
+    write(here, "crates/splat/tests/a.rs", "one");
     assert_eq!(hash().unwrap(), first, "no part of the program");
     let mut found = vec![first];
     for (file, text) in [
@@ -82,7 +78,7 @@ fn without_a_repository_a_hash_of_the_sources_tells_programs_apart() {
         ("eval/presets/a.toml", "two"),
         ("Cargo.lock", "one"),
     ] {
-        write(file, text);
+        write(here, file, text);
         let now = hash().unwrap();
         assert!(!found.contains(&now), "{file}");
         found.push(now);

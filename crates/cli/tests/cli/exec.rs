@@ -14,8 +14,12 @@ use atsplat_results::Results;
 
 const HELLO: &str = r#"echo '{"atsplat": 1, "name": "shell", "version": "1", "gives": "images"}'"#;
 
-/// A script that answers with the renders of another run, `$1` below the working folder.
+/// Three scenes, the plane warp's images of them below `baseline`, and a script that answers with the images of a run, `$1` below the
+/// working folder.
 fn write_copying(here: &Path) {
+    write_noise(here, 3);
+    let run = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--keep-images", "all", "--out", "baseline"];
+    succeed(here, &run);
     let body = r#"
 while IFS= read -r line; do
   field() { printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }
@@ -30,11 +34,8 @@ done"#;
 fn a_process_and_score_give_equal_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 3);
     write_copying(here);
-    let data = ["tiny.toml", "--data", "data"];
-    succeed(here, &[&["run"], &data[..], &["--method", "warp", "--keep-images", "all", "--out", "baseline"]].concat());
-    let renders = "baseline/images/tiny/warp";
+    let (data, renders) = (["tiny.toml", "--data", "data"], "baseline/images/tiny/warp");
     succeed(here, &[&["score"], &data[..], &["--renders", renders, "--name", "mine", "--out", "scores"]].concat());
     let method = format!("nearest-view,mine=exec:sh method.sh {renders} 'a, b'");
     let run = [&["run"], &data[..], &["--method", &method, "--method-processes", "2", "--out", "store"]].concat();
@@ -73,10 +74,7 @@ fn no_process_starts_before_all_options_are_checked() {
 fn failed_trials_are_asked_again_on_request() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 3);
     write_copying(here);
-    let data = ["tiny.toml", "--data", "data"];
-    succeed(here, &[&["run"], &data[..], &["--method", "warp", "--keep-images", "all", "--out", "baseline"]].concat());
     let path = here.join("method.sh");
     let fails = r#"  if [ "$(field scene)" = scene-01 ] && [ ! -e memory ]; then
     echo "{\"trial\": $(field trial), \"error\": \"out of memory\"}"; continue
@@ -84,7 +82,7 @@ fn failed_trials_are_asked_again_on_request() {
   cp -r "#;
     fs::write(&path, fs::read_to_string(&path).unwrap().replacen("  cp -r ", fails, 1)).unwrap();
     let method = "mine=exec:sh method.sh baseline/images/tiny/warp";
-    let run = [&["run"], &data[..], &["--method", method, "--out", "store"]].concat();
+    let run = ["run", "tiny.toml", "--data", "data", "--method", method, "--out", "store"];
     let retry = [&run[..], &["--retry-failed"]].concat();
     let first = atsplat(here, &run);
     assert!(first.code == 0 && first.stdout.contains("3 results computed"), "{}", first.stderr);

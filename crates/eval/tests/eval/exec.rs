@@ -330,20 +330,26 @@ fn a_program_that_was_edited_during_the_run_is_not_started_again() {
     assert!(matches!(details.as_slice(), [one] if one.contains("exit status: 1")), "{details:?}");
 }
 
+/// The command of a method whose process crashes after its second answer. It does not start then until `found` is there, and runs
+/// `refused` in place of that.
+fn crashing_once(here: &Path, refused: &str) -> String {
+    prepared(here, 5);
+    let body = r#"n=$((n + 1)); if [ $n = 3 ] && [ ! -e lost ]; then touch lost; exit 1; fi
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    let command = script(here, "images", body);
+    let path = here.join("method.sh");
+    let is_lost = format!("cd '{}'; [ -e lost ] && [ ! -e found ]", here.display());
+    let start = format!("if {is_lost}; then {refused}; fi\n{}", fs::read_to_string(&path).unwrap());
+    fs::write(&path, start).unwrap();
+    command
+}
+
 /// After its second answer it crashes, and it does not start until a file is there; then the same command asks the other trials.
 #[test]
 fn a_process_that_cannot_be_started_again_stops_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    prepared(here, 5);
-    let body = r#"n=$((n + 1)); if [ $n = 3 ] && [ ! -e lost ]; then touch lost; exit 1; fi
-        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
-    script(here, "images", body);
-    let path = here.join("method.sh");
-    let is_lost = format!("[ -e '{0}/lost' ] && [ ! -e '{0}/found' ]", here.display());
-    let lost = format!("if {is_lost}; then echo 'no GPU' >&2; exit 4; fi");
-    fs::write(&path, format!("{lost}\n{}", fs::read_to_string(&path).unwrap())).unwrap();
-    let command = format!("sh '{}'", path.display());
+    let command = crashing_once(here, "echo 'no GPU' >&2; exit 4");
     let (error, found) = stopped(here, 5, exec(&command));
     assert!(error.starts_with("starting a method's process: "), "{error}");
     assert!(error.ends_with("exit status: 4; its last lines on standard error: no GPU (sh)"), "{error}");
@@ -362,17 +368,7 @@ fn a_process_that_cannot_be_started_again_stops_the_run() {
 fn a_process_that_does_not_start_once_is_started_once_more() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    prepared(here, 5);
-    let body = r#"n=$((n + 1)); if [ $n = 3 ] && [ ! -e lost ]; then touch lost; exit 1; fi
-        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
-    script(here, "images", body);
-    let path = here.join("method.sh");
-    let refused = format!(
-        "if [ -e '{0}/lost' ] && [ ! -e '{0}/found' ]; then touch '{0}/found'; echo 'no GPU' >&2; exit 4; fi",
-        here.display()
-    );
-    fs::write(&path, format!("{refused}\n{}", fs::read_to_string(&path).unwrap())).unwrap();
-    let found = results_of(5, exec(&format!("sh '{}'", path.display())));
+    let found = results_of(5, exec(&crashing_once(here, "touch found; echo 'no GPU' >&2; exit 4")));
     let failed = found.trials.iter().filter(|trial| trial.status == TrialStatus::Failed).count();
     assert_eq!((found.trials.len(), failed), (5, 1), "the trial that killed it failed: {:?}", found.trials);
     assert!(here.join("found").is_file());
