@@ -7,7 +7,8 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 /// A file of Gaussians.
-pub(crate) const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+pub(crate) const SCENE: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
 
 /// Outcome of a call of the binary.
 pub(crate) struct Outcome {
