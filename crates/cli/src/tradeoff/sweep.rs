@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::sweep::{Part, Sweep, SweepBase, parts};
+use atsplat_eval::sweep::{Part, Sweep, SweepBase, SweepNetwork, parts};
 use atsplat_metrics::Suite;
 use atsplat_results::statistics::Leaked;
 use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
@@ -113,14 +113,16 @@ fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
     let source = args.source()?;
     let (network, record) = source.load(&device.network()?)?;
     Ok(SweepBase {
-        config: network.config().clone(),
-        high_resolution: source.high_resolution().cloned(),
+        network: SweepNetwork {
+            config: network.config().clone(),
+            high_resolution: source.high_resolution().cloned(),
+            tensors: network.weights()?,
+            weights: record.weights(),
+            training: record.training(),
+            trained_under: record.trained_under(),
+            trained_at: network.trained_size(),
+        },
         changes: args.changes().overrides(),
-        tensors: network.weights()?,
-        weights: record.weights(),
-        training: record.training(),
-        trained_under: record.trained_under(),
-        trained_at: network.trained_size(),
         sees_as_given: args.sees_as_given(),
         call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,

@@ -12,5 +12,5 @@ mod parts_tests;
 mod settings;
 
 pub use overrides::{ConstantChanges, Overrides};
-pub use parts::{Part, SweepBase, parts};
+pub use parts::{Part, SweepBase, SweepNetwork, parts};
 pub use settings::{Setting, Sweep};

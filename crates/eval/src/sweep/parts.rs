@@ -19,23 +19,10 @@ use crate::{ComputeDevice, EvalError};
 /// The base setting of a sweep, before any override is applied.
 #[derive(Clone, Debug)]
 pub struct SweepBase {
-    /// The network's configuration, with [`Self::changes`].
-    pub config: ModelConfig,
-    /// That for large images, if the network has another one for them ([`AtSplat::with_high_resolution`]).
-    pub high_resolution: Option<ModelConfig>,
+    /// The network of settings without weights of their own, with [`Self::changes`].
+    pub network: SweepNetwork,
     /// Changes of configurations that apply to the networks of all settings, before a setting's own.
     pub changes: Overrides,
-    /// The network's weights.
-    pub tensors: StoredTensors,
-    /// Where they came from.
-    pub weights: WeightsSource,
-    /// How they were trained, if their file says so.
-    pub training: Option<TrainingRecord>,
-    /// What they were trained under, if their file says so.
-    pub trained_under: TrainedUnder,
-    /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
-    /// they are.
-    pub trained_at: Option<ImageSize>,
     /// Whether the networks of settings with weights of their own use images as they are too.
     pub sees_as_given: bool,
     /// Seed of random token selection.
@@ -46,6 +33,26 @@ pub struct SweepBase {
     pub background: Option<[f64; 3]>,
     /// Where networks run and Gaussians are rendered.
     pub device: ComputeDevice,
+}
+
+/// A network of a sweep, before the overrides of a setting.
+#[derive(Clone, Debug)]
+pub struct SweepNetwork {
+    /// Its configuration.
+    pub config: ModelConfig,
+    /// That for large images, if the network has another one for them ([`AtSplat::with_high_resolution`]).
+    pub high_resolution: Option<ModelConfig>,
+    /// Its weights.
+    pub tensors: StoredTensors,
+    /// Where they came from.
+    pub weights: WeightsSource,
+    /// How they were trained, if their file says so.
+    pub training: Option<TrainingRecord>,
+    /// What they were trained under, if their file says so.
+    pub trained_under: TrainedUnder,
+    /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
+    /// they are.
+    pub trained_at: Option<ImageSize>,
 }
 
 /// Settings with the same images and views, which form one plan of the runner.
@@ -80,17 +87,6 @@ pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Ve
     Ok(parts.into_iter().map(|(_, part)| part).collect())
 }
 
-/// The network of a setting, before its overrides.
-struct SettingNetwork {
-    config: ModelConfig,
-    high_resolution: Option<ModelConfig>,
-    tensors: StoredTensors,
-    weights: WeightsSource,
-    trained_at: Option<ImageSize>,
-    training: Option<TrainingRecord>,
-    under: TrainedUnder,
-}
-
 impl SweepBase {
     /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
@@ -100,11 +96,11 @@ impl SweepBase {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
-        let SettingNetwork { config, high_resolution, tensors, weights, trained_at, training, under } =
-            match &overrides.weights {
-                None => self.own_network(),
-                Some(path) => self.network_of(path)?,
-            };
+        let network = match &overrides.weights {
+            None => self.network.clone(),
+            Some(path) => self.network_of(path)?,
+        };
+        let SweepNetwork { config, high_resolution, tensors, weights, training, trained_under, trained_at } = network;
         let config = overrides.model(&config)?;
         let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
@@ -118,10 +114,10 @@ impl SweepBase {
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         if let Some(budget) = budget {
             let method = Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?;
-            return Ok(Arc::new(method.with_training(training, under)));
+            return Ok(Arc::new(method.with_training(training, trained_under)));
         }
         let method = AtSplat::new(name, network, &weights, seed, splatting)?
-            .with_training(training, under)
+            .with_training(training, trained_under)
             .with_matmul_precision(precision);
         Ok(Arc::new(match high_resolution.filter(|_| is_resizing) {
             Some(config) => method.with_high_resolution(overrides.model(&config)?)?,
@@ -129,33 +125,20 @@ impl SweepBase {
         }))
     }
 
-    /// The network of settings without weights of their own.
-    fn own_network(&self) -> SettingNetwork {
-        SettingNetwork {
-            config: self.config.clone(),
-            high_resolution: self.high_resolution.clone(),
-            tensors: self.tensors.clone(),
-            weights: self.weights.clone(),
-            trained_at: self.trained_at,
-            training: self.training.clone(),
-            under: self.trained_under.clone(),
-        }
-    }
-
     /// The network of a weights file, with the changes of the base.
-    fn network_of(&self, path: &Path) -> Result<SettingNetwork, EvalError> {
+    fn network_of(&self, path: &Path) -> Result<SweepNetwork, EvalError> {
         let file = TensorFile::open(path)?;
         let in_file = |source| ModelError::InFile { path: path.to_owned(), source: Box::new(source) };
         let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
         let large = read.config.for_high_resolution().ok().map(|config| self.changes.model(&config)).transpose()?;
-        Ok(SettingNetwork {
+        Ok(SweepNetwork {
             config: self.changes.model(&read.config)?,
             high_resolution: large,
             tensors: read.tensors,
             weights: WeightsSource::File { sha256: file.sha256.to_string() },
-            trained_at: (!self.sees_as_given).then_some(read.config.resolution),
             training: TrainingRecord::of(&read.provenance),
-            under: TrainedUnder::of(&read.provenance),
+            trained_under: TrainedUnder::of(&read.provenance),
+            trained_at: (!self.sees_as_given).then_some(read.config.resolution),
         })
     }
 

@@ -8,7 +8,7 @@ use atsplat_eval::method::{
     ConstantsChoice, Method, Prediction, START_POINTS, TrainedUnder, TrialInput, WeightsSource,
 };
 use atsplat_eval::runner::{Dataset, Plan, current_provenance};
-use atsplat_eval::sweep::{Overrides, Part, Setting, Sweep, SweepBase, parts};
+use atsplat_eval::sweep::{Overrides, Part, Setting, Sweep, SweepBase, SweepNetwork, parts};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
@@ -23,21 +23,30 @@ fn swept() -> SweepBase {
     let tensors = generated(&parameters(&config), 1);
     let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
     let constants = ConstantsChoice::FromPreset;
-    SweepBase {
+    let network = SweepNetwork {
         config,
         high_resolution: None,
-        changes: Overrides::default(),
         tensors,
         weights,
         training: None,
         trained_under: TrainedUnder::default(),
         trained_at: None,
+    };
+    SweepBase {
+        network,
+        changes: Overrides::default(),
         sees_as_given: false,
         call_seed: 0,
         constants,
         background: None,
         device: ComputeDevice::default(),
     }
+}
+
+fn with_trained_weights() -> SweepBase {
+    let mut base = swept();
+    base.network.weights = WeightsSource::File { sha256: "00".to_owned() };
+    base
 }
 
 fn sweep(settings: &str) -> Sweep {
@@ -169,12 +178,13 @@ fn predicted<T>(method: &dyn Method, dataset: &Dataset, of: impl Fn(&dyn Predict
 fn settings_keep_the_training_of_their_weights() {
     let training = |data: &str| Some(TrainingRecord { data: data.to_owned(), seed: None });
     let trained_under = TrainedUnder { poses: Some("first".to_owned()), background: None };
-    let base = SweepBase { training: training("rooms"), trained_under, ..swept() };
+    let network = SweepNetwork { training: training("rooms"), trained_under, ..swept().network };
+    let base = SweepBase { network, ..swept() };
     let provenance = [("data", "yards"), ("pose-normalisation", "second"), ("background", "[0.5, 0.0, 1.0]")];
     let provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.safetensors");
-    let other = ModelWeights::new(base.config.clone(), provenance, &base.tensors).unwrap();
+    let other = ModelWeights::new(base.network.config.clone(), provenance, &base.network.tensors).unwrap();
     other.write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!(
         "[[settings]]\nlabel = 'of the sweep'\n\
@@ -204,7 +214,7 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.safetensors");
     let base = swept();
-    let other = ModelWeights::new(base.config.clone(), [].into(), &base.tensors).unwrap();
+    let other = ModelWeights::new(base.network.config.clone(), [].into(), &base.network.tensors).unwrap();
     other.write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!(
         "[[settings]]\nlabel = 'other'\noverrides = {{ weights = '{path}' }}\n\
@@ -218,7 +228,7 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     let hashes = |base: &SweepBase| -> Vec<_> {
         records(base).iter().map(|record| record.model_hash().map(str::to_owned)).collect()
     };
-    let hash = |blocks| Some(base.config.with_expansion_in_first(blocks).hash().unwrap());
+    let hash = |blocks| Some(base.network.config.with_expansion_in_first(blocks).hash().unwrap());
     assert_eq!(hashes(&base), [hash(3), hash(2)]);
     let changes = Overrides { expand_first: Some(1), ..Overrides::default() };
     let changed = SweepBase { changes, ..base.clone() };
@@ -227,14 +237,14 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
         let size = |record: &MethodRecord| record.parameters.get("context-at-scale-of").cloned();
         records(base).iter().map(size).collect()
     };
-    let trained = Some(serde_json::Value::from(base.config.resolution.to_string()));
+    let trained = Some(serde_json::Value::from(base.network.config.resolution.to_string()));
     assert_eq!(resized(&base), [trained.clone(), trained]);
     let given = SweepBase { sees_as_given: true, ..base.clone() };
     assert_eq!(resized(&given), [None, None]);
     let large = |base: &SweepBase| -> Vec<_> {
         records(base).iter().map(|record| record.parameters.get("high-resolution").cloned()).collect()
     };
-    let high = base.config.for_high_resolution().unwrap();
+    let high = base.network.config.for_high_resolution().unwrap();
     let expanding = |blocks| Some(serde_json::to_value(high.with_expansion_in_first(blocks)).unwrap());
     assert_eq!(large(&base), [expanding(3), expanding(2)]);
     assert_eq!(large(&changed), [expanding(1), expanding(1)]);
@@ -260,7 +270,7 @@ fn an_index_with_fewer_views_is_not_the_published_one() {
 #[test]
 fn trained_weights_can_give_fewer_gaussians_per_token() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
-    let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
+    let trained = with_trained_weights();
     let of = |overrides: &str| {
         parts(&sweep(&format!("[[settings]]\nlabel = 'a'\noverrides = {{ {overrides} }}")), &trained, &datasets)
     };
@@ -293,7 +303,7 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
 fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
     let datasets = [dataset(Walls::new(1, 13), &[entry(&[0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12], &[2])])];
-    let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
+    let trained = with_trained_weights();
     let mut used_overrides = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {
