@@ -136,8 +136,7 @@ fn constants_name(text: &str) -> Result<String, String> {
     if is_toml_path(text) || RendererConstants::named(text).is_some() {
         return Ok(text.to_owned());
     }
-    let names: Vec<&str> = RendererConstants::preset_names().collect();
-    let names = names.join(", ");
+    let names = RendererConstants::listed_presets();
     Err(format!("expected {names} or a path that ends in .toml, found {text:?}"))
 }
 

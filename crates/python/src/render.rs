@@ -16,8 +16,7 @@ const VIEWS: usize = 8;
 /// Constants of a rasterizer by name.
 pub(crate) fn constants_named(name: &str) -> Result<RendererConstants, Failure> {
     RendererConstants::named(name).ok_or_else(|| {
-        let known: Vec<&str> = RendererConstants::preset_names().collect();
-        let known = known.join(", ");
+        let known = RendererConstants::listed_presets();
         Failure::invalid("constants", format!("expected one of {known}, found {name:?}"))
     })
 }

@@ -208,6 +208,11 @@ impl RendererConstants {
         NAMED.iter().map(|(name, _)| *name)
     }
 
+    /// [`Self::preset_names`] in one line, as errors list them.
+    pub fn listed_presets() -> String {
+        Self::preset_names().collect::<Vec<_>>().join(", ")
+    }
+
     /// A preset by name, `None` for a name outside [`Self::preset_names`].
     pub fn named(name: &str) -> Option<Self> {
         let (name, constants) = NAMED.iter().find(|(known, _)| *known == name)?;

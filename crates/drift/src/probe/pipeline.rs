@@ -43,10 +43,8 @@ impl Pipeline {
     /// Those of [`Self::of`].
     pub fn with_weights(recipe: &Recipe, config: &ModelConfig, tensors: &StoredTensors) -> Result<Self, DriftError> {
         let network = Network::new(config, &Device::flex()).and_then(|network| network.with_weights(tensors));
-        let constants = RendererConstants::named(&recipe.constants).ok_or_else(|| {
-            let known: Vec<&str> = RendererConstants::preset_names().collect();
-            DriftError::invalid("constants", known.join(", "), &recipe.constants)
-        })?;
+        let constants = RendererConstants::named(&recipe.constants)
+            .ok_or_else(|| DriftError::invalid("constants", RendererConstants::listed_presets(), &recipe.constants))?;
         let definitions: Result<Vec<_>, _> = recipe
             .metrics
             .iter()

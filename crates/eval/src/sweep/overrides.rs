@@ -105,8 +105,7 @@ impl ConstantChanges {
     /// [`EvalError::Settings`] for an unknown preset, and for numbers out of range.
     pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, EvalError> {
         if let Some(name) = self.constants.as_ref().filter(|name| RendererConstants::named(name).is_none()) {
-            let known: Vec<&str> = RendererConstants::preset_names().collect();
-            return invalid("constants", &known.join(", "), name);
+            return invalid("constants", &RendererConstants::listed_presets(), name);
         }
         let changed = self.applied_unchecked(constants);
         match changed.check() {
