@@ -238,13 +238,12 @@ impl GroupRun<'_> {
     /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run, has no
     /// images that are to be kept or is tried again, each with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<Missing<'_>>, ResultsError> {
-        let hash = trial.hash().to_string();
+        let (hash, known) = (trial.hash().to_string(), self.store.known());
         let mut missing = Vec::new();
         for method in &self.methods {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
-            let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            let known = self.store.known();
+            let is_known = known.contains(&key, &hash, data_hash, input_hash.as_deref());
             let is_complete = is_known && !known.lacks_metric(&key) && !known.is_tried_again(&key);
             if !is_complete || self.images_and_times.lacks_images(&key)? {
                 missing.push((method, input_hash));
