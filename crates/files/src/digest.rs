@@ -1,13 +1,10 @@
 use std::fmt;
-use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest, Sha256};
-
-use crate::require_regular;
 
 /// Two lower-case hexadecimal digits per byte.
 pub fn hexadecimal(bytes: &[u8]) -> String {
@@ -35,10 +32,9 @@ impl Sha256Digest {
     /// The hash of a file, which is read in parts.
     ///
     /// # Errors
-    /// I/O errors.
+    /// Those of [`crate::open`].
     pub fn of_file(path: &Path) -> io::Result<Self> {
-        require_regular(path)?;
-        let (mut file, mut hasher, mut part) = (File::open(path)?, Sha256::new(), vec![0; 1 << 16]);
+        let (mut file, mut hasher, mut part) = (crate::open(path)?, Sha256::new(), vec![0; 1 << 16]);
         loop {
             match file.read(&mut part) {
                 Ok(0) => return Ok(Self::finish(hasher)),

@@ -31,7 +31,7 @@ pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use markdown::escaped_markdown;
 pub use panic::panic_message;
-pub use regular::{read, read_to_string, require_regular};
+pub use regular::{open, read, read_to_string};
 pub use toml_error::{malformed_toml, toml_problem};
 
 /// Text without the byte order mark of UTF-8 at its beginning, which some editors write.

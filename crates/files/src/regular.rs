@@ -1,13 +1,18 @@
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-/// An error for what is neither a regular file nor a link to one: opening a pipe waits for whoever writes to it, and a device may
-/// have no end.
+/// Opens a regular file, or a link to one, for reading. Anything else is an error: opening a pipe waits for whoever writes to it, and
+/// a device may have no end.
 ///
 /// # Errors
 /// [`ErrorKind::IsADirectory`] for a folder, [`ErrorKind::InvalidInput`] for anything else that is not a file, and I/O errors.
-pub fn require_regular(path: &Path) -> io::Result<()> {
+pub fn open(path: &Path) -> io::Result<File> {
+    require_regular(path)?;
+    File::open(path)
+}
+
+fn require_regular(path: &Path) -> io::Result<()> {
     let metadata = fs::metadata(path)?;
     if metadata.is_dir() {
         return Err(ErrorKind::IsADirectory.into());
@@ -20,7 +25,7 @@ pub fn require_regular(path: &Path) -> io::Result<()> {
 /// The bytes of a regular file.
 ///
 /// # Errors
-/// Those of [`require_regular`], and I/O errors.
+/// Those of [`open`].
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     require_regular(path)?;
     fs::read(path)
@@ -37,6 +42,8 @@ pub fn read_to_string(path: &Path) -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read as _;
+
     use super::*;
 
     #[test]
@@ -45,9 +52,14 @@ mod tests {
         let file = folder.path().join("file");
         fs::write(&file, "text").unwrap();
         assert_eq!((read(&file).unwrap(), read_to_string(&file).unwrap()), (b"text".to_vec(), "text".to_owned()));
-        let kind = |path: &Path| read(path).unwrap_err().kind();
-        assert_eq!(kind(&folder.path().join("absent")), ErrorKind::NotFound);
-        assert_eq!(kind(folder.path()), ErrorKind::IsADirectory);
+        let mut start = Vec::new();
+        open(&file).unwrap().take(2).read_to_end(&mut start).unwrap();
+        assert_eq!(start, b"te");
+        for (path, expected) in
+            [(folder.path().join("absent"), ErrorKind::NotFound), (folder.path().to_owned(), ErrorKind::IsADirectory)]
+        {
+            assert_eq!([open(&path).unwrap_err().kind(), read(&path).unwrap_err().kind()], [expected; 2]);
+        }
     }
 
     #[cfg(unix)]
@@ -56,7 +68,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("targets.parquet");
         std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
-        let errors = [read(&link).map(drop), read_to_string(&link).map(drop), crate::read_if_exists(&link).map(drop)];
+        let errors = [
+            open(&link).map(drop),
+            read(&link).map(drop),
+            read_to_string(&link).map(drop),
+            crate::read_if_exists(&link).map(drop),
+        ];
         let hash = crate::Sha256Digest::of_file(&link).map(drop);
         for error in errors.into_iter().chain([hash]) {
             let error = error.unwrap_err().to_string();

@@ -31,9 +31,8 @@ fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<()
 
 /// The first bytes of a regular file, at most `length`.
 pub(crate) fn read_start(action: &'static str, path: &Path, length: u64) -> Result<Vec<u8>, SceneError> {
-    atsplat_files::require_regular(path).map_err(SceneError::io(action, path))?;
+    let file = atsplat_files::open(path).map_err(SceneError::io(action, path))?;
     let mut start = Vec::new();
-    let file = fs::File::open(path).map_err(SceneError::io(action, path))?;
     file.take(length).read_to_end(&mut start).map_err(SceneError::io(action, path))?;
     require_fetched(action, path, &start)?;
     Ok(start)

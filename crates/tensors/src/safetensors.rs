@@ -4,11 +4,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::fs::File;
 use std::io::{ErrorKind, Read as _, Result as IoResult};
 use std::path::Path;
 
-use atsplat_files::{Malformed, require_regular};
+use atsplat_files::Malformed;
 use atsplat_pickle::{DType, SharedBytes, shortened};
 use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
@@ -53,8 +52,7 @@ pub(crate) fn parse(file: &SharedBytes) -> Result<StoredTensors, TensorError> {
 /// # Errors
 /// If the file cannot be read.
 pub fn read_metadata(path: &Path) -> IoResult<Option<BTreeMap<String, String>>> {
-    require_regular(path)?;
-    let mut file = File::open(path)?;
+    let mut file = atsplat_files::open(path)?;
     let (mut length, mut header) = ([0; LENGTH], Vec::new());
     match file.read_exact(&mut length) {
         Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(None),

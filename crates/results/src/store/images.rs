@@ -1,11 +1,11 @@
 //! The image files of a store: their places, and which row each belongs to.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use atsplat_files::{PARTIAL, Sha256Digest, require_regular};
+use atsplat_files::{PARTIAL, Sha256Digest};
 use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
 
 use crate::file_name;
@@ -70,7 +70,7 @@ fn is_whole_image_of(path: &Path, hash: Option<&str>) -> Result<bool, ResultsErr
 /// beginning or end: images are not waited for, so that a power failure may leave a file that is empty or cut.
 fn start_of_whole(path: &Path) -> io::Result<Option<Vec<u8>>> {
     const BEGINNING: u64 = 256;
-    let mut file = match require_regular(path).and_then(|()| File::open(path)) {
+    let mut file = match atsplat_files::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         opened => opened?,
     };

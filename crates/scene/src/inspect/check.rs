@@ -1,12 +1,10 @@
 //! Checks of image files that cost less than decoding them.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::require_regular;
 
 use crate::checks::cut_short::{PNG_END, cut_short};
 use crate::files::read_file;
@@ -49,8 +47,7 @@ pub(super) fn image_cut_short(image: &FrameImage) -> Result<Option<String>, Scen
 
 fn ends_like_an_image(path: &Path) -> bool {
     let end = || {
-        require_regular(path)?;
-        let mut file = File::open(path)?;
+        let mut file = atsplat_files::open(path)?;
         let length = file.metadata()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(PNG_END.len() as u64)))?;
         let mut end = Vec::new();
