@@ -1,5 +1,6 @@
 use libjpeg_turbo_rs::{Decoder, Image, JpegError, PixelFormat};
 
+use crate::jpeg_segments::{END, SCAN, Segment, Segments};
 use crate::size::header;
 use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError};
 
@@ -8,8 +9,8 @@ const FORMAT: ImageFormat = ImageFormat::Jpeg;
 /// Real progressive JPEGs have ten scans; each additional one is a pass over all blocks for a few bytes.
 const MAX_SCANS: usize = 100;
 
-/// The marker at the end of a JPEG.
-const END: [u8; 2] = [0xff, 0xd9];
+/// The last two bytes of a JPEG: the marker of its end.
+pub const JPEG_END: [u8; 2] = [0xff, END];
 
 /// Equal bytes at the end of the last scan from which on it is checked whether pixels need them. Padding is at most one byte.
 const REPEATED: usize = 8;
@@ -18,18 +19,16 @@ const REPEATED: usize = 8;
 /// 0xff is followed by its second byte (ITU-T T.81, B.1.1.5). Of a header with other bytes than markers, only decoding can
 /// tell; it counts as whole.
 pub fn jpeg_has_end(bytes: &[u8]) -> bool {
-    let mut rest = bytes.get(2..).unwrap_or_default();
-    while let [0xff, marker, behind @ ..] = rest {
-        rest = match (marker, behind) {
-            (0xda, _) => return behind.windows(2).rev().any(|pair| pair == END),
-            (0xff, _) => rest.get(1..).unwrap_or_default(),
-            (0x01 | 0xd0..=0xd9, _) => behind,
-            (_, [high, low, ..]) => behind.get(usize::from(u16::from_be_bytes([*high, *low]))..).unwrap_or_default(),
-            _ => &[],
-        };
+    let mut segments = Segments::of(bytes);
+    loop {
+        match segments.read() {
+            Ok(Segment { marker: SCAN, bytes, .. }) => {
+                return bytes.windows(JPEG_END.len()).rev().any(|pair| pair == JPEG_END);
+            }
+            Ok(_) => {}
+            Err(error) => return !error.is_cut_short(),
+        }
     }
-    // Neither the end of the bytes nor a marker.
-    !matches!(rest, [] | [0xff])
 }
 
 /// A frame header.
@@ -43,44 +42,33 @@ pub(crate) struct Frame<'a> {
 impl<'a> Frame<'a> {
     /// Finds the frame header among the marker segments (ITU-T T.81 B.2.2).
     pub(crate) fn find(bytes: &'a [u8]) -> Result<Self, PixelError> {
-        let problem = |text: String| header(FORMAT, text);
-        let mut rest = bytes.get(2..).unwrap_or_default();
+        let mut segments = Segments::of(bytes);
         loop {
-            let at = bytes.len() - rest.len();
-            let (marker, payload) = match rest {
-                [0xff, 0xff, ..] => {
-                    rest = rest.get(1..).unwrap_or_default();
-                    continue;
-                }
-                [0xff, marker @ (0x01 | 0xd0..=0xd7), ..] => (*marker, 0),
-                [0xff, 0xda, ..] => return Err(problem(format!("scan without a frame header at byte {at}"))),
-                [0xff, 0xd9, ..] => return Err(problem(format!("end of image without a frame header at byte {at}"))),
-                [0xff, marker, high, low, ..] => (*marker, usize::from(u16::from_be_bytes([*high, *low]))),
-                [0xff, ..] | [] => return Err(problem(format!("truncated after {} bytes", bytes.len()))),
-                [other, ..] => return Err(problem(format!("expected a marker at byte {at}, found {other:#04x}"))),
-            };
-            if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
-                let Some([_, _, _, _, _, h1, h0, w1, w0]) = rest.first_chunk() else {
-                    return Err(problem(format!("frame header at byte {at} is truncated")));
-                };
-                let (width, height) = (u16::from_be_bytes([*w1, *w0]), u16::from_be_bytes([*h1, *h0]));
-                if height == 0 {
-                    let feature = "a height after the first scan (DNL)".to_owned();
-                    return Err(PixelError::Unsupported { format: FORMAT, feature });
-                }
-                let (components, _) = rest.get(10..2 + payload).unwrap_or_default().as_chunks();
-                return Ok(Self { size: (u32::from(width), u32::from(height)), components });
+            let segment = segments.read().map_err(|error| header(FORMAT, error.to_string()))?;
+            let missing =
+                |what: &str| Err(header(FORMAT, format!("{what} without a frame header at byte {}", segment.at)));
+            match segment.marker {
+                // The others are tables of Huffman codes, an extension, and conditions of arithmetic coding.
+                0xc0..=0xcf if !matches!(segment.marker, 0xc4 | 0xc8 | 0xcc) => return Self::of(&segment),
+                SCAN => return missing("scan"),
+                END => return missing("end of image"),
+                _ => {}
             }
-            let standalone = matches!(marker, 0x01 | 0xd0..=0xd7);
-            if !standalone && payload < 2 {
-                return Err(problem(format!(
-                    "segment {marker:#04x} at byte {at}: expected a length of 2 or more, found {payload}"
-                )));
-            }
-            rest = rest.get(2 + payload..).ok_or_else(|| {
-                problem(format!("segment {marker:#04x} at byte {at}: {payload} bytes exceed the end of the file"))
-            })?;
         }
+    }
+
+    /// Of a frame's segment, the size suffices.
+    fn of(segment: &Segment<'a>) -> Result<Self, PixelError> {
+        let Some([_, _, _, _, _, h1, h0, w1, w0]) = segment.bytes.first_chunk() else {
+            return Err(header(FORMAT, format!("frame header at byte {} is truncated", segment.at)));
+        };
+        let (width, height) = (u16::from_be_bytes([*w1, *w0]), u16::from_be_bytes([*h1, *h0]));
+        if height == 0 {
+            let feature = "a height after the first scan (DNL)".to_owned();
+            return Err(PixelError::Unsupported { format: FORMAT, feature });
+        }
+        let (components, _) = segment.parameters().get(6..).unwrap_or_default().as_chunks();
+        Ok(Self { size: (u32::from(width), u32::from(height)), components })
     }
 
     /// An error for unsupported sampling factors. Chroma may have the resolution of luma, a half or a quarter of it; black,
@@ -151,36 +139,18 @@ fn decode_image(bytes: &[u8], limits: &DecodeLimits) -> Result<Image, JpegError>
 /// too, in an area of one colour.
 fn without_repeated_end(bytes: &[u8]) -> Option<(Vec<u8>, u8)> {
     let (scan, [byte, others @ ..]) = bytes.get(..end_of_scans(bytes)?)?.split_last_chunk::<REPEATED>()?;
-    others.iter().all(|other| other == byte).then(|| ([scan, &END].concat(), *byte))
+    others.iter().all(|other| other == byte).then(|| ([scan, &JPEG_END].concat(), *byte))
 }
 
 /// Where the data of the last scan end; `None` if the image's end does not follow where a marker is expected.
 fn end_of_scans(bytes: &[u8]) -> Option<usize> {
-    let mut at = 2;
+    let mut segments = Segments::of(bytes);
     let mut end = None;
     loop {
-        let [0xff, marker, behind @ ..] = bytes.get(at..)? else { return None };
-        match marker {
-            0xd9 => return end,
-            0xff => at += 1,
-            0x01 | 0xd0..=0xd8 => at += 2,
-            _ => {
-                let [high, low, ..] = behind else { return None };
-                at += 2 + usize::from(u16::from_be_bytes([*high, *low]));
-                if *marker == 0xda {
-                    at += end_of_scan(bytes.get(at..)?)?;
-                    end = Some(at);
-                }
-            }
+        match segments.read().ok()?.marker {
+            END => return end,
+            SCAN => end = Some(segments.skip_scan()?),
+            _ => {}
         }
     }
-}
-
-/// Where the data of a scan end: at the first marker other than those of restarts, and at its fill bytes: any number of 0xff may
-/// precede a marker (ITU-T T.81, B.1.1.2).
-fn end_of_scan(data: &[u8]) -> Option<usize> {
-    let is_end = |pair: &[u8]| matches!(pair, [0xff, next] if !matches!(next, 0x00 | 0xd0..=0xd7 | 0xff));
-    let marker = data.windows(2).position(is_end)?;
-    let last = data.get(..marker)?.iter().rposition(|byte| *byte != 0xff);
-    Some(last.map_or(0, |last| last + 1))
 }

@@ -1,5 +1,6 @@
 use std::fmt;
 
+use crate::jpeg_segments::{END, SCAN, Segments};
 use crate::{ImageFormat, png_chunks};
 
 /// EXIF's tag for the orientation.
@@ -77,21 +78,13 @@ impl fmt::Display for Orientation {
 
 /// The APP1 segment with the EXIF prefix, among the marker segments before the first scan (ITU-T T.81 B.1.1).
 fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
-    let mut rest = bytes.get(2..)?;
+    let mut segments = Segments::of(bytes);
     loop {
-        match rest {
-            [0xff, 0xff, ..] => rest = rest.get(1..)?,
-            [0xff, 0x01 | 0xd0..=0xd7, ..] => rest = rest.get(2..)?,
-            [0xff, 0xd9 | 0xda, ..] => return None,
-            [0xff, marker, high, low, ..] => {
-                let end = 2 + usize::from(u16::from_be_bytes([*high, *low]));
-                let payload = rest.get(4..end)?;
-                if *marker == 0xe1 && payload.starts_with(EXIF) {
-                    return Some(payload);
-                }
-                rest = rest.get(end..)?;
-            }
-            _ => return None,
+        let segment = segments.read().ok()?;
+        match segment.marker {
+            SCAN | END => return None,
+            0xe1 if segment.parameters().starts_with(EXIF) => return Some(segment.parameters()),
+            _ => {}
         }
     }
 }

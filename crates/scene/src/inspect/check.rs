@@ -5,13 +5,11 @@ use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_pixels::JPEG_END;
 
 use crate::checks::cut_short::{PNG_END, cut_short};
 use crate::files::read_file;
 use crate::{FrameImage, SceneError};
-
-/// The marker at the end of a JPEG.
-const JPEG_END: [u8; 2] = [0xff, 0xd9];
 
 /// Whether there is nothing in the file; `false` if that cannot be found out.
 pub(super) fn is_empty_file(path: &Path) -> bool {
