@@ -113,9 +113,9 @@ pub(crate) fn check_outputs<'a>(
     Ok(())
 }
 
-/// The image files of these frames.
+/// The image files of these frames, also of those without a usable pose.
 pub(crate) fn photos(frames: &[Frame]) -> impl Iterator<Item = InputFile<'_>> {
-    frames.iter().filter_map(|frame| Some(("photo", frame.image.file()?)))
+    frames.iter().filter_map(|frame| Some(("photo", frame.image.in_source().file()?)))
 }
 
 /// Where a file has its name, also if that is a link.
@@ -127,6 +127,9 @@ fn entry(file: &Path) -> Option<PathBuf> {
 #[cfg(test)]
 mod tests {
     use std::fs;
+
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_scene::FrameImage;
 
     use super::*;
 
@@ -217,5 +220,22 @@ mod tests {
             }
             assert_eq!(check("data/here.png", "data/0.png"), Ok(()), "only the link is overwritten");
         }
+    }
+
+    #[test]
+    fn photos_of_frames_without_a_pose_are_not_overwritten_either() {
+        let root = tempfile::tempdir().unwrap();
+        let photo = root.path().join("0.png");
+        fs::write(&photo, "").unwrap();
+        let intrinsics = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap();
+        let frames = [Frame {
+            name: "0".to_owned(),
+            timestamp_micros: None,
+            camera: Camera::pinhole(CameraFromWorld::UNKNOWN, intrinsics),
+            stated_size: None,
+            image: FrameImage::File(photo.clone()).unposed("no rotation"),
+        }];
+        let error = check_outputs("--out", [photo], photos(&frames)).unwrap_err().to_string();
+        assert!(error.contains("0.png would overwrite the input photo "), "{error}");
     }
 }

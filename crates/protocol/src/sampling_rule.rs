@@ -144,7 +144,7 @@ impl SampledFrames {
         let mut files = HashSet::new();
         for (number, frame) in scene.frames.iter().enumerate() {
             match &frame.image {
-                FrameImage::Missing(_) | FrameImage::Unposed(_) => sampled.missing += 1,
+                FrameImage::Missing(_) | FrameImage::Unposed { .. } => sampled.missing += 1,
                 FrameImage::File(path) if !files.insert(path) => sampled.repeated += 1,
                 _ => {
                     sampled.numbers.push(number);
@@ -317,7 +317,7 @@ mod tests {
     fn never_samples_frames_without_a_usable_pose() {
         let mut unposed = scene("s", 14, 0);
         for at in [1, 4, 11] {
-            unposed.frames[at].image = FrameImage::Unposed("no rotation".to_owned());
+            unposed.frames[at].image = FrameImage::Absent.unposed("no rotation");
         }
         let built = rule(FARTHEST).build(&MemorySource::new([unposed]), &|| (), &mut Warnings::new());
         assert_eq!((built.scenes, built.missing_images), (1, 3));

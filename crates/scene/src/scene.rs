@@ -26,18 +26,45 @@ pub enum FrameImage {
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
     Generated(Arc<dyn GeneratedImage>),
-    /// Not looked at, because the frame's pose is not finite or not a rotation: what was expected and found, and where. The frame
-    /// keeps its position, as one whose image is missing does.
-    Unposed(String),
+    /// Not looked at, because the frame's pose is not finite or not a rotation. The frame keeps its position, as one whose image is
+    /// missing does.
+    Unposed {
+        /// What was expected and found of the pose, and where.
+        reason: String,
+        /// The image as the source has it.
+        image: Box<FrameImage>,
+    },
 }
 
 impl FrameImage {
+    /// The same image of a frame without a usable pose, for this reason.
+    #[must_use]
+    pub fn unposed(self, reason: impl Into<String>) -> Self {
+        Self::Unposed { reason: reason.into(), image: Box::new(self) }
+    }
+
+    /// The image as the source has it, whether or not the frame has a usable pose.
+    pub fn in_source(&self) -> &Self {
+        match self {
+            Self::Unposed { image, .. } => image.in_source(),
+            image => image,
+        }
+    }
+
+    /// The file that the source names, whether or not it exists and the frame has a usable pose.
+    pub fn listed_file(&self) -> Option<&Path> {
+        match self.in_source() {
+            Self::File(path) | Self::Missing(path) => Some(path),
+            _ => None,
+        }
+    }
+
     /// Whether there is an image to decode.
     pub const fn is_available(&self) -> bool {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
 
-    /// The image's file, if it is in one.
+    /// The file to decode, if the image is in one.
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(path) => Some(path),
@@ -54,7 +81,7 @@ impl FrameImage {
             }
             Self::Generated(_) => "generated".to_owned(),
             Self::Absent => "no image".to_owned(),
-            Self::Unposed(_) => "no usable pose".to_owned(),
+            Self::Unposed { image, .. } => image.place(),
         }
     }
 }
@@ -259,7 +286,7 @@ impl Frame {
             }
             FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
             FrameImage::Missing(path) => Err(no_image(format!("the file is missing ({})", path.display()))),
-            FrameImage::Unposed(reason) => Err(no_pose(scene, position, reason)),
+            FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
         }
     }
 

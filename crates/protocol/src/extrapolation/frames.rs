@@ -26,7 +26,7 @@ impl SceneFrames {
     /// The frames of a scene. In a source without images, all are usable.
     pub fn of(scene: &Scene) -> Self {
         let frames = scene.frames.iter().enumerate();
-        let is_missing = |image: &FrameImage| matches!(image, FrameImage::Missing(_) | FrameImage::Unposed(_));
+        let is_missing = |image: &FrameImage| matches!(image, FrameImage::Missing(_) | FrameImage::Unposed { .. });
         let missing = frames.filter(|(_, frame)| is_missing(&frame.image)).map(|(number, _)| number).collect();
         Self { length: scene.frames.len(), missing }
     }

@@ -53,7 +53,7 @@ mod tests {
                 timestamp_micros: Some(time),
                 camera,
                 stated_size: None,
-                image: if at == 1 { FrameImage::Unposed("no rotation".to_owned()) } else { FrameImage::Absent },
+                image: if at == 1 { FrameImage::Absent.unposed("no rotation") } else { FrameImage::Absent },
             };
             let frames = times.into_iter().enumerate().map(frame).collect();
             let scene = Scene { key: "route".to_owned(), url: None, frames };

@@ -44,8 +44,9 @@ pub(crate) fn report_cameras(scene: &Scene, times: TimestampSource, warnings: &m
         }
     };
     report(WarningKind::BadCamera, &|frame| {
-        if let FrameImage::Unposed(reason) = &frame.image {
-            return Some(format!("no usable pose: {reason}"));
+        if let FrameImage::Unposed { reason, image } = &frame.image {
+            let of_image = image.listed_file().map(|path| format!(" of {}", path.display())).unwrap_or_default();
+            return Some(format!("no usable pose{of_image}: {reason}"));
         }
         let centre = frame.camera.camera_from_world.inverse().centre();
         (!centre.is_finite()).then(|| format!("its centre overflows: {centre}"))

@@ -39,7 +39,7 @@ mod tests {
         assert_eq!(one_pose(&scene(&[here; 2])), None, "a still pair");
         let mut with_unposed = scene(&[here, here, camera_at([0.0; 3]), here]);
         assert_eq!(one_pose(&with_unposed), None);
-        with_unposed.frames[2].image = FrameImage::Unposed("no rotation".to_owned());
+        with_unposed.frames[2].image = FrameImage::Absent.unposed("no rotation");
         assert!(one_pose(&with_unposed).unwrap().starts_with("all 3 frames"));
     }
 }

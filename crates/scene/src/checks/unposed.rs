@@ -9,7 +9,7 @@ pub(crate) fn no_pose(scene: &str, frame: usize, reason: &str) -> SceneError {
 impl Frame {
     /// Whether the frame has a usable pose.
     pub const fn has_pose(&self) -> bool {
-        !matches!(self.image, FrameImage::Unposed(_))
+        !matches!(self.image, FrameImage::Unposed { .. })
     }
 
     /// Rejects a frame without a usable pose. `scene` and `position` identify it in the message.
@@ -18,7 +18,7 @@ impl Frame {
     /// [`SceneError::NoPose`].
     pub fn require_pose(&self, scene: &str, position: usize) -> Result<(), SceneError> {
         match &self.image {
-            FrameImage::Unposed(reason) => Err(no_pose(scene, position, reason)),
+            FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
             _ => Ok(()),
         }
     }
@@ -125,6 +125,8 @@ mod tests {
             assert_eq!(centres.map(f64::is_nan).collect::<Vec<_>>(), [false, true, false, true, false], "{file}");
             for (at, place) in [(1, places[0]), (3, places[1])] {
                 let frame = &scene.frames[at];
+                let image = frame.image.listed_file().unwrap();
+                assert!(image.ends_with(format!("{at}.png")) && frame.image.file().is_none(), "{image:?}");
                 for error in [frame.header("s", at).unwrap_err(), frame.require_pose("s", at).unwrap_err()] {
                     let message = error.to_string();
                     let start = format!("frame {at} of scene \"s\" has no usable pose: ");
@@ -135,6 +137,7 @@ mod tests {
             assert_eq!(warnings.count(WarningKind::BadCamera), 1, "{file}: {:?}", warnings.kept());
             let warning = warnings.kept().iter().find(|warning| warning.kind == WarningKind::BadCamera).unwrap();
             assert!(warning.detail.starts_with("2 of 5 frames, first 1: ") && warning.detail.contains(places[0]));
+            assert!(warning.detail.contains("1.png: "), "the image: {}", warning.detail);
             let error = loaded(write_poses, &[1, 3]).unwrap_err();
             assert!(matches!(error, SceneError::NoPose { frame: 0, .. }), "without any pose: {error}");
         }

@@ -12,7 +12,7 @@ use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{is_read, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
-use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a capture that may contain its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
@@ -162,7 +162,7 @@ impl ColmapScenes {
             found.report(key, at, warnings);
             let (camera_from_world, file) = match &image.camera_from_world {
                 Ok(pose) => (*pose, found.image),
-                Err(reason) => (CameraFromWorld::UNKNOWN, FrameImage::Unposed(reason.clone())),
+                Err(reason) => (CameraFromWorld::UNKNOWN, found.image.unposed(reason.as_str())),
             };
             frames.push(Frame {
                 name: split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),

@@ -1,3 +1,4 @@
+use std::path::Path;
 use std::sync::Arc;
 
 use arrow_array::builder::{Float64Builder, Int64Builder, StringBuilder, UInt32Builder, UInt64Builder};
@@ -104,17 +105,19 @@ impl CameraTable {
 
         self.stated_width.append_option(frame.stated_size.map(|size| size.width));
         self.stated_height.append_option(frame.stated_size.map(|size| size.height));
-        let (kind, path, bytes) = match &frame.image {
-            FrameImage::Absent => ("absent", None, None),
-            FrameImage::Missing(path) => ("missing", Some(path), None),
-            FrameImage::File(path) => ("file", Some(path), None),
-            FrameImage::Encoded(bytes) => ("encoded", None, Some(bytes.len() as u64)),
-            FrameImage::Generated(_) => ("generated", None, None),
-            FrameImage::Unposed(_) => ("unposed", None, None),
-        };
-        self.image.append_value(kind);
-        self.image_path.append_option(path.map(|path| path.to_string_lossy()));
-        self.image_bytes.append_option(bytes);
+        self.image.append_value(match &frame.image {
+            FrameImage::Absent => "absent",
+            FrameImage::Missing(_) => "missing",
+            FrameImage::File(_) => "file",
+            FrameImage::Encoded(_) => "encoded",
+            FrameImage::Generated(_) => "generated",
+            FrameImage::Unposed { .. } => "unposed",
+        });
+        self.image_path.append_option(frame.image.listed_file().map(Path::to_string_lossy));
+        self.image_bytes.append_option(match frame.image.in_source() {
+            FrameImage::Encoded(bytes) => Some(bytes.len() as u64),
+            _ => None,
+        });
         Ok(())
     }
 
@@ -176,10 +179,7 @@ fn lens_columns(distortion: &Distortion) -> (&'static str, [Option<f64>; LENS.le
 /// Bytes of a row's text; an upper bound for a path that is not UTF-8.
 fn text_bytes(scene: &Scene, frame: &Frame) -> usize {
     // A byte that is not UTF-8 becomes U+FFFD, three bytes.
-    let path = match &frame.image {
-        FrameImage::Missing(path) | FrameImage::File(path) => path.as_os_str().len().saturating_mul(3),
-        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) | FrameImage::Unposed(_) => 0,
-    };
+    let path = frame.image.listed_file().map_or(0, |path| path.as_os_str().len().saturating_mul(3));
     [scene.url.as_ref().map_or(0, String::len), frame.name.len(), path]
         .into_iter()
         .fold(scene.key.len(), usize::saturating_add)

@@ -103,7 +103,7 @@ fn assert_holds(batch: &RecordBatch, scene: &Scene) {
             FrameImage::File(path) => ("file", Some(path)),
             FrameImage::Encoded(_) => ("encoded", None),
             FrameImage::Generated(_) => ("generated", None),
-            FrameImage::Unposed(_) => ("unposed", None),
+            FrameImage::Unposed { .. } => panic!("the scene has none"),
         };
         assert_eq!((text("image"), text("image_path")), (Some(kind), path.and_then(|path| path.to_str())));
     }
@@ -143,11 +143,13 @@ fn the_centre_columns_follow_from_the_pose() {
     atsplat_numeric::Tolerance::F64.assert(seen.to_array(), [0.0; 3], "the centre in camera coordinates");
 }
 
-/// The lens is that of the file.
+/// The lens is that of the file, and so is the image.
 #[test]
 fn a_frame_without_a_pose_is_a_row_of_nan() {
     let mut scene = varied();
-    scene.frames[1].image = FrameImage::Unposed("no rotation".to_owned());
+    for at in [1, 3] {
+        scene.frames[at].image = scene.frames[at].image.clone().unposed("no rotation");
+    }
     let batch = one_batch(&scene);
     let number = |name: &str, row: usize| batch.column_by_name(name).unwrap().as_primitive::<Float64Type>().value(row);
     for name in ["r00", "r21", "t2", "centre_x"] {
@@ -155,7 +157,11 @@ fn a_frame_without_a_pose_is_a_row_of_nan() {
     }
     assert!((number("fx", 1) - 0.482_334_223).abs() < 1e-12);
     let image = batch.column_by_name("image").unwrap().as_string::<i32>();
-    assert_eq!([0, 1, 2].map(|row| image.value(row)), ["absent", "unposed", "file"]);
+    assert_eq!([0, 1, 2, 3].map(|row| image.value(row)), ["absent", "unposed", "file", "unposed"]);
+    let path = batch.column_by_name("image_path").unwrap().as_string::<i32>();
+    assert_eq!((path.value(1), path.value(2), path.is_valid(3)), ("images/été.png", "/data/1.jpg", false));
+    let bytes = batch.column_by_name("image_bytes").unwrap().as_primitive::<UInt64Type>();
+    assert_eq!((bytes.is_valid(1), bytes.value(3)), (false, 3), "encoded in a chunk");
 }
 
 #[test]

@@ -88,7 +88,7 @@ impl SceneMeasure {
                 FrameImage::File(_) => (&mut counts.files, true),
                 FrameImage::Encoded(_) | FrameImage::Generated(_) => (&mut counts.encoded, true),
                 FrameImage::Missing(_) => (&mut counts.missing, false),
-                FrameImage::Unposed(_) => (&mut counts.unposed, false),
+                FrameImage::Unposed { .. } => (&mut counts.unposed, false),
                 FrameImage::Absent => (&mut counts.absent, false),
             };
             *count += 1;

@@ -69,7 +69,7 @@ fn baselines_match_a_computation_by_hand() {
 #[test]
 fn frames_without_a_pose_are_counted_and_not_measured() {
     let mut line = scene("line", [0.0, 1.0, 100.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
-    line.frames[2].image = FrameImage::Unposed("its rotation is none".to_owned());
+    line.frames[2].image = FrameImage::Absent.unposed("its rotation is none");
     line.frames[2].camera.camera_from_world = CameraFromWorld::UNKNOWN;
     let (report, _) = inspected(&TestSource::new([line]), InspectOptions::default());
     let b = report.baselines;
@@ -329,26 +329,25 @@ fn images_that_no_frame_names_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     let FrameImage::Encoded(bytes) = png(64, 36) else { unreachable!() };
     let below = |name: &str| folder.path().join(name);
-    for name in ["left/0", "left/1", "left/2", "left/3", "left/dynamic_mask_0", "right/0", "other/0"] {
+    for name in ["left/0", "left/1", "left/2", "left/3", "left/dynamic_mask_0", "right/0", "right/2", "other/0"] {
         let path = below(name).with_extension("png");
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, &*bytes).unwrap();
     }
     let mut scene = wandering_scene("capture", 4);
-    let unposed = FrameImage::Unposed("its rotation is none".to_owned());
-    let [left, right] = ["left/0.png", "right/0.png"].map(|name| FrameImage::File(below(name)));
-    for (frame, image) in scene.frames.iter_mut().zip([left, right, unposed, FrameImage::Missing(below("left/9.png"))])
-    {
+    let [left, right, unposed] = ["left/0.png", "right/0.png", "left/2.png"].map(|name| FrameImage::File(below(name)));
+    let (unposed, missing) = (unposed.unposed("its rotation is none"), FrameImage::Missing(below("left/9.png")));
+    for (frame, image) in scene.frames.iter_mut().zip([left, right, unposed, missing]) {
         frame.image = image;
         frame.stated_size = Some(ImageSize { width: 64, height: 36 });
     }
-    scene.frames[2].name = "left/2".to_owned();
     let (_, warnings) = inspected(&TestSource::new([scene.clone()]), InspectOptions::default());
     let of_kind = |warnings: &Warnings| -> Vec<String> {
         let unlisted = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnlistedImage);
         unlisted.map(|warning| warning.detail.clone()).collect()
     };
-    let expected = ["left/1.png", "left/3.png"].map(|name| format!("no frame belongs to {}", below(name).display()));
+    let expected = ["left/1.png", "left/3.png", "right/2.png"]
+        .map(|name| format!("no frame belongs to {}", below(name).display()));
     assert_eq!(of_kind(&warnings), expected);
     // Of a trajectory, they are found when it is loaded.
     scene.frames[0].stated_size = None;

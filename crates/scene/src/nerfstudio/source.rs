@@ -13,7 +13,7 @@ use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
-use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
@@ -193,7 +193,7 @@ fn frames(
             Ok(pose) => (pose.inverse(), found.image),
             Err(error) => {
                 let located = SceneError::camera(file, format!("frames[{at}].transform_matrix"))(error.clone());
-                (CameraFromWorld::UNKNOWN, FrameImage::Unposed(located.to_string()))
+                (CameraFromWorld::UNKNOWN, found.image.unposed(located.to_string()))
             }
         };
         // Images of one name in several folders have these in their names, as in COLMAP models.

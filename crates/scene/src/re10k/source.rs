@@ -138,7 +138,7 @@ impl SceneSource for Re10kScenes {
         attach_images(&mut scene, &self.image_folders(key, file), expected, warnings)?;
         for (row, error) in unposed {
             if let Some(frame) = scene.frames.get_mut(row) {
-                frame.image = FrameImage::Unposed(error.to_string());
+                frame.image = std::mem::replace(&mut frame.image, FrameImage::Absent).unposed(error.to_string());
             }
         }
         let scene = scene.require_a_pose()?;

@@ -66,9 +66,10 @@ impl ChunkScene {
             let location = || format!("scene {:?}, frame {position}", shortened(&self.key));
             let located = |source| SceneError::camera(path, location())(source);
             let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(located)?;
+            let image = FrameImage::Encoded(image.clone());
             let (pose, image) = match CameraFromWorld::from_rows(&pose) {
-                Ok(pose) => (pose, FrameImage::Encoded(image.clone())),
-                Err(error) => (CameraFromWorld::UNKNOWN, FrameImage::Unposed(located(error).to_string())),
+                Ok(pose) => (pose, image),
+                Err(error) => (CameraFromWorld::UNKNOWN, image.unposed(located(error).to_string())),
             };
             frames.push(Frame {
                 name: timestamp.to_string(),
@@ -166,7 +167,7 @@ fn encoded_image(frame: &Frame, scene: &str, position: usize) -> Result<SharedBy
         FrameImage::Generated(_) => Ok(SharedBytes::new(frame.bytes(scene, position)?.into_owned())),
         FrameImage::Missing(file) => Err(no_image(format!("no file {}", file.display()))),
         FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
-        FrameImage::Unposed(reason) => Err(no_pose(scene, position, reason)),
+        FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
     }
 }
 

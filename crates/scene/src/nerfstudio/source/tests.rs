@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::*;
+use crate::FrameImage;
 use crate::camera_file::{self, LensOfPoses};
 
 fn write_image(folder: &TempDir, name: &str, [width, height]: [u32; 2]) {
