@@ -11,7 +11,7 @@ use atsplat_rooms::{Geometry, Request, RoomsError, SceneKind, SceneSeed, Simulat
 use serde::Serialize;
 
 /// The kinds are evaluated separately: results for indoor scenes may not be true outdoors.
-pub const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
+pub const KINDS: [SceneKind; 2] = SceneKind::ALL;
 /// Minimum distance of the two frames: neighbouring frames show nearly the same.
 const MIN_GAP: usize = 5;
 

@@ -17,7 +17,7 @@ fn requests(kind: SceneKind, effects: &EffectChoice) -> Vec<Request> {
 
 fn frames(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
-    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+    for kind in SceneKind::ALL {
         for (name, effects) in
             [("needed", EffectChoice::Auto), ("all", EffectChoice::All), ("none", EffectChoice::None)]
         {

@@ -14,12 +14,27 @@ pub enum SceneKind {
     Yards,
 }
 
-impl fmt::Display for SceneKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl SceneKind {
+    /// All kinds.
+    pub const ALL: [Self; 2] = [Self::Rooms, Self::Yards];
+
+    /// The name in keys, files and on command lines; it is the id of the dataset of these scenes too.
+    pub const fn name(self) -> &'static str {
+        match self {
             Self::Rooms => "rooms",
             Self::Yards => "yards",
-        })
+        }
+    }
+
+    /// The kind with this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+impl fmt::Display for SceneKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -33,12 +48,27 @@ pub enum Split {
     Test,
 }
 
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl Split {
+    /// Both splits.
+    pub const ALL: [Self; 2] = [Self::Train, Self::Test];
+
+    /// The name in keys, files and on command lines.
+    pub const fn name(self) -> &'static str {
+        match self {
             Self::Train => "train",
             Self::Test => "test",
-        })
+        }
+    }
+
+    /// The split with this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|split| split.name() == name)
+    }
+}
+
+impl fmt::Display for Split {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -70,6 +100,22 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
+    use crate::Layout;
+
+    /// The names that serde knows of a type, in its error for another one.
+    fn known_to_serde<T: for<'de> Deserialize<'de>>() -> String {
+        let unknown = serde_json::from_value::<T>("".into()).err().unwrap().to_string();
+        unknown.rsplit_once("expected ").unwrap().1.replace("one of ", "").replace(" or ", ", ").replace('`', "")
+    }
+
+    #[test]
+    fn lists_and_names_are_those_of_files() {
+        assert_eq!(SceneKind::ALL.map(SceneKind::name).join(", "), known_to_serde::<SceneKind>());
+        assert_eq!(Split::ALL.map(Split::name).join(", "), known_to_serde::<Split>());
+        assert_eq!(Layout::ALL.map(Layout::name).join(", "), known_to_serde::<Layout>());
+        assert_eq!((SceneKind::named("yards"), SceneKind::named("Yards")), (Some(SceneKind::Yards), None));
+        assert_eq!((Split::named("train"), Split::named("")), (Some(Split::Train), None));
+    }
 
     #[test]
     fn splits_have_different_seeds() {

@@ -34,7 +34,7 @@ fn digest(simulation: &Simulation, frames: &[usize]) -> [u8; 32] {
 
 #[test]
 fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
-    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+    for kind in SceneKind::ALL {
         for effects in [EffectChoice::Auto, EffectChoice::All] {
             let request = Request { effects, ..request(kind, 3) };
             let on = |threads: usize| {
@@ -122,7 +122,7 @@ fn skipped_effects_hardly_change_any_pixel() {
 #[ignore = "takes a minute: cargo test --release -p atsplat-rooms --test simulation -- --ignored --nocapture eighty"]
 fn eighty_scenes_are_close_to_all_effects() {
     let size = ImageSize { width: 256, height: 256 };
-    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+    for kind in SceneKind::ALL {
         let found: Vec<_> = (0..40).map(|number| assert_close_to_all(kind, number, size, 60)).collect();
         let most = |read: fn(&ImageDifference) -> f64| found.iter().map(|(_, of)| read(of)).fold(0.0, f64::maximum_of);
         let (skipped, worst) = (found.iter().map(|(skipped, _)| skipped).sum::<usize>(), most(|of| of.mse));
@@ -210,7 +210,7 @@ fn a_lens_that_would_fold_inside_the_image_is_weakened() {
 
 #[test]
 fn depth_maps_agree_with_traced_covisibility() {
-    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+    for kind in SceneKind::ALL {
         let size = ImageSize { width: 192, height: 160 };
         let simulation = Simulation::new(Request { size, ..request(kind, 5) }).unwrap();
         let (a, b) = (simulation.geometry(10).unwrap(), simulation.geometry(11).unwrap());

@@ -11,8 +11,7 @@ use atsplat_scene::inspect::left_out;
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
-use super::simulate::{KINDS, SPLITS};
-use crate::parse;
+use super::simulate::{kinds, splits};
 use crate::plot::PlotFile;
 use crate::print::{note, print_report};
 use crate::progress::Progress;
@@ -29,11 +28,11 @@ pub(crate) struct Args {
     simulated: u32,
 
     /// Kind of the simulated scenes.
-    #[arg(long, value_name = "KIND", default_value = "rooms", requires = "simulated", value_parser = parse::named(KINDS))]
+    #[arg(long, value_name = "KIND", default_value = "rooms", requires = "simulated", value_parser = kinds())]
     kind: SceneKind,
 
     /// Split of the simulated scenes.
-    #[arg(long, value_name = "SPLIT", default_value = "train", requires = "simulated", value_parser = parse::named(SPLITS))]
+    #[arg(long, value_name = "SPLIT", default_value = "train", requires = "simulated", value_parser = splits())]
     split: Split,
 
     /// Histograms of every measure, .svg or .png.

@@ -13,6 +13,7 @@ use atsplat_rooms::{
     Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{AmbiguousScene, Scene, SceneSource as _, Warnings, scene_key};
+use clap::builder::TypedValueParser;
 use serde::{Deserialize, Serialize};
 
 use crate::output_lock::OutputLock;
@@ -23,11 +24,6 @@ use crate::print::{note, print_report, warn};
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
 
-pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
-pub(super) const SPLITS: [(&str, Split); 2] = [("train", Split::Train), ("test", Split::Test)];
-const LAYOUTS: [(&str, Layout); 3] =
-    [("re10k", Layout::Re10k), ("chunks", Layout::Chunks), ("nerfstudio", Layout::Nerfstudio)];
-
 /// Lists the scenes of a simulation until it has ended: a dataset with it is incomplete.
 pub(super) const PLAN: &str = "planned.json";
 
@@ -37,11 +33,11 @@ pub(crate) struct Args {
     out: PathBuf,
 
     /// rooms: one or two connected rooms, filmed as in RE10K. yards: courtyards and halls, as in DL3DV.
-    #[arg(long, value_name = "KIND", default_value = "rooms", value_parser = parse::named(KINDS))]
+    #[arg(long, value_name = "KIND", default_value = "rooms", value_parser = kinds())]
     kind: SceneKind,
 
     /// Split of the scenes; no scene is in both.
-    #[arg(long, value_name = "SPLIT", default_value = "test", value_parser = parse::named(SPLITS))]
+    #[arg(long, value_name = "SPLIT", default_value = "test", value_parser = splits())]
     split: Split,
 
     /// Number or range of scenes, such as 8 or 16..24.
@@ -76,7 +72,7 @@ pub(crate) struct Args {
     route_key: Option<String>,
 
     /// Format of the dataset; only nerfstudio stores lens distortion.
-    #[arg(long, value_name = "LAYOUT", default_value = "re10k", value_parser = parse::named(LAYOUTS))]
+    #[arg(long, value_name = "LAYOUT", default_value = "re10k", value_parser = parse::named(Layout::ALL.map(|layout| (layout.name(), layout))))]
     layout: Layout,
 
     /// Image format: png, or jpeg with its quality, such as jpeg:90.
@@ -167,7 +163,7 @@ impl Args {
         Err(usage_error(format!(
             "--effects {}: lens-distortion requires a layout that stores it: --layout nerfstudio (found --layout {})",
             self.effects,
-            name_of(self.layout)
+            self.layout.name()
         )))
     }
 
@@ -185,7 +181,7 @@ impl Args {
                 if count > 0 {
                     note(&format!(
                         "lens distortion is left out in {count} of {scenes} scenes: --layout {} stores none, --layout nerfstudio does",
-                        name_of(self.layout)
+                        self.layout.name()
                     ));
                 }
             }
@@ -349,15 +345,20 @@ impl fmt::Display for Report {
     }
 }
 
+/// A kind of scenes by its name.
+pub(super) fn kinds() -> impl TypedValueParser<Value = SceneKind> {
+    parse::named(SceneKind::ALL.map(|kind| (kind.name(), kind)))
+}
+
+/// A split of scenes by its name.
+pub(super) fn splits() -> impl TypedValueParser<Value = Split> {
+    parse::named(Split::ALL.map(|split| (split.name(), split)))
+}
+
 /// A size of images that can be simulated.
 fn size(text: &str) -> Result<ImageSize, String> {
     let size = text.parse().ok().filter(|size: &ImageSize| size.width.max(size.height) <= Request::MAX_SIDE);
     size.ok_or_else(|| format!("expected WxH, such as 640x360, each from 1 to {}, found {text:?}", Request::MAX_SIDE))
-}
-
-/// A layout as it is chosen.
-fn name_of(layout: Layout) -> &'static str {
-    LAYOUTS.into_iter().find(|(_, of)| *of == layout).map_or("", |(name, _)| name)
 }
 
 fn numbers(text: &str) -> Result<Range<u32>, String> {
@@ -391,6 +392,27 @@ mod tests {
         assert_eq!(stretched(&scene(Some(wide)), square), None);
         let message = stretched(&scene(None), square).unwrap();
         assert!(message.contains("focal lengths at 256×256 are 122.9 and 220.2 pixels"), "{message}");
+    }
+
+    #[test]
+    fn the_help_states_the_defaults_of_kinds_and_layouts() {
+        let command = <Args as clap::Args>::augment_args(clap::Command::new("simulate"));
+        let help = |option: &str| {
+            let argument = command.get_arguments().find(|argument| argument.get_id() == option).unwrap();
+            argument.get_help().unwrap().to_string()
+        };
+        for kind in SceneKind::ALL {
+            let frames = Request::new(kind, SceneSeed { split: Split::Test, number: 0 }).frames;
+            assert!(help("frames").contains(&format!("{frames} for {kind}")), "{}", help("frames"));
+            assert!(help("kind").contains(&format!("{kind}: ")), "{}", help("kind"));
+        }
+        for layout in Layout::ALL {
+            let (size, name) = (layout.native_size(), layout.name());
+            let sizes = help("size");
+            let of_layout = sizes.split([':', ',']).find(|part| part.contains(name)).unwrap();
+            assert!(of_layout.contains(&format!("{}x{} for ", size.width, size.height)), "{name}: {sizes}");
+            assert_eq!(help("layout").contains(name), layout.stores_lenses(), "{name}");
+        }
     }
 
     #[test]

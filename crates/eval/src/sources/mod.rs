@@ -4,4 +4,4 @@ mod cropped;
 mod simulated;
 
 pub use cropped::AlreadyCropped;
-pub use simulated::{simulated, simulated_dataset};
+pub use simulated::{is_simulated, simulated, simulated_dataset};

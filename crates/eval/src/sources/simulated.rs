@@ -9,11 +9,7 @@ use crate::EvalError;
 /// # Errors
 /// [`EvalError::Settings`] for a scene key without a seed, and for a preset without an image size.
 pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<SimulatedScenes>, EvalError> {
-    let kind = match preset.dataset.as_str() {
-        "rooms" => SceneKind::Rooms,
-        "yards" => SceneKind::Yards,
-        _ => return Ok(None),
-    };
+    let Some(kind) = SceneKind::named(&preset.dataset) else { return Ok(None) };
     let size = preset.preprocessing.expected_size.ok_or_else(|| EvalError::Settings {
         what: "preset of simulated scenes",
         expected: "preprocessing.expected-size, the size to simulate".to_owned(),
@@ -31,18 +27,23 @@ pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<Simu
     Ok(Some(scenes))
 }
 
+/// Whether a dataset's id is that of simulated scenes.
+pub fn is_simulated(dataset: &str) -> bool {
+    SceneKind::named(dataset).is_some()
+}
+
 /// The dataset of simulated scenes that all of these keys name, `rooms` or `yards`; `None` without keys, and if any is not one of the
 /// simulator's.
 pub fn simulated_dataset<'a>(keys: impl IntoIterator<Item = &'a str>) -> Option<String> {
     let keys: Vec<&str> = keys.into_iter().collect();
     let names_all = |kind: &SceneKind| !keys.is_empty() && keys.iter().all(|key| seed(*kind, key).is_some());
-    [SceneKind::Rooms, SceneKind::Yards].into_iter().find(names_all).map(|kind| kind.to_string())
+    SceneKind::ALL.into_iter().find(names_all).map(|kind| kind.to_string())
 }
 
 /// The seed of a scene key.
 fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
     let number = key.rsplit('-').next()?.parse().ok()?;
-    [Split::Train, Split::Test].map(|split| SceneSeed { split, number }).into_iter().find(|seed| seed.key(kind) == key)
+    Split::ALL.map(|split| SceneSeed { split, number }).into_iter().find(|seed| seed.key(kind) == key)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use atsplat_eval::sources::is_simulated;
 use atsplat_model::weights::training_data;
 use atsplat_results::MethodRecord;
 
@@ -22,8 +23,6 @@ static DATASETS: [NamedDataset; 5] = [
     NamedDataset { id: "rooms", name: "rooms", words: &["rooms"] },
     NamedDataset { id: "yards", name: "yards", words: &["yards"] },
 ];
-/// Datasets without photographs.
-const SIMULATED: [&str; 2] = ["rooms", "yards"];
 /// The pairs of datasets that a unified network is trained on: the paper's, and its stand-in.
 const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 
@@ -64,7 +63,7 @@ pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<Str
     let unseen = match (datasets.is_empty(), is_named(dataset)) {
         (true, _) => None,
         (false, true) => (!datasets.contains(dataset)).then(|| name(dataset)),
-        (false, false) => datasets.iter().all(|id| SIMULATED.contains(id)).then_some("photographs"),
+        (false, false) => datasets.iter().all(|id| is_simulated(id)).then_some("photographs"),
     };
     unseen.map(|data| format!("zero-shot: not trained on {data}"))
 }

@@ -59,7 +59,7 @@ mod tests {
     #[test]
     fn worlds_are_valid() {
         for seed in 0..24 {
-            for kind in [SceneKind::Rooms, SceneKind::Yards] {
+            for kind in SceneKind::ALL {
                 let world = world(kind, crate::rng::mix(seed));
                 assert!(world.objects.len() > 30, "{kind:?} {seed}: {} objects", world.objects.len());
                 for object in &world.objects {

@@ -2,10 +2,10 @@ use std::str::FromStr;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::InvalidText;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Layout of a dataset on disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Stores no lens.
@@ -17,6 +17,18 @@ pub enum Layout {
 }
 
 impl Layout {
+    /// All layouts.
+    pub const ALL: [Self; 3] = [Self::Re10k, Self::Chunks, Self::Nerfstudio];
+
+    /// The name in manifests and on command lines.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Re10k => "re10k",
+            Self::Chunks => "chunks",
+            Self::Nerfstudio => "nerfstudio",
+        }
+    }
+
     /// Whether cameras have their lens distortion.
     pub const fn stores_lenses(self) -> bool {
         match self {

@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn without_room_for_any_path_the_number_of_frames_is_rejected() {
-        for kind in [SceneKind::Rooms, SceneKind::Yards] {
+        for kind in SceneKind::ALL {
             let error = natural(kind, 5, &post(0.0, 0.2), 7, 1.0).unwrap_err().to_string();
             assert!(error.starts_with("frames: expected a path that fits into the scene"), "{error}");
             assert!(error.ends_with("(request fewer frames or another scene), found 7"), "{error}");

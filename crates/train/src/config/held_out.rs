@@ -52,9 +52,7 @@ impl RecordedScenes {
             [_, kind, "of", "the", split, "split", "at", _] => (*kind, *split, None),
             _ => return None,
         };
-        let kind = [SceneKind::Rooms, SceneKind::Yards].into_iter().find(|known| known.to_string() == kind)?;
-        let split = [Split::Train, Split::Test].into_iter().find(|known| known.to_string() == split)?;
-        Some(Self { kind, split, numbers })
+        Some(Self { kind: SceneKind::named(kind)?, split: Split::named(split)?, numbers })
     }
 
     fn are_others_than(&self, rooms: &RoomsConfig) -> bool {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use atsplat_eval::sources::simulated_dataset;
+use atsplat_eval::sources::{is_simulated, simulated_dataset};
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::{KnownIndex, Preset};
 use atsplat_results::{PresetRecord, Results};
@@ -21,7 +21,7 @@ pub(crate) fn other_data(results: &Results, record: &PresetRecord) -> Option<Str
 /// and nothing shows that the data are of one. `described` is the record's [`PresetRecord::dataset`].
 pub(super) fn in_words(known: Option<&str>, stated: &str, described: &str) -> String {
     match known {
-        Some(kind @ ("rooms" | "yards")) => format!("simulated {kind}"),
+        Some(known) if is_simulated(known) => format!("simulated {known}"),
         Some(known) => dataset_name(known).to_owned(),
         None if is_named_dataset(stated) => format!("unidentified data ({})", folder(described)),
         None => format!("capture {}", folder(described)),
