@@ -11,7 +11,7 @@ pub struct KnownIndex {
     pub repository: &'static str,
     /// Path inside that repository.
     pub path: &'static str,
-    /// Dataset of its scene keys: `re10k`, `acid` or `dl3dv`.
+    /// Dataset of its scene keys, as [`NamedDataset::id`](crate::NamedDataset::id).
     pub dataset: &'static str,
     /// Hash of the published file's bytes.
     pub sha256: Sha256Digest,

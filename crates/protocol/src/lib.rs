@@ -12,6 +12,7 @@ mod index;
 mod known;
 mod lint;
 mod loading;
+mod named_dataset;
 mod preset;
 mod sampling_rule;
 #[cfg(test)]
@@ -29,6 +30,7 @@ pub use lint::{
     LintReport, OverlapFacts, PresetMatch, RecognisedIndex, Repeats, TableSharing, TargetCount, compare, lint,
     lint_file,
 };
+pub use named_dataset::{NAMED_DATASETS, NamedDataset};
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DisparityPlanes, DropReason, Dropped, EffectiveSetting, Filters,
     IndexMatch, IndexRule, LensDistortion, MeanCameraScale, MethodSetting, MetricIds, NearCull, NearFar,

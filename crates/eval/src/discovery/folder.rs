@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::{FileError, name_of};
-use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
+use atsplat_protocol::{EvaluationIndex, NamedDataset, Preset, SamplingRule};
 use atsplat_scene::{
     Format, Frame, ImageFolder, NerfstudioOptions, OpenOptions, SceneError, SceneSource, WarningKind, Warnings,
     open_with,
@@ -165,11 +165,7 @@ fn add_photos(
 
 /// Whether the dataset of a preset may have this format.
 fn is_compatible(format: Format, preset: &Preset) -> bool {
-    match preset.dataset.as_str() {
-        "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
-        "dl3dv" => matches!(format, Format::Nerfstudio | Format::TorchChunks),
-        _ => false,
-    }
+    NamedDataset::by_id(&preset.dataset).is_some_and(|dataset| dataset.formats.contains(&format))
 }
 
 /// A dataset with images in a preset's size.
@@ -233,12 +229,12 @@ fn index(
         Err(EvalError::NoPublishedIndex { .. }) => {}
         Err(broken) => return Err(broken.to_string()),
     }
-    // RE10K's protocols apply only to the official scenes; DL3DV's sampling rule applies to any capture in its layout. Chunks do
-    // not say which dataset they belong to.
-    if preset.dataset != "dl3dv" || dataset.format == Format::TorchChunks {
-        return Err("no published index in the folder names one of its scenes".to_owned());
+    // RE10K's protocols apply only to the official scenes; DL3DV's sampling rule applies to any capture in its layout.
+    let named = NamedDataset::by_id(&preset.dataset);
+    if named.is_some_and(|named| named.formats_of_any_data.contains(&dataset.format)) {
+        return sampled(dataset, source, preset, warnings);
     }
-    sampled(dataset, source, preset, warnings)
+    Err("no published index in the folder names one of its scenes".to_owned())
 }
 
 fn sampled(
@@ -300,20 +296,6 @@ pub(super) mod tests {
         let frame = format!(r#"{{"file_path":"0.png","transform_matrix":{pose}}}"#);
         let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
         std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
-    }
-
-    /// A protocol on a dataset that no format may have would never be found.
-    #[test]
-    fn datasets_of_published_presets_may_have_a_format() {
-        let formats = [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap];
-        for name in Preset::names() {
-            let preset = Preset::named(name).unwrap();
-            let found = formats.map(|format| is_compatible(format, &preset));
-            // Simulated scenes and captures are found in another way.
-            let is_published = preset.stands_for.is_none() && preset.dataset != "photos";
-            assert_eq!(found.contains(&true), is_published, "{name}");
-            assert!(!(found[0] && found[2]), "{name}: the scenes of one dataset have one layout");
-        }
     }
 
     /// Of twelve frames in a row, the second has lost its image: it is not sampled, and the others keep their numbers.

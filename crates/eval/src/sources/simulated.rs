@@ -48,7 +48,7 @@ fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_protocol::IndexFile;
+    use atsplat_protocol::{IndexFile, NAMED_DATASETS};
     use atsplat_scene::SceneSource;
 
     use super::*;
@@ -66,6 +66,14 @@ mod tests {
             assert_eq!(source.keys().len(), index.scenes.len());
             assert!(index.scenes.keys().all(|key| source.keys().contains(key)), "{}", preset.name);
         }
+    }
+
+    #[test]
+    fn named_datasets_without_files_are_simulated() {
+        let without_files = NAMED_DATASETS.iter().filter(|dataset| dataset.formats.is_empty());
+        let kinds = SceneKind::ALL.map(SceneKind::name);
+        assert!(without_files.map(|dataset| dataset.id).eq(kinds) && kinds.into_iter().all(is_simulated));
+        assert!(!is_simulated("re10k") && !is_simulated("photos"));
     }
 
     #[test]
