@@ -6,8 +6,9 @@ use std::io::Result as IoResult;
 use std::path::{Component, Path, PathBuf, absolute};
 
 use anyhow::{Context as _, bail};
+use atsplat_eval::rendering::RENDER_RECORD;
 use atsplat_files::is_toml_path;
-use atsplat_scene::Frame;
+use atsplat_scene::{Format, Frame, is_image_name};
 
 use crate::paths::canonical_path;
 
@@ -70,21 +71,11 @@ fn is_read_with(data: &Path, places: &[PathBuf]) -> bool {
 /// Whether a format of datasets reads files of this name: cameras and points by their names alone, images and depth maps if
 /// they exist.
 fn is_name_of_dataset(place: &Path) -> bool {
-    const IMAGES: [&str; 5] = ["jpg", "jpeg", "png", "webp", "exr"];
-    let text = |part: Option<&OsStr>| part.map(|part| part.to_string_lossy().into_owned()).unwrap_or_default();
-    let (name, extension) = (text(place.file_name()), text(place.extension()));
-    match (name.as_str(), extension.as_str()) {
-        ("transforms.json" | "render.json" | "cameras.bin" | "images.bin" | "points3D.bin", _)
-        | (_, "txt" | "torch") => true,
-        ("index.json", _) => place.parent().is_some_and(contains_chunks),
-        (_, extension) => place.is_file() && IMAGES.iter().any(|image| image.eq_ignore_ascii_case(extension)),
-    }
-}
-
-/// Whether pixelSplat's chunks are in the folder: their index is next to them.
-fn contains_chunks(folder: &Path) -> bool {
-    let is_chunk = |path: PathBuf| path.extension().is_some_and(|extension| extension == "torch");
-    folder.read_dir().is_ok_and(|entries| entries.flatten().any(|entry| is_chunk(entry.path())))
+    let name = place.file_name().map(OsStr::to_string_lossy).unwrap_or_default();
+    let is_depth_map = || place.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+    name == RENDER_RECORD
+        || Format::ALL.into_iter().any(|format| format.reads_file(place))
+        || ((is_image_name(&name) || is_depth_map()) && place.is_file())
 }
 
 /// An input file, and what it is, such as "photo".
@@ -139,7 +130,9 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let at = |path: &str| root.path().join(path);
         fs::create_dir_all(at("data/test")).unwrap();
-        for file in ["data/transforms.json", "data/0.PNG", "data/test/000.torch", "index", "map.toml", "map"] {
+        for file in
+            ["data/transforms.json", "data/0.PNG", "data/0.exr", "data/test/000.torch", "index", "map.toml", "map"]
+        {
             fs::write(at(file), "").unwrap();
         }
         let (data, index, map) = (at("data"), at("index"), at("map.toml"));
@@ -155,6 +148,8 @@ mod tests {
             ("data/new/../sparse/0/cameras.bin", "part of the dataset "),
             ("data/scene.txt", "part of the dataset "),
             ("data/0.PNG", "part of the dataset "),
+            ("data/0.exr", "part of the dataset "),
+            ("data/render.json", "part of the dataset "),
             ("data/test/index.json", "part of the dataset "),
         ] {
             let error = check(path).unwrap_err();

@@ -120,7 +120,7 @@ impl ImageListing {
         for names in names_by_stem.values_mut() {
             names.sort_by_key(|name| split_image_name(name).map(|(_, preference)| preference));
         }
-        let has_decoded = names_by_stem.values().flatten().any(|name| is_read(name));
+        let has_decoded = names_by_stem.values().flatten().any(|name| is_image_name(name));
         Ok(Some(Self { folder: folder.to_owned(), names_by_stem, has_decoded }))
     }
 
@@ -136,7 +136,7 @@ impl ImageListing {
 
     /// Stems of all images, sorted. Next to images that are decoded, others may be depth maps, and do not count.
     pub(crate) fn stems(&self) -> impl Iterator<Item = &str> {
-        let counts = |names: &[String]| !self.has_decoded || names.iter().any(|name| is_read(name));
+        let counts = |names: &[String]| !self.has_decoded || names.iter().any(|name| is_image_name(name));
         self.names_by_stem.iter().filter(move |(_, names)| counts(names)).map(|(stem, _)| stem.as_str())
     }
 
@@ -155,13 +155,13 @@ impl ImageListing {
     /// is none.
     pub(crate) fn names(&self, stem: &str) -> Vec<&str> {
         let names = self.names_by_stem.get(stem).map(Vec::as_slice).unwrap_or_default();
-        let has_decoded = names.iter().any(|name| is_read(name));
-        names.iter().map(String::as_str).filter(|name| !has_decoded || is_read(name)).collect()
+        let has_decoded = names.iter().any(|name| is_image_name(name));
+        names.iter().map(String::as_str).filter(|name| !has_decoded || is_image_name(name)).collect()
     }
 
     /// [`Self::by_stem`] of the formats that are decoded.
     pub(crate) fn read_by_stem(&self, stem: &str) -> Option<PathBuf> {
-        let first = self.names_by_stem.get(stem)?.first().filter(|name| is_read(name))?;
+        let first = self.names_by_stem.get(stem)?.first().filter(|name| is_image_name(name))?;
         Some(self.folder.join(first))
     }
 
@@ -169,7 +169,7 @@ impl ImageListing {
     pub(crate) fn choice_of_stem(&self, stem: &str) -> Option<String> {
         let (first, others) = self.names_by_stem.get(stem)?.split_first()?;
         let others: Vec<&str> =
-            others.iter().map(String::as_str).filter(|other| !is_read(first) || is_read(other)).collect();
+            others.iter().map(String::as_str).filter(|other| !is_image_name(first) || is_image_name(other)).collect();
         (!others.is_empty()).then(|| format!("{first} is used, not {}", others.join(", ")))
     }
 
@@ -185,8 +185,8 @@ pub(crate) fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|found| found == extension)
 }
 
-/// Whether a name is that of an image in a format that is decoded.
-pub(crate) fn is_read(name: &str) -> bool {
+/// Whether a file name is that of an image in a format that is decoded, by its extension.
+pub fn is_image_name(name: &str) -> bool {
     split_image_name(name).is_some_and(|(_, rank)| rank < FIRST_UNREAD)
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::checks::ignored::Collections;
-use crate::{OpenOptions, SceneError, SceneSource, Warnings};
+use crate::{OpenOptions, SceneError, SceneSource, Warnings, colmap, nerfstudio, re10k, torch};
 
 /// Bytes read of a file to detect its format.
 pub(crate) const PROBE: u64 = 1 << 16;
@@ -25,6 +25,9 @@ pub enum Format {
 }
 
 impl Format {
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::Re10k, Self::TorchChunks, Self::Nerfstudio, Self::Colmap];
+
     /// Stable name for reports.
     pub const fn name(self) -> &'static str {
         match self {
@@ -32,6 +35,27 @@ impl Format {
             Self::TorchChunks => "torch-chunks",
             Self::Nerfstudio => "nerfstudio",
             Self::Colmap => "colmap",
+        }
+    }
+
+    /// Its data in messages: `RE10K trajectories`, `a COLMAP model`.
+    pub fn data(self) -> &'static str {
+        self.reader().data
+    }
+
+    /// Whether datasets of this format read cameras, points or chunks from a file because of its name. Images may have any name
+    /// ([`is_image_name`](crate::is_image_name)), and a file that is opened itself as well.
+    pub fn reads_file(self, path: &Path) -> bool {
+        (self.reader().reads_file)(path)
+    }
+
+    /// What is known of the format.
+    pub(crate) fn reader(self) -> &'static FormatReader {
+        match self {
+            Self::Re10k => &re10k::READER,
+            Self::TorchChunks => &torch::READER,
+            Self::Nerfstudio => &nerfstudio::READER,
+            Self::Colmap => &colmap::READER,
         }
     }
 }
@@ -42,15 +66,39 @@ impl fmt::Display for Format {
     }
 }
 
-/// How one format is detected and opened.
+/// Facts about one format, and how it is detected and opened.
 pub(crate) struct FormatReader {
-    pub(crate) format: Format,
+    /// [`Format::data`].
+    pub(crate) data: &'static str,
+    /// What makes a folder with this name a scene, for messages.
+    pub(crate) required: fn(&str) -> String,
+    pub(crate) images: ImagePlace,
+    /// What a folder without a whole scene has of one, but for images.
+    pub(crate) part_of_scene: fn(&Path) -> Option<String>,
+    /// Whether scenes are captures: structure from motion need not place all of their images, and numbers in images' names, which the
+    /// cameras of a rig share, are no timestamps.
+    pub(crate) is_of_captures: bool,
+    /// The names of the [`ImageOptions`](crate::ImageOptions) that are read.
+    pub(crate) image_options: &'static [&'static str],
+    /// [`Format::reads_file`].
+    pub(crate) reads_file: fn(&Path) -> bool,
     /// The path to open for a file with these first bytes; `None` if the file is not of this format.
     pub(crate) path_of_file: fn(&Path, &[u8]) -> Option<PathBuf>,
     pub(crate) is_folder_of_format: fn(&Path) -> Result<bool, SceneError>,
     /// Files whose content decides whether a folder is of this format, or is read when it is opened.
     pub(crate) read_to_open: fn(&Path) -> Result<Vec<PathBuf>, SceneError>,
     pub(crate) open: fn(&Path, &OpenOptions, &mut Warnings) -> Result<Opened, SceneError>,
+}
+
+/// Where the images of a scene are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ImagePlace {
+    /// In the file of the cameras.
+    WithCameras,
+    /// In `images/` or a scaled copy of it, in the scene's folder.
+    Images,
+    /// There, or directly in the scene's folder.
+    FolderOrImages,
 }
 
 /// The scenes of a dataset, and the folders that they are in.

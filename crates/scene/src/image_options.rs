@@ -40,20 +40,15 @@ impl ImageOptions {
     /// # Errors
     /// The first such option.
     pub fn check(&self, format: Option<Format>) -> Result<(), UnreadOption> {
-        let [images, frames, undistorted] = match format {
-            None | Some(Format::TorchChunks) => [false; 3],
-            Some(Format::Re10k) => [false, true, false],
-            Some(Format::Nerfstudio) => [true, false, true],
-            Some(Format::Colmap) => [true, true, false],
-        };
+        let read = format.map(|format| format.reader().image_options).unwrap_or_default();
         let options = [
-            ("images", self.images.is_some(), images, "captures of nerfstudio or COLMAP"),
-            ("frames", self.frames.is_some(), frames, "RE10K trajectories or a COLMAP model"),
-            ("prefer-undistorted", self.prefer_undistorted, undistorted, "captures of nerfstudio or DL3DV"),
+            ("images", self.images.is_some(), "captures of nerfstudio or COLMAP"),
+            ("frames", self.frames.is_some(), "RE10K trajectories or a COLMAP model"),
+            ("prefer-undistorted", self.prefer_undistorted, "captures of nerfstudio or DL3DV"),
         ];
-        match options.into_iter().find(|(_, is_given, is_read, _)| *is_given && !is_read) {
+        match options.into_iter().find(|(option, is_given, _)| *is_given && !read.contains(option)) {
             None => Ok(()),
-            Some((option, _, _, expected)) => Err(UnreadOption { option, expected, format }),
+            Some((option, _, expected)) => Err(UnreadOption { option, expected, format }),
         }
     }
 }
@@ -89,24 +84,37 @@ mod tests {
         ]
     }
 
-    /// `Debug` of the options shows what a format would read.
+    /// `Debug` of the options of a format.
+    fn shown(options: &OpenOptions, format: Format) -> String {
+        match format {
+            Format::Re10k => format!("{:?}", options.re10k),
+            Format::TorchChunks => String::new(),
+            Format::Nerfstudio => format!("{:?}", options.nerfstudio),
+            Format::Colmap => format!("{:?}", options.colmap),
+        }
+    }
+
     #[test]
     fn an_option_is_rejected_exactly_where_it_changes_nothing() {
-        let defaults = OpenOptions::default();
         for given in each() {
-            let options = given.open_options();
-            for (format, found, default) in [
-                (Format::Re10k, format!("{:?}", options.re10k), format!("{:?}", defaults.re10k)),
-                (Format::TorchChunks, String::new(), String::new()),
-                (Format::Nerfstudio, format!("{:?}", options.nerfstudio), format!("{:?}", defaults.nerfstudio)),
-                (Format::Colmap, format!("{:?}", options.colmap), format!("{:?}", defaults.colmap)),
-            ] {
-                assert_eq!(given.check(Some(format)).is_ok(), found != default, "{given:?} {format}");
+            for format in Format::ALL {
+                let changes = shown(&given.open_options(), format) != shown(&OpenOptions::default(), format);
+                assert_eq!(given.check(Some(format)).is_ok(), changes, "{given:?} {format}");
                 assert_eq!(ImageOptions::default().check(Some(format)), Ok(()));
             }
             assert!(given.check(None).is_err(), "{given:?}");
         }
         assert_eq!(ImageOptions::default().check(None), Ok(()));
+    }
+
+    #[test]
+    fn errors_name_the_formats_that_read_an_option_and_no_other() {
+        for given in each() {
+            let expected = given.check(None).unwrap_err().expected.to_lowercase();
+            for format in Format::ALL {
+                assert_eq!(expected.contains(format.name()), given.check(Some(format)).is_ok(), "{format}: {expected}");
+            }
+        }
     }
 
     #[test]

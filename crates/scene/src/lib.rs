@@ -42,6 +42,7 @@ pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use fetch::Fetch;
+pub use files::is_image_name;
 pub use format::Format;
 pub use frame_selection::{FrameSelection, InvalidSelection};
 pub use image_options::{ImageOptions, UnreadOption};

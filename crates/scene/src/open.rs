@@ -9,18 +9,18 @@ use atsplat_files::FileError;
 use crate::checks::ignored::report_ignored;
 use crate::fetch::image_files;
 use crate::files::read_start;
-use crate::format::{Format, FormatReader, PROBE};
+use crate::format::{Format, PROBE};
 use crate::nerfstudio::AppliedTransform;
-use crate::{
-    ColmapOptions, Fetch, NerfstudioOptions, Re10kOptions, SceneError, SceneSource, Warnings, colmap, nerfstudio,
-    re10k, torch,
-};
+use crate::{ColmapOptions, Fetch, NerfstudioOptions, Re10kOptions, SceneError, SceneSource, Warnings};
 
 /// The formats in the order in which they are tried.
-static READERS: [FormatReader; 4] = [torch::READER, nerfstudio::READER, colmap::READER, re10k::READER];
+const TRIED: [Format; Format::ALL.len()] = [Format::TorchChunks, Format::Nerfstudio, Format::Colmap, Format::Re10k];
 
 /// The supported formats, for messages.
-const EXPECTED: &str = "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model";
+fn expected() -> String {
+    let [others @ .., last] = Format::ALL.map(Format::data);
+    format!("{} or {last}", others.join(", "))
+}
 
 /// Options of all formats; those of the detected one apply.
 #[derive(Clone, Debug, Default)]
@@ -142,7 +142,8 @@ pub fn open_with(
         options.fetch("fetching a dataset", path, &[path.to_owned()])?;
         Some(read_start("opening a dataset", path, PROBE)?)
     };
-    for reader in &READERS {
+    for format in TRIED {
+        let reader = format.reader();
         if options.fetch.is_some() && start.is_none() {
             options.fetch("fetching a dataset", path, &(reader.read_to_open)(path)?)?;
         }
@@ -153,17 +154,16 @@ pub fn open_with(
         let Some(found) = found else { continue };
         let (source, collections) = (reader.open)(&found, options, warnings)?;
         if start.is_none() {
-            report_ignored(&collections, reader.format, source.keys(), options.fetch.is_some(), warnings)?;
+            report_ignored(&collections, format, source.keys(), options.fetch.is_some(), warnings)?;
         }
-        let (format, scenes) = (reader.format, source.keys().len());
-        tracing::info!(path = %path.display(), %format, scenes, "opened dataset");
+        tracing::info!(path = %path.display(), %format, scenes = source.keys().len(), "opened dataset");
         return Ok(Dataset { format, path: path.to_owned(), source, fetch: options.fetch.clone() });
     }
     let content = match start {
         Some(start) => unrecognized::content_of_file(path, &start),
         None => unrecognized::content_of_folder(path)?,
     };
-    Err(SceneError::unrecognized(path, EXPECTED, content))
+    Err(SceneError::unrecognized(path, expected(), content))
 }
 
 #[cfg(test)]

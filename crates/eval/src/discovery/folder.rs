@@ -298,6 +298,17 @@ pub(super) mod tests {
         std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
     }
 
+    #[test]
+    fn every_format_is_named_where_nothing_is_found() {
+        let root = tempfile::tempdir().unwrap();
+        let found = find_datasets(root.path(), &mut Warnings::new()).unwrap();
+        let [NotRun { why, .. }] = &found.not_run[..] else { panic!("{:?}", found.not_run) };
+        for format in Format::ALL {
+            let data = format.data();
+            assert!(why.contains(data.strip_prefix("a ").unwrap_or(data)), "{format}: {why}");
+        }
+    }
+
     /// Of twelve frames in a row, the second has lost its image: it is not sampled, and the others keep their numbers.
     #[test]
     fn frames_without_an_image_are_counted_and_keep_their_places() {

@@ -217,6 +217,7 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
+    use atsplat_scene::colmap::MODEL_FOLDERS;
     use atsplat_scene::{SceneSource as _, Warnings};
     use atsplat_splat::GaussianParts;
     use atsplat_splat::files::{Encoding, Output};
@@ -353,7 +354,8 @@ mod tests {
         }
         assert_eq!(points(&Start::At(garden.clone()), folder.path(), "other"), Ok(5));
         let error = points(&Start::Points, folder.path(), "other").unwrap_err();
-        assert!(error.contains("sparse/") && error.contains(&folder.path().display().to_string()), "{error}");
+        assert!(error.contains(&folder.path().display().to_string()), "{error}");
+        assert!(MODEL_FOLDERS.into_iter().skip(1).all(|place| error.contains(&format!(" {place}/"))), "{error}");
         std::fs::write(garden.join("sparse/points3D.txt"), "1 1 0 1 255 0 0 0.5\n").unwrap();
         let error = points(&Start::Points, folder.path(), "garden").unwrap_err();
         let sparse = garden.join("sparse");

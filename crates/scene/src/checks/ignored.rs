@@ -4,8 +4,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::colmap::{model_below, model_in, part_of_model};
-use crate::files::{is_read, last_name, list, not_utf8, read_start, split_image_name};
+use crate::colmap::{model_below, model_folders_in_words, model_in};
+use crate::files::{is_image_name, last_name, list, not_utf8, read_start, split_image_name};
+use crate::format::ImagePlace;
 use crate::nerfstudio::{VARIANTS, is_of_images, transforms_in};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
@@ -101,7 +102,7 @@ impl OpenedAs<'_> {
 
     /// What a folder contains. Images next to a trajectory are reported with it, and chunks contain theirs.
     fn left_out_in(&self, folder: &Path, name: &str, is_of_trajectory: bool) -> Option<LeftOut> {
-        let may_be_part = self.format != Format::TorchChunks && !is_of_trajectory;
+        let may_be_part = self.format.reader().images != ImagePlace::WithCameras && !is_of_trajectory;
         let model = || model_below(folder).map(LeftOut::ModelIn);
         let part = || if may_be_part { part_in(folder, self.format).map(LeftOut::Part) } else { None };
         self.scene_in(folder, name).map(LeftOut::Scene).or_else(model).or_else(part)
@@ -133,37 +134,25 @@ impl OpenedAs<'_> {
                 (WarningKind::IgnoredScene, detail)
             }
             LeftOut::ModelIn(below) => {
-                let places =
-                    "a capture's model is looked for in the folder itself, sparse/0, sparse and colmap/sparse/0";
+                let places = format!("a capture's model is looked for in {}", model_folders_in_words());
                 let detail = format!("a COLMAP model in {below}, which is not read: {places}; give that folder");
                 (WarningKind::IgnoredScene, detail)
             }
             LeftOut::Part(what) => {
-                (WarningKind::IgnoredScene, format!("contains {what}, but no {}", required(format, key)))
+                let required = (format.reader().required)(key);
+                (WarningKind::IgnoredScene, format!("contains {what}, but no {required}"))
             }
         }
     }
 }
 
-/// What makes a folder with this name a scene of the format.
-fn required(format: Format, name: &str) -> String {
-    match format {
-        Format::Re10k => format!("trajectory {name}.txt"),
-        Format::Nerfstudio => "transforms.json".to_owned(),
-        Format::Colmap => "COLMAP model".to_owned(),
-        Format::TorchChunks => "chunk".to_owned(),
-    }
-}
-
-/// What a folder without cameras has in common with a capture. Captures have their images in `images/` or a scaled copy
-/// of it, clips of trajectories also directly in their folder.
+/// What a folder without cameras has in common with a scene of the format.
 fn part_in(folder: &Path, format: Format) -> Option<String> {
-    if format == Format::Colmap
-        && let Some((part, _)) = part_of_model(folder)
-    {
+    let reader = format.reader();
+    if let Some(part) = (reader.part_of_scene)(folder) {
         return Some(part);
     }
-    let in_variant = || VARIANTS.iter().find_map(|variant| images_or_misspelt(&folder.join(variant), format));
+    let in_variant = || VARIANTS.iter().find_map(|variant| images_or_misspelt(&folder.join(variant), reader.images));
     let below = || {
         let has_scene =
             |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
@@ -174,13 +163,13 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
 }
 
 /// A file that is named like a `transforms.json`, or "images".
-fn images_or_misspelt(folder: &Path, format: Format) -> Option<String> {
+fn images_or_misspelt(folder: &Path, place: ImagePlace) -> Option<String> {
     let entries = list(folder).ok()?;
     let mut files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
     if let Some(misspelt) = files.clone().find(|name| is_like_transforms(name)) {
         return Some(misspelt.to_owned());
     }
-    let is_clip = format == Format::Re10k && files.any(is_read);
+    let is_clip = place == ImagePlace::FolderOrImages && files.any(is_image_name);
     let mut image_folders = entries.iter().filter(|(name, is_folder)| *is_folder && is_of_images(name));
     let has_images = is_clip || image_folders.any(|(name, _)| contains_images(&folder.join(name)));
     has_images.then(|| "images".to_owned())

@@ -20,10 +20,10 @@ use crate::files::read_file;
 
 pub use camera::{ColmapCamera, ColmapCameraModel};
 pub use displacement::{Displacement, displacement};
-pub use source::{ColmapOptions, ColmapScenes, points_folder};
+pub use source::{ColmapOptions, ColmapScenes, MODEL_FOLDERS, points_folder};
 
 pub(crate) use open::{READER, folder_of_part};
-pub(crate) use source::{model_below, model_in, part_of_model};
+pub(crate) use source::{model_below, model_folders_in_words, model_in, part_of_model};
 
 const FORMAT: &str = "COLMAP model";
 

@@ -3,11 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use super::ColmapScenes;
-use super::source::model_folders;
-use crate::format::{Format, FormatReader};
+use super::source::{model_folders, part_of_model};
+use crate::files::has_extension;
+use crate::format::{FormatReader, ImagePlace};
 
-pub(crate) const READER: FormatReader = FormatReader {
-    format: Format::Colmap,
+pub(crate) static READER: FormatReader = FormatReader {
+    data: "a COLMAP model",
+    required: |_| "COLMAP model".to_owned(),
+    images: ImagePlace::Images,
+    part_of_scene: |folder| part_of_model(folder).map(|(part, _)| part),
+    is_of_captures: true,
+    image_options: &["images", "frames"],
+    reads_file: |path| is_part_of_model(path) && (has_extension(path, "bin") || has_extension(path, "txt")),
     path_of_file: |path, _| model_around(path),
     is_folder_of_format: |path| Ok(!model_folders(path)?.is_empty()),
     read_to_open: |_| Ok(Vec::new()),
@@ -25,7 +32,11 @@ fn model_around(file: &Path) -> Option<PathBuf> {
 
 /// The folder of a file that is named like one of a model.
 pub(crate) fn folder_of_part(file: &Path) -> Option<PathBuf> {
-    let is_part = matches!(file.file_stem()?.to_str()?, "cameras" | "images" | "points3D");
     let folder = file.parent().filter(|folder| *folder != Path::new("")).unwrap_or_else(|| Path::new("."));
-    is_part.then(|| folder.to_owned())
+    is_part_of_model(file).then(|| folder.to_owned())
+}
+
+fn is_part_of_model(file: &Path) -> bool {
+    let stem = file.file_stem().and_then(|stem| stem.to_str());
+    stem.is_some_and(|stem| matches!(stem, "cameras" | "images" | "points3D"))
 }

@@ -10,12 +10,12 @@ use super::{ColmapCamera, ColmapImage, Encoding, encoding_of, malformed, model_f
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
-use crate::files::{is_read, last_name, list, read_file, split_image_name};
+use crate::files::{is_image_name, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
 use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
-/// Subfolders of a capture that may contain its sparse model, in order of preference.
-const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+/// Subfolders of a capture that may contain its sparse model, in order of preference; the first is its folder itself.
+pub const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
 /// Subfolders of a folder in which [`model_below`] looks.
 const FOLDERS_SEARCHED: usize = 100;
@@ -232,6 +232,12 @@ pub(crate) fn part_of_model(capture: &Path) -> Option<(String, PathBuf)> {
     places(capture).find_map(part_in)
 }
 
+/// [`MODEL_FOLDERS`] in words.
+pub(crate) fn model_folders_in_words() -> String {
+    let [_, others @ .., last] = MODEL_FOLDERS;
+    format!("the folder itself, {} and {last}", others.join(", "))
+}
+
 fn places(capture: &Path) -> impl Iterator<Item = PathBuf> {
     MODEL_FOLDERS.iter().map(move |below| if below.is_empty() { capture.to_owned() } else { capture.join(below) })
 }
@@ -292,7 +298,8 @@ fn capture_of(model: &Path) -> PathBuf {
 
 /// Whether there are images in `images/`, or folders, in which there may be some.
 fn has_images(capture: &Path) -> bool {
-    list(&capture.join("images")).is_ok_and(|found| found.iter().any(|(name, is_folder)| *is_folder || is_read(name)))
+    list(&capture.join("images"))
+        .is_ok_and(|found| found.iter().any(|(name, is_folder)| *is_folder || is_image_name(name)))
 }
 
 fn absolute(path: &Path) -> PathBuf {

@@ -485,7 +485,8 @@ proptest! {
 
 #[test]
 fn points_are_found_wherever_models_are() {
-    for place in ["", "sparse/0", "sparse", "colmap/sparse/0"] {
+    assert_eq!(model_folders_in_words(), "the folder itself, sparse/0, sparse and colmap/sparse/0");
+    for place in MODEL_FOLDERS {
         let capture = tempfile::tempdir().unwrap();
         let folder = capture.path().join(place);
         std::fs::create_dir_all(&folder).unwrap();

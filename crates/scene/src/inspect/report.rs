@@ -50,11 +50,7 @@ impl Inspection {
     fn has_lost_rows(&self, kind: WarningKind) -> bool {
         match kind {
             WarningKind::ImplausibleIntrinsics => true,
-            // In the other formats, structure from motion has not placed these images, and the numbers in images' names, which the
-            // cameras of a rig share, are no timestamps.
-            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => {
-                !matches!(self.format, Format::Nerfstudio | Format::Colmap)
-            }
+            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => !self.format.reader().is_of_captures,
             _ => false,
         }
     }

@@ -202,12 +202,11 @@ fn rows_that_are_lost_or_wrong_make_an_inspection_incomplete() {
         warnings.push(kind, "line", "detail");
         inspect(&small_dataset(), format, &InspectOptions::default(), &mut warnings, &|| ()).is_complete()
     };
-    let formats = [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap];
     let kind = WarningKind::ImplausibleIntrinsics;
-    assert_eq!(formats.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
+    assert_eq!(Format::ALL.map(|format| is_complete(format, kind)), [false; 4], "{kind}");
     assert!(is_complete(Format::Colmap, WarningKind::MixedSizes), "captures of two cameras have two sizes");
     for kind in [WarningKind::UnlistedImage, WarningKind::DuplicateTimestamp] {
-        assert_eq!(formats.map(|format| is_complete(format, kind)), [false, false, true, true], "{kind}");
+        assert_eq!(Format::ALL.map(|format| is_complete(format, kind)), [false, false, true, true], "{kind}");
     }
     assert!(is_complete(Format::Re10k, WarningKind::UnorderedTimestamps));
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::torch;
 use std::fs;
 
 use atsplat_numeric::Tolerance;
@@ -148,8 +149,40 @@ fn errors_describe_unsupported_json() {
 }
 
 #[test]
+fn every_format_is_tried_and_named_where_none_is_found() {
+    let mut tried = TRIED;
+    tried.sort();
+    assert_eq!(tried, Format::ALL);
+    let error = opened(&[], "").unwrap_err().to_string();
+    let expected = "expected RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model, found ";
+    assert!(error.starts_with(expected), "{error}");
+}
+
+/// Images of any format, and what no format reads, are not among them.
+#[test]
+fn files_of_formats_are_known_by_their_names() {
+    let chunks = folder_of(&[("000.torch", b"")]);
+    let index_of_chunks = chunks.path().join("index.json");
+    let formats = |path: &Path| Format::ALL.map(|format| format.reads_file(path));
+    for (path, expected) in [
+        ("a/b.txt", [true, false, false, false]),
+        ("sparse/0/images.txt", [true, false, false, true]),
+        ("points3D.bin", [false, false, false, true]),
+        ("a/transforms.json", [false, false, true, false]),
+        ("b.torch", [false, true, false, false]),
+        ("a/index.json", [false; 4]),
+        ("a/b.bin", [false; 4]),
+        ("images.png", [false; 4]),
+        ("transforms_train.json", [false; 4]),
+    ] {
+        assert_eq!(formats(Path::new(path)), expected, "{path}");
+    }
+    assert_eq!(formats(&index_of_chunks), [false, true, false, false]);
+}
+
+#[test]
 fn names_match_serde() {
-    for format in [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap] {
+    for format in Format::ALL {
         assert_eq!(serde_json::to_string(&format).unwrap(), format!("{:?}", format.name()));
     }
 }

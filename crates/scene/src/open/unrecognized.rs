@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::READERS;
-use crate::SceneError;
+use super::TRIED;
 use crate::checks::ignored::files_like_transforms;
 use crate::colmap::{folder_of_part, model_below, part_of_model};
 use crate::files::{has_extension, list, read_file};
 use crate::json;
 use crate::re10k::{read_trajectory, trajectory_files};
+use crate::{Format, SceneError};
 
 /// Subfolders that are searched for datasets and models.
 const FOLDERS_SEARCHED: usize = 20;
@@ -69,8 +69,8 @@ fn dataset_in(folder: &Path) -> Option<String> {
     if !folder.is_dir() {
         return None;
     }
-    let reader = READERS.iter().find(|reader| (reader.is_folder_of_format)(folder).is_ok_and(|is_so| is_so))?;
-    Some(format!("{} ({})", folder.display(), reader.format))
+    let is_of = |format: &Format| (format.reader().is_folder_of_format)(folder).is_ok_and(|is_so| is_so);
+    Some(format!("{} ({})", folder.display(), TRIED.into_iter().find(is_of)?))
 }
 
 /// A description of a JSON file; `None` if it is not valid JSON.

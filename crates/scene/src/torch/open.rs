@@ -5,10 +5,16 @@ use std::path::Path;
 use super::TorchChunks;
 use crate::SceneError;
 use crate::files::{has_extension, list};
-use crate::format::{Format, FormatReader};
+use crate::format::{FormatReader, ImagePlace};
 
-pub(crate) const READER: FormatReader = FormatReader {
-    format: Format::TorchChunks,
+pub(crate) static READER: FormatReader = FormatReader {
+    data: ".torch chunks",
+    required: |_| "chunk".to_owned(),
+    images: ImagePlace::WithCameras,
+    part_of_scene: |_| None,
+    is_of_captures: false,
+    image_options: &[],
+    reads_file: |path| is_named_chunk(path) || is_index(path),
     path_of_file: |path, start| is_chunk(start).then(|| path.to_owned()),
     is_folder_of_format: has_chunks,
     read_to_open: |path| if has_chunks(path)? { TorchChunks::read_to_open(path) } else { Ok(Vec::new()) },
@@ -32,12 +38,25 @@ fn is_chunk(start: &[u8]) -> bool {
 /// Whether there are chunks in the folder, or in its `test` or `train` (pixelSplat's layout).
 fn has_chunks(folder: &Path) -> Result<bool, SceneError> {
     for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
-        let is_chunk = |name: &str| has_extension(Path::new(name), "torch");
-        if stage.is_dir() && list(&stage)?.iter().any(|(name, is_folder)| !is_folder && is_chunk(name)) {
+        if stage.is_dir() && contains_chunk(&stage)? {
             return Ok(true);
         }
     }
     Ok(false)
+}
+
+fn contains_chunk(folder: &Path) -> Result<bool, SceneError> {
+    Ok(list(folder)?.iter().any(|(name, is_folder)| !is_folder && is_named_chunk(Path::new(name))))
+}
+
+fn is_named_chunk(path: &Path) -> bool {
+    has_extension(path, "torch")
+}
+
+/// Whether a file is the index of the chunks next to it.
+fn is_index(path: &Path) -> bool {
+    let is_named_so = path.file_name().is_some_and(|name| name == "index.json");
+    is_named_so && path.parent().is_some_and(|folder| contains_chunk(folder).unwrap_or(false))
 }
 
 #[cfg(test)]
