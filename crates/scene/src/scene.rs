@@ -129,13 +129,18 @@ impl ImageHeader {
 /// Which copy of a capture's images to use, if there are several sizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ImageFolder {
-    /// The folder in the metadata. If it does not exist, the existing copy of `…_2`, `…_4`, `…_8` of the expected size
-    /// ([`crate::NerfstudioOptions::expected_size`]), or else the largest, with a warning per frame.
+    /// The folder in the metadata. If it does not exist, the copy of the expected size ([`crate::NerfstudioOptions::expected_size`])
+    /// among those by [`Self::FACTORS`], or else the largest, with a warning per frame.
     #[default]
     Listed,
     /// The folder with the suffix `_factor`: DepthSplat evaluates DL3DV on `images_8` (270×480) and `images_4`
     /// (540×960).
     Downscaled(u32),
+}
+
+impl ImageFolder {
+    /// The factors of the scaled copies that captures have, the largest copy first.
+    pub const FACTORS: [u32; 3] = [2, 4, 8];
 }
 
 /// One posed image of a scene.

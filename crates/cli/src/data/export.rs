@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::inspect::left_out;
-use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
+use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, STAGES, export_chunks};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
@@ -95,8 +95,9 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
 fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
     let out = canonical_path(out)?;
-    let is_out = |folder: &Path| Ok::<_, io::Error>(canonical_path(folder)? == out);
-    Ok(is_out(folder)? || is_out(&folder.join("test"))? || is_out(&folder.join("train"))?)
+    let places = std::iter::once(folder.to_owned()).chain(STAGES.map(|stage| folder.join(stage)));
+    let places = places.map(|place| canonical_path(&place)).collect::<io::Result<Vec<PathBuf>>>()?;
+    Ok(places.contains(&out))
 }
 
 impl fmt::Display for Report {

@@ -8,7 +8,7 @@ use atsplat_camera::ImageSize;
 use atsplat_eval::runner::{Dataset, IndexChoice, IndexFolder, PlannedIndex};
 use atsplat_protocol::{DropReason, Preset};
 use atsplat_results::{Results, SkippedEntry};
-use atsplat_scene::{Fetch as _, SceneSource, Warnings};
+use atsplat_scene::{Fetch as _, ImageFolder, SceneSource, Warnings};
 
 use crate::dataset_args::ImageArgs;
 use crate::objects::{CacheArgs, RemoteData, with_urls};
@@ -114,7 +114,6 @@ impl ProtocolArgs {
     /// Which other copy of a capture's images has the size that a protocol expects, if it skipped a scene for the size of its
     /// images; `None` for data without copies, and for data in object storage, whose copies were not fetched.
     pub(super) fn images_of_expected_size(&self, datasets: &[Dataset], results: &Results) -> Option<u32> {
-        const FACTORS: [u32; 4] = [1, 2, 4, 8];
         if atsplat_objects::url(&self.data).is_some() {
             return None;
         }
@@ -133,7 +132,7 @@ impl ProtocolArgs {
             let mut sizes = available.map(|(at, frame)| frame.size(&scene.key, at).ok()).peekable();
             Some(sizes.peek().is_some() && sizes.all(|size| size == Some(expected)))
         };
-        FACTORS.into_iter().find(|factor| have_size(*factor) == Some(true))
+        std::iter::once(1).chain(ImageFolder::FACTORS).find(|factor| have_size(*factor) == Some(true))
     }
 
     /// Whether images of any size are accepted.

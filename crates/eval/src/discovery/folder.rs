@@ -18,9 +18,6 @@ use crate::EvalError;
 use crate::runner::{Dataset, IndexFolder, PlannedIndex};
 use crate::sources::AlreadyCropped;
 
-/// Downscaling factors of a capture's image copies.
-const DOWNSCALES: [u32; 3] = [8, 4, 2];
-
 /// The datasets found, and what cannot run and why.
 #[derive(Default)]
 #[expect(missing_debug_implementations, reason = "datasets have none")]
@@ -192,7 +189,7 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Result<Option<Prepared>
         return Ok(Some(Prepared { source: Arc::new(source), preset, description }));
     }
     let mut unreadable = found_size.err();
-    for factor in DOWNSCALES {
+    for factor in ImageFolder::FACTORS.into_iter().rev() {
         let images = ImageFolder::Downscaled(factor);
         let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };

@@ -4,7 +4,7 @@
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 
-use crate::Frame;
+use crate::{Frame, ImageFolder};
 
 /// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame. Satellites have longer ones,
 /// but none of the protocols is about such images.
@@ -19,9 +19,6 @@ const SMALL: u32 = 20;
 /// How far from the middle a principal point may be, in image sides: lenses and crops of the field stay within a tenth.
 const NEAR_MIDDLE: Tolerance = Tolerance::absolute(0.15);
 
-/// Factors of the downscaled copies of captures.
-const FACTORS: [f64; 3] = [2.0, 4.0, 8.0];
-
 /// How far, in parts of it, a principal point may be from the middle of a copy for which it seems to be stated.
 const MIDDLE_OF_COPY: Tolerance = Tolerance::relative(0.1);
 
@@ -33,7 +30,8 @@ pub(crate) fn far_off_middle(frame: &Frame) -> Option<String> {
         return None;
     }
     let is_middle = |factor: &f64| [cx, cy].iter().all(|centre| MIDDLE_OF_COPY.accepts(*centre, 0.5 / factor));
-    let suspicion = FACTORS
+    let suspicion = ImageFolder::FACTORS
+        .map(f64::from)
         .into_iter()
         .find(is_middle)
         .map_or_else(String::new, |factor| format!(": stated for another size, by a factor of about {factor}?"));

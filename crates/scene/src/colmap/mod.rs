@@ -27,6 +27,9 @@ pub(crate) use source::{model_below, model_folders_in_words, model_in, part_of_m
 
 const FORMAT: &str = "COLMAP model";
 
+/// The names of a model's files, without extension.
+const PARTS: [&str; 3] = ["cameras", "images", "points3D"];
+
 /// The encoding of a COLMAP model's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {

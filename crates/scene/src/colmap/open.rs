@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::ColmapScenes;
 use super::source::{model_folders, part_of_model};
+use super::{ColmapScenes, PARTS};
 use crate::files::has_extension;
 use crate::format::{FormatReader, ImagePlace};
 
@@ -38,5 +38,5 @@ pub(crate) fn folder_of_part(file: &Path) -> Option<PathBuf> {
 
 fn is_part_of_model(file: &Path) -> bool {
     let stem = file.file_stem().and_then(|stem| stem.to_str());
-    stem.is_some_and(|stem| matches!(stem, "cameras" | "images" | "points3D"))
+    stem.is_some_and(|stem| PARTS.contains(&stem))
 }

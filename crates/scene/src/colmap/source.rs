@@ -6,7 +6,9 @@ use atsplat_numeric::Tolerance;
 
 use super::both_encodings::{other_encoding, report_other_encoding};
 use super::order::report_order;
-use super::{ColmapCamera, ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
+use super::{
+    ColmapCamera, ColmapImage, Encoding, PARTS, encoding_of, malformed, model_file, parse_cameras, parse_images,
+};
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
@@ -86,7 +88,7 @@ impl SceneSource for ColmapScenes {
 
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         let model = self.model_folder(key)?;
-        let mut files = ["cameras", "images", "points3D"].map(|name| model_file(model, name).0).to_vec();
+        let mut files = PARTS.map(|name| model_file(model, name).0).to_vec();
         if let Some(other) = other_encoding(model) {
             files.extend(["cameras", "images"].map(|name| other.file(model, name)));
         }
@@ -220,7 +222,7 @@ pub(crate) fn part_of_model(capture: &Path) -> Option<(String, PathBuf)> {
         let of_encoding = |encoding: Encoding| {
             let name = |file: &str| last_name(&encoding.file(&folder, file));
             let (there, missing): (Vec<&str>, Vec<&str>) =
-                ["cameras", "images", "points3D"].iter().partition(|file| encoding.file(&folder, file).is_file());
+                PARTS.iter().partition(|file| encoding.file(&folder, file).is_file());
             let [there, missing] = [there, missing].map(|files| files.into_iter().map(name).collect::<Vec<_>>());
             // Points are not needed.
             let missing: Vec<String> = missing.into_iter().filter(|name| !name.starts_with("points")).collect();

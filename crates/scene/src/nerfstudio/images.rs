@@ -128,7 +128,7 @@ impl<'a> ImageFinder<'a> {
         let candidates = match self.choice {
             ImageFolder::Listed => {
                 let mut candidates = vec![(self.root.join(listed), true)];
-                candidates.extend([2, 4, 8].map(|factor| (downscaled(factor), false)));
+                candidates.extend(ImageFolder::FACTORS.map(|factor| (downscaled(factor), false)));
                 candidates
             }
             ImageFolder::Downscaled(factor) => vec![(downscaled(factor), false)],

@@ -5,14 +5,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
-use super::Chunk;
+use super::{Chunk, INDEX, STAGES, is_named_chunk};
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::files::read_file;
 use crate::json;
 use crate::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
-const INDEX: &str = "index.json";
 const FORMAT: &str = "torch chunks";
 
 /// A folder of `.torch` chunks, with or without an `index.json` from scene keys to chunks (`real_estate_10k_tools`
@@ -105,7 +104,7 @@ impl TorchChunks {
 
     /// The opened folder, and that of the chunks; scenes of other formats may be in both.
     pub(crate) fn collections(&self, opened: &Path) -> Collections {
-        let stages = BTreeSet::from(["test", "train"].map(str::to_owned));
+        let stages = BTreeSet::from(STAGES.map(str::to_owned));
         [opened, &self.folder].into_iter().map(|folder| (folder.to_owned(), stages.clone())).collect()
     }
 
@@ -296,7 +295,7 @@ impl ChunkCache {
 
 /// The folders that may contain chunks, in order of preference.
 fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
-    let below = ["test", "train"].map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
+    let below = STAGES.map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
     std::iter::once(root.to_owned()).chain(below)
 }
 
@@ -345,7 +344,7 @@ fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
         let mut chunks = Vec::new();
         for entry in std::fs::read_dir(folder)? {
             let path = entry?.path();
-            if path.extension().is_some_and(|extension| extension == "torch") {
+            if is_named_chunk(&path) {
                 chunks.push(path);
             }
         }

@@ -21,7 +21,19 @@ pub use writer::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
 
 pub(crate) use open::READER;
 
+use crate::files::has_extension;
 use crate::{SceneError, SharedBytes};
+
+/// The folders of a dataset's splits in pixelSplat's layout, in the order in which chunks are looked for.
+pub const STAGES: [&str; 2] = ["test", "train"];
+
+/// The name of a folder's index from scene keys to chunks.
+const INDEX: &str = "index.json";
+
+/// Whether a file is named like a chunk.
+fn is_named_chunk(path: &Path) -> bool {
+    has_extension(path, "torch")
+}
 
 /// Reads a `torch.save` file, in the zip format (PyTorch 1.6 and later) or the legacy one.
 ///

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::TorchChunks;
+use super::{INDEX, STAGES, TorchChunks, is_named_chunk};
 use crate::SceneError;
-use crate::files::{has_extension, list};
+use crate::files::list;
 use crate::format::{FormatReader, ImagePlace};
 
 pub(crate) static READER: FormatReader = FormatReader {
@@ -35,9 +35,9 @@ fn is_chunk(start: &[u8]) -> bool {
     start.starts_with(b"PK\x03\x04") || start.starts_with(&LEGACY_MAGIC)
 }
 
-/// Whether there are chunks in the folder, or in its `test` or `train` (pixelSplat's layout).
+/// Whether there are chunks in the folder, or in that of a stage.
 fn has_chunks(folder: &Path) -> Result<bool, SceneError> {
-    for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
+    for stage in std::iter::once("").chain(STAGES).map(|stage| folder.join(stage)) {
         if stage.is_dir() && contains_chunk(&stage)? {
             return Ok(true);
         }
@@ -49,13 +49,9 @@ fn contains_chunk(folder: &Path) -> Result<bool, SceneError> {
     Ok(list(folder)?.iter().any(|(name, is_folder)| !is_folder && is_named_chunk(Path::new(name))))
 }
 
-fn is_named_chunk(path: &Path) -> bool {
-    has_extension(path, "torch")
-}
-
 /// Whether a file is the index of the chunks next to it.
 fn is_index(path: &Path) -> bool {
-    let is_named_so = path.file_name().is_some_and(|name| name == "index.json");
+    let is_named_so = path.file_name().is_some_and(|name| name == INDEX);
     is_named_so && path.parent().is_some_and(|folder| contains_chunk(folder).unwrap_or(false))
 }
 

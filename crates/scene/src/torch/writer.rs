@@ -8,7 +8,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::pickle_writer::PickleWriter;
 use super::rounding::require_kept_trajectory;
-use super::{ChunkScene, TorchError};
+use super::{ChunkScene, INDEX, TorchError, is_named_chunk};
 use crate::{SceneError, SceneSource, WarningKind, Warnings};
 
 /// PyTorch's alignment of storages, so that they can be used from a mapped file.
@@ -55,8 +55,8 @@ impl ChunkWriter {
         std::fs::create_dir_all(&folder).map_err(SceneError::io("creating a folder for chunks", &folder))?;
         for entry in std::fs::read_dir(&folder).map_err(SceneError::io("listing chunks", &folder))? {
             let name = entry.map_err(SceneError::io("listing chunks", &folder))?.file_name();
-            let name = name.to_string_lossy();
-            if name.ends_with(".torch") || name == "index.json" {
+            if is_named_chunk(name.as_ref()) || name == INDEX {
+                let name = name.to_string_lossy();
                 return Err(SceneError::malformed("torch chunks", &folder, "folder", "no chunks yet", name));
             }
         }
@@ -96,7 +96,7 @@ impl ChunkWriter {
     }
 
     fn write_index(&self, index: &IndexMap<String, String>) -> Result<(), SceneError> {
-        let path = self.folder.join("index.json");
+        let path = self.folder.join(INDEX);
         let json = serde_json::to_vec(index)
             .map_err(|source| SceneError::io("writing a chunk index", &path)(source.into()))?;
         atsplat_files::write(&path, &json).map_err(SceneError::io("writing a chunk index", &path))
