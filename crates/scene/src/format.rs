@@ -43,13 +43,18 @@ impl Format {
         self.reader().data
     }
 
+    /// Whether scenes are captures: structure from motion need not place all of their images, and numbers in images' names, which the
+    /// cameras of a rig share, are no timestamps.
+    pub fn is_of_captures(self) -> bool {
+        self.reader().is_of_captures
+    }
+
     /// Whether datasets of this format read cameras, points or chunks from a file because of its name. Images may have any name
     /// ([`is_image_name`](crate::is_image_name)), and a file that is opened itself as well.
     pub fn reads_file(self, path: &Path) -> bool {
         (self.reader().reads_file)(path)
     }
 
-    /// What is known of the format.
     pub(crate) fn reader(self) -> &'static FormatReader {
         match self {
             Self::Re10k => &re10k::READER,
@@ -75,8 +80,7 @@ pub(crate) struct FormatReader {
     pub(crate) images: ImagePlace,
     /// What a folder without a whole scene has of one, but for images.
     pub(crate) part_of_scene: fn(&Path) -> Option<String>,
-    /// Whether scenes are captures: structure from motion need not place all of their images, and numbers in images' names, which the
-    /// cameras of a rig share, are no timestamps.
+    /// [`Format::is_of_captures`].
     pub(crate) is_of_captures: bool,
     /// The names of the [`ImageOptions`](crate::ImageOptions) that are read.
     pub(crate) image_options: &'static [&'static str],

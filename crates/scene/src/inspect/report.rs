@@ -50,7 +50,7 @@ impl Inspection {
     fn has_lost_rows(&self, kind: WarningKind) -> bool {
         match kind {
             WarningKind::ImplausibleIntrinsics => true,
-            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => !self.format.reader().is_of_captures,
+            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => !self.format.is_of_captures(),
             _ => false,
         }
     }
