@@ -22,9 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
         let Ok(rendering) = renderer.render(&gaussians, &view, &options) else { return };
         assert_eq!(rendering.non_finite(), 0, "pixels of {}", renderer.name());
         assert!(rendering.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)), "opacity of {}", renderer.name());
-        let counts = rendering.counts;
-        let counted = counts.drawn + counts.invalid + counts.outside_depth + counts.faint + counts.outside_image;
-        assert_eq!(counted, gaussians.len() as u64, "counts of {}", renderer.name());
+        assert_eq!(rendering.counts.total(), gaussians.len() as u64, "counts of {}", renderer.name());
         let gradients = renderer.backward(&gaussians, &view, &options, &images).expect("what renders differentiates");
         assert_eq!(gradients.non_finite(), 0, "derivatives of {}", renderer.name());
     }

@@ -148,8 +148,7 @@ impl fmt::Display for StopReason {
 
 /// The reason of the most Gaussians, the first of several.
 fn why_unseen(near: f64, counts: GaussianCounts) -> String {
-    let GaussianCounts { drawn, invalid, outside_depth, faint, outside_image } = counts;
-    let all = drawn + invalid + outside_depth + faint + outside_image;
+    let GaussianCounts { drawn: _, invalid, outside_depth, faint, outside_image } = counts;
     let most = [outside_depth, outside_image, faint, invalid].into_iter().max().unwrap_or(0);
     if most == 0 {
         return format!("is the scene in front of the near plane, at a depth of {near}?");
@@ -163,7 +162,7 @@ fn why_unseen(near: f64, counts: GaussianCounts) -> String {
     } else {
         "not finite, or too large".to_owned()
     };
-    format!("{most} of {all} are {reason}")
+    format!("{most} of {} are {reason}", counts.total())
 }
 
 impl fmt::Display for Diagnosis {

@@ -55,6 +55,12 @@ pub(crate) enum Culled {
 }
 
 impl GaussianCounts {
+    /// All Gaussians, drawn or not: those of the scene, once for each image.
+    pub const fn total(self) -> u64 {
+        let Self { drawn, invalid, outside_depth, faint, outside_image } = self;
+        drawn + invalid + outside_depth + faint + outside_image
+    }
+
     pub(crate) const fn count(&mut self, culled: Culled) {
         *match culled {
             Culled::Invalid => &mut self.invalid,

@@ -148,8 +148,8 @@ pub struct GaussianCountsTable {
 
 impl fmt::Display for GaussianCountsTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { counts: GaussianCounts { drawn, invalid, outside_depth, faint, outside_image }, gaussians } = *self;
-        let all = drawn + invalid + outside_depth + faint + outside_image;
+        let Self { counts, gaussians } = *self;
+        let (all, GaussianCounts { drawn, invalid, outside_depth, faint, outside_image }) = (counts.total(), counts);
         if all == 0 {
             return Ok(());
         }
