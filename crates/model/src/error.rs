@@ -71,6 +71,9 @@ pub enum ModelError {
     /// Weights do not fit the network.
     #[error("weights: {0}")]
     Unfit(Box<crate::weights::ImportReport>),
+    /// A configuration has no valid setting for large images, for this reason.
+    #[error("setting for large images: {0}")]
+    HighResolution(Box<ModelError>),
     /// Another error, with the file that caused it.
     #[error("{source} ({})", path.display())]
     InFile {

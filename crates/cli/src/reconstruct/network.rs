@@ -179,8 +179,7 @@ impl NetworkArgs {
                 }
                 let base = requested.as_ref().unwrap_or(&written_for);
                 let config = self.changed(base)?;
-                // A configuration without one for large images has its own for them too.
-                let large = base.for_high_resolution().ok().map(|base| self.changed(&base)).transpose()?;
+                let large = base.for_high_resolution()?.map(|base| self.changed(&base)).transpose()?;
                 NetworkSource::from_file(config, path.clone(), file, written_for).with_high_resolution(large)
             }
         };

@@ -173,10 +173,7 @@ impl MethodArgs {
                 let splatting = self.splatting_without_mode(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
                 let method = method.with_training(record.training(), record.trained_under());
-                Ok(Arc::new(match source.high_resolution() {
-                    Some(config) => method.with_high_resolution(config.clone())?,
-                    None => method,
-                }))
+                Ok(Arc::new(method.with_high_resolution(source.high_resolution().cloned())?))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;

@@ -238,8 +238,8 @@ fn photos_are_scaled_to_the_training_resolution() {
     let here = folder.path();
     let config = ModelConfig { resolution: ImageSize::new(64, 64), ..ModelConfig::read(&tiny()).unwrap() };
     let tensors = generated(&parameters(&config), SEED);
-    let weights = ModelWeights::new(config, BTreeMap::new(), &tensors).unwrap();
-    weights.write(&here.join("weights.safetensors"), Precision::Single).unwrap();
+    let weights_file = here.join("weights.safetensors");
+    ModelWeights::new(config, BTreeMap::new(), &tensors).unwrap().write(&weights_file, Precision::Single).unwrap();
     let file = ["--weights", "weights.safetensors", "--size", "48x32"];
     for (more, seen, tokens) in
         [(&[][..], json!([64, 96]), 3 * 24), (&["--context-size", "given"], json!([32, 48]), 3 * 6)]
@@ -249,6 +249,10 @@ fn photos_are_scaled_to_the_training_resolution() {
         assert_eq!(record(here)["tokens"]["initial"], tokens, "{more:?}");
         assert_eq!(text.contains("32x48 seen at 64x96"), more.is_empty(), "{text}");
     }
+    let config = ModelConfig { resolution: ImageSize::new(8208, 16), ..ModelConfig::read(&tiny()).unwrap() };
+    ModelWeights::new(config, BTreeMap::new(), &tensors).unwrap().write(&weights_file, Precision::Single).unwrap();
+    let refused = atsplat(here, &reconstruct(&file));
+    assert!(refused.code == 1 && refused.stderr.contains("setting for large images: "), "{}", refused.stderr);
 }
 
 /// Weights from a file make the same Gaussians, also under other configurations.

@@ -126,12 +126,12 @@ impl BudgetRow {
     /// Computes the budget of a case by formula, and compares it with the published and the measured one.
     ///
     /// # Errors
-    /// [`ModelError`] if the input does not fit the configuration.
+    /// [`ModelError`] if the input does not fit the configuration, or large images need a setting of it that is not valid.
     pub fn new(case: BudgetCase, measured: Option<MeasuredBudget>) -> Result<Self, ModelError> {
         let BudgetCase { dataset, config, views, size, published } = case;
         let range: BudgetRange = budget(&config, views, size)?;
         let memory: MemoryEstimate = memory(&config, views, size)?;
-        let resized = Resized::new(&config, views, size);
+        let resized = Resized::new(&config, views, size)?;
         let model = config.name;
         let (min, max) = (Tokens::from(&range.min), Tokens::from(&range.max));
         let agreement = match (&published, range.fixed()) {
@@ -151,26 +151,28 @@ impl BudgetRow {
 
 impl Resized {
     /// `None` if the network sees the images as they are.
-    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
+    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Result<Option<Self>, ModelError> {
         let trained_at = config.resolution;
         let seen_at = config.context_size(size, trained_at);
         if seen_at == size {
-            return None;
+            return Ok(None);
         }
-        let BudgetRange { min, max } = budget(config, views, seen_at).ok()?;
-        let high_resolution = HighResolution::new(config, views, size);
-        Some(Self { trained_at, seen_at, min: (&min).into(), max: (&max).into(), high_resolution })
+        let BudgetRange { min, max } = budget(config, views, seen_at)?;
+        let high_resolution = HighResolution::new(config, views, size)?;
+        Ok(Some(Self { trained_at, seen_at, min: (&min).into(), max: (&max).into(), high_resolution }))
     }
 }
 
 impl HighResolution {
-    /// `None` for images that are not large, or whose half is not at the scale of the training.
-    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Option<Self> {
+    /// `None` for images that are not large, or whose half is not at the scale of the training, and for networks that need no other
+    /// setting for large images.
+    fn new(config: &ModelConfig, views: usize, size: ImageSize) -> Result<Option<Self>, ModelError> {
         if !config.has_high_resolution(size, config.resolution) {
-            return None;
+            return Ok(None);
         }
-        let BudgetRange { min, max } = budget(&config.for_high_resolution().ok()?, views, size).ok()?;
-        Some(Self { min: (&min).into(), max: (&max).into() })
+        let Some(config) = config.for_high_resolution()? else { return Ok(None) };
+        let BudgetRange { min, max } = budget(&config, views, size)?;
+        Ok(Some(Self { min: (&min).into(), max: (&max).into() }))
     }
 }
 
@@ -306,7 +308,7 @@ mod tests {
     fn other_images_are_seen_at_the_scale_of_the_training() {
         let resized = |model: &str, height, width| {
             let config = ModelConfig::named(model).unwrap();
-            let found = Resized::new(&config, 6, ImageSize::new(height, width))?;
+            let found = Resized::new(&config, 6, ImageSize::new(height, width)).unwrap()?;
             let large = found.high_resolution.map(|large| (large.max.r#final, large.max.gaussians));
             Some((found.seen_at, found.max.gaussians, large))
         };
@@ -320,6 +322,19 @@ mod tests {
         assert_eq!(resized("paper-dl3dv-hr", 512, 960), None);
         // Not twice the size of the training.
         assert_eq!(resized("paper-dl3dv", 768, 1344), Some((ImageSize::new(256, 448), 120_960, None)));
+    }
+
+    /// Twice the resolution of the training is too long for a configuration.
+    #[test]
+    fn a_setting_for_large_images_that_cannot_be_made_is_an_error() {
+        let config = ModelConfig { resolution: ImageSize::new(8208, 16), ..ModelConfig::named("nano").unwrap() };
+        let row = |size: ImageSize| {
+            let case = BudgetCase { dataset: None, config: config.clone(), views: 1, size, published: None };
+            BudgetRow::new(case, None).map(|row| row.resized.map(|resized| resized.seen_at))
+        };
+        let error = row(ImageSize::new(16_416, 32)).unwrap_err().to_string();
+        assert!(error.starts_with("setting for large images: ") && error.ends_with("found 16416"), "{error}");
+        assert_eq!(row(ImageSize::new(64, 32)).unwrap(), Some(ImageSize::new(32, 16)), "not for other images");
     }
 
     #[test]

@@ -113,13 +113,15 @@ impl AtSplat {
     }
 
     /// Adds the configuration for large images ([`ModelConfig::has_high_resolution`]), which the same weights fit
-    /// ([`ModelConfig::for_high_resolution`]).
+    /// ([`ModelConfig::for_high_resolution`]), if there is one.
     ///
     /// # Errors
     /// [`EvalError::Settings`] for a configuration that JSON cannot represent.
-    pub fn with_high_resolution(mut self, config: ModelConfig) -> Result<Self, EvalError> {
-        self.record.parameters.insert("high-resolution".to_owned(), as_json(&config)?);
-        self.large_images = Some(LargeImages { config, network: OnceLock::new() });
+    pub fn with_high_resolution(mut self, config: Option<ModelConfig>) -> Result<Self, EvalError> {
+        if let Some(config) = config {
+            self.record.parameters.insert("high-resolution".to_owned(), as_json(&config)?);
+            self.large_images = Some(LargeImages { config, network: OnceLock::new() });
+        }
         Ok(self)
     }
 
@@ -307,6 +309,7 @@ pub(super) mod tests {
             AtSplat::new("atsplat", network, &weights, 0, splatting).unwrap()
         };
         let high = ModelConfig::named("nano").unwrap().for_high_resolution().unwrap();
+        assert!(high.is_some());
         let downscale = |method: &AtSplat, height: usize, width: usize| {
             method.network_for(ImageSize::new(height, width)).unwrap().config().coarse.image_downscale
         };
@@ -316,7 +319,11 @@ pub(super) mod tests {
         let weights = |size| method.network_for(size).unwrap().weights().unwrap().digest();
         assert_eq!(weights(ImageSize::new(512, 960)), weights(ImageSize::new(64, 64)));
         assert_eq!(method.record().parameters["high-resolution"], serde_json::to_value(&high).unwrap());
-        assert_eq!(downscale(&sized(256), 512, 960), 1, "not without the configuration");
+        assert_eq!(
+            downscale(&sized(256).with_high_resolution(None).unwrap(), 512, 960),
+            1,
+            "not without the configuration"
+        );
         assert_eq!(downscale(&sized(128).with_high_resolution(high).unwrap(), 512, 960), 1);
     }
 

@@ -119,10 +119,9 @@ impl SweepBase {
         let method = AtSplat::new(name, network, &weights, seed, splatting)?
             .with_training(training, trained_under)
             .with_matmul_precision(precision);
-        Ok(Arc::new(match high_resolution.filter(|_| is_resizing) {
-            Some(config) => method.with_high_resolution(overrides.model(&config)?)?,
-            None => method,
-        }))
+        let large_images =
+            high_resolution.filter(|_| is_resizing).map(|config| overrides.model(&config)).transpose()?;
+        Ok(Arc::new(method.with_high_resolution(large_images)?))
     }
 
     /// The network of a weights file, with the changes of the base.
@@ -130,10 +129,10 @@ impl SweepBase {
         let file = TensorFile::open(path)?;
         let in_file = |source| ModelError::InFile { path: path.to_owned(), source: Box::new(source) };
         let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
-        let large = read.config.for_high_resolution().ok().map(|config| self.changes.model(&config)).transpose()?;
+        let large_images = read.config.for_high_resolution().map_err(in_file)?;
         Ok(SweepNetwork {
             config: self.changes.model(&read.config)?,
-            high_resolution: large,
+            high_resolution: large_images.map(|config| self.changes.model(&config)).transpose()?,
             tensors: read.tensors,
             weights: WeightsSource::File { sha256: file.sha256.to_string() },
             training: TrainingRecord::of(&read.provenance),

@@ -59,9 +59,10 @@ impl TrainedNetwork {
     /// ATSplat as trained, and the baselines.
     ///
     /// # Errors
-    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    /// [`EvalError::Model`] if the weights do not fit the configuration, or its setting for large images is not valid.
     pub fn methods(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(self.config.for_high_resolution()?)?;
+        let large_images = self.config.for_high_resolution()?;
+        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(large_images)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 

@@ -10,9 +10,9 @@ use atsplat_eval::method::{
 use atsplat_eval::runner::{Dataset, Plan, current_provenance};
 use atsplat_eval::sweep::{Overrides, Part, Setting, Sweep, SweepBase, SweepNetwork, parts};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, generated};
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use atsplat_results::statistics::Leaked;
 use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
@@ -244,11 +244,25 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     let large = |base: &SweepBase| -> Vec<_> {
         records(base).iter().map(|record| record.parameters.get("high-resolution").cloned()).collect()
     };
-    let high = base.network.config.for_high_resolution().unwrap();
+    let high = base.network.config.for_high_resolution().unwrap().unwrap();
     let expanding = |blocks| Some(serde_json::to_value(high.with_expansion_in_first(blocks)).unwrap());
     assert_eq!(large(&base), [expanding(3), expanding(2)]);
     assert_eq!(large(&changed), [expanding(1), expanding(1)]);
     assert_eq!(large(&given), [None, None]);
+}
+
+#[test]
+fn weights_of_a_setting_without_a_valid_one_for_large_images_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.safetensors");
+    let SweepNetwork { config, tensors, .. } = swept().network;
+    let config = ModelConfig { resolution: ImageSize::new(8208, 16), ..config };
+    ModelWeights::new(config, [].into(), &tensors).unwrap().write(&path, Precision::Single).unwrap();
+    let sweep = sweep(&format!("[[settings]]\nlabel = 'a'\noverrides = {{ weights = '{}' }}", path.display()));
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
+    let error = parts(&sweep, &swept(), &datasets).unwrap_err().to_string();
+    let says_why = error.contains("setting for large images: ") && error.contains("found 16416");
+    assert!(says_why && error.contains("long.safetensors"), "{error}");
 }
 
 #[test]

@@ -225,11 +225,16 @@ impl ModelConfig {
 
     /// The same network in the paper's setting for large images (supplement, "High-Resolution"): the coarse branch takes
     /// them at half their size, so that images of twice the resolution have as many patches, and the first expanding block
-    /// expands four fifths if it expands a ratio. Weights stay the same.
+    /// expands four fifths if it expands a ratio. Weights stay the same. `None` if the coarse branch takes images at less than half
+    /// their size already, so that large images need no other setting.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if the configuration was not valid before, or sides of twice the resolution are too long for one.
-    pub fn for_high_resolution(&self) -> Result<Self, ModelError> {
+    /// [`ModelError::HighResolution`] if sides of twice the resolution are too long, or the configuration was not valid before;
+    /// [`ModelError::Indivisible`] if its patches do not divide its resolution.
+    pub fn for_high_resolution(&self) -> Result<Option<Self>, ModelError> {
+        if self.coarse.image_downscale > 2 {
+            return Ok(None);
+        }
         let Grid { rows, columns } = self.coarse_grid(self.resolution)?;
         let mut config = self.clone();
         config.coarse.image_downscale = 2;
@@ -241,8 +246,8 @@ impl ModelConfig {
                 *ratio = SelectionRatio::FOUR_FIFTHS;
             }
         }
-        config.validate()?;
-        Ok(config)
+        config.validate().map_err(|error| ModelError::HighResolution(Box::new(error)))?;
+        Ok(Some(config))
     }
 
     fn with_expansions(

@@ -242,10 +242,28 @@ fn images_are_large_if_the_weights_see_their_half_as_it_is() {
 #[test]
 fn the_high_resolution_setting_equals_its_configuration() {
     let [normal, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
-    assert_eq!(normal.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
-    assert_eq!(high.for_high_resolution().unwrap(), high);
+    let setting = |config: &ModelConfig| config.for_high_resolution().unwrap();
+    assert_eq!(setting(&normal).unwrap().hash().unwrap(), high.hash().unwrap());
+    assert_eq!(setting(&high).as_ref(), Some(&high));
     // Patches of the coarse branch divide images of twice the resolution, whatever it is.
     let mut nano = ModelConfig::named("nano").unwrap();
     nano.resolution = ImageSize::new(112, 144);
-    assert_eq!(nano.for_high_resolution().unwrap().resolution, ImageSize::new(224, 288));
+    assert_eq!(setting(&nano).unwrap().resolution, ImageSize::new(224, 288));
+    // At a quarter of their size, the coarse branch sees large images smaller than the setting would show them.
+    nano.coarse.image_downscale = 4;
+    nano.resolution = ImageSize::new(128, 192);
+    nano.validate().unwrap();
+    assert_eq!(setting(&nano), None);
+}
+
+#[test]
+fn a_setting_for_large_images_that_cannot_be_made_is_an_error() {
+    let mut nano = ModelConfig::named("nano").unwrap();
+    nano.resolution = ImageSize::new(8192, 16);
+    assert_eq!(nano.for_high_resolution().unwrap().unwrap().resolution, ImageSize::new(16_384, 32));
+    nano.resolution = ImageSize::new(8208, 16);
+    nano.validate().unwrap();
+    let error = nano.for_high_resolution().unwrap_err().to_string();
+    let expected = "setting for large images: model configuration: field resolution: expected 1 to 16384, found 16416";
+    assert_eq!(error, expected);
 }

@@ -179,7 +179,7 @@ mod tests {
         let mut random_rays = random.clone();
         random_rays.anchors.design = AnchorDesign::RayDepth {};
         let thresholds = nano.clone().with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
-        let large = nano.for_high_resolution().unwrap();
+        let large = nano.for_high_resolution().unwrap().unwrap();
         let with_ratios = |config: &ModelConfig, ratios: [f64; 3]| {
             config.with_ratios(&ratios.map(|ratio| SelectionRatio::new(ratio).unwrap())).unwrap()
         };
