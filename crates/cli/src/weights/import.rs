@@ -95,7 +95,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let lacks_backbone = found.missing.iter().any(|missing| missing.parameter.starts_with("backbone."));
     let mut report = ImportedFile {
         file: args.file.clone(),
-        sha256: source.sha256.to_string(),
+        sha256: source.sha256,
         model: config.name.clone(),
         complete,
         found,

@@ -90,8 +90,8 @@ pub enum WeightsRecord {
 pub struct BackboneRecord {
     /// Path as given by the user.
     pub file: PathBuf,
-    /// Of the whole file, in hexadecimal.
-    pub sha256: String,
+    /// Of the whole file.
+    pub sha256: Sha256Digest,
     /// Description of the published file with this hash, if any.
     pub known: Option<&'static str>,
 }
@@ -102,7 +102,7 @@ impl WeightsRecord {
         match self {
             Self::File { sha256, .. } => WeightsSource::File { sha256: sha256.clone() },
             Self::Untrained { seed, backbone, .. } => {
-                let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
+                let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.to_string());
                 WeightsSource::Random { seed: *seed, backbone_sha256 }
             }
         }

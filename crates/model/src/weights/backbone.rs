@@ -18,7 +18,7 @@ pub struct BackboneWeights {
     /// How the file's tensors were used.
     pub report: ImportReport,
     /// SHA-256 of the file, to be recorded with every result.
-    pub sha256: String,
+    pub sha256: Sha256Digest,
     /// The known file with this hash, if any.
     pub known: Option<&'static KnownFile>,
 }
@@ -57,9 +57,7 @@ pub(super) fn backbone_of(file: &TensorFile, config: &ModelConfig) -> Result<Bac
         let expected = "DINOv2 without registers, as in the model";
         return Err(ModelError::malformed("weights", "file", expected, found).in_file(&file.path));
     }
-    let sha256 = file.sha256.to_string();
-    let known = KnownFile::with_sha256(&sha256);
-    Ok(BackboneWeights { tensors, report, sha256, known })
+    Ok(BackboneWeights { tensors, report, sha256: file.sha256, known: KnownFile::with_sha256(file.sha256) })
 }
 
 impl BackboneConfig {

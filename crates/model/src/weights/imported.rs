@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
 use super::{BackboneWeights, ImportReport, OtherSets};
@@ -13,7 +14,7 @@ pub struct ImportedFile {
     /// The file.
     pub file: PathBuf,
     /// Its hash.
-    pub sha256: String,
+    pub sha256: Sha256Digest,
     /// Name of the configuration.
     pub model: String,
     /// Whether it has every parameter.
@@ -32,7 +33,7 @@ pub struct ImportedFile {
 #[serde(rename_all = "kebab-case")]
 pub struct ImportedBackbone {
     file: PathBuf,
-    sha256: String,
+    sha256: Sha256Digest,
     known: Option<&'static str>,
     matched: usize,
 }
@@ -41,7 +42,7 @@ impl ImportedBackbone {
     /// The record of a backbone that was read from `file`.
     pub fn new(file: PathBuf, backbone: &BackboneWeights) -> Self {
         let known = backbone.known.map(|known| known.what);
-        Self { file, sha256: backbone.sha256.clone(), known, matched: backbone.report.matched.len() }
+        Self { file, sha256: backbone.sha256, known, matched: backbone.report.matched.len() }
     }
 }
 
@@ -52,7 +53,7 @@ impl ImportedFile {
         let mut provenance = BTreeMap::from([
             ("imported-by".to_owned(), format!("atsplat {}", env!("CARGO_PKG_VERSION"))),
             ("imported-from".to_owned(), name),
-            ("imported-sha256".to_owned(), self.sha256.clone()),
+            ("imported-sha256".to_owned(), self.sha256.to_string()),
             ("key-map".to_owned(), self.found.key_map.clone()),
         ]);
         if let Some(OtherSets { used, others }) = &self.found.other_sets {
@@ -60,7 +61,7 @@ impl ImportedFile {
             provenance.insert("other-prefixes".to_owned(), others.join(" "));
         }
         if let Some(ImportedBackbone { sha256, known: what, .. }) = &self.backbone {
-            provenance.insert("backbone-sha256".to_owned(), sha256.clone());
+            provenance.insert("backbone-sha256".to_owned(), sha256.to_string());
             provenance.insert("backbone".to_owned(), what.unwrap_or("of no known hash").to_owned());
         }
         provenance

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_files::Sha256Digest;
 use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
@@ -14,7 +15,7 @@ use crate::config::{BackboneConfig, DinoSize};
 #[serde(rename_all = "kebab-case")]
 pub struct Inspection {
     file: PathBuf,
-    sha256: String,
+    sha256: Sha256Digest,
     tensors: usize,
     numbers: u64,
     bytes: u64,
@@ -65,7 +66,6 @@ impl Inspection {
     /// [`ModelError`] if a configuration or key map cannot be read.
     pub fn new(path: PathBuf, file: TensorFile, list_tensors: bool) -> Result<Self, ModelError> {
         let TensorFile { sha256, stored, .. } = file;
-        let sha256 = sha256.to_string();
         let what = if ModelWeights::is_one(&stored) {
             match ModelWeights::from_stored(&stored) {
                 Ok(weights) => Contents::Atsplat { model: weights.config.name.clone(), hash: weights.config.hash()? },
@@ -91,7 +91,7 @@ impl Inspection {
             bytes: each().map(|tensor| tensor.bytes().len() as u64).sum(),
             types,
             what,
-            known: KnownFile::with_sha256(&sha256).map(|known| KnownRow {
+            known: KnownFile::with_sha256(sha256).map(|known| KnownRow {
                 name: known.name,
                 what: known.what,
                 source: known.source,

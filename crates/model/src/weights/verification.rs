@@ -14,7 +14,7 @@ use crate::config::{BackboneConfig, ModelConfig};
 #[serde(rename_all = "kebab-case")]
 pub struct Verification {
     file: PathBuf,
-    sha256: String,
+    sha256: Sha256Digest,
     /// Whether the hash was given, or is that of a published file.
     sha256_expected: bool,
     /// Description of the contents.
@@ -68,11 +68,10 @@ impl Verification {
 
     fn of(file: TensorFile, found: Found, config: Option<&ModelConfig>, expected_sha256: Option<Sha256Digest>) -> Self {
         let (what, parameters, metadata_covered) = found;
-        let sha256 = file.sha256.to_string();
-        let known = KnownFile::with_sha256(&sha256);
+        let known = KnownFile::with_sha256(file.sha256);
         Self {
             file: file.path,
-            sha256,
+            sha256: file.sha256,
             sha256_expected: expected_sha256.is_some() || known.is_some(),
             what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
             metadata_covered,
