@@ -19,6 +19,7 @@ use std::path::Path;
 use atsplat_files::{FileError, Sha256Digest, is_toml_path, malformed_toml};
 use atsplat_scene::preprocess::Preprocessing;
 use serde::{Deserialize, Serialize};
+use toml::de::{DeTable, Deserializer};
 
 pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
@@ -136,9 +137,11 @@ impl Preset {
     /// [`ProtocolError::Malformed`]: with line and column for text that is not a preset, with the field for
     /// contradictory values.
     pub fn from_toml(text: &str) -> Result<Self, ProtocolError> {
-        let mut preset: Self =
-            toml::from_str(text).map_err(|error| malformed_toml("preset", "a preset", text, &error))?;
-        if older::has_sigmas(text) {
+        let malformed = |error| malformed_toml("preset", "a preset", text, &error);
+        let table = DeTable::parse(text).map_err(malformed)?;
+        let has_sigmas = older::has_sigmas(table.get_ref());
+        let mut preset = Self::deserialize(Deserializer::from(table)).map_err(malformed)?;
+        if has_sigmas {
             older::state_degrees(&mut preset.methods);
         }
         validate::check(&preset)?;

@@ -3,8 +3,7 @@
 
 use std::borrow::Cow;
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use toml::de::DeTable;
 
 use super::metrics::MetricsTable;
 use super::{MethodSetting, MetricIds, RendererConvention, RendererExtent};
@@ -93,19 +92,9 @@ pub(super) fn sh_degree(rasteriser: &str) -> u8 {
     if rasteriser.starts_with("diff-gaussian-rasterization") { 3 } else { RendererConvention::MAX_SH_DEGREE }
 }
 
-/// Whether the text of a preset states the extent in standard deviations, and so no degree of harmonics.
-pub(super) fn has_sigmas(text: &str) -> bool {
-    #[derive(Deserialize)]
-    struct Form {
-        renderer: RendererForm,
-    }
-    #[derive(Deserialize)]
-    #[serde(rename_all = "kebab-case")]
-    struct RendererForm {
-        extent_sigmas: Option<IgnoredAny>,
-    }
-    let is_there = || toml::from_str::<Form>(text).is_ok_and(|form| form.renderer.extent_sigmas.is_some());
-    text.contains("extent-sigmas") && is_there()
+/// Whether the TOML of a preset states the extent in standard deviations, and so no degree of harmonics.
+pub(super) fn has_sigmas(preset: &DeTable<'_>) -> bool {
+    preset.get("renderer").is_some_and(|renderer| renderer.get_ref().get("extent-sigmas").is_some())
 }
 
 /// States the degree of harmonics of the renderers of methods that have a rasteriser of their own.
