@@ -1,6 +1,7 @@
 //! Images and times belong to the rows that they were made with: they are removed before a row is replaced, so that a killed run
 //! loses them instead of leaving them with another row. A row that is made again from the same trial, data and files, for a
-//! metric or an image that it lacks, keeps its times, and the images of renders that are the same again.
+//! metric or an image that it lacks, keeps its times, and the images of renders that are the same again. One that is made again
+//! because it failed keeps the images alone: its times may be those of the failure.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
@@ -68,11 +69,11 @@ impl<'a> ImagesAndTimes<'a> {
         names.try_for_each(|name| images::remove(self.store.folder(), &trial.of_method(name)))
     }
 
-    /// Removes the times of the row that this one replaces, unless that was made from the same data and files.
+    /// Removes the times of the row that this one replaces, unless that was made from the same data and files, and had not failed.
     pub(super) fn remove_outdated_times(&self, row: &TrialRow) -> Result<(), ResultsError> {
         let TrialRow { key, trial_hash, data_hash, input_hash, .. } = row;
-        let data_hash = data_hash.as_deref().unwrap_or_default();
-        if self.store.known().contains(key, trial_hash, data_hash, input_hash.as_deref()) {
+        let (known, data_hash) = (self.store.known(), data_hash.as_deref().unwrap_or_default());
+        if known.contains(key, trial_hash, data_hash, input_hash.as_deref()) && !known.is_tried_again(key) {
             return Ok(());
         }
         let mut timed = self.timed.lock().unwrap_or_else(PoisonError::into_inner);

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use crate::common::{Run, Walls, dataset, entry, grey, record};
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, Timed, TrialInput};
+use atsplat_eval::runner::{self, current_provenance};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_results::times::{Load, TimingRow, times};
 use atsplat_results::{MethodRecord, Results, Store};
@@ -98,6 +99,37 @@ fn a_method_that_was_tried_on_every_trial_is_not_tried_again() {
     picky.0.store(0, Ordering::Relaxed);
     run(folder.path(), 3, &methods, SHORT);
     assert_eq!(picky.0.load(Ordering::Relaxed), 0);
+}
+
+/// Fails on every trial, until it is mended.
+#[derive(Debug)]
+struct Mended(bool);
+
+impl Method for Mended {
+    fn record(&self) -> MethodRecord {
+        record("mended")
+    }
+
+    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        if self.0 { Ok(Box::new(Grey(Duration::ZERO))) } else { Err(MethodError::Failed("out of memory".to_owned())) }
+    }
+}
+
+/// What the timing pass noted of its failure is not true of the new result.
+#[test]
+fn a_result_that_is_tried_again_is_timed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let are_timed = |results: &Results| results.timings.iter().map(TimingRow::is_timed).collect::<Vec<_>>();
+    assert_eq!(are_timed(&run(folder.path(), 2, &[Arc::new(Mended(false))], SHORT)), [false], "one row for all trials");
+    disturb(folder.path(), None);
+    assert_eq!(are_timed(&run(folder.path(), 2, &[Arc::new(Mended(true))], SHORT)), [false], "not without the request");
+    let datasets = vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 2, 3, 5])])];
+    let mended = Run { timing: Some(SHORT), ..Run::new(datasets, vec![Arc::new(Mended(true))]) };
+    let plan = mended.plan();
+    let provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
+    let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
+    let (results, _) = runner::run(&plan, store, &|_| ()).unwrap();
+    assert_eq!(are_timed(&results), [true; 2]);
 }
 
 /// Counts the times that the store has while this method runs.

@@ -14,8 +14,6 @@ type TrialId = (String, String, u32);
 #[derive(Debug, Default)]
 pub struct KnownResults {
     inputs: HashMap<TrialId, BTreeMap<String, Inputs>>,
-    /// Whether the run evaluates again what failed.
-    retries_failed: bool,
 }
 
 /// Hashes of what a result was computed from.
@@ -25,14 +23,14 @@ struct Inputs {
     targets: u32,
     data: Option<String>,
     input: Option<String>,
-    /// Whether another run tries again: nothing says whether the reason for which a method of Python failed is still there.
-    retried: bool,
     /// Whether a target lacks a metric that can be computed now.
     lacks_metric: bool,
     /// Number of targets with scores.
     scored: usize,
     /// Whether it failed, wholly or in part, or no render of it could be compared.
     is_incomplete: bool,
+    /// Whether the run evaluates it again for that.
+    is_tried_again: bool,
 }
 
 impl KnownResults {
@@ -50,12 +48,13 @@ impl KnownResults {
             let lacks_metric = rows_of_targets.iter().any(|target| metrics.iter().any(|metric| target.lacks(metric)));
             let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
             let is_incomplete = status.is_incomplete() || (status == TrialStatus::Done && scored == 0);
-            let retried = is_incomplete && python.contains(key.method.as_str());
+            // Nothing says whether the reason for which a method of Python failed is still there.
+            let is_tried_again = is_incomplete && python.contains(key.method.as_str());
             let by_method = known.inputs.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
             by_method.insert(
                 key.method,
-                Inputs { trial, targets, data, input, retried, lacks_metric, scored, is_incomplete },
+                Inputs { trial, targets, data, input, lacks_metric, scored, is_incomplete, is_tried_again },
             );
         }
         known
@@ -65,11 +64,10 @@ impl KnownResults {
         self.inputs.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
     }
 
-    /// Whether there is a result for exactly this trial, data and input files that is not tried again.
+    /// Whether there is a result for exactly this trial, data and input files.
     pub fn contains(&self, key: &TrialKey, trial: &str, data: &str, input: Option<&str>) -> bool {
         let same = |known: &Inputs| {
-            let same_input = known.data.as_deref() == Some(data) && known.input.as_deref() == input;
-            known.trial == trial && same_input && !known.retried
+            known.trial == trial && known.data.as_deref() == Some(data) && known.input.as_deref() == input
         };
         self.get(key).is_some_and(same)
     }
@@ -80,13 +78,15 @@ impl KnownResults {
     }
 
     /// Makes a run evaluate again what failed, wholly or in part.
-    pub(super) const fn retry_failed(&mut self) {
-        self.retries_failed = true;
+    pub(super) fn retry_failed(&mut self) {
+        let all = self.inputs.values_mut().flat_map(BTreeMap::values_mut);
+        all.for_each(|known| known.is_tried_again = known.is_incomplete);
     }
 
-    /// Whether a result failed, and is evaluated again ([`Store::retry_failed`](super::Store::retry_failed)).
+    /// Whether a result failed, wholly or in part, and is evaluated again: one of a method of Python always, others on request
+    /// ([`Store::retry_failed`](super::Store::retry_failed)).
     pub fn is_tried_again(&self, key: &TrialKey) -> bool {
-        self.retries_failed && self.get(key).is_some_and(|known| known.is_incomplete)
+        self.get(key).is_some_and(|known| known.is_tried_again)
     }
 
     /// How many results of a run's protocols and methods lack a metric that it computes, by method: they are evaluated again.
@@ -96,7 +96,7 @@ impl KnownResults {
 
     /// How many results of a run's protocols and methods failed and are evaluated again, by method.
     pub fn tried_again(&self, run: &Provenance) -> BTreeMap<&str, u64> {
-        self.count(run, |known| self.retries_failed && known.is_incomplete)
+        self.count(run, |known| known.is_tried_again)
     }
 
     fn count(&self, run: &Provenance, is_counted: impl Fn(&Inputs) -> bool) -> BTreeMap<&str, u64> {
@@ -208,14 +208,14 @@ mod tests {
             let target = sample_rows::target("m", "a", 0, 0, "psnr", 20.0);
             let rows = [(row, vec![TargetRow { status: of_target, ..target }])];
             let known = KnownResults::of(rows.into_iter(), &[method], &[]);
-            assert_eq!(known.methods(&key.preset, "a", 0).count(), 1, "its row is there");
-            known.contains(&key, &hash, "d", None)
+            assert!(known.contains(&key, &hash, "d", None), "its row is there");
+            known.is_tried_again(&key)
         };
         let of = |kind: &str, status| of_targets(kind, status, TargetStatus::Scored);
-        assert!(!of_targets("python", TrialStatus::Done, TargetStatus::NonFinite), "nothing could be compared");
-        assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
-        assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
-        assert!(of("exec", TrialStatus::Failed));
+        assert!(of_targets("python", TrialStatus::Done, TargetStatus::NonFinite), "nothing could be compared");
+        assert!(of("python", TrialStatus::Failed) && of("python", TrialStatus::Partial));
+        assert!(!of("python", TrialStatus::Done) && !of("python", TrialStatus::NotApplicable));
+        assert!(!of("exec", TrialStatus::Failed));
     }
 
     /// One of four results is whole, and nothing of the last could be compared; a method that does not support a trial has not failed.
