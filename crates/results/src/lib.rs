@@ -30,7 +30,7 @@ pub use rows::difference::{differences, excerpts};
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, Moved, PresetRecord, Provenance, RecordKind, Results,
     SAMPLED_BY, SkippedEntry, StatedCost, StatedSeconds, TRAINED_BACKGROUND, TRAINED_POSES, TargetRow, TargetStatus,
-    TrainingRecord, TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
+    TrainingRecord, TrialId, TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
 };
 pub use run_report::{RunCounts, RunReport};
 pub use shard::{InvalidShard, Shard};

@@ -6,7 +6,7 @@ use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, Targ
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::store::images;
 use atsplat_results::warning_kinds::FAILED_AGAIN;
-use atsplat_results::{ResultsError, Store, TargetRow, TrialKey, TrialRow};
+use atsplat_results::{ResultsError, Store, TargetRow, TrialId, TrialKey, TrialRow};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
@@ -42,13 +42,11 @@ pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRec
 }
 
 pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
-    TrialKey { method: method.record().name, ..key_of_trial(&dataset.name, scene, entry) }
+    trial_id(&dataset.name, scene, entry).of_method(&method.record().name)
 }
 
-/// The key of a trial under an empty method name.
-pub(super) fn key_of_trial(preset: &str, scene: &str, entry: usize) -> TrialKey {
-    let (preset, scene) = (preset.to_owned(), scene.to_owned());
-    TrialKey { preset, method: String::new(), scene, entry: to_u32(entry) }
+pub(super) fn trial_id(preset: &str, scene: &str, entry: usize) -> TrialId {
+    TrialId { preset: preset.to_owned(), scene: scene.to_owned(), entry: to_u32(entry) }
 }
 
 /// A number of entries or targets as stored in rows.
@@ -219,7 +217,7 @@ impl GroupRun<'_> {
     fn split_known(&self, index: &EvaluationIndex) -> (EvaluationIndex, EvaluationIndex) {
         let is_known = |scene: &str, entries: usize| {
             let name = &self.dataset.name;
-            (0..entries).any(|entry| self.store.known().methods(name, scene, to_u32(entry)).next().is_some())
+            (0..entries).any(|entry| self.store.known().methods(&trial_id(name, scene, entry)).next().is_some())
         };
         let (mut known, mut rest) = (EvaluationIndex::default(), EvaluationIndex::default());
         for (scene, entries) in &index.scenes {

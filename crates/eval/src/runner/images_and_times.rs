@@ -9,10 +9,10 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_protocol::trial::Trial;
 use atsplat_results::store::StoredImage;
 use atsplat_results::store::images::{self, CONTEXT, TRUTH};
-use atsplat_results::{ResultsError, Store, TrialKey, TrialRow};
+use atsplat_results::{ResultsError, Store, TrialId, TrialKey, TrialRow};
 
 use super::KeepImages;
-use super::group_run::key_of_trial;
+use super::group_run::trial_id;
 
 /// Images and times that a store contained when a run began.
 #[derive(Debug)]
@@ -22,8 +22,8 @@ pub(super) struct ImagesAndTimes<'a> {
     kept: BTreeMap<TrialKey, Vec<StoredImage>>,
     /// Results whose times are in the store. The lock is held while the table of times is written.
     timed: Mutex<BTreeSet<TrialKey>>,
-    /// Trials whose images of other data were removed, each under an empty method name.
-    renewed: Mutex<BTreeSet<TrialKey>>,
+    /// Trials whose images of other data were removed.
+    renewed: Mutex<BTreeSet<TrialId>>,
 }
 
 impl<'a> ImagesAndTimes<'a> {
@@ -52,10 +52,10 @@ impl<'a> ImagesAndTimes<'a> {
         trial: &Trial,
         data_hash: &str,
     ) -> Result<(), ResultsError> {
-        self.remove_images_of(&key_of_trial(preset, trial.scene(), trial.entry_number()), data_hash)
+        self.remove_images_of(&trial_id(preset, trial.scene(), trial.entry_number()), data_hash)
     }
 
-    fn remove_images_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), ResultsError> {
+    fn remove_images_of(&self, trial: &TrialId, data_hash: &str) -> Result<(), ResultsError> {
         let known = self.store.known();
         let outdated: Vec<&str> = known.outdated(trial, data_hash).collect();
         // Once in a run: methods with other poses evaluate the trial after those that have replaced their images.
@@ -63,7 +63,7 @@ impl<'a> ImagesAndTimes<'a> {
             return Ok(());
         }
         // If a run was killed after it had replaced some of the results, it had removed the images of the old data before.
-        let is_all = known.methods(&trial.preset, &trial.scene, trial.entry).count() == outdated.len();
+        let is_all = known.methods(trial).count() == outdated.len();
         let of_data = [TRUTH, CONTEXT].into_iter().filter(|_| is_all);
         let mut names = outdated.iter().copied().chain(of_data);
         names.try_for_each(|name| images::remove(self.store.folder(), &trial.of_method(name)))
@@ -131,7 +131,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "data x 0");
         let images_and_times = ImagesAndTimes::of(&store, KeepImages::Nothing).unwrap();
-        let of_x = key("", "x", 0);
+        let of_x = key("a", "x", 0).trial();
         images_and_times.remove_images_of(&of_x, "data x 0").unwrap();
         assert_eq!(stored(&store, "x"), [true; 4], "the same data");
         images_and_times.remove_images_of(&of_x, "other").unwrap();
@@ -147,7 +147,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "other");
         let images_and_times = ImagesAndTimes::of(&store, KeepImages::Nothing).unwrap();
-        images_and_times.remove_images_of(&key("", "x", 0), "other").unwrap();
+        images_and_times.remove_images_of(&key("a", "x", 0).trial(), "other").unwrap();
         assert_eq!(stored(&store, "x"), [true, false, true, true]);
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, Trials};
 use atsplat_results::{Moved, ResultsError, Store, TrialKey};
 
-use super::group_run::{groups, input_hash, key_of, key_of_trial, recipe};
+use super::group_run::{groups, input_hash, key_of, recipe, trial_id};
 use super::plan::{Dataset, Plan};
 use crate::EvalError;
 use crate::method::Method;
@@ -50,10 +50,10 @@ fn check_data(
     const ADVICE: &str = "; choose another folder for the results of other data";
     let Some(places) = moved.data.get(&dataset.name) else { return Ok(()) };
     let known = store.known();
-    let key = key_of_trial(&dataset.name, trial.scene(), trial.entry_number());
-    let has_scores = |method: &&str| known.scored(&key.of_method(method)) > 0;
-    match known.outdated(&key, data_hash).find(has_scores) {
-        Some(method) => Err(other_contents("data", places, &key.of_method(method), ADVICE)),
+    let id = trial_id(&dataset.name, trial.scene(), trial.entry_number());
+    let has_scores = |method: &&str| known.scored(&id.of_method(method)) > 0;
+    match known.outdated(&id, data_hash).find(has_scores) {
+        Some(method) => Err(other_contents("data", places, &id.of_method(method), ADVICE)),
         None => Ok(()),
     }
 }

@@ -1,10 +1,10 @@
 use std::collections::BTreeSet;
 
 use atsplat_protocol::trial::{Skipped, Trial};
-use atsplat_results::{Store, TrialKey};
+use atsplat_results::{Store, TrialId};
 
 use super::findings::depends_on_poses;
-use super::group_run::key_of_trial;
+use super::group_run::trial_id;
 use super::plan::{Dataset, Plan};
 use crate::EvalError;
 
@@ -28,10 +28,10 @@ impl<'a> Outdated<'a> {
     /// Checks the current state of a trial. Outdated results of the run's methods are recomputed; those of other methods are
     /// recorded here.
     pub(super) fn check_trial(&mut self, trial: &Trial, data_hash: &str) {
-        let key = self.key(trial.scene(), trial.entry_number());
-        for method in self.store.known().outdated(&key, data_hash) {
+        let id = self.id(trial.scene(), trial.entry_number());
+        for method in self.store.known().outdated(&id, data_hash) {
             if !self.plan.methods.iter().any(|run| run.record().name == method) {
-                self.note(&key, method, "its images or cameras changed", RECOMPUTE);
+                self.note(&id, method, "its images or cameras changed", RECOMPUTE);
             }
         }
     }
@@ -39,11 +39,11 @@ impl<'a> Outdated<'a> {
     /// Checks a trial of which so many targets can be scored, because of an image that cannot be decoded: results of the run's methods
     /// with more scores are not replaced.
     pub(super) fn check_scorable(&mut self, trial: &Trial, data_hash: &str, targets: usize, why: &str) {
-        let (key, known) = (self.key(trial.scene(), trial.entry_number()), self.store.known());
-        for method in known.outdated(&key, data_hash) {
+        let (id, known) = (self.id(trial.scene(), trial.entry_number()), self.store.known());
+        for method in known.outdated(&id, data_hash) {
             let is_run = self.plan.methods.iter().any(|run| run.record().name == method);
-            if is_run && known.scored(&key.of_method(method)) > targets {
-                self.note(&key, method, &format!("an image changed and cannot be decoded: {why}"), RESTORE);
+            if is_run && known.scored(&id.of_method(method)) > targets {
+                self.note(&id, method, &format!("an image changed and cannot be decoded: {why}"), RESTORE);
             }
         }
     }
@@ -52,11 +52,11 @@ impl<'a> Outdated<'a> {
     /// that reason alone does not make other methods' results outdated.
     pub(super) fn check_skipped(&mut self, skipped: &Skipped, group: &BTreeSet<String>) {
         let is_of_group = depends_on_poses(skipped.reason);
-        let key = self.key(&skipped.scene, skipped.entry_number);
-        let methods = self.store.known().methods(&key.preset, &key.scene, key.entry);
+        let id = self.id(&skipped.scene, skipped.entry_number);
+        let methods = self.store.known().methods(&id);
         for method in methods.filter(|method| !is_of_group || group.contains(*method)) {
             let why = format!("its entry is skipped now, {}: {}", skipped.reason.name(), skipped.detail);
-            self.note(&key, method, &why, RESTORE);
+            self.note(&id, method, &why, RESTORE);
         }
     }
 
@@ -64,9 +64,9 @@ impl<'a> Outdated<'a> {
     pub(super) fn check_missing_scene(&mut self, scene: &str) {
         let entries = self.dataset.index.index.scenes.get(scene).map_or(0, Vec::len);
         for entry in 0..entries {
-            let key = self.key(scene, entry);
-            for method in self.store.known().methods(&key.preset, &key.scene, key.entry) {
-                self.note(&key, method, "the scene is no longer in the data", RESTORE);
+            let id = self.id(scene, entry);
+            for method in self.store.known().methods(&id) {
+                self.note(&id, method, "the scene is no longer in the data", RESTORE);
             }
         }
     }
@@ -80,12 +80,12 @@ impl<'a> Outdated<'a> {
         }
     }
 
-    fn key(&self, scene: &str, entry: usize) -> TrialKey {
-        key_of_trial(&self.dataset.name, scene, entry)
+    fn id(&self, scene: &str, entry: usize) -> TrialId {
+        trial_id(&self.dataset.name, scene, entry)
     }
 
-    fn note(&mut self, key: &TrialKey, method: &str, why: &str, advice: &'static str) {
+    fn note(&mut self, id: &TrialId, method: &str, why: &str, advice: &'static str) {
         self.count += 1;
-        self.first.get_or_insert_with(|| (format!("{}: {why}", key.of_method(method)), advice));
+        self.first.get_or_insert_with(|| (format!("{}: {why}", id.of_method(method)), advice));
     }
 }

@@ -46,6 +46,17 @@ pub struct TrialKey {
     pub entry: u32,
 }
 
+/// Identity of a trial of a protocol, under any method.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TrialId {
+    /// As in [`TrialKey::preset`].
+    pub preset: String,
+    /// As in [`TrialKey::scene`].
+    pub scene: String,
+    /// As in [`TrialKey::entry`].
+    pub entry: u32,
+}
+
 /// All rows of a store, in the order of their keys (targets by position within).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Results {
@@ -87,7 +98,20 @@ impl Results {
     }
 }
 
+impl TrialId {
+    /// The trial under a method.
+    pub fn of_method(&self, method: &str) -> TrialKey {
+        let Self { preset, scene, entry } = self.clone();
+        TrialKey { preset, method: method.to_owned(), scene, entry }
+    }
+}
+
 impl TrialKey {
+    /// The trial without its method.
+    pub fn trial(&self) -> TrialId {
+        TrialId { preset: self.preset.clone(), scene: self.scene.clone(), entry: self.entry }
+    }
+
     /// Whether it is a trial of this method under this preset.
     pub fn is_of(&self, preset: &str, method: &str) -> bool {
         self.preset == preset && self.method == method

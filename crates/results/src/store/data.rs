@@ -3,12 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::{
-    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, SkippedEntry, TargetRow, TrialKey,
-    TrialRow, TrialStatus,
+    MethodRecord, MetricRecord, Provenance, RecordKind, Results, ResultsError, SkippedEntry, TargetRow, TrialId,
+    TrialKey, TrialRow, TrialStatus,
 };
-
-/// Preset, scene and entry: a trial without its method.
-type TrialId = (String, String, u32);
 
 /// The results of a store: for each trial, the inputs of each method's result.
 #[derive(Debug, Default)]
@@ -50,7 +47,7 @@ impl KnownResults {
             let is_incomplete = status.is_incomplete() || (status == TrialStatus::Done && scored == 0);
             // Nothing says whether the reason for which a method of Python failed is still there.
             let is_tried_again = is_incomplete && python.contains(key.method.as_str());
-            let by_method = known.inputs.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
+            let by_method = known.inputs.entry(key.trial()).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
             by_method.insert(
                 key.method,
@@ -61,7 +58,7 @@ impl KnownResults {
     }
 
     fn get(&self, key: &TrialKey) -> Option<&Inputs> {
-        self.inputs.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
+        self.inputs.get(&key.trial())?.get(&key.method)
     }
 
     /// Whether there is a result for exactly this trial, data and input files.
@@ -100,7 +97,7 @@ impl KnownResults {
     }
 
     fn count(&self, run: &Provenance, is_counted: impl Fn(&Inputs) -> bool) -> BTreeMap<&str, u64> {
-        let of_run = self.inputs.iter().filter(|((preset, ..), _)| run.preset(preset).is_some());
+        let of_run = self.inputs.iter().filter(|(trial, _)| run.preset(&trial.preset).is_some());
         let mut counts = BTreeMap::new();
         for (method, known) in of_run.flat_map(|(_, methods)| methods) {
             if is_counted(known) && run.method(method).is_some() {
@@ -122,15 +119,15 @@ impl KnownResults {
 
     /// Scenes with results under a preset.
     pub fn scenes(&self, preset: &str) -> BTreeSet<&str> {
-        let of_preset = self.inputs.keys().filter(|(name, ..)| name == preset);
-        of_preset.map(|(_, scene, _)| scene.as_str()).collect()
+        let of_preset = self.inputs.keys().filter(|trial| trial.preset == preset);
+        of_preset.map(|trial| trial.scene.as_str()).collect()
     }
 
     /// How many entries of a preset have a result of any method, or a reason why there is none.
     pub(super) fn entries_of(&self, preset: &str, skipped: &[SkippedEntry]) -> u64 {
-        let of_preset = self.inputs.iter().filter(|((name, ..), methods)| name == preset && !methods.is_empty());
+        let of_preset = self.inputs.iter().filter(|(trial, methods)| trial.preset == preset && !methods.is_empty());
         let mut entries: BTreeSet<(&str, u32)> =
-            of_preset.map(|((_, scene, entry), _)| (scene.as_str(), *entry)).collect();
+            of_preset.map(|(trial, _)| (trial.scene.as_str(), trial.entry)).collect();
         let skipped = skipped.iter().filter(|skipped| skipped.preset == preset);
         entries.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
         entries.len() as u64
@@ -138,7 +135,7 @@ impl KnownResults {
 
     /// Whether there is a result of a method under a preset.
     pub(super) fn has(&self, preset: &str, method: &str) -> bool {
-        self.inputs.iter().any(|((name, ..), methods)| name == preset && methods.contains_key(method))
+        self.inputs.iter().any(|(trial, methods)| trial.preset == preset && methods.contains_key(method))
     }
 
     /// Drops the results of these methods.
@@ -152,19 +149,15 @@ impl KnownResults {
     }
 
     /// Methods with a result for a trial.
-    pub fn methods(&self, preset: &str, scene: &str, entry: u32) -> impl Iterator<Item = &str> {
-        self.inputs.get(&trial_id(preset, scene, entry)).into_iter().flatten().map(|(method, _)| method.as_str())
+    pub fn methods(&self, trial: &TrialId) -> impl Iterator<Item = &str> {
+        self.inputs.get(trial).into_iter().flatten().map(|(method, _)| method.as_str())
     }
 
     /// Methods whose result for a trial was computed from other data.
-    pub fn outdated(&self, key: &TrialKey, data_hash: &str) -> impl Iterator<Item = &str> {
-        let methods = self.inputs.get(&trial_id(&key.preset, &key.scene, key.entry)).into_iter().flatten();
+    pub fn outdated(&self, trial: &TrialId, data_hash: &str) -> impl Iterator<Item = &str> {
+        let methods = self.inputs.get(trial).into_iter().flatten();
         methods.filter(move |(_, known)| known.data.as_deref() != Some(data_hash)).map(|(name, _)| name.as_str())
     }
-}
-
-fn trial_id(preset: &str, scene: &str, entry: u32) -> TrialId {
-    (preset.to_owned(), scene.to_owned(), entry)
 }
 
 /// Rejects rows of one trial that were computed from different data.
