@@ -21,8 +21,8 @@ mod test_source;
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use error::ProtocolError;
 pub use index::{
-    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, MISPLACED_TARGETS,
-    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, SingleEntryForm, Spacing, UNKNOWN_ESTIMATOR,
+    AbsentForm, EvaluationIndex, ForeignEntries, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices,
+    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, SingleEntryForm, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
 use atsplat_protocol::{Preset, SamplingRule};
-use atsplat_results::warning_kinds::MISSING_SCENES;
+use atsplat_results::RunWarning;
 use atsplat_scene::{ImageOptions, SceneSource, Warnings};
 use pyo3::prelude::*;
 
@@ -120,7 +120,8 @@ fn problems(dataset: &Dataset, opening: &Warnings) -> Vec<(String, u64, String)>
     let mismatches = foreign.into_iter().chain(dataset.unfit_entries(&index.index));
     let mismatches = mismatches.map(|mismatch| (mismatch.kind, mismatch.count, mismatch.example));
     let missing = Selection::default().missing_in(dataset);
-    let first = missing.first().map(|first| (MISSING_SCENES.to_owned(), missing.len() as u64, first.clone()));
+    let kind = RunWarning::MissingScenes.to_string();
+    let first = missing.first().map(|first| (kind, missing.len() as u64, first.clone()));
     found.chain(notices).chain(mismatches).chain(first).collect()
 }
 

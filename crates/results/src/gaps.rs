@@ -4,10 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use atsplat_numeric::counted;
-use atsplat_protocol::{MISPLACED_TARGETS, UNKNOWN_ESTIMATOR};
+use atsplat_protocol::ForeignEntries;
 
-use crate::warning_kinds::{DROPPED_BY_SPLIT, FAILED_AGAIN, MISSING_SCENES, NOT_SAMPLED};
-use crate::{Results, TargetStatus};
+use crate::{Results, RunWarning, TargetStatus};
 
 /// Something that results are missing, with all its cases under one protocol and method.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,13 +31,11 @@ pub enum GapKind {
     /// Scenes of the index that the data lack.
     MissingScenes,
     /// Scenes or frames of the data that a sampled index leaves out, of this kind.
-    NotSampled(&'static str),
+    NotSampled(RunWarning),
     /// Entries of a published index that the split derived from it drops.
     DroppedBySplit,
-    /// Entries of an index that is none of the protocol's own, with targets of this kind, which the protocol does not have.
-    MisplacedTargets(&'static str),
-    /// Entries of an index that is no published one, binned by an overlap that does not say how it was measured.
-    UnknownEstimator,
+    /// Entries of an index that is none of the protocol's own, of this kind, which the protocol does not have.
+    ForeignEntries(ForeignEntries),
     /// Index entries that an interrupted run has not reached, or without a metric that others have.
     Unfinished,
     /// Index entries without a trial.
@@ -110,23 +107,24 @@ impl Results {
 
 /// The gap that a warning of a run is about, if it is about one, and the method if it is about a method.
 fn of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
-    if kind == MISSING_SCENES {
-        return Some((GapKind::MissingScenes, None));
+    if let Some(foreign) = ForeignEntries::of(kind) {
+        return Some((GapKind::ForeignEntries(foreign), None));
     }
-    if kind.starts_with(DROPPED_BY_SPLIT) {
-        return Some((GapKind::DroppedBySplit, None));
+    let (known, subject) = RunWarning::of(kind)?;
+    match known {
+        RunWarning::MissingScenes => Some((GapKind::MissingScenes, None)),
+        RunWarning::DroppedBySplit => Some((GapKind::DroppedBySplit, None)),
+        RunWarning::FailedAgain => Some((GapKind::Incomplete, subject)),
+        RunWarning::WithoutImage | RunWarning::UnreadableImage | RunWarning::NotRead | RunWarning::WithoutEntry => {
+            Some((GapKind::NotSampled(known), None))
+        }
+        RunWarning::UnlistedSettings
+        | RunWarning::SettingsNotChosen
+        | RunWarning::UnpublishedWeights
+        | RunWarning::SharedFiles
+        | RunWarning::OtherData
+        | RunWarning::OtherFolder => None,
     }
-    if let Some(method) = kind.strip_prefix(FAILED_AGAIN) {
-        return Some((GapKind::Incomplete, method.strip_prefix(": ")));
-    }
-    if let Some(misplaced) = MISPLACED_TARGETS.into_iter().find(|misplaced| *misplaced == kind) {
-        return Some((GapKind::MisplacedTargets(misplaced), None));
-    }
-    if kind == UNKNOWN_ESTIMATOR {
-        return Some((GapKind::UnknownEstimator, None));
-    }
-    let not_sampled = NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix));
-    not_sampled.map(|prefix| (GapKind::NotSampled(prefix), None))
 }
 
 fn reason(detail: Option<&str>) -> &str {
@@ -146,8 +144,8 @@ impl fmt::Display for Gap {
         match kind {
             GapKind::MissingShards => return write!(f, "{shards} of the run {are} missing: this is {first}"),
             GapKind::MissingScenes => write!(f, "{scenes} of the index {are} not in the data"),
-            GapKind::NotSampled(kind) | GapKind::MisplacedTargets(kind) => write!(f, "{count} {kind}"),
-            GapKind::UnknownEstimator => write!(f, "{count} {UNKNOWN_ESTIMATOR}"),
+            GapKind::NotSampled(kind) => write!(f, "{count} {kind}"),
+            GapKind::ForeignEntries(kind) => write!(f, "{count} {kind}"),
             GapKind::DroppedBySplit => {
                 write!(f, "{entries} of the published index {are} dropped by the split derived from it")
             }
@@ -191,7 +189,7 @@ mod tests {
     fn entries_that_a_derived_split_drops_are_gaps() {
         let mut results = Results::default();
         results.provenance.warnings = vec![
-            warning(&format!("{DROPPED_BY_SPLIT}: scene too short"), 2, "short"),
+            warning(&RunWarning::DroppedBySplit.about("scene too short"), 2, "short"),
             warning("entries with a target twice", 5, "a"),
         ];
         assert_eq!(
@@ -222,28 +220,29 @@ mod tests {
     #[test]
     fn targets_on_the_wrong_side_of_the_window_are_a_gap() {
         let mut results = Results::default();
-        let misplaced = MISPLACED_TARGETS.map(|kind| warning(kind, 2, "scene a, entry 1"));
-        results.provenance.warnings = misplaced.to_vec();
+        let misplaced = [
+            "entries whose targets are all context frames",
+            "entries with every target outside the window, under a protocol of targets inside it",
+            "entries with targets inside the window, under a protocol of targets outside it",
+        ];
+        results.provenance.warnings = misplaced.map(|kind| warning(kind, 2, "scene a, entry 1")).to_vec();
         results.provenance.warnings.push(warning("entries without the preset's 3 targets", 4, "scene b, entry 0"));
-        let mut expected = MISPLACED_TARGETS.map(|kind| format!("p: 2 {kind}: scene a, entry 1"));
-        expected.sort();
-        let mut found = lines(&results);
-        found.sort();
-        assert_eq!(found, expected);
+        assert_eq!(lines(&results), misplaced.map(|kind| format!("p: 2 {kind}: scene a, entry 1")));
     }
 
     #[test]
     fn overlaps_of_unknown_origin_in_bins_are_a_gap() {
         let mut results = Results::default();
-        results.provenance.warnings = vec![warning(UNKNOWN_ESTIMATOR, 3, "scene a, entry 1")];
-        assert_eq!(lines(&results), [format!("p: 3 {UNKNOWN_ESTIMATOR}: scene a, entry 1")]);
+        let kind = "entries whose overlap does not say how it was measured, under bins of one estimator";
+        results.provenance.warnings = vec![warning(kind, 3, "scene a, entry 1")];
+        assert_eq!(lines(&results), [format!("p: 3 {kind}: scene a, entry 1")]);
     }
 
     /// Its rows are whole, but lack what it should have been evaluated again for.
     #[test]
     fn what_failed_when_it_was_evaluated_again_is_a_gap() {
         let mut results = Results::default();
-        results.provenance.warnings = vec![warning(&format!("{FAILED_AGAIN}: mine"), 2, "a: out of memory")];
+        results.provenance.warnings = vec![warning(&RunWarning::FailedAgain.about("mine"), 2, "a: out of memory")];
         assert_eq!(lines(&results), ["p: 2 trials of mine are incomplete: a: out of memory"]);
         let mut counts = crate::RunCounts::default();
         counts.add_totals(&results);

@@ -13,6 +13,7 @@ mod file_name;
 mod gaps;
 mod rows;
 mod run_report;
+mod run_warning;
 #[cfg(test)]
 mod sample_rows;
 mod shard;
@@ -21,7 +22,6 @@ pub mod store;
 pub mod times;
 pub mod tradeoff;
 pub mod trial_notes;
-pub mod warning_kinds;
 
 pub use error::ResultsError;
 pub use file_name::file_name;
@@ -33,5 +33,6 @@ pub use rows::{
     TrainingRecord, TrialId, TrialKey, TrialRow, TrialStatus, WEIGHTS_ABSENT, WarningCount,
 };
 pub use run_report::{RunCounts, RunReport};
+pub use run_warning::RunWarning;
 pub use shard::{InvalidShard, Shard};
 pub use store::Store;

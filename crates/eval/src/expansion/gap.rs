@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_protocol::trial::Skipped;
-use atsplat_results::warning_kinds::MISSING_SCENES;
+use atsplat_results::RunWarning;
 use serde::Serialize;
 
 use crate::runner::{Dataset, Missing, Selection};
@@ -27,7 +27,7 @@ impl ExpansionGap {
     pub fn of_dataset(dataset: &Dataset, selection: Selection) -> Vec<Self> {
         let missing = selection.missing_in(dataset);
         let scenes = missing.first().map(|first| Self {
-            kind: MISSING_SCENES.to_owned(),
+            kind: RunWarning::MissingScenes.to_string(),
             count: missing.len() as u64,
             first: first.clone(),
         });

@@ -5,22 +5,15 @@ use atsplat_metrics::Suite;
 use atsplat_metrics::learned::Perceptual;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
-use atsplat_results::RunCounts;
-use atsplat_results::warning_kinds::{
-    FAILED_AGAIN, OTHER_FOLDER, SETTINGS_NOT_CHOSEN, UNLISTED_SETTINGS, UNPUBLISHED_WEIGHTS,
-};
-use atsplat_results::{Provenance, SkippedEntry, WarningCount};
+use atsplat_results::{Provenance, RunCounts, RunWarning, SkippedEntry, WarningCount};
 use atsplat_scene::Warnings;
 
-use super::shared_files::SHARED_FILES;
 use super::{Dataset, Missing, Plan, Selection};
 use crate::method::Method;
 
 /// Whether a kind of warning is about a method that is not among `methods`.
 fn is_of_another_method(kind: &str, methods: &BTreeSet<String>) -> bool {
-    let of_methods = [UNLISTED_SETTINGS, SETTINGS_NOT_CHOSEN, SHARED_FILES, OTHER_FOLDER, FAILED_AGAIN];
-    let name = of_methods.into_iter().find_map(|start| kind.strip_prefix(start)?.strip_prefix(": "));
-    name.is_some_and(|name| !methods.contains(name))
+    RunWarning::method_of(kind).is_some_and(|name| !methods.contains(name))
 }
 
 /// Problems with datasets that did not stop a run.
@@ -102,7 +95,7 @@ impl Findings {
         let preset = &dataset.preset;
         for method in methods.iter().filter(|method| !preset.has_setting_of(method.setting())) {
             let (name, setting) = (method.record().name, method.setting());
-            let kind = format!("{UNLISTED_SETTINGS}: {name}");
+            let kind = RunWarning::UnlistedSettings.about(&name);
             self.add(&dataset.name, &kind, 1, format!("{name} names {setting}"));
         }
         let differs = |name: &str| {
@@ -111,7 +104,7 @@ impl Findings {
         };
         let not_chosen = methods.iter().filter(|method| method.has_no_chosen_setting());
         for name in not_chosen.map(|method| method.record().name).filter(|name| differs(name)) {
-            let kind = format!("{SETTINGS_NOT_CHOSEN}: {name}");
+            let kind = RunWarning::SettingsNotChosen.about(&name);
             let of_preset = Preset::OWN_METHOD;
             let choice = format!("--setting {name} chooses its own, --setting {of_preset} keeps these");
             self.add(&dataset.name, &kind, 1, choice);
@@ -121,7 +114,7 @@ impl Findings {
     /// Adds the networks of learned metrics with other weights than the published ones.
     pub(super) fn add_unpublished_weights(&mut self, dataset: &Dataset, suite: &Suite) {
         for example in suite.networks().loaded().filter_map(Perceptual::unpublished) {
-            self.add(&dataset.name, UNPUBLISHED_WEIGHTS, 1, example);
+            self.add(&dataset.name, &RunWarning::UnpublishedWeights.to_string(), 1, example);
         }
     }
 
@@ -157,7 +150,7 @@ impl Findings {
         for warning in &earlier.warnings {
             let is_repeated =
                 || self.warnings.iter().any(|known| (&known.preset, &known.kind) == (&warning.preset, &warning.kind));
-            let is_shared = || has_others && warning.kind.starts_with(SHARED_FILES) && !is_repeated();
+            let is_shared = || has_others && RunWarning::SharedFiles.is_of(&warning.kind) && !is_repeated();
             if is_of_another_method(&warning.kind, &methods) || !is_run(&warning.preset) || is_shared() {
                 self.warnings.push(warning.clone());
             }

@@ -5,8 +5,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::store::images;
-use atsplat_results::warning_kinds::FAILED_AGAIN;
-use atsplat_results::{ResultsError, Store, TargetRow, TrialId, TrialKey, TrialRow};
+use atsplat_results::{ResultsError, RunWarning, Store, TargetRow, TrialId, TrialKey, TrialRow};
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
@@ -181,7 +180,8 @@ impl GroupRun<'_> {
                 progress.summary.evaluated += evaluated;
                 progress.summary.resumed += resumed;
                 for (TrialKey { preset, method, scene, .. }, why) in failed_again {
-                    progress.findings.add(&preset, &format!("{FAILED_AGAIN}: {method}"), 1, format!("{scene}: {why}"));
+                    let kind = RunWarning::FailedAgain.about(&method);
+                    progress.findings.add(&preset, &kind, 1, format!("{scene}: {why}"));
                 }
             }
         }

@@ -197,7 +197,7 @@ mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
     use atsplat_protocol::IndexEntry;
     use atsplat_protocol::extrapolation::Margin;
-    use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_SAMPLED};
+    use atsplat_results::RunWarning;
     use atsplat_scene::{Frame, FrameImage, Scene, SceneError};
     use glam::{DMat3, DVec3};
 
@@ -271,7 +271,7 @@ mod tests {
             ),
             ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Missing::Data),
         ];
-        assert!(index.notices.keys().all(|kind| NOT_SAMPLED.iter().any(|of| kind.starts_with(of))));
+        assert!(index.notices.keys().all(|kind| RunWarning::of(kind).is_some()), "results count them as missing");
         assert_eq!(notices_of(&index), expected);
         assert_eq!(index.description, "sampled by dl3dv-6v", "the index itself is named as ever");
     }
@@ -290,7 +290,7 @@ mod tests {
         };
         let published = derived(Some("published"));
         let expected = [("frames outside the scene", 1, "out"), ("scene too short", 2, "short")];
-        let kinds = expected.map(|(why, ..)| format!("{DROPPED_BY_SPLIT}: {why}"));
+        let kinds = expected.map(|(why, ..)| RunWarning::DroppedBySplit.about(why));
         let skipped: Vec<_> = kinds
             .iter()
             .zip(expected)

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use atsplat_protocol::extrapolation::ExtrapolationReport;
 use atsplat_protocol::{BuiltIndex, IndexFile, Preset};
-use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_READ, UNREADABLE_IMAGE, WITHOUT_ENTRY, WITHOUT_IMAGE};
+use atsplat_results::RunWarning;
 use atsplat_scene::{WarningKind, Warnings};
 
+const REJECTED_ENTRY: &str = "sampled entries rejected for their overlap";
 const REPEATED_IMAGE: &str = "frames that repeat an earlier frame's image file, which are not sampled";
 
 /// Irregularities of an index of one kind.
@@ -46,14 +47,14 @@ pub(super) fn of_file(file: &IndexFile, preset: &Preset) -> Notices {
 
 /// Entries that a split drops from an index, by reason.
 pub(super) fn of_split(split: &ExtrapolationReport, is_published: bool) -> Notices {
-    let (kind, missing) = if is_published {
-        (DROPPED_BY_SPLIT, Missing::Entries)
-    } else {
-        ("sampled entries that have no place in the split", Missing::Nothing)
-    };
     let notice = |(why, scenes): (&str, &[String])| {
+        let (kind, missing) = if is_published {
+            (RunWarning::DroppedBySplit.about(why), Missing::Entries)
+        } else {
+            (format!("sampled entries that have no place in the split: {why}"), Missing::Nothing)
+        };
         let example = scenes.first()?.clone();
-        Some((format!("{kind}: {why}"), IndexNotice { count: scenes.len() as u64, example, missing }))
+        Some((kind, IndexNotice { count: scenes.len() as u64, example, missing }))
     };
     split.drops().into_iter().filter_map(notice).collect()
 }
@@ -63,17 +64,16 @@ pub(super) fn of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
     let nulls = first_null.map(|(key, _)| {
         let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
-        (WITHOUT_ENTRY, IndexNotice { count, example, missing: Missing::Data })
+        (RunWarning::WithoutEntry.to_string(), IndexNotice { count, example, missing: Missing::Data })
     });
     let others = [
-        ("sampled entries rejected for their overlap", built.rejected_entries as u64, Missing::Nothing),
-        (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
-        (REPEATED_IMAGE, built.repeated_images as u64, Missing::Nothing),
-        (UNREADABLE_IMAGE, unreadable_images, Missing::Data),
+        (REJECTED_ENTRY.to_owned(), built.rejected_entries as u64, Missing::Nothing),
+        (RunWarning::WithoutImage.to_string(), built.missing_images as u64, Missing::Data),
+        (REPEATED_IMAGE.to_owned(), built.repeated_images as u64, Missing::Nothing),
+        (RunWarning::UnreadableImage.to_string(), unreadable_images, Missing::Data),
     ]
     .map(|(kind, count, missing)| (kind, IndexNotice { count, example: rule.to_owned(), missing }));
-    let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
-    found.map(|(kind, notice)| (kind.to_owned(), notice)).collect()
+    nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0).collect()
 }
 
 /// Scenes that were not read when the data were opened, by the warnings of opening: a sampler did not see them.
@@ -82,7 +82,8 @@ pub(super) fn of_unread(opening: &Warnings) -> Notices {
         [WarningKind::UnreadableScene, WarningKind::SceneNotFound, WarningKind::IgnoredScene];
     let unread = opening.summary().filter(|(kind, ..)| UNREAD.contains(kind));
     let notice = |count, example| IndexNotice { count, example, missing: Missing::Data };
-    unread.map(|(kind, count, first)| (format!("{NOT_READ}: {kind}"), notice(count, first.to_string()))).collect()
+    let of_kind = |kind: WarningKind| RunWarning::NotRead.about(&kind.to_string());
+    unread.map(|(kind, count, first)| (of_kind(kind), notice(count, first.to_string()))).collect()
 }
 
 /// Numbers of scenes without an entry, by reason.

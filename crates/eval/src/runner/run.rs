@@ -1,7 +1,5 @@
 use atsplat_protocol::{EvaluationIndex, KnownIndex};
-use atsplat_results::RunCounts;
-use atsplat_results::warning_kinds::MISSING_SCENES;
-use atsplat_results::{Results, Store, TrialRow};
+use atsplat_results::{Results, RunCounts, RunWarning, Store, TrialRow};
 
 use super::findings::SceneWarnings;
 use super::group_run::{GroupRun, groups};
@@ -127,7 +125,7 @@ impl Progress {
         let count = counted.len() as u64;
         self.summary.missing_scenes += count;
         if let Some(first) = counted.first() {
-            self.findings.add(&dataset.name, MISSING_SCENES, count, first.clone());
+            self.findings.add(&dataset.name, &RunWarning::MissingScenes.to_string(), count, first.clone());
         }
     }
 

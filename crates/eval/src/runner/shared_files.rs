@@ -3,11 +3,9 @@
 use std::collections::BTreeSet;
 
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
+use atsplat_results::RunWarning;
 
 use super::{Dataset, Findings, Plan};
-
-/// How the kinds of the warnings about it begin; the method's name follows.
-pub(super) const SHARED_FILES: &str = "scenes whose files serve protocols with other context views";
 
 impl Findings {
     /// Adds the scenes of a part of a dataset's index whose imported files are also those of another protocol of the plan, under which
@@ -31,7 +29,7 @@ impl Findings {
             };
             let shared: Vec<String> = index.scenes.iter().filter_map(of_scene).collect();
             if let Some(first) = shared.first() {
-                let kind = format!("{SHARED_FILES}: {}", record.name);
+                let kind = RunWarning::SharedFiles.about(&record.name);
                 self.add(&dataset.name, &kind, shared.len() as u64, first.clone());
             }
         }

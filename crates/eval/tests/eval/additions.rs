@@ -11,8 +11,7 @@ use atsplat_eval::timing::TimingPlan;
 use atsplat_metrics::learned::{Network, WeightsFolders};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_results::store::images::image_path;
-use atsplat_results::warning_kinds::FAILED_AGAIN;
-use atsplat_results::{GapKind, MethodRecord, Results, Store, TargetRow, WEIGHTS_ABSENT};
+use atsplat_results::{GapKind, MethodRecord, Results, RunWarning, Store, TargetRow, WEIGHTS_ABSENT};
 
 const TIMING: TimingPlan =
     TimingPlan { trials: 2, warm_up: 0, warm_up_until: Duration::MAX, repetitions: 1, long: Duration::MAX };
@@ -239,7 +238,7 @@ fn a_result_that_fails_when_it_is_evaluated_again_stays() {
     };
     assert_eq!(of_failed(&some), of_failed(&before));
     let mut warnings = some.provenance.warnings.iter();
-    let warning = warnings.find(|warning| warning.kind == format!("{FAILED_AGAIN}: warp")).unwrap();
+    let warning = warnings.find(|warning| warning.kind == RunWarning::FailedAgain.about("warp")).unwrap();
     assert_eq!((warning.count, warning.example.as_str()), (2, "wall-1: out of memory"));
     let gaps: Vec<_> = some.gaps().iter().map(|gap| (gap.kind, gap.count)).collect();
     assert_eq!(gaps, [(GapKind::Unfinished, 2), (GapKind::Incomplete, 2)]);

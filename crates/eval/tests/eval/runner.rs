@@ -10,9 +10,8 @@ use atsplat_metrics::learned::Network;
 use atsplat_pixels::Image;
 use atsplat_protocol::{KnownIndex, SamplingRule};
 use atsplat_results::store::images::image_path;
-use atsplat_results::warning_kinds::{DROPPED_BY_SPLIT, NOT_SAMPLED, UNPUBLISHED_WEIGHTS};
 use atsplat_results::{
-    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
+    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, RunWarning, Shard, TargetStatus, TrialKey, TrialStatus,
 };
 use atsplat_scene::Warnings;
 
@@ -319,10 +318,12 @@ fn what_an_index_leaves_out_is_a_warning() {
     let of = |kind: &str, count| (kind.to_owned(), count);
     let rejected = of("rejected", 3);
     assert_eq!(found(&run), (vec![rejected.clone()], [0, 0], 0));
-    run.datasets[0].index.notices.insert(NOT_SAMPLED[0].to_owned(), notice(5, Missing::Data));
-    assert_eq!(found(&run), (vec![rejected.clone(), of(NOT_SAMPLED[0], 5)], [0, 5], 1));
-    run.datasets[0].index.notices.insert(DROPPED_BY_SPLIT.to_owned(), notice(2, Missing::Entries));
-    assert_eq!(found(&run), (vec![of(DROPPED_BY_SPLIT, 2), rejected, of(NOT_SAMPLED[0], 5)], [2, 5], 2));
+    let not_sampled = RunWarning::WithoutEntry.to_string();
+    run.datasets[0].index.notices.insert(not_sampled.clone(), notice(5, Missing::Data));
+    assert_eq!(found(&run), (vec![rejected.clone(), of(&not_sampled, 5)], [0, 5], 1));
+    let dropped = RunWarning::DroppedBySplit.about("too short");
+    run.datasets[0].index.notices.insert(dropped.clone(), notice(2, Missing::Entries));
+    assert_eq!(found(&run), (vec![of(&dropped, 2), rejected, of(&not_sampled, 5)], [2, 5], 2));
     let parts = [1, 2, 3].map(|number| {
         run.selection.shard = Some(Shard { number, count: 3 });
         found(&run)
@@ -457,8 +458,8 @@ fn weights_of_a_metric_that_are_not_the_published_ones_are_a_warning() {
     let run = settings(Walls::new(2, 8), baselines());
     let suite = atsplat_eval::runner::suite(&run.datasets, &["lpips-alex".to_owned()], Some(folder.path())).unwrap();
     let (results, _) = Run { suite, ..run }.run(&folder.path().join("store")).unwrap();
-    let found: Vec<_> =
-        results.provenance.warnings.iter().filter(|warning| warning.kind == UNPUBLISHED_WEIGHTS).collect();
+    let warnings = results.provenance.warnings.iter();
+    let found: Vec<_> = warnings.filter(|warning| RunWarning::UnpublishedWeights.is_of(&warning.kind)).collect();
     let [warning] = &found[..] else { panic!("{:?}", results.provenance.warnings) };
     assert_eq!((warning.preset.as_str(), warning.count), ("walls", 1));
     for part in ["LPIPS (Alex)", "7be5be79…", &file.display().to_string()] {

@@ -3,19 +3,10 @@ use std::collections::BTreeSet;
 use atsplat_files::{Sha256Digest, is_toml_path};
 use serde::Serialize;
 
+use super::foreign_entries::ForeignEntries;
 use super::read::value_of_word;
 use crate::samplers::{PairTargets, Sampler};
 use crate::{EvaluationIndex, IndexEntry, IndexNotices, KnownIndex, Preset, SamplingRule};
-
-/// The kind of entries with interpolated targets under a protocol of extrapolation.
-const TARGETS_INSIDE: &str = "entries with targets inside the window, under a protocol of targets outside it";
-/// The kind of entries without an interpolated target under a protocol of interpolation.
-const TARGETS_OUTSIDE: &str = "entries with every target outside the window, under a protocol of targets inside it";
-/// The kind of entries that every method can copy.
-const TARGETS_ARE_INPUTS: &str = "entries whose targets are all context frames";
-
-/// The kinds of [`Preset::misplaced_targets`]: numbers of such entries are not those that the preset's name promises.
-pub const MISPLACED_TARGETS: [&str; 3] = [TARGETS_INSIDE, TARGETS_OUTSIDE, TARGETS_ARE_INPUTS];
 
 /// A way in which an index does not fit the preset that it is run under. Its trials still run, but their numbers belong
 /// to a different protocol than the preset's name suggests.
@@ -75,14 +66,16 @@ impl Preset {
     /// targets inside. A preset states a side by its derivation, by a built-in sampling rule or by the preset that it stands for.
     pub fn misplaced_targets(&self, index: &EvaluationIndex) -> Vec<IndexMismatch> {
         let side = self.target_side();
+        let kinds = [ForeignEntries::TargetsInside, ForeignEntries::TargetsOutside, ForeignEntries::TargetsAreInputs];
+        let [inside, outside, inputs] = kinds.map(|kind| kind.to_string());
         let rules: [Rule<'_>; 3] = [
-            (TARGETS_INSIDE, &|entry| {
+            (&inside, &|entry| {
                 let is_inside = |frame: &&usize| entry.frames_outside_window(**frame) == Some(0);
                 let found = entry.target.iter().find(is_inside).filter(|_| side == Some(TargetSide::Outside))?;
                 let (first, last) = entry.window()?;
                 Some(format!("field target: expected frames before {first} and after {last}, found {found}"))
             }),
-            (TARGETS_OUTSIDE, &|entry| {
+            (&outside, &|entry| {
                 let is_outside =
                     |frame: &usize| entry.frames_outside_window(*frame).is_some_and(|distance| distance != 0);
                 let found = entry.target.first().filter(|_| side == Some(TargetSide::Inside))?;
@@ -91,7 +84,7 @@ impl Preset {
                 let wrong = entry.target.iter().all(is_outside);
                 wrong.then(|| format!("field target: expected frames from {first} to {last}, found {found}"))
             }),
-            (TARGETS_ARE_INPUTS, &|entry| {
+            (&inputs, &|entry| {
                 let found = entry.target.first()?;
                 let wrong = entry.target.iter().all(|frame| entry.is_context(*frame));
                 wrong.then(|| format!("field target: expected a frame that is no context frame, found {found}"))

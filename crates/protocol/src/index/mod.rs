@@ -8,6 +8,7 @@
 mod content;
 mod embedded;
 mod file;
+mod foreign_entries;
 mod layout;
 mod mismatch;
 mod overlap_mismatch;
@@ -20,9 +21,9 @@ use atsplat_files::Sha256Digest;
 use indexmap::IndexMap;
 
 pub use file::IndexFile;
+pub use foreign_entries::ForeignEntries;
 pub use layout::{AbsentForm, IndexLayout, SingleEntryForm, Spacing};
-pub use mismatch::{IndexMismatch, MISPLACED_TARGETS};
-pub use overlap_mismatch::UNKNOWN_ESTIMATOR;
+pub use mismatch::IndexMismatch;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;

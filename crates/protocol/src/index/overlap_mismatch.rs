@@ -1,11 +1,9 @@
 //! Overlaps of an index that are not known to be those of a preset's bins.
 
+use super::foreign_entries::ForeignEntries;
 use super::mismatch::{IndexMismatch, Rule, of_rule};
 use crate::{EvaluationIndex, Preset};
 
-/// The kind of entries that are binned although nobody knows what their overlap is.
-pub const UNKNOWN_ESTIMATOR: &str =
-    "entries whose overlap does not say how it was measured, under bins of one estimator";
 /// The kind of entries for which no overlap is binned.
 const OTHER_ESTIMATOR: &str = "entries whose overlap was measured otherwise than the bins require, which stay empty";
 
@@ -20,8 +18,8 @@ impl Preset {
         if !has_other && bins.estimator().is_none() {
             return None;
         }
-        let kind = if has_other { OTHER_ESTIMATOR } else { UNKNOWN_ESTIMATOR };
-        let rule: Rule<'_> = (kind, &|entry| {
+        let kind = if has_other { OTHER_ESTIMATOR.to_owned() } else { ForeignEntries::UnknownEstimator.to_string() };
+        let rule: Rule<'_> = (&kind, &|entry| {
             let found = entry.overlap.as_ref()?.estimator.as_deref();
             let wrong = if has_other { found.is_some_and(|found| found != expected) } else { found.is_none() };
             wrong.then(|| format!("field overlap_estimator: expected {expected}, found {}", found.unwrap_or("none")))
@@ -52,7 +50,7 @@ mod tests {
         let (none, roma) = (r#"{"context": [0, 9], "target": [3, 4, 5]}"#, measured_by("roma"));
         let json = format!(r#"{{"a": [{roma}, {UNKNOWN}], "b": {none}, "c": {UNKNOWN}}}"#);
         let example = "scene a, entry 1, field overlap_estimator: expected roma, found none";
-        assert_eq!(found(&preset, &json), Some((2, format!("{UNKNOWN_ESTIMATOR}: {example}"))));
+        assert_eq!(found(&preset, &json), Some((2, format!("{}: {example}", ForeignEntries::UnknownEstimator))));
         assert_eq!(found(&preset, &format!(r#"{{"a": {roma}, "b": {none}}}"#)), None);
         assert_eq!(found(&Preset::named("re10k-2v-256").unwrap(), &json), None, "without bins");
     }

@@ -7,8 +7,7 @@ use serde::Serialize;
 
 use super::difference::differences;
 use super::{MethodRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
-use crate::ResultsError;
-use crate::warning_kinds::is_of_run;
+use crate::{ResultsError, RunWarning};
 
 impl Provenance {
     /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
@@ -44,8 +43,9 @@ impl Provenance {
         self.add_processors(&other.processor);
         for warning in other.warnings {
             let WarningCount { preset, kind, count, .. } = &warning;
+            let is_of_run = RunWarning::of(kind).is_some_and(|(kind, _)| kind.is_of_run());
             match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
-                Some(known) if is_of_run(kind) => known.count = known.count.max(*count),
+                Some(known) if is_of_run => known.count = known.count.max(*count),
                 Some(known) => known.count = joined(known.count, *count),
                 None => self.warnings.push(warning),
             }
@@ -197,7 +197,6 @@ fn same<T: Serialize + PartialEq>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
     use crate::{AdapterRecord, MetricRecord, StatedCost, StatedSeconds};
 
     #[test]
@@ -275,7 +274,9 @@ mod tests {
             let warning = WarningCount { kind: kind.to_owned(), count, ..WarningCount::default() };
             Provenance { warnings: vec![warning], ..Provenance::default() }
         };
-        for (kind, expected) in [(crate::warning_kinds::UNPUBLISHED_WEIGHTS, 2), ("frames without an image", 5)] {
+        for (kind, expected) in
+            [("learned metrics with other weights than the published ones", 2), ("frames without an image", 5)]
+        {
             let mut known = of(kind, 2);
             known.merge_shard(of(kind, if expected == 2 { 2 } else { 3 }), false).unwrap();
             assert_eq!(known.warnings[0].count, expected, "{kind}");
@@ -419,9 +420,9 @@ mod tests {
         let expect = |found: Provenance, runs: u64| {
             let Provenance { warnings, .. } = &found;
             let [data, files] = warnings.as_slice() else { panic!("{warnings:?}") };
-            assert_eq!((&*data.kind, data.count), (OTHER_DATA, runs));
+            assert_eq!((data.kind.clone(), data.count), (RunWarning::OtherData.to_string(), runs));
             assert!(data.example.ends_with(&format!("data; the first is {}", known.presets[0].dataset)), "{data:?}");
-            assert_eq!((files.kind.clone(), files.count), (format!("{OTHER_FOLDER}: m"), runs));
+            assert_eq!((files.kind.clone(), files.count), (RunWarning::OtherFolder.about("m"), runs));
             assert!(files.example.contains("data/test; the first is "), "{files:?}");
             assert!(warnings.iter().all(|warning| warning.preset == "p"), "{warnings:?}");
             assert_eq!(Provenance { warnings: Vec::new(), ..found }, known, "the first places stay");

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::{MethodRecord, PresetRecord, Provenance, WarningCount};
-use crate::warning_kinds::{OTHER_DATA, OTHER_FOLDER};
+use crate::RunWarning;
 
 /// How the description of a sampled index begins; the rule's name or path follows.
 pub const SAMPLED_BY: &str = "sampled by ";
@@ -59,8 +59,8 @@ impl Provenance {
     pub(super) fn note_places(&mut self, other: &Self) {
         let moved = self.moved(other);
         for PresetRecord { name, .. } in &other.presets {
-            let data = moved.data.get(name).map(|places| (OTHER_DATA.to_owned(), places));
-            let files = moved.files.iter().map(|(method, places)| (format!("{OTHER_FOLDER}: {method}"), places));
+            let data = moved.data.get(name).map(|places| (RunWarning::OtherData.to_string(), places));
+            let files = moved.files.iter().map(|(method, places)| (RunWarning::OtherFolder.about(method), places));
             for (kind, [first, found]) in data.into_iter().chain(files) {
                 match self.warnings.iter_mut().find(|known| known.preset == *name && known.kind == kind) {
                     Some(known) => known.count += 1,

@@ -1,7 +1,6 @@
 use serde::Serialize;
 
-use crate::warning_kinds::FAILED_AGAIN;
-use crate::{Results, TargetStatus, TrialRow, TrialStatus};
+use crate::{Results, RunWarning, TargetStatus, TrialRow, TrialStatus};
 
 /// Counts of a run's outcomes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -34,7 +33,8 @@ impl RunCounts {
     pub fn add_totals(&mut self, results: &Results) {
         let trials =
             |is_counted: fn(&TrialRow) -> bool| results.trials.iter().filter(|row| is_counted(row)).count() as u64;
-        let again = results.provenance.warnings.iter().filter(|warning| warning.kind.starts_with(FAILED_AGAIN));
+        let warnings = results.provenance.warnings.iter();
+        let again = warnings.filter(|warning| RunWarning::FailedAgain.is_of(&warning.kind));
         self.incomplete =
             trials(|trial| trial.status.is_incomplete()) + again.map(|warning| warning.count).sum::<u64>();
         self.not_applicable = trials(|trial| trial.status == TrialStatus::NotApplicable);

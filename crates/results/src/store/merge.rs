@@ -146,7 +146,7 @@ impl Results {
     }
 
     /// Merges shards of one run. Rows that several shards contain must agree; timings stay separate by machine. The data and imported
-    /// files may have been in other places ([`crate::warning_kinds::OTHER_DATA`]).
+    /// files may have been in other places ([`crate::RunWarning::OtherData`]).
     ///
     /// # Errors
     /// [`ResultsError::Different`] and [`ResultsError::Differences`] if they are not of one run, or other scenes were divided, as of

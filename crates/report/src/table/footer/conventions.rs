@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::{Definition, Measure};
 use atsplat_numeric::{distinct, grouped};
-use atsplat_results::warning_kinds::MISSING_SCENES;
+use atsplat_results::RunWarning;
 
 use super::{Notes, counts_of_each};
 use crate::counted;
@@ -45,7 +45,7 @@ impl Notes {
     fn warnings(&mut self, part: &Part<'_>) {
         let preset = &part.preset.name;
         for warning in part.source.results.provenance.warnings.iter().filter(|warning| warning.preset == *preset) {
-            let is_one_of_several = warning.kind == MISSING_SCENES && warning.count > 1;
+            let is_one_of_several = warning.count > 1 && RunWarning::MissingScenes.is_of(&warning.kind);
             let before = if is_one_of_several { ", such as" } else { ":" };
             let text = format!("{preset}: {} {}{before} {}", warning.count, warning.kind, warning.example);
             self.add(NoteKind::Counts, text);

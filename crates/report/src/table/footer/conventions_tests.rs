@@ -1,7 +1,6 @@
 //! What a table says of conventions, weights, renderers and training data, and of what was not computed.
 
-use atsplat_results::warning_kinds::MISSING_SCENES;
-use atsplat_results::{MethodRecord, Results, SkippedEntry, TrainingRecord, WarningCount};
+use atsplat_results::{MethodRecord, Results, RunWarning, SkippedEntry, TrainingRecord, WarningCount};
 
 use crate::sample::{floor, preset, random, results, results_over, store};
 use crate::table::test_tables::{notes, notes_as_text, row_of, table_of, tables_of, trained};
@@ -21,8 +20,8 @@ fn values_that_were_not_computed_have_a_reason() {
 #[test]
 fn one_of_several_missing_scenes_is_an_example() {
     for (count, expected) in [(3, "not in the data, such as gone"), (1, "not in the data: gone")] {
-        let (preset, kind, example) = ("re10k-2v-256", MISSING_SCENES, "gone");
-        let (preset, kind, example) = (preset.to_owned(), kind.to_owned(), example.to_owned());
+        let (preset, example) = ("re10k-2v-256".to_owned(), "gone".to_owned());
+        let kind = RunWarning::MissingScenes.to_string();
         let mut store = store();
         store.provenance.warnings.push(WarningCount { preset, kind, count, example });
         let table = table_of("re10k", &store);

@@ -1,8 +1,7 @@
 //! Merging the stores of one run's shards.
 
 use super::*;
-use crate::GapKind;
-use crate::warning_kinds::OTHER_DATA;
+use crate::{GapKind, RunWarning};
 
 fn shard(number: u32, scenes: &[&str]) -> Results {
     let folder = tempfile::tempdir().unwrap();
@@ -192,7 +191,8 @@ fn shards_of_differently_ordered_copies_are_not_merged() {
     let first = || part(1, ["a", "b"], "one", "abcd");
     let merged = Results::merge(vec![first(), part(2, ["c", "d"], "another", "abcd")]).unwrap();
     let Provenance { warnings, shard, .. } = merged.results.provenance;
-    assert_eq!((warnings[0].kind.as_str(), warnings[0].count, shard), (OTHER_DATA, 1, None));
+    let found = (RunWarning::of(&warnings[0].kind), warnings[0].count, shard);
+    assert_eq!(found, (Some((RunWarning::OtherData, None)), 1, None));
     for scenes in [["c", "d"], ["b", "c"]] {
         let refused = Results::merge(vec![first(), part(2, scenes, "another", "abc")]).unwrap_err().to_string();
         assert!(refused.contains("scenes under p") && refused.contains("run all shards on equal copies"), "{refused}");
