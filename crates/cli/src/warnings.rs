@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use atsplat_numeric::counted;
 use atsplat_results::store::KnownResults;
-use atsplat_results::trial_notes::STEPS_TAKEN;
-use atsplat_results::{MetricRecord, Provenance, Results, WarningCount};
+use atsplat_results::{MetricRecord, Provenance, Results, TrialNote, WarningCount};
 use atsplat_scene::{WarningKind, Warnings};
 
 use crate::print::{note, print_status, warn};
@@ -84,9 +83,10 @@ fn findings<'a>(stores: &[&'a Results], printed: &Warnings) -> BTreeMap<(&'a str
 
 /// Prints what trials noted, as warnings, by protocol, method and kind.
 pub(crate) fn print_trial_warnings(results: &Results) {
+    let is_warning = |note: &&String| !matches!(TrialNote::of(note), Some(TrialNote::StepsTaken { .. }));
     let mut notes: BTreeMap<(&str, &str, &str), (u64, String)> = BTreeMap::new();
     for trial in &results.trials {
-        for note in trial.notes.iter().filter(|note| !note.starts_with(STEPS_TAKEN)) {
+        for note in trial.notes.iter().filter(is_warning) {
             let kind = note.split_once(": ").map_or(note.as_str(), |(kind, _)| kind);
             let example = || (0, format!("{}: {note}", trial.key.scene));
             notes.entry((&trial.key.preset, &trial.key.method, kind)).or_insert_with(example).0 += 1;

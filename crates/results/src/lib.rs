@@ -21,7 +21,7 @@ pub mod statistics;
 pub mod store;
 pub mod times;
 pub mod tradeoff;
-pub mod trial_notes;
+mod trial_notes;
 
 pub use error::ResultsError;
 pub use file_name::file_name;
@@ -36,3 +36,4 @@ pub use run_report::{RunCounts, RunReport};
 pub use run_warning::RunWarning;
 pub use shard::{InvalidShard, Shard};
 pub use store::Store;
+pub use trial_notes::TrialNote;

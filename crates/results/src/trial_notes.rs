@@ -1,19 +1,97 @@
-//! How notes of trials begin that readers of a store distinguish from others.
+//! Notes of trials that readers of a store distinguish from others.
 
 use std::collections::BTreeSet;
+use std::fmt;
 
 use crate::Results;
 
-/// How the note begins that says how many steps an optimisation took; it is not a warning.
-pub const STEPS_TAKEN: &str = "optimisation: ";
-/// What the note says, between steps and machine, of an optimisation for a time.
-pub const IN_TIME_ON: &str = " steps in its time on ";
+/// A note of a trial that readers of a store distinguish from others. [`TrialRow::notes`](crate::TrialRow::notes) has its text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrialNote<'a> {
+    /// How many steps an optimisation took, which is no warning.
+    StepsTaken {
+        /// Number of steps.
+        steps: u64,
+        /// For an optimisation for a time: the machine with its threads, which decides how many steps fit into it.
+        machine: Option<&'a str>,
+    },
+    /// A network saw its context images at another size.
+    SawResized {
+        /// The size of the images and the one at which they were seen, as in `112x112 at 128x128`.
+        sizes: &'a str,
+    },
+}
+
+const OPTIMISATION: &str = "optimisation: ";
+const STEPS: &str = " steps";
+const IN_TIME_ON: &str = " in its time on ";
+const SAW: &str = "the network saw context ";
+const OF: &str = " of ";
+
+impl<'a> TrialNote<'a> {
+    /// The note of this text; `None` for others.
+    pub fn of(note: &'a str) -> Option<Self> {
+        if let Some(rest) = note.strip_prefix(SAW) {
+            // Older stores call the images pictures.
+            return rest.split_once(OF).map(|(_, sizes)| Self::SawResized { sizes });
+        }
+        // Older stores have another remark behind the steps.
+        let (steps, rest) = note.strip_prefix(OPTIMISATION)?.split_once(STEPS)?;
+        Some(Self::StepsTaken { steps: steps.parse().ok()?, machine: rest.strip_prefix(IN_TIME_ON) })
+    }
+}
+
+impl fmt::Display for TrialNote<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StepsTaken { steps, machine: None } => write!(f, "{OPTIMISATION}{steps}{STEPS}"),
+            Self::StepsTaken { steps, machine: Some(machine) } => {
+                write!(f, "{OPTIMISATION}{steps}{STEPS}{IN_TIME_ON}{machine}")
+            }
+            Self::SawResized { sizes } => write!(f, "{SAW}images{OF}{sizes}"),
+        }
+    }
+}
 
 impl Results {
     /// The machines, with their threads, on which a method was optimised for a time: on each of them, another number of steps fits
     /// into it. None for other methods, and for rows of older versions.
     pub fn optimised_on(&self, preset: &str, method: &str) -> BTreeSet<&str> {
         let notes = self.trials_of(preset, method).flat_map(|trial| &trial.notes);
-        notes.filter_map(|note| Some(note.strip_prefix(STEPS_TAKEN)?.split_once(IN_TIME_ON)?.1)).collect()
+        let notes = notes.filter_map(|note| TrialNote::of(note));
+        let machines = notes.filter_map(|note| match note {
+            TrialNote::StepsTaken { machine, .. } => machine,
+            TrialNote::SawResized { .. } => None,
+        });
+        machines.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn notes_are_read_from_the_texts_of_stores() {
+        let steps = |steps, machine| TrialNote::StepsTaken { steps, machine };
+        for (text, expected) in [
+            ("optimisation: 300 steps", steps(300, None)),
+            ("optimisation: 147 steps in its time on a, 2 threads", steps(147, Some("a, 2 threads"))),
+            (
+                "the network saw context images of 64x112 at 128x224",
+                TrialNote::SawResized { sizes: "64x112 at 128x224" },
+            ),
+        ] {
+            assert_eq!((TrialNote::of(text), expected.to_string()), (Some(expected), text.to_owned()));
+        }
+        let older = [
+            "optimisation: 300 steps, 21.50 dB on the context views",
+            "the network saw context pictures of 1x2 at 3x4",
+        ];
+        assert_eq!(
+            older.map(TrialNote::of),
+            [Some(steps(300, None)), Some(TrialNote::SawResized { sizes: "1x2 at 3x4" })]
+        );
+        assert_eq!(["optimisation: none", "the network saw context", "steps"].map(TrialNote::of), [None; 3]);
     }
 }

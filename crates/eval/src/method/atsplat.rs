@@ -2,14 +2,11 @@ use std::sync::{Arc, OnceLock};
 
 use atsplat_model::network::{MatmulPrecision, Network, Reconstruction, Views};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_results::{MethodRecord, TrainingRecord};
+use atsplat_results::{MethodRecord, TrainingRecord, TrialNote};
 
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrainedUnder, TrialInput, trial_seed};
 use crate::{EvalError, adapter_record};
-
-/// How the note of a trial begins whose network saw its context images at another size; then `images of 112x112 at 128x128`.
-pub const SAW_RESIZED: &str = "the network saw context ";
 
 /// ATSplat in any variant.
 #[derive(Debug)]
@@ -183,7 +180,8 @@ impl AtSplat {
         });
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let input_size = reconstruction.input_size;
-        let resized = (input_size != size).then(|| format!("{SAW_RESIZED}images of {size} at {input_size}"));
+        let resized = (input_size != size)
+            .then(|| TrialNote::SawResized { sizes: &format!("{size} at {input_size}") }.to_string());
         let other = self.trained_under.notes(input, self.setting(), &self.splatting);
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }

@@ -31,18 +31,18 @@ use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_results::{MethodRecord, StatedCost};
 use thiserror::Error;
 
-pub use atsplat::{AtSplat, SAW_RESIZED, WeightsSource};
+pub use atsplat::{AtSplat, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use exec::{Exec, ExecSettings};
 pub use layout::{FoundFiles, Layout, RequestedScene};
 pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
-pub use ply::{BROKEN, Ply};
+pub use ply::Ply;
 pub use range::check_range;
 pub use renders::Renders;
 pub(crate) use shared_encoding::SharedEncoding;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};
-pub use splatting::{Backend, DRAWN_CLASSIC, Splatting};
+pub use splatting::{Backend, Splatting};
 pub use trained_under::TrainedUnder;
 pub use warp::Warp;
 

@@ -4,8 +4,7 @@ use atsplat_camera::{CentreSpread, WorldFromCamera};
 use atsplat_fit::start::in_frustums;
 use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, LastSteps, Strategy, TrainingView, TrainingViews};
 use atsplat_model::network::Network;
-use atsplat_results::trial_notes::{IN_TIME_ON, STEPS_TAKEN};
-use atsplat_results::{MethodRecord, TrainingRecord};
+use atsplat_results::{MethodRecord, TrainingRecord, TrialNote};
 use atsplat_splat::Gaussians;
 
 use super::atsplat::{context_views, method_error};
@@ -42,10 +41,11 @@ pub struct Optimised {
 
 /// The note about the steps that an optimisation took. How many fit into a time depends on the machine, which is then named.
 fn steps_note(budget: Budget, steps: u64) -> String {
-    match budget {
-        Budget::Steps(_) => format!("{STEPS_TAKEN}{steps} steps"),
-        Budget::Seconds(_) => format!("{STEPS_TAKEN}{steps}{IN_TIME_ON}{}", this_machine()),
-    }
+    let machine = match budget {
+        Budget::Steps(_) => None,
+        Budget::Seconds(_) => Some(this_machine().to_string()),
+    };
+    TrialNote::StepsTaken { steps, machine: machine.as_deref() }.to_string()
 }
 
 /// The note about context views that the PSNR on them leaves out.

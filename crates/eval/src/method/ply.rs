@@ -9,11 +9,12 @@ use atsplat_splat::files::ImportReport;
 use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
 use super::scene_names::SceneNames;
-use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
+use super::splatting::{Splatting, parameters};
 use super::{
     Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
     is_absent, is_file,
 };
+use crate::suspicious_notes::SuspiciousNote;
 use crate::{EvalError, GaussianFrame};
 
 /// Gaussians written by another program, one file per scene:
@@ -203,18 +204,16 @@ pub(super) fn read(
     let (gaussians, import) = files::read(path).map_err(|error| error.to_string())?;
     let mut notes = notes(&import, name);
     if import.antialiased == Some(true) && mode.is_none() {
+        let kind = SuspiciousNote::DrawnClassic;
         notes.push(format!(
-            "{DRAWN_CLASSIC}the file says that its Gaussians were trained with antialiasing; see --mode antialiased of run and \
-             score, in Python antialiased=True"
+            "{kind}: the file says that its Gaussians were trained with antialiasing; see --mode antialiased of run and score, in \
+             Python antialiased=True"
         ));
     }
     let interpreted = files::interpret(gaussians, &import, as_stored, path).map_err(|error| error.to_string())?;
     notes.extend(interpreted.1);
     Ok((interpreted.0, notes))
 }
-
-/// How the note of a trial begins that had broken Gaussians.
-pub const BROKEN: &str = "broken Gaussians: ";
 
 /// Defects of a file that do not prevent rendering.
 fn notes(import: &ImportReport, path: &Path) -> Vec<String> {
@@ -232,7 +231,8 @@ fn notes(import: &ImportReport, path: &Path) -> Vec<String> {
         let outcomes = outcomes.into_iter().filter(|(count, _)| *count > 0);
         let outcomes: Vec<String> = outcomes.map(|(count, outcome)| format!("{count} {outcome}")).collect();
         let (invalid, total, outcomes) = (found.invalid, found.total, outcomes.join(", "));
-        notes.push(format!("{BROKEN}{invalid} of {total} ({outcomes}): {kinds} ({path})"));
+        let broken = SuspiciousNote::BrokenGaussians;
+        notes.push(format!("{broken}: {invalid} of {total} ({outcomes}): {kinds} ({path})"));
     }
     if !import.unused.is_empty() {
         notes.push(format!("unused parts of a file: {} ({})", import.unused.join(", "), path.display()));
@@ -333,12 +333,9 @@ mod tests {
         let gaussians = Gaussians::new(parts).unwrap();
         files::write(&path, &gaussians, Output::Ply(files::Encoding::BinaryLittleEndian)).unwrap();
         let (_, noted) = read(&path, Path::new("a.ply"), false, None).unwrap();
-        let expected = [files::SUSPICIOUS_OPACITIES, files::SUSPICIOUS_LOG_SCALES, files::SUSPICIOUS_COLOURS];
+        let expected = [SuspiciousNote::Opacities, SuspiciousNote::LogScales, SuspiciousNote::Colours];
         assert_eq!(noted.len(), expected.len(), "{noted:?}");
-        for (note, beginning) in noted.iter().zip(expected) {
-            assert!(note.starts_with(beginning), "{note}");
-            assert!(crate::suspicious_notes::SUSPICIOUS_NOTES.iter().any(|(known, _)| *known == beginning));
-        }
+        assert!(noted.iter().zip(expected).all(|(note, kind)| kind.is(note)), "{noted:?}");
     }
 
     #[test]
@@ -358,7 +355,7 @@ mod tests {
             read(&path, Path::new("a.spz"), false, mode).unwrap().1
         };
         let noted = notes(true, None);
-        assert!(matches!(&noted[..], [note] if note.starts_with(DRAWN_CLASSIC)), "{noted:?}");
+        assert!(matches!(&noted[..], [note] if SuspiciousNote::DrawnClassic.is(note)), "{noted:?}");
         assert_eq!(notes(true, Some(RasterMode::Classic)), [""; 0]);
         assert_eq!(notes(true, Some(RasterMode::Antialiased)), [""; 0]);
         assert_eq!(notes(false, None), [""; 0]);

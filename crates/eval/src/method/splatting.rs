@@ -12,11 +12,8 @@ use atsplat_splat::{
     View,
 };
 
-use super::{BROKEN, ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
-
-/// How the note of a trial begins whose Gaussians may be meant for [`RasterMode::Antialiased`], but are drawn in the classic mode
-/// because none was chosen.
-pub const DRAWN_CLASSIC: &str = "drawn in the classic mode: ";
+use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
+use crate::suspicious_notes::SuspiciousNote;
 
 /// How Gaussians are rendered.
 #[derive(Clone, Debug)]
@@ -176,8 +173,9 @@ impl Splatting {
         let is_noted = gaussians.parts().filter_3d.is_some() && self.mode.is_none();
         is_noted.then(|| {
             format!(
-                "{DRAWN_CLASSIC}the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased, \
-                 in Python antialiased=True, and --constants mip-splatting"
+                "{}: the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased, in Python \
+                 antialiased=True, and --constants mip-splatting",
+                SuspiciousNote::DrawnClassic
             )
         })
     }
@@ -320,7 +318,8 @@ impl Prediction for Splatted<'_> {
 /// A note on Gaussians that no renderer draws, unless `notes` have them already: those of a file are noted when it is read. Logits
 /// and log-scales that are not finite are opacities of 0 and 1 and scales of 0, and are rendered.
 fn broken_note(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
-    let are_noted = notes.iter().any(|note| note.starts_with(BROKEN));
+    let broken = SuspiciousNote::BrokenGaussians;
+    let are_noted = notes.iter().any(|note| broken.is(note));
     let is_new = |finding: &&Finding| match finding.problem {
         // Reading a file drops them, but reading logits as opacities makes new ones.
         Problem::NotANumber => true,
@@ -328,7 +327,7 @@ fn broken_note(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
     };
     let found = gaussians.validate();
     let kinds: Vec<String> = found.findings.iter().filter(is_new).map(ToString::to_string).collect();
-    (!kinds.is_empty()).then(|| format!("{BROKEN}{}, of {}: they are not drawn", kinds.join("; "), found.total))
+    (!kinds.is_empty()).then(|| format!("{broken}: {}, of {}: they are not drawn", kinds.join("; "), found.total))
 }
 
 /// Parameters by name.
@@ -421,7 +420,7 @@ mod tests {
         };
         let filter = || Some(vec![1e-4; 3]);
         let (notes, recorded, unchosen) = found(None, filter());
-        let is_noted = matches!(&notes[..], [note] if note.starts_with(DRAWN_CLASSIC) && note.contains("--mode"));
+        let is_noted = matches!(&notes[..], [note] if SuspiciousNote::DrawnClassic.is(note) && note.contains("--mode"));
         assert!(is_noted, "{notes:?}");
         assert_eq!(recorded, None, "as in stores of older versions, which are resumed");
         assert_eq!(found(None, None).0, [""; 0]);

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_results::{RecordKind, TargetRow, TargetStatus};
 
-use crate::suspicious_notes::{FLAT, REPEATED, RESEMBLES};
+use crate::suspicious_notes::SuspiciousNote;
 
 /// Columns and rows of a thumbnail, at most.
 const SIDE: usize = 32;
@@ -236,14 +236,16 @@ fn change(compared: &[Compared], targets: usize, kind: RecordKind) -> Option<(Ch
 pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: RecordKind, are_noted: bool) -> Option<String> {
     let targets = rows.len();
     if let Some((change, count)) = change(compared, targets, kind) {
-        return Some(format!("{RESEMBLES}{}: {count} of {targets}", change.text()));
+        return Some(format!("{} {}: {count} of {targets}", SuspiciousNote::Resembles, change.text()));
     }
     if kind == RecordKind::Renders && is_one_image(rows) {
-        return Some(format!("{REPEATED}{targets} of {targets} renders are equal, and the ground truth differs"));
+        let repeated = SuspiciousNote::Repeated;
+        return Some(format!("{repeated}: {targets} of {targets} renders are equal, and the ground truth differs"));
     }
     let is_flat =
         targets > 0 && compared.len() == targets && compared.iter().all(|target| target.is_no_better_than_flat);
-    (is_flat && !are_noted).then(|| format!("{FLAT}{targets} of {targets} (wrong poses, scale or axes?)"))
+    let flat = SuspiciousNote::Flat;
+    (is_flat && !are_noted).then(|| format!("{flat}: {targets} of {targets} (wrong poses, scale or axes?)"))
 }
 
 /// Whether all renders are equal although no two ground truths are.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use atsplat_pixels::{Image, ImageU8};
 
-use crate::suspicious_notes::NO_COLOUR;
+use crate::suspicious_notes::SuspiciousNote;
 
 /// Why a render is suspicious.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -48,7 +48,7 @@ pub(super) fn notes(
             format!("no Gaussian is drawn: {count} of {targets} renders show the background; {question}")
         }
         (SuspiciousRender::NoColour, _) => {
-            format!("{NO_COLOUR}{count} of {targets}, where the ground truth has colours")
+            format!("{}: {count} of {targets}, where the ground truth has colours", SuspiciousNote::NoColour)
         }
     };
     suspicious.iter().map(note).collect()

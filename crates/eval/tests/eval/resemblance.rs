@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::common::{Run, SIZE, Walls, dataset, entry};
 use atsplat_eval::method::{Method, Renders, Warp};
 use atsplat_eval::runner::KeepImages;
-use atsplat_eval::suspicious_notes::{REPEATED, RESEMBLES};
+use atsplat_eval::suspicious_notes::SuspiciousNote;
 use atsplat_pixels::{DecodeLimits, ImageU8, decode_render, encode_png};
 
 const FRAMES: [usize; 3] = [1, 2, 3];
@@ -43,7 +43,8 @@ fn images_with_other_channels_sides_or_order_are_noted() {
         let run = run_of(Arc::new(Renders::new(&folder, None).unwrap()));
         run.run(&root.path().join(format!("{name}-scored"))).unwrap().0.trials[0].notes.clone()
     };
-    let said = |text: &str| [format!("{RESEMBLES}{text}: 3 of 3")];
+    let said = |text: &str| [format!("renders would be closer to the truth {text}: 3 of 3")];
+    assert!(SuspiciousNote::Resembles.is(&said("")[0]));
     assert_eq!(scored("same", images.clone()), [""; 0]);
     let swapped = images.each_ref().map(|image| changed(image, |x, y| (x, y), |[r, g, b]| [b, g, r]));
     assert_eq!(scored("swapped", swapped), said("with red and blue exchanged"));
@@ -53,5 +54,5 @@ fn images_with_other_channels_sides_or_order_are_noted() {
     let others = "of other targets, as if they were in another order";
     assert_eq!(scored("permuted", [second.clone(), third, first.clone()]), said(others));
     let [repeated] = scored("repeated", [first.clone(), first.clone(), first]).try_into().unwrap();
-    assert!(repeated.starts_with(REPEATED), "{repeated}");
+    assert!(SuspiciousNote::Repeated.is(&repeated), "{repeated}");
 }

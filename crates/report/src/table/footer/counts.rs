@@ -1,10 +1,9 @@
 //! Scenes and targets of rows, their intervals, and trials that look wrong.
 
-use atsplat_eval::method::SAW_RESIZED;
-use atsplat_eval::suspicious_notes::SUSPICIOUS_NOTES;
+use atsplat_eval::suspicious_notes::SuspiciousNote;
 use atsplat_numeric::{distinct, grouped};
-use atsplat_results::TrialRow;
 use atsplat_results::statistics::{CONFIDENCE, MIN_SCENES, outside_bins_in_words};
+use atsplat_results::{TrialNote, TrialRow};
 
 use super::{Notes, counts_of_each};
 use crate::definition::Quantity;
@@ -38,7 +37,7 @@ impl Notes {
         let trials = trials_of(row, results);
         let all = trials.len();
         let with_note =
-            |kind: &str| trials.iter().filter(|trial| trial.notes.iter().any(|note| note.starts_with(kind))).count();
+            |kind: SuspiciousNote| trials.iter().filter(|trial| trial.notes.iter().any(|note| kind.is(note))).count();
         let undrawn = trials.iter().filter(|trial| trial.renders_nothing()).count();
         let mut parts = Vec::new();
         if undrawn > 0 {
@@ -46,10 +45,10 @@ impl Notes {
                 "no Gaussian is rendered in {undrawn} of {all} trials, whose images show the background"
             ));
         }
-        for (beginning, what) in SUSPICIOUS_NOTES {
-            let count = with_note(beginning);
+        for kind in SuspiciousNote::ALL {
+            let count = with_note(kind);
             if count > 0 {
-                parts.push(format!("{what} in {count} of {all} trials"));
+                parts.push(format!("{} in {count} of {all} trials", kind.remark()));
             }
         }
         if !parts.is_empty() {
@@ -64,7 +63,11 @@ impl Notes {
     pub(super) fn resized(&mut self, row: &Row, results: &ComparableResults<'_>) {
         let trials = trials_of(row, results);
         let notes = trials.iter().flat_map(|trial| &trial.notes);
-        let sizes = counts_of_each(notes.filter_map(|note| resized_sizes(note)));
+        let sizes = notes.filter_map(|note| match TrialNote::of(note)? {
+            TrialNote::SawResized { sizes } => Some(sizes),
+            TrialNote::StepsTaken { .. } => None,
+        });
+        let sizes = counts_of_each(sizes);
         let all = trials.len();
         let parts: Vec<String> =
             sizes.into_iter().map(|(sizes, count)| format!("{sizes} in {count} of {all} trials")).collect();
@@ -141,11 +144,6 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
         text.push_str(", metrics over different targets");
     }
     Some(text)
-}
-
-/// `112x112 at 128x128` in the note of a network that saw context images at another size; older stores call them pictures.
-fn resized_sizes(note: &str) -> Option<&str> {
-    Some(note.strip_prefix(SAW_RESIZED)?.split_once(" of ")?.1)
 }
 
 /// The trials behind a row; none for a mean over trainings and a row without leaked targets, whose trials are those of other rows.
