@@ -113,6 +113,14 @@ impl Definition {
         }
     }
 
+    /// The network of a learned metric.
+    pub const fn network(&self) -> Option<Network> {
+        match self.measure {
+            Measure::Perceptual { network, .. } => Some(network),
+            Measure::Psnr { .. } | Measure::Ssim { .. } | Measure::L1 { .. } => None,
+        }
+    }
+
     /// Whether a score is within its range, up to rounding; NaN is not.
     pub fn is_possible(&self, score: f64) -> bool {
         let [least, most] = self.range();
@@ -352,12 +360,18 @@ const fn lpips(id: Text, name: Text, values: Values, network: Network, conventio
 mod tests {
     use super::*;
 
-    /// The page lists each metric once, with its convention.
+    /// The page lists each metric once, with its convention, and each learned one with the file of its weights.
     #[test]
     fn documented() {
         let page = include_str!("../../../docs/metrics.md");
         for Definition { id, convention, .. } in definitions() {
             assert!(page.contains(&format!("\n| `{id}` | {convention} |\n")), "docs/metrics.md lacks the line of {id}");
+        }
+        let files = page.lines().skip_while(|line| *line != "| metrics | file | from |");
+        for (id, network) in definitions().iter().filter_map(|metric| Some((metric.id, metric.network()?))) {
+            let [id, file] = [id, network.file()].map(|name| format!("`{name}`"));
+            let is_listed = files.clone().any(|line| line.contains(&id) && line.contains(&file));
+            assert!(is_listed, "docs/metrics.md lacks the file of {id}");
         }
         let listed =
             page.lines().skip_while(|line| *line != "| id | convention |").take_while(|line| line.starts_with('|'));
@@ -387,6 +401,14 @@ mod tests {
                 DEFINITIONS[at + 1..].iter().find(|d| d.id == definition.id || d.measure == definition.measure);
             assert_eq!(duplicate, None, "{} has a duplicate", definition.id);
             assert!(definition.link.starts_with("https://") && !definition.convention.is_empty(), "{}", definition.id);
+            let kinds: &[&str] = match definition.measure {
+                Measure::Psnr { .. } => &["psnr"],
+                Measure::Ssim { .. } => &["ssim"],
+                Measure::L1 { .. } => &["l1"],
+                Measure::Perceptual { .. } => &["lpips", "st-lpips"],
+            };
+            let is_of = |kind: &&str| definition.id == *kind || definition.id.starts_with(&format!("{kind}-"));
+            assert!(kinds.iter().any(is_of), "{}: an id begins with the kind of its metric", definition.id);
             assert_eq!(super::definition(definition.id), Some(definition));
         }
         assert_eq!(definition("ssim2"), None);

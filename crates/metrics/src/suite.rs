@@ -20,10 +20,8 @@ impl Networks {
     /// [`LoadError::File`] and [`LoadError::Mismatch`] for files that exist but are invalid.
     pub fn for_definitions(definitions: &[&Definition], folders: &WeightsFolders) -> Result<Self, LoadError> {
         let mut networks = Self::default();
-        for definition in definitions {
-            if let Measure::Perceptual { network, .. } = definition.measure {
-                networks.load(network, folders)?;
-            }
+        for network in definitions.iter().filter_map(|definition| definition.network()) {
+            networks.load(network, folders)?;
         }
         Ok(networks)
     }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use atsplat_metrics::learned::{
     FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders, embedded_heads,
 };
-use atsplat_metrics::{MetricError, Networks, NotComputed, Score, Suite, definition, definitions};
+use atsplat_metrics::{Definition, MetricError, Networks, NotComputed, Score, Suite, definition, definitions};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_tensors::{StoredTensor, StoredTensors, TensorFile};
@@ -78,12 +78,16 @@ fn distance(perceptual: &Perceptual, render: &Image, truth: &Image) -> f64 {
 #[test]
 fn distances_agree_with_the_packages() {
     let golden = common::fixture("learned_golden.json");
-    for (name, network) in [
+    let networks = [
         ("lpips-vgg", Network::LpipsVgg),
         ("lpips-alex", Network::LpipsAlex),
         ("st-lpips-alex", Network::StLpipsAlex),
         ("st-lpips-vgg", Network::StLpipsVgg),
-    ] {
+    ];
+    for network in definitions().iter().filter_map(Definition::network) {
+        assert!(networks.iter().any(|(_, compared)| *compared == network), "{network:?}");
+    }
+    for (name, network) in networks {
         let perceptual = perceptual(network);
         let cases: Vec<_> = golden.as_array().unwrap().iter().filter(|case| case["network"] == name).collect();
         assert_eq!(cases.len(), 2, "cases of {name}");

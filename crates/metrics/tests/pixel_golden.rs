@@ -2,7 +2,9 @@
 
 mod common;
 
-use atsplat_metrics::{Networks, Pair, Ssim, Suite, Values, definition, l1, psnr, ssim};
+use atsplat_metrics::{
+    Definition, Measure, Networks, Pair, Ssim, Suite, Values, definition, definitions, l1, psnr, ssim,
+};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::Rounding;
 
@@ -12,6 +14,35 @@ const SSIM: Tolerance = Tolerance::absolute(1e-9);
 const PSNR_TORCHMETRICS: Tolerance = Tolerance::absolute(1e-5);
 /// skimage's own rounding errors on the f32 images that papers use.
 const SSIM_SKIMAGE_F32: Tolerance = Tolerance::absolute(5e-6);
+
+/// Conversions of samples, by their names in the fixture.
+const VALUES: [(&str, Values); 4] = [
+    ("as-rendered", Values::AsRendered),
+    ("clipped", Values::Clipped),
+    ("truncated", Values::EightBit(Rounding::Truncate)),
+    ("rounded", Values::EightBit(Rounding::Nearest)),
+];
+/// Conventions of SSIM, by their names in the fixture.
+const SSIMS: [(&str, Ssim); 5] = [
+    ("ssim_skimage_gaussian", Ssim::SKIMAGE_GAUSSIAN),
+    ("ssim_skimage_uniform", Ssim::SKIMAGE_UNIFORM),
+    ("ssim_inria", Ssim::INRIA),
+    ("ssim_torchmetrics", Ssim::TORCHMETRICS),
+    ("ssim_pytorch_msssim", Ssim::VALID),
+];
+
+/// Learned metrics are compared in `learned_golden.rs`.
+#[test]
+fn every_metric_is_compared() {
+    for Definition { id, measure, .. } in definitions() {
+        let (values, formula) = match *measure {
+            Measure::Psnr { values } | Measure::L1 { values } | Measure::Perceptual { values, .. } => (values, None),
+            Measure::Ssim { values, ssim } => (values, Some(ssim)),
+        };
+        assert!(VALUES.iter().any(|(_, known)| *known == values), "{id}");
+        assert!(formula.is_none_or(|ssim| SSIMS.iter().any(|(_, known)| *known == ssim)), "{id}");
+    }
+}
 
 #[test]
 fn metrics_agree_with_other_implementations() {
@@ -23,26 +54,15 @@ fn metrics_agree_with_other_implementations() {
         let render = common::render(&truth, seed as u64);
         let pair = Pair::new(&render, &truth).unwrap();
         let name = case["image"].as_str().unwrap();
-        for (key, values) in [
-            ("as-rendered", Values::AsRendered),
-            ("clipped", Values::Clipped),
-            ("truncated", Values::EightBit(Rounding::Truncate)),
-            ("rounded", Values::EightBit(Rounding::Nearest)),
-        ] {
+        for (key, values) in VALUES {
             let expected = |metric: &str| [case["values"][key][metric].as_f64().unwrap()];
             let what = |metric: &str| format!("{metric} of {name}, {key}");
             let found = psnr(&pair, values).value();
             PSNR.assert(found, expected("psnr"), &what("psnr"));
             PSNR_TORCHMETRICS.assert(found, expected("psnr_torchmetrics"), &what("psnr, torchmetrics"));
             PSNR.assert([l1(&pair, values)], expected("l1"), &what("l1"));
-            for (metric, convention, tolerance) in [
-                ("ssim_skimage_gaussian", Ssim::SKIMAGE_GAUSSIAN, SSIM),
-                ("ssim_skimage_uniform", Ssim::SKIMAGE_UNIFORM, SSIM),
-                ("ssim_inria", Ssim::INRIA, SSIM),
-                ("ssim_torchmetrics", Ssim::TORCHMETRICS, SSIM),
-                ("ssim_pytorch_msssim", Ssim::VALID, SSIM),
-            ] {
-                tolerance.assert(ssim(&pair, values, convention).ok(), expected(metric), &what(metric));
+            for (metric, convention) in SSIMS {
+                SSIM.assert(ssim(&pair, values, convention).ok(), expected(metric), &what(metric));
             }
         }
         let found = ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).ok();

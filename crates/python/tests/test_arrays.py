@@ -46,6 +46,14 @@ def test_psnr_is_its_definition():
     assert atsplat.psnr(render[1], truth[1]) == found[1] and atsplat.psnr(truth[0], truth[0]) == np.inf
 
 
+@pytest.mark.parametrize("metric", [atsplat.psnr, atsplat.ssim, atsplat.lpips])
+def test_every_convention_is_documented(metric):
+    name = metric.__name__
+    conventions = [known["id"].removeprefix(f"{name}-") for known in atsplat.metrics() if known["id"].startswith(f"{name}-")]
+    assert len(conventions) >= 3
+    assert [convention for convention in conventions if f"``{convention}``" not in metric.__doc__] == []
+
+
 def test_ssim_has_conventions_and_lpips_says_what_it_needs(tmp_path, monkeypatch):
     render, truth = pair()
     found = {convention: atsplat.ssim(render, truth, convention=convention) for convention in ("pixelsplat", "inria", "uniform-7x7")}

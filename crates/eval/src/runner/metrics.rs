@@ -1,7 +1,7 @@
 use std::path::Path;
 
-use atsplat_metrics::learned::{Network, WeightsFolders};
-use atsplat_metrics::{Definition, Measure, Networks, Suite, definition, definitions};
+use atsplat_metrics::learned::WeightsFolders;
+use atsplat_metrics::{Definition, Networks, Suite, definition, definitions};
 use atsplat_results::MetricRecord;
 
 use super::Dataset;
@@ -43,11 +43,7 @@ pub fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> R
 /// The provenance records of a suite's metrics.
 pub fn metric_records(suite: &Suite) -> Vec<MetricRecord> {
     let record = |metric: &&'static Definition| {
-        let network = match metric.measure {
-            Measure::Perceptual { network, .. } => Some(network),
-            _ => None,
-        };
-        let loaded = network.map(|network: Network| suite.networks().get(network));
+        let loaded = metric.network().map(|network| suite.networks().get(network));
         let (weights_sha256, absent) = match loaded {
             None => (None, None),
             Some(Ok(perceptual)) => (Some(perceptual.hashes().network.clone()), None),

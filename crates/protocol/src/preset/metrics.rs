@@ -97,24 +97,29 @@ impl<'de> Deserialize<'de> for MetricIds {
 fn of_ids(MetricsTable { psnr, ssim, lpips, .. }: &MetricsTable) -> Result<MetricIds, String> {
     let usual = MetricIds::default();
     Ok(MetricIds::new(
-        of_column("psnr", psnr.as_deref(), usual.psnr, |measure| matches!(measure, Measure::Psnr { .. }))?,
-        of_column("ssim", ssim.as_deref(), usual.ssim, |measure| matches!(measure, Measure::Ssim { .. }))?,
-        of_column("lpips", lpips.as_deref(), usual.lpips, |measure| matches!(measure, Measure::Perceptual { .. }))?,
+        of_column("psnr", psnr.as_deref(), usual.psnr)?,
+        of_column("ssim", ssim.as_deref(), usual.ssim)?,
+        of_column("lpips", lpips.as_deref(), usual.lpips)?,
     ))
 }
 
-/// The id that a column states, which must be one of its metrics.
-fn of_column(
-    column: &str,
-    stated: Option<&str>,
-    usual: &'static str,
-    is_its: fn(&Measure) -> bool,
-) -> Result<&'static str, String> {
+/// The field of the table that may name a metric; `None` for metrics that no protocol names.
+const fn column(measure: Measure) -> Option<&'static str> {
+    match measure {
+        Measure::Psnr { .. } => Some("psnr"),
+        Measure::Ssim { .. } => Some("ssim"),
+        Measure::Perceptual { .. } => Some("lpips"),
+        Measure::L1 { .. } => None,
+    }
+}
+
+/// The id that a field states, which must be one of its metrics.
+fn of_column(field: &str, stated: Option<&str>, usual: &'static str) -> Result<&'static str, String> {
     let Some(stated) = stated else { return Ok(usual) };
-    let known = definitions().iter().filter(|metric| is_its(&metric.measure)).map(|metric| metric.id);
+    let known = definitions().iter().filter(|metric| column(metric.measure) == Some(field)).map(|metric| metric.id);
     known.clone().find(|id| *id == stated).ok_or_else(|| {
         let known: Vec<&str> = known.collect();
-        format!("{column} = {stated:?}, expected one of {}", known.join(", "))
+        format!("{field} = {stated:?}, expected one of {}", known.join(", "))
     })
 }
 

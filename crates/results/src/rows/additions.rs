@@ -1,6 +1,6 @@
 //! What a run may add to the results that it resumes: metrics and scenes.
 
-use atsplat_metrics::{Measure, definition};
+use atsplat_metrics::{Definition, definition};
 use atsplat_numeric::counted;
 
 use super::difference::differences;
@@ -159,11 +159,9 @@ impl MetricRecord {
     /// Whether it was computed, and with which weights.
     fn in_words(&self) -> String {
         if let Some(reason) = self.reason_of_absence() {
-            return match definition(&self.id).map(|metric| metric.measure) {
-                Some(Measure::Perceptual { network, .. }) => {
-                    format!("not computed, because its weights {} were not found", network.file())
-                }
-                _ => format!("not computed ({reason})"),
+            return match definition(&self.id).and_then(Definition::network) {
+                Some(network) => format!("not computed, because its weights {} were not found", network.file()),
+                None => format!("not computed ({reason})"),
             };
         }
         let weights = self.weights_sha256.as_deref().map(|hash| hash.get(..SHOWN_DIGITS).unwrap_or(hash));

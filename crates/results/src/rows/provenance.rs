@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::take;
 
+use atsplat_metrics::definition;
 use atsplat_metrics::learned::WeightsAbsent;
-use atsplat_metrics::{Measure, definition};
 use atsplat_protocol::Preset;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -296,7 +296,7 @@ impl MetricRecord {
 
     /// How its weights differ if they are not the published ones, so that its numbers are of another metric.
     pub fn unpublished(&self) -> Option<String> {
-        let Measure::Perceptual { network, .. } = definition(&self.id)?.measure else { return None };
+        let network = definition(&self.id)?.network()?;
         let (found, published) = (self.weights_sha256.as_deref()?, network.sha256_prefix());
         let difference = || format!("{}: expected weights of SHA-256 {published}…, found {found}", self.id);
         (!network.is_published(found)).then(difference)

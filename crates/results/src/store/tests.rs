@@ -90,6 +90,9 @@ fn the_schema_is_the_committed_one() {
     let committed: Vec<String> =
         (1..=SCHEMA_VERSION).map(|version| format!("{}  v{version}.txt\n", schema::hash(version).unwrap())).collect();
     assert_eq!(committed.concat(), sums);
+    let page = include_str!("../../schema/README.md");
+    let has_row = |version: u32| page.contains(&format!("\n| {version} | "));
+    assert!((1..=SCHEMA_VERSION).all(has_row) && !has_row(SCHEMA_VERSION + 1), "the README says what each changes");
     assert_eq!(schema::text(0), None);
     assert_eq!(schema::text(SCHEMA_VERSION + 1), None);
 }

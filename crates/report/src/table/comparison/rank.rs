@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use atsplat_metrics::{Definition, Direction, Measure};
+use atsplat_metrics::Direction;
 
 use super::unranked_rows::notes_on_rows;
 use crate::definition::{Marks, Quantity};
@@ -179,9 +179,8 @@ fn differ<T: PartialEq>(mut values: impl Iterator<Item = T>) -> bool {
 
 /// Whether no cell has a metric whose learned weights are known not to be the published ones.
 fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
-    let Quantity::Metric(Definition { measure: Measure::Perceptual { network, .. }, .. }) = column.quantity else {
-        return true;
-    };
+    let Quantity::Metric(metric) = column.quantity else { return true };
+    let Some(network) = metric.network() else { return true };
     let mut weights = cells.iter().filter_map(|cell| cell.metric_weights.as_deref());
     weights.all(|sha256| network.is_published(sha256))
 }

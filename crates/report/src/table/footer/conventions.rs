@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_metrics::{Definition, Measure};
+use atsplat_metrics::Definition;
 use atsplat_numeric::{distinct, grouped};
 use atsplat_results::RunWarning;
 
@@ -111,7 +111,7 @@ impl Notes {
 
     /// Weights that are not the published ones, or not the same in all stores: a file of the published name may contain any.
     fn differing_weights(&mut self, metric: &Definition, weights: &WeightsOfStores<'_>) {
-        let Measure::Perceptual { network, .. } = metric.measure else { return };
+        let Some(network) = metric.network() else { return };
         for hash in weights.keys().filter(|hash| !network.is_published(hash)) {
             let text = format!(
                 "{}: the weights {} are not those of the published {}: not comparable with published numbers",
