@@ -17,7 +17,9 @@ const CLOSE: f64 = 1e-6;
 ///
 /// The precision is that of f32 if all numbers of all camera-from-world poses are f32, as those of `.torch` chunks, and nine decimals
 /// otherwise: text has at least about as many, also of quaternions, and nothing says how many of the digits of an f64 are known. Loading
-/// keeps these numbers as they are.
+/// keeps these numbers as they are. Poses that are turned by right angles alone count as nine decimals: whole numbers, such as the
+/// coordinates of nadir images in metres, would be f32 too. In f32, such cameras in one place still coincide, because their centres
+/// have the very numbers of their translations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CentreSpread {
     /// Their differences are numbers to compute with.
@@ -38,7 +40,8 @@ impl CentreSpread {
         };
         let spread = largest(&|view| view.centre().distance(first));
         let distance = largest(&|view| view.centre().length());
-        let precision = if views.iter().copied().all(is_in_f32) { F32 } else { NINE_DECIMALS };
+        let are_in_f32 = views.iter().copied().all(is_in_f32) && views.iter().copied().any(is_turned);
+        let precision = if are_in_f32 { F32 } else { NINE_DECIMALS };
         if !spread.is_finite() {
             Self::Apart
         } else if spread <= precision * (1.0 + distance) {
@@ -62,6 +65,11 @@ fn is_in_f32(view: &WorldFromCamera) -> bool {
     };
     stored.rotation().to_cols_array().iter().all(|entry| is_f32(*entry, 1.0))
         && stored.translation().to_array().iter().all(|entry| is_f32(*entry, length))
+}
+
+/// Whether a pose is turned by other angles than right ones. No such rotation consists of binary numbers with few digits.
+fn is_turned(view: &WorldFromCamera) -> bool {
+    view.rotation().to_cols_array().iter().any(|entry| (entry - entry.round()).abs() > TWO_INVERSIONS)
 }
 
 #[cfg(test)]
@@ -154,6 +162,24 @@ mod tests {
             CentreSpread::of(&(0..5).map(pose).collect::<Vec<_>>())
         };
         assert_eq!([0.0, 1.0, 10.0].map(rig), [CentreSpread::Coincident, CentreSpread::Close, CentreSpread::Apart]);
+    }
+
+    /// Whole numbers are f32, which says nothing of their precision.
+    #[test]
+    fn nadir_images_a_metre_apart_are_not_one_place() {
+        let nadir = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let rolled = DMat3::from_rotation_z(std::f64::consts::FRAC_PI_2) * nadir;
+        let pair = |step: f64, rounded: fn(f64) -> f64| {
+            let pose = |(rotation, x): (DMat3, f64)| {
+                let translation = -(rotation.transpose() * DVec3::new(x, 5_412_345.0, 120.0));
+                let rows = CameraFromWorld::new(rotation.transpose(), translation).unwrap().to_rows();
+                CameraFromWorld::from_rows(&rows.map(rounded)).unwrap().inverse()
+            };
+            CentreSpread::of(&[(nadir, 450_000.0), (rolled, 450_000.0 + step)].map(pose))
+        };
+        let expected = [CentreSpread::Coincident, CentreSpread::Close, CentreSpread::Apart];
+        assert_eq!([0.0, 1.0, 10.0].map(|step| pair(step, |number| number)), expected);
+        assert_eq!([0.0, 1.0, 10.0].map(|step| pair(step, in_f32)), expected);
     }
 
     #[test]

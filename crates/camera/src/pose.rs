@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3};
 use crate::CameraError;
 use crate::error::{finite, positive};
 
-/// Largest entry of `R Rᵀ − I` that is accepted as the rounding of a rotation.
-const ROTATION_RESIDUAL_LIMIT: f64 = 1e-2;
+/// Largest entry of `R Rᵀ − I` that poses accept as the rounding of a rotation.
+pub const ROTATION_RESIDUAL_LIMIT: f64 = 1e-2;
 
 /// The 3×4 matrix `[R | t]` of both pose types.
 #[derive(Clone, Copy, Debug, PartialEq)]

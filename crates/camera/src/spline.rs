@@ -66,7 +66,7 @@ impl CameraSpline {
     /// step before its first key, so that it can be repeated.
     ///
     /// # Errors
-    /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single camera.
+    /// As [`Trajectory::resampled`].
     pub fn resampled(&self, count: usize, spacing: Spacing) -> Result<Vec<Camera>, CameraError> {
         let steps = if self.closed && count > 0 { count + 1 } else { count };
         let samples = self.trajectory.resampled(steps, spacing)?;

@@ -22,7 +22,8 @@ pub enum Spacing {
 
 /// A cubic spline through camera poses at strictly increasing times, with continuous velocity and angular velocity (C¹). It
 /// passes through every pose exactly, rotates the shorter way, and is equivariant to rigid motions of the world. For a
-/// rotation by 180° one of the two directions is chosen by a fixed rule.
+/// rotation by 180° a fixed rule chooses the direction: the axis, in the camera's frame, is on the side of (∛4, ∛2, 1). Only for
+/// an axis that is perpendicular to that up to rounding does rounding choose.
 ///
 /// At an inner pose the velocity is that of the parabola through it and its neighbours (Bessel tangents; Catmull–Rom for even
 /// times), limited to three times that of the slower side, which avoids overshooting and preserves pauses; at the ends it is
@@ -40,7 +41,8 @@ impl Trajectory {
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] without poses, [`CameraError::TimesMismatch`],
-    /// [`CameraError::TimesNotIncreasing`], [`CameraError::NonFinite`] for a time that is not finite.
+    /// [`CameraError::TimesNotIncreasing`], [`CameraError::NonFinite`] for a time, or a time from the first to the last
+    /// pose, that is not finite.
     pub fn new(times: Vec<f64>, poses: Vec<WorldFromCamera>) -> Result<Self, CameraError> {
         if times.len() != poses.len() {
             return Err(CameraError::TimesMismatch { times: times.len(), poses: poses.len() });
@@ -55,6 +57,9 @@ impl Trajectory {
             {
                 return Err(CameraError::TimesNotIncreasing { index: index + 1, previous, found });
             }
+        }
+        if let (Some(first), Some(last)) = (times.first(), times.last()) {
+            finite("time from the first to the last pose", last - first)?;
         }
         // Adding zero converts −0 to 0, so that times are also ordered by `total_cmp`.
         let times: Vec<f64> = times.into_iter().map(|time| time + 0.0).collect();
@@ -117,7 +122,8 @@ impl Trajectory {
     /// the first pose.
     ///
     /// # Errors
-    /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single pose.
+    /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single pose; [`CameraError::NonFinite`] for
+    /// samples along a path whose length is not finite.
     pub fn resampled(&self, count: usize, spacing: Spacing) -> Result<Self, CameraError> {
         at_least(1, count, "samples of a trajectory")?;
         at_least(count.clamp(1, 2), self.poses.len(), "trajectory to sample")?;
@@ -125,14 +131,14 @@ impl Trajectory {
             Spacing::Time => self.even_times(count),
             Spacing::ArcLength => {
                 let end = self.span().1;
-                arc_length::even_times(&self.segments, end, count).unwrap_or_else(|| self.even_times(count))
+                arc_length::even_times(&self.segments, end, count)?.unwrap_or_else(|| self.even_times(count))
             }
         };
         let poses = times.iter().map(|time| self.at(*time)).collect::<Result<_, _>>()?;
         Self::new(times, poses)
     }
 
-    /// Length of the path of the camera centre, in scene units.
+    /// Length of the path of the camera centre, in scene units; infinite if it overflows, NaN if a pose is not known.
     pub fn arc_length(&self) -> f64 {
         arc_length::total(&self.segments)
     }

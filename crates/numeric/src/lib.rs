@@ -1,13 +1,14 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
 //! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_rank`],
 //! [`distinct`] and [`grouped`] values, the random number generator [`SplitMix64`], evenly [`spread()`] positions, the
-//! rounding of [`narrowed()`] and [`logit`], and numbers with their unit or noun in messages.
+//! rounding of [`narrowed()`] and [`logit`], quadrature by [`GAUSS_LEGENDRE`], and numbers with their unit or noun in messages.
 
 mod bytes;
 mod count;
 mod extremes;
 mod narrowed;
 mod order;
+mod quadrature;
 mod random;
 mod rank;
 mod spread;
@@ -18,6 +19,7 @@ pub use count::{counted, noun};
 pub use extremes::Extremes;
 pub use narrowed::{logit, narrowed, sigmoid};
 pub use order::{distinct, grouped, mean, median, nearest_rank, quantile};
+pub use quadrature::GAUSS_LEGENDRE;
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;
 pub use spread::spread;

@@ -1,18 +1,14 @@
+use atsplat_numeric::GAUSS_LEGENDRE;
+
 use super::{Segment, shares};
+use crate::CameraError;
+use crate::error::finite;
 
 /// Tolerance of a piece's length, relative to its segment's.
 const TOLERANCE: f64 = 1e-10;
 /// Maximum depth of subdivision: a piece of 2⁻²⁰ of a segment is short enough for any shape.
 const MAX_SPLITS: u32 = 20;
 const BISECTIONS: u32 = 60;
-/// Abscissae and weights of five-point Gauss–Legendre quadrature on [−1, 1].
-const GAUSS: [(f64, f64); 5] = [
-    (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
-    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-    (0.0, 0.568_888_888_888_888_9),
-    (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-    (0.906_179_845_938_664, 0.236_926_885_056_189_08),
-];
 
 /// A part of one segment, `u` from `start` to `end`, that starts at the distance `before` along the path.
 struct Piece<'a> {
@@ -23,19 +19,22 @@ struct Piece<'a> {
     length: f64,
 }
 
-/// Length of the path of centres.
+/// Length of the path of centres; not finite if that of a segment is not.
 pub(super) fn total(segments: &[Segment]) -> f64 {
     pieces(segments).last().map_or(0.0, |piece| piece.before + piece.length)
 }
 
-/// `count` times from first to last at equal distances along the path; `None` if its length is 0 or not finite. `end` is
-/// the last time: its segment's start plus duration would be rounded.
-pub(super) fn even_times(segments: &[Segment], end: f64, count: usize) -> Option<Vec<f64>> {
+/// `count` times from first to last at equal distances along the path; `None` if its length is 0. `end` is the last time: its
+/// segment's start plus duration would be rounded.
+///
+/// # Errors
+/// [`CameraError::NonFinite`] for a length that is not finite.
+pub(super) fn even_times(segments: &[Segment], end: f64, count: usize) -> Result<Option<Vec<f64>>, CameraError> {
     let pieces = pieces(segments);
-    let last = pieces.last()?;
-    let total = last.before + last.length;
-    if !(total > 0.0 && total.is_finite()) {
-        return None;
+    let Some(last) = pieces.last() else { return Ok(None) };
+    let total = finite("length of the path", last.before + last.length)?;
+    if total <= 0.0 {
+        return Ok(None);
     }
     let time = |share: f64| {
         if share >= 1.0 {
@@ -46,7 +45,7 @@ pub(super) fn even_times(segments: &[Segment], end: f64, count: usize) -> Option
         let piece = pieces.get(index).unwrap_or(last);
         piece.segment.start + piece.segment.duration * piece.position(distance - piece.before)
     };
-    Some(shares(count).map(time).collect())
+    Ok(Some(shares(count).map(time).collect()))
 }
 
 impl Piece<'_> {
@@ -79,8 +78,8 @@ fn pieces(segments: &[Segment]) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// Halves a piece until its length agrees with that of its halves. Many halvings are needed only where the centre stops
-/// and reverses; elsewhere the speed is smooth.
+/// Halves a piece until its length agrees with that of its halves, or is not finite. Many halvings are needed only where the centre
+/// stops and reverses; elsewhere the speed is smooth.
 fn split<'a>(
     segment: &'a Segment,
     (start, end): (f64, f64),
@@ -91,7 +90,7 @@ fn split<'a>(
     let middle = 0.5 * (start + end);
     let whole = length(segment, start, end);
     let halves = length(segment, start, middle) + length(segment, middle, end);
-    if splits_left == 0 || (whole - halves).abs() <= slack {
+    if splits_left == 0 || !whole.is_finite() || (whole - halves).abs() <= slack {
         pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
     } else {
         split(segment, (start, middle), slack, splits_left - 1, pieces);
@@ -101,5 +100,5 @@ fn split<'a>(
 
 fn length(segment: &Segment, start: f64, end: f64) -> f64 {
     let (middle, half) = (0.5 * (start + end), 0.5 * (end - start));
-    GAUSS.iter().map(|(x, weight)| weight * segment.speed(middle + half * x)).sum::<f64>() * half
+    GAUSS_LEGENDRE.iter().map(|(x, weight)| weight * segment.speed(middle + half * x)).sum::<f64>() * half
 }

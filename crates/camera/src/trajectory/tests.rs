@@ -235,6 +235,21 @@ fn the_length_of_a_circle_is_its_circumference() {
     Tolerance::relative(1e-4).assert([length], [2.0 * PI], "circumference");
 }
 
+/// Squares of such distances overflow. Halving every segment to the end would take hours.
+#[test]
+fn a_path_without_a_finite_length_has_no_samples_along_it() {
+    let at = |x: f64| pose(DMat3::IDENTITY, [x, 0.0, 0.0]);
+    let far = vec![at(-1e160), at(1e160), at(0.0), at(1e160), at(2.0)];
+    let unknown = vec![at(0.0), crate::CameraFromWorld::UNKNOWN.inverse(), at(1.0), at(2.0)];
+    for (poses, length) in [(far, f64::INFINITY), (unknown, f64::NAN)] {
+        let trajectory = Trajectory::evenly_timed(poses).unwrap();
+        let found = trajectory.arc_length();
+        assert_eq!((found.is_nan(), found > 0.0), (length.is_nan(), length > 0.0), "{found}");
+        let error = trajectory.resampled(5, Spacing::ArcLength).unwrap_err();
+        assert!(matches!(error, CameraError::NonFinite { field: "length of the path", .. }), "{error}");
+    }
+}
+
 #[test]
 fn times_and_counts_are_checked() {
     let still = WorldFromCamera::IDENTITY;
@@ -244,7 +259,10 @@ fn times_and_counts_are_checked() {
         let error = Trajectory::new(vec![0.0, second], vec![still; 2]).unwrap_err();
         assert!(matches!(error, CameraError::TimesNotIncreasing { index: 1, .. }), "{second}: {error}");
     }
-    assert!(matches!(Trajectory::new(vec![f64::NAN], vec![still]), Err(CameraError::NonFinite { .. })));
+    for infinite in [vec![f64::NAN], vec![-1e308, 1.7e308], vec![-1e308, 0.0, 1e308]] {
+        let error = Trajectory::new(infinite.clone(), vec![still; infinite.len()]).unwrap_err();
+        assert!(matches!(error, CameraError::NonFinite { .. }), "{infinite:?}: {error}");
+    }
     let trajectory = Trajectory::new(vec![-0.0, 1.0], vec![still; 2]).unwrap();
     for outside in [-1e-9, 1.000_001, f64::NAN, -f64::NAN, f64::INFINITY] {
         assert!(matches!(trajectory.at(outside), Err(CameraError::OutsideTrajectory { .. })));

@@ -2,20 +2,13 @@
 
 use std::f64::consts::TAU;
 
+use atsplat_numeric::GAUSS_LEGENDRE;
 use glam::{DMat3, DVec3};
 
 use super::{MAX_SH_DEGREE, sh_coefficients};
 use crate::sh::basis;
 
-/// Nodes and weights of Gauss-Legendre quadrature on [−1, 1], exact up to degree 9.
-const GAUSS_LEGENDRE: [(f64, f64); 5] = [
-    (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
-    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
-    (0.0, 0.568_888_888_888_888_9),
-    (0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
-    (0.906_179_845_938_664, 0.236_926_885_056_189_1),
-];
-/// Azimuths per ring, exact up to frequency 10; with the five rings, exact for products of two functions of degree 4.
+/// Azimuths per ring, exact up to frequency 10; with the five rings of [`GAUSS_LEGENDRE`], exact for products of two functions of degree 4.
 const AZIMUTHS: u32 = 11;
 /// Entries this close to −1, 0 or 1 are rounded to it, so that swapping or flipping axes is exact.
 const ROUNDING: f64 = 1e-13;
