@@ -75,9 +75,11 @@ impl Exposure {
         Ok(sum)
     }
 
-    fn transposed(&self) -> Self {
+    /// Gradient of a loss with respect to a pixel before exposure, from that of the exposed pixel.
+    pub fn composited_gradient<T: Into<f64>>(&self, d_exposed: [T; 3]) -> [f64; 3] {
         let [a, b, c] = self.matrix;
-        Self { matrix: [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]], offset: [0.0; 3] }
+        let transposed = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
+        Self { matrix: transposed, offset: [0.0; 3] }.of(d_exposed.map(Into::into))
     }
 
     fn entries(&self) -> impl Iterator<Item = f64> {
@@ -125,7 +127,7 @@ impl RenderOptions {
     /// As [`Self::before_exposure`] for one pixel.
     pub(crate) fn composited_gradient<T: Into<f64>>(&self, d_exposed: [T; 3]) -> [f64; 3] {
         let d_exposed = d_exposed.map(Into::into);
-        self.exposure.map_or(d_exposed, |exposure| exposure.transposed().of(d_exposed))
+        self.exposure.map_or(d_exposed, |exposure| exposure.composited_gradient(d_exposed))
     }
 }
 

@@ -44,7 +44,7 @@ struct Row {
     size_over_ply: f64,
     /// Whether all images are bit for bit the same.
     identical: bool,
-    /// Over all views; `None` if no clipped value differs.
+    /// Over all views; `None` if no clipped value differs, NaN (`null` in JSON) if one is not a number.
     psnr_db: Option<f64>,
     /// Over the view that differs most.
     worst_view_psnr_db: Option<f64>,
@@ -130,9 +130,9 @@ fn samples_of(size: ImageSize) -> f64 {
     3.0 * f64::from(size.width) * f64::from(size.height)
 }
 
-/// For a peak of 1; `None` if nothing differs.
+/// For a peak of 1; `None` if nothing differs, NaN if the difference is not a number.
 fn psnr(mse: f64) -> Option<f64> {
-    (mse != 0.0 && mse.is_finite()).then(|| -10.0 * mse.log10())
+    (mse != 0.0).then(|| -10.0 * mse.log10())
 }
 
 fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
@@ -228,6 +228,7 @@ impl fmt::Display for RoundTrips {
                 continue;
             }
             let shown = |psnr: Option<f64>| match psnr {
+                Some(psnr) if psnr.is_nan() => "not finite".to_owned(),
                 Some(psnr) => format!("{psnr:.2} dB"),
                 None if row.identical => "identical".to_owned(),
                 None => "inf".to_owned(),
@@ -301,12 +302,20 @@ mod tests {
             largest_difference: 0.0,
             warnings: Vec::new(),
         };
+        let shown = |mse: f64| {
+            let rows = vec![row(PLY, None, psnr(mse))];
+            RoundTrips { convention: CONVENTION, views: 1, fault: None, rows }.to_string()
+        };
+        assert!(shown(0.01).contains("20.00 dB") && shown(0.0).contains(" inf "), "{}", shown(0.0));
+        assert!(shown(f64::NAN).contains("not finite") && !shown(f64::NAN).contains("inf "), "{}", shown(f64::NAN));
         let failure = |row| RoundTrips { convention: CONVENTION, views: 1, fault: None, rows: vec![row] }.failure();
         let fault = failure(row(Output::Ply(Encoding::Ascii), Some("no space left"), None)).unwrap();
         assert_eq!(fault, "the round trip through ply-ascii failed: no space left");
         let changed = failure(row(PLY, None, Some(59.0))).unwrap();
         assert_eq!(changed, "the round trip through ply changed the images: expected 60 dB or more");
+        assert_eq!(failure(row(PLY, None, psnr(f64::NAN))), Some(changed));
         assert_eq!(failure(row(PLY, None, Some(61.0))), None);
+        assert_eq!(failure(row(PLY, None, psnr(0.0))), None, "equal once clipped");
         assert_eq!(failure(row(SPZ, Some("no scalars"), None)), None);
     }
 }

@@ -1,4 +1,3 @@
-use atsplat_numeric::Extremes;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::{Gaussians, LOG_SCALE_LIMIT};
@@ -35,8 +34,7 @@ impl Bounds {
                 continue;
             }
             let so_far = enclosing.unwrap_or(Self { min, max, left_out: 0 });
-            let (min, max) = (zip_with(so_far.min, min, f64::minimum_of), zip_with(so_far.max, max, f64::maximum_of));
-            enclosing = Some(Self { min, max, left_out: 0 });
+            enclosing = Some(Self { min: so_far.min.min(min), max: so_far.max.max(max), left_out: 0 });
         }
         enclosing.map(|bounds| Self { left_out, ..bounds })
     }
@@ -78,10 +76,6 @@ fn rotation(wxyz: &[f32; 4]) -> DMat3 {
 
 fn wide(values: &[f32; 3]) -> DVec3 {
     DVec3::from_array(values.map(f64::from))
-}
-
-fn zip_with(a: DVec3, b: DVec3, of_two: impl Fn(f64, f64) -> f64) -> DVec3 {
-    DVec3::new(of_two(a.x, b.x), of_two(a.y, b.y), of_two(a.z, b.z))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Drops or repairs Gaussians that cannot be rendered.
 
+use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
 use super::validate::{each_problem, squared_norm};
@@ -16,8 +17,8 @@ pub enum Cleaning {
     /// everything else stays as stored for the renderer to cull.
     Import,
     /// Infinite and out-of-range logits become ±[`LOGIT_OF_INFINITY`], zero quaternions the identity, quaternions whose
-    /// norm overflows unit quaternions; log-scales are clamped to ±[`LOG_SCALE_LIMIT`]; a Gaussian with any other
-    /// problem is dropped.
+    /// norm overflows unit quaternions, log-scales below −[`LOG_SCALE_LIMIT`] that number; a Gaussian with any other problem is
+    /// dropped. Renderers draw none with a log-scale above the limit; at the limit, it would cover every image.
     Repair,
     /// A Gaussian with any problem is dropped.
     Reject,
@@ -32,10 +33,12 @@ enum Action {
 }
 
 impl Cleaning {
-    fn action(self, field: Field, problem: Problem) -> Action {
+    /// What to do about a problem of a Gaussian; `is_too_large` if one of its log-scales is above the limit.
+    fn action(self, field: Field, problem: Problem, is_too_large: bool) -> Action {
         let is_nan = problem == Problem::NotANumber;
         let repairs = match field {
-            Field::OpacityLogits | Field::LogScales => !is_nan,
+            Field::OpacityLogits => !is_nan,
+            Field::LogScales => !is_nan && !is_too_large,
             Field::Quaternions => matches!(problem, Problem::ZeroNorm | Problem::OutOfRange),
             Field::Means | Field::Sh | Field::Scalars | Field::Filter3d => false,
         };
@@ -66,8 +69,10 @@ impl Gaussians {
         for position in 0..parts.means.len() {
             let mut repairs = Vec::new();
             let mut strictest = Action::Keep;
+            let is_too_large =
+                parts.log_scales.get(position).is_some_and(|scales| scales.iter().any(|log| *log > LOG_SCALE_LIMIT));
             each_problem(&parts, position, |field, problem| {
-                let action = policy.action(field, problem);
+                let action = policy.action(field, problem, is_too_large);
                 strictest = strictest.max(action);
                 if action == Action::Repair {
                     repairs.push(field);
@@ -103,7 +108,7 @@ fn repair(parts: &mut GaussianParts, position: usize, field: Field) {
         }
         Field::LogScales => {
             for scale in parts.log_scales.get_mut(position).into_iter().flatten() {
-                *scale = scale.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT);
+                *scale = scale.maximum_of(-LOG_SCALE_LIMIT);
             }
         }
         Field::Quaternions => {
@@ -135,7 +140,7 @@ mod tests {
         let mut quaternions = vec![[1.0, 0.0, 0.0, 0.0]; 6];
         quaternions[2] = [0.0; 4];
         let mut log_scales = vec![[-1.0; 3]; 6];
-        log_scales[3] = [100.0, f32::NEG_INFINITY, 0.0];
+        log_scales[3] = [LOG_SCALE_LIMIT, f32::NEG_INFINITY, -100.0];
         let mut opacity_logits = vec![0.5; 6];
         opacity_logits[4] = f32::NEG_INFINITY;
         let mut sh = vec![[0.25; 3]; 6];
@@ -180,8 +185,19 @@ mod tests {
         let (left, rejected, repaired) = outcome(Cleaning::Repair);
         assert_eq!((rejected, repaired), (2, 3), "the NaN and the infinite colour");
         assert_eq!(left.parts().quaternions[1..2], [[1.0, 0.0, 0.0, 0.0]]);
-        assert_eq!(left.parts().log_scales[2..3], [[LOG_SCALE_LIMIT, -LOG_SCALE_LIMIT, 0.0]]);
+        assert_eq!(left.parts().log_scales[2..3], [[LOG_SCALE_LIMIT, -LOG_SCALE_LIMIT, -LOG_SCALE_LIMIT]]);
         assert!(left.validate().is_clean());
+    }
+
+    /// Renderers do not draw them.
+    #[test]
+    fn scales_that_are_too_large_are_not_repaired() {
+        let mut parts = six().select(&[0; 4]).unwrap().into_parts();
+        parts.log_scales =
+            vec![[-3.0; 3], [0.0, f32::INFINITY, 0.0], [f32::NEG_INFINITY, 44.0, 0.0], [-44.0, 0.0, 0.0]];
+        let (left, validation) = Gaussians::new(parts).unwrap().cleaned(Cleaning::Repair);
+        assert_eq!((validation.rejected, validation.repaired, validation.dropped), (2, 1, vec![1, 2]));
+        assert_eq!(left.parts().log_scales, [[-3.0; 3], [-LOG_SCALE_LIMIT, 0.0, 0.0]]);
     }
 
     #[test]

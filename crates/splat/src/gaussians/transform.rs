@@ -1,13 +1,13 @@
-use atsplat_camera::Similarity;
-use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_camera::{ROTATION_RESIDUAL_LIMIT, Similarity};
+use atsplat_numeric::Extremes as _;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::sh_rotation::ShRotation;
 use super::{Gaussians, sh_coefficients};
 use crate::{ShAxes, SplatError};
 
-/// Tolerance for rotations read from files with as few as six decimals.
-const ROTATION: Tolerance = Tolerance::absolute(1e-4);
+/// Largest entry of `R Rᵀ − I`: similarities contain the rotations of poses and their inverses, which deviate up to three times as much.
+const ROTATION_LIMIT: f64 = 4.0 * ROTATION_RESIDUAL_LIMIT;
 
 impl Gaussians {
     /// [`Self::transformed_in`] 3DGS's axes.
@@ -24,7 +24,8 @@ impl Gaussians {
     /// other functions in other axes, and are rotated otherwise.
     ///
     /// # Errors
-    /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a matrix that is not a rotation.
+    /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a matrix that is farther from a rotation than the
+    /// rounding of a pose.
     pub fn transformed_in(&self, similarity: &Similarity, axes: ShAxes) -> Result<Self, SplatError> {
         let invalid = |what, expected, found| Err(SplatError::Similarity { what, expected, found });
         if !(similarity.scale > 0.0 && similarity.scale.is_finite()) {
@@ -32,7 +33,7 @@ impl Gaussians {
         }
         let off = (similarity.rotation * similarity.rotation.transpose() - DMat3::IDENTITY).to_cols_array();
         let off = off.into_iter().map(f64::abs).fold(0.0, f64::maximum_of);
-        if !(off <= ROTATION.absolute) {
+        if !(off <= ROTATION_LIMIT) {
             return invalid("largest deviation of the rotation from orthonormality", "almost 0", off);
         }
         let determinant = similarity.rotation.determinant();
@@ -72,6 +73,9 @@ fn narrow<const N: usize>(values: [f64; N]) -> [f32; N] {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::WorldFromCamera;
+    use atsplat_numeric::Tolerance;
+
     use super::*;
     use crate::GaussianParts;
     use crate::sh::basis;
@@ -138,6 +142,26 @@ mod tests {
     #[test]
     fn the_identity_is_exact() {
         assert_eq!(one().transformed(&Similarity::IDENTITY).unwrap(), one());
+    }
+
+    /// Relative to the first camera of a file with three decimals, and back.
+    #[test]
+    fn accepts_the_rotations_of_poses_and_their_inverses() {
+        let rounded = similarity().rotation.to_cols_array().map(|entry| (entry * 1e3).round() / 1e3);
+        let pose = WorldFromCamera::new(DMat3::from_cols_array(&rounded), DVec3::new(0.3, 1.0, -2.0)).unwrap();
+        assert!(pose.orthonormality_residual() > 2e-4, "{}", pose.orthonormality_residual());
+        let relative = Similarity { rotation: pose.rotation().inverse(), origin: pose.centre(), scale: 2.5 };
+        let squared_norm =
+            |gaussians: &Gaussians| gaussians.parts().quaternions[0].map(|part| part * part).iter().sum::<f32>();
+        for similarity in [relative, relative.inverse()] {
+            let new = one().transformed(&similarity).unwrap();
+            let expected = similarity.new_from_old(DVec3::new(1.0, -2.0, 0.5));
+            Tolerance::F32_ROUND_TRIP.assert(new.parts().means[0].map(f64::from), expected.to_array(), "mean");
+            let norms = [&new, &one()].map(|gaussians| f64::from(squared_norm(gaussians)));
+            Tolerance::F32_ROUND_TRIP.assert([norms[0]], [norms[1]], "the quaternion is rotated, not scaled");
+        }
+        let sheared = similarity().rotation * DMat3::from_cols(DVec3::X, DVec3::new(0.1, 1.0, 0.0), DVec3::Z);
+        assert!(one().transformed(&Similarity { rotation: sheared, ..similarity() }).is_err());
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::LARGEST_CHANNEL;
 
 /// Largest magnitude of a log-scale `s` whose variance `exp(2 s)` is a normal f32.
 pub const LOG_SCALE_LIMIT: f32 = 43.5;
-/// Largest magnitude of an opacity logit whose exponential is a normal f32.
+/// Largest magnitude of an opacity logit: in f32, the exponential of 88 is finite, and that of 89 is not.
 pub const LOGIT_LIMIT: f32 = 88.0;
 
 /// A per-Gaussian field of [`GaussianParts`].
