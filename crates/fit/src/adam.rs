@@ -25,7 +25,7 @@ pub struct Adam {
     pub step: u64,
 }
 
-const BETAS: [f64; 2] = [0.9, 0.999];
+pub(crate) const BETAS: [f64; 2] = [0.9, 0.999];
 const EPSILON: f32 = 1e-15;
 const COLOUR_RATIO: f64 = 20.0;
 
@@ -97,8 +97,7 @@ impl Adam {
         first: &mut [f32],
         second: &mut [f32],
     ) {
-        let power = i32::try_from(self.step).unwrap_or(i32::MAX);
-        let [bias, root] = BETAS.map(|beta| 1.0 - beta.powi(power));
+        let [bias, root] = bias_corrections(self.step);
         let rates: Vec<f32> = rates.iter().map(|rate| narrowed(rate / bias)).collect();
         let (rates, over_root) = (rates.as_slice(), narrowed(root.sqrt().recip()));
         let moments = first.par_chunks_mut(chunk).zip(second.par_chunks_mut(chunk));
@@ -107,6 +106,12 @@ impl Adam {
             Arch::new().dispatch(Rows { row, rates, over_root, values, gradients, first, second });
         });
     }
+}
+
+/// What the means of gradients and of their squares are divided by after so many steps, because both begin at zero.
+pub(crate) fn bias_corrections(step: u64) -> [f64; 2] {
+    let power = i32::try_from(step).unwrap_or(i32::MAX);
+    BETAS.map(|beta| 1.0 - beta.powi(power))
 }
 
 /// The update of one task.

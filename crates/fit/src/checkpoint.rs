@@ -10,6 +10,7 @@ use atsplat_camera::{Camera, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_files::{FileError, Malformed, Sha256Digest, changes};
 use atsplat_splat::{Gaussians, View};
 use atsplat_tensors::{DType, StoredTensors, TensorError, TensorView, read_metadata, write_safetensors};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use tensors::{PARTS, Tensors, arrays};
@@ -38,6 +39,9 @@ struct Metadata {
     /// Name of the device, as bits differ between them.
     device: String,
     sh_degree: u8,
+    /// Highest degree that was rendered so far; earlier versions did not write it.
+    #[serde(default)]
+    reached_degree: u8,
     filtered: bool,
     memory: Vec<String>,
     history: HistoryFacts,
@@ -86,16 +90,15 @@ impl Fit {
         let not_json = |error: serde_json::Error| {
             FitError::from(FileError { action: WRITING, path: path.to_owned(), source: error.into() })
         };
-        // Pixels are hashed once.
-        let lines = lines_of(&self.views);
         let metadata = Metadata {
             step: self.step,
-            run: run_hash(&self.config, &lines),
-            views: Some(hash_of(&lines)),
+            run: run_hash(&self.config, self.views.lines()),
+            views: Some(hash_of(self.views.lines())),
             configuration: Some(serde_json::to_value(&self.config).map_err(not_json)?),
             start: self.start.clone(),
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
+            reached_degree: self.degree,
             filtered: filters.is_some(),
             empty_steps: self.empty_steps,
             memory: density.iter().map(|(name, _)| (*name).to_owned()).collect(),
@@ -178,6 +181,11 @@ impl Fit {
         if !fit.before.is_possible(metadata.step) {
             return Err(wrong("elapsed", "the time of a run", format!("{:?}", fit.before)));
         }
+        if metadata.reached_degree > fit.config.sh_degree {
+            let expected = format!("at most {}", fit.config.sh_degree);
+            return Err(wrong("reached_degree", &expected, metadata.reached_degree.to_string()));
+        }
+        fit.degree = metadata.reached_degree.max(fit.degree_of(metadata.step));
         (fit.scene, fit.step, fit.corrections, fit.history) = (scene, metadata.step, corrections, history);
         fit.density.restore_state(density);
         Ok(fit)
@@ -211,13 +219,13 @@ fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
 }
 
 /// Rejects a checkpoint of a run with another configuration or other views.
-fn check_run(metadata: &Metadata, config: &FitConfig, views: &[TrainingView], path: &Path) -> Result<(), FitError> {
+fn check_run(metadata: &Metadata, config: &FitConfig, views: &TrainingViews, path: &Path) -> Result<(), FitError> {
     let is_same = match (&metadata.views, &metadata.configuration) {
         (Some(written), Some(recorded)) => {
-            *written == views_hash(views) && changes(recorded, config).is_ok_and(|changed| changed.is_empty())
+            *written == hash_of(views.lines()) && changes(recorded, config).is_ok_and(|changed| changed.is_empty())
         }
         // Of an earlier version.
-        _ => metadata.run == run_hash(config, &lines_of(views)),
+        _ => metadata.run == run_hash(config, views.lines()),
     };
     if is_same { Ok(()) } else { Err(other_run(metadata.configuration.as_ref(), config, path)) }
 }
@@ -249,19 +257,19 @@ fn run_text(config: &FitConfig, views: &[String]) -> String {
     lines.join("\n")
 }
 
-/// Hash of cameras and images, in order.
+/// Hash of cameras and images, in order; [`hash_of`] of their lines.
 pub(crate) fn views_hash(views: &[TrainingView]) -> String {
     hash_of(&lines_of(views))
 }
 
 /// Hash of the lines of views.
-fn hash_of(lines: &[String]) -> String {
+pub(crate) fn hash_of(lines: &[String]) -> String {
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }
 
 /// A line for each view, with the hash of its pixels.
-fn lines_of(views: &[TrainingView]) -> Vec<String> {
-    views.iter().map(of_view).collect()
+pub(crate) fn lines_of(views: &[TrainingView]) -> Vec<String> {
+    views.par_iter().map(of_view).collect()
 }
 
 /// Records and checkpoints have the hash of this text, so that it does not follow the names of types and fields.

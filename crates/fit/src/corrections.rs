@@ -5,6 +5,7 @@ use atsplat_numeric::narrowed;
 use atsplat_splat::{Exposure, View};
 use glam::{DMat3, DQuat, DVec3};
 
+use crate::adam::{BETAS, bias_corrections};
 use crate::{FitConfig, FitError, StopReason};
 
 /// Rotation and translation of a motion, then the 3×3 matrix and the offset of an exposure.
@@ -17,7 +18,6 @@ const NONE: [f32; VALUES] = [
 ];
 /// Rates fall to this share by the end of a run.
 const LAST_SHARE: f64 = 0.01;
-const BETAS: [f64; 2] = [0.9, 0.999];
 /// PyTorch's default, which the published code keeps for cameras and exposures.
 const EPSILON: f64 = 1e-8;
 
@@ -102,8 +102,7 @@ impl Corrections {
         config: &FitConfig,
         (step, extent): (u64, f64),
     ) {
-        let power = i32::try_from(step).unwrap_or(i32::MAX);
-        let [bias, root] = BETAS.map(|beta| 1.0 - beta.powi(power));
+        let [bias, root] = bias_corrections(step);
         let share = LAST_SHARE.powf(step as f64 / config.steps as f64);
         let [pose, exposure] = [config.pose_rate, config.exposure_rate].map(|rate| rate.unwrap_or(0.0) * share);
         let rates: [f64; GRADIENTS] = std::array::from_fn(|at| match at {

@@ -77,10 +77,14 @@ impl FitError {
 }
 
 /// Where an optimisation stopped, and why.
+///
+/// The scene that is left is that of the step before, unless the failure came after the optimiser's update: in density control
+/// ([`StopReason::TooManyGaussians`], [`StopReason::NoGaussians`]), or in the 3D filter if no camera sees a Gaussian any more
+/// ([`StopReason::NothingVisible`]; that no view of an epoch shows one is found before the update). Then the update stays, and the step
+/// counts as done in [`crate::Fit::step_count`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
-    /// The step that failed, counted from 1. The scene is that of the step before, or has this step's update too if what follows the
-    /// update failed: [`StopReason::TooManyGaussians`], [`StopReason::NoGaussians`], [`StopReason::NothingVisible`].
+    /// The step that failed, counted from 1.
     pub step: u64,
     /// Name of the training view of this step.
     pub view: String,

@@ -5,7 +5,7 @@ mod render;
 use std::time::Instant;
 
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
-use atsplat_splat::{Cleaning, Gaussians, RasterMode, RenderOptions, SplatError};
+use atsplat_splat::{Cleaning, Gaussians, RasterMode, RenderOptions, SplatError, Validation};
 
 use crate::adam::Adam;
 use crate::checkpoint::start_hash;
@@ -34,6 +34,8 @@ pub struct Fit {
     extent: f64,
     pub(crate) limit: usize,
     first_degree: u8,
+    /// Highest degree of the spherical harmonics so far.
+    pub(crate) degree: u8,
     /// Hash of the initial Gaussians.
     pub(crate) start: String,
     pub(crate) step: u64,
@@ -44,7 +46,8 @@ pub struct Fit {
     /// When this process began, and the time before.
     pub(crate) begin: Instant,
     pub(crate) before: Elapsed,
-    dropped: usize,
+    /// Of the initial Gaussians.
+    validation: Validation,
     options: RenderOptions,
     renderer: StepRenderer,
     pub(crate) loss: PhotometricLoss,
@@ -54,8 +57,8 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// An optimisation before its first step. Invalid Gaussians of `start` are dropped, see
-    /// [`Self::dropped`]; the others are raised to the configured degree of the spherical harmonics.
+    /// An optimisation before its first step. Broken Gaussians of `start` are repaired or removed as by [`Cleaning::Repair`], see
+    /// [`Self::start_validation`]; those that are left are raised to the configured degree of the spherical harmonics.
     ///
     /// # Errors
     /// [`FitError::Setting`], [`FitError::View`] or [`FitError::Start`] for what cannot be optimised.
@@ -67,13 +70,13 @@ impl Fit {
             return Err(FitError::Setting { name: "views", expected: "at least 1".to_owned(), found: "0".to_owned() });
         }
         let hash = start_hash(start);
-        let (start, found) = start.cleaned(Cleaning::Repair);
+        let (start, validation) = start.cleaned(Cleaning::Repair);
         if start.is_empty() {
-            let found = format!("{}, none of them valid", found.total);
+            let found = format!("{}, none of them valid", validation.total);
             return Err(FitError::Start { expected: "at least one valid Gaussian", found });
         }
-        let extent = positive_extent(&config, &views, &start)?;
         let Shares { gaussians: limit, renderer: renderer_memory } = memory::shares(&config, &views, start.len())?;
+        let extent = positive_extent(&config, &views, &start)?;
         let cameras = Cameras::new(views.iter().map(|view| &view.view), config.constants.near)?;
         let first_degree = start.sh_degree().min(config.sh_degree);
         let mut parts = start.with_sh_degree(config.sh_degree).into_parts();
@@ -93,10 +96,11 @@ impl Fit {
             extent,
             limit,
             first_degree,
+            degree: first_degree,
             start: hash,
             step: 0,
             scene: OptimisedGaussians::new(crate::optimised_gaussians::gaussians_of(parts)),
-            dropped: found.rejected,
+            validation,
             renderer: StepRenderer { cpu, device: FitDevice::default() },
             loss: PhotometricLoss::default(),
             gradients: StepGradients::default(),
@@ -149,9 +153,9 @@ impl Fit {
         self.extent
     }
 
-    /// Initial Gaussians that were dropped because they are invalid.
-    pub const fn dropped(&self) -> usize {
-        self.dropped
+    /// What was wrong with the initial Gaussians, and how many of them were repaired or removed.
+    pub const fn start_validation(&self) -> &Validation {
+        &self.validation
     }
 
     /// Number of Gaussians.
@@ -171,12 +175,10 @@ impl Fit {
 
     /// How the Gaussians have to be rendered: constants and mode of the optimisation, degree so far, background.
     pub fn options(&self) -> RenderOptions {
-        let max_sh_degree = self.schedule.degree(self.first_degree, self.config.sh_degree, self.step);
-        RenderOptions { max_sh_degree, background: self.background(None), ..self.options.clone() }
+        RenderOptions { max_sh_degree: self.degree, background: self.background(None), ..self.options.clone() }
     }
 
-    /// Takes the next step. If density control fails, the optimiser's update stays, and the step counts as done; after any other error
-    /// the scene is that of the step before.
+    /// Takes the next step. [`Diagnosis`] says which scene an error leaves.
     ///
     /// # Errors
     /// [`FitError::Stopped`] with a diagnosis, such as that of a lost device; [`FitError::Splat`] if the renderer needs more
@@ -184,7 +186,7 @@ impl Fit {
     pub fn step(&mut self) -> Result<StepRecord, FitError> {
         let step = self.step + 1;
         let number = self.view_of(step);
-        let degree = self.schedule.degree(self.first_degree, self.config.sh_degree, step);
+        let degree = self.degree_of(step);
         self.options.max_sh_degree = degree;
         self.options.background = self.background(Some(step));
         let (terms, of_view) = self.differentiate(number).map_err(|error| match error {
@@ -201,6 +203,7 @@ impl Fit {
         if let Some(reason) = self.non_finite_gradients(&of_view) {
             return Err(self.stopped(step, number, reason));
         }
+        self.observe(number);
         let means_rate = self.schedule.means_rate(&self.config.rates, step) * self.extent;
         self.adam(step, degree, means_rate).update(&mut self.scene, &self.gradients.gaussians);
         self.corrections.update(number, &of_view, &self.config, (step, self.extent));
@@ -208,7 +211,7 @@ impl Fit {
         let density = self.density.after_step(&mut self.scene, &context);
         // The record of a control that failed has no changes; its error follows.
         let changes = density.as_ref().copied().unwrap_or_default();
-        self.step = step;
+        (self.step, self.degree) = (step, degree);
         let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };
         self.history.add_step(&record);
         density.map_err(|error| match error {
@@ -280,3 +283,6 @@ fn positive_extent(config: &FitConfig, views: &TrainingViews, start: &Gaussians)
     }
     Ok(extent)
 }
+
+#[cfg(test)]
+mod tests;

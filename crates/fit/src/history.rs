@@ -114,10 +114,10 @@ impl History {
         }
     }
 
-    /// `held_out` is the hash of the views that were compared.
-    pub(crate) fn add_evaluation(&mut self, evaluation: Evaluation, held_out: String) {
+    /// `held_out` makes the hash of the views that were compared, which are the same in every evaluation.
+    pub(crate) fn add_evaluation(&mut self, evaluation: Evaluation, held_out: impl FnOnce() -> String) {
         self.evaluations.push(evaluation);
-        self.held_out = Some(held_out);
+        self.held_out.get_or_insert_with(held_out);
     }
 
     pub(crate) fn facts(&self) -> HistoryFacts {
@@ -195,7 +195,7 @@ mod tests {
             history.add_step(&StepRecord { step, view, terms, regularisers: 0.0, gaussians: 5, changes });
         }
         let score = MeanScore { psnr: None, ssim: Some(0.1), identical: 3, equal_when_clamped: 2 };
-        history.add_evaluation(Evaluation { step: 2, gaussians: 5, score }, "views".to_owned());
+        history.add_evaluation(Evaluation { step: 2, gaussians: 5, score }, || "views".to_owned());
         assert_eq!(history.changes.cloned, 2);
         let facts = || serde_json::from_str(&serde_json::to_string(&history.facts()).unwrap()).unwrap();
         let arrays = history.arrays();
@@ -209,6 +209,16 @@ mod tests {
         let earlier = HistoryFacts { identical: None, equal_when_clamped: None, ..facts() };
         let score = History::restored(earlier, &arrays, 2, 3).unwrap().evaluations[0].score;
         assert_eq!(score, MeanScore::default(), "of the SSIM of an earlier version");
+    }
+
+    #[test]
+    fn held_out_views_are_hashed_once() {
+        let mut history = History::new(1);
+        for (step, hash) in [(1, "views"), (2, "hashed again")] {
+            let evaluation = Evaluation { step, gaussians: 5, score: MeanScore::default() };
+            history.add_evaluation(evaluation, || hash.to_owned());
+        }
+        assert!(history.is_of("views") && history.evaluations.len() == 2, "{history:?}");
     }
 
     /// The exact step would make the mean infinite.

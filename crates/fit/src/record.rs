@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use atsplat_camera::{ImageSize, Similarity};
 use serde::Serialize;
 
-use crate::checkpoint::views_hash;
+use crate::checkpoint::{hash_of, views_hash};
 use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, LastSteps, ScaleEvaluation, TrainingView};
 
 /// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
@@ -26,7 +26,7 @@ pub struct FitRecord {
     pub inputs: FitInputs,
     pub start: String,
     pub start_gaussians: usize,
-    /// Initial Gaussians that were dropped because they are invalid, when their file was read or later.
+    /// Initial Gaussians that were removed because they are broken, when their file was read or later.
     pub dropped: usize,
     /// Of the scene, in units of the data.
     pub extent: f64,
@@ -61,7 +61,7 @@ pub struct FitInputs {
     /// As `views_sha256`, of the held-out views; `None` without any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out_sha256: Option<String>,
-    /// Hash of the initial Gaussians as they are given, before invalid ones are dropped.
+    /// Hash of the initial Gaussians as they are given, before broken ones are repaired or removed.
     pub start_sha256: String,
 }
 
@@ -84,7 +84,7 @@ impl Fit {
         let sizes: BTreeSet<ImageSize> = self.views.iter().map(|view| view.view.size).collect();
         FitInputs {
             sizes: sizes.into_iter().map(|ImageSize { width, height }| format!("{width}x{height}")).collect(),
-            views_sha256: views_hash(&self.views),
+            views_sha256: hash_of(self.views.lines()),
             held_out_sha256: (!held_out.is_empty()).then(|| views_hash(held_out)),
             start_sha256: self.start.clone(),
         }

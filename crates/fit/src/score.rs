@@ -217,7 +217,7 @@ impl Fit {
         }
         let score = self.mean_score(held_out)?;
         let evaluation = Evaluation { step, gaussians: self.len(), score };
-        self.history.add_evaluation(evaluation, views_hash(held_out));
+        self.history.add_evaluation(evaluation, || views_hash(held_out));
         Ok(Some(evaluation))
     }
 

@@ -76,7 +76,7 @@ impl Args {
             inputs: fit.inputs(&input.held_out),
             start: start.name,
             start_gaussians: start.gaussians,
-            dropped: start.removed + fit.dropped(),
+            dropped: start.removed + fit.start_validation().rejected,
             extent: fit.extent() / normalisation.scale,
             configuration: FitConfig {
                 extent: self.optimisation.extent,

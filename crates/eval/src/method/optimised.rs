@@ -8,7 +8,7 @@ use atsplat_results::{MethodRecord, TrainingRecord, TrialNote};
 use atsplat_splat::Gaussians;
 
 use super::atsplat::{context_views, method_error};
-use super::splatting::{Splatting, parameters};
+use super::splatting::{Splatting, broken_start_note, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrainedUnder, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
 use crate::timing::this_machine;
@@ -207,6 +207,7 @@ impl Method for Optimised {
         let (steps, deadline) = self.budget.plan(&config, &views, &start, &device).map_err(failed)?;
         config.steps = steps;
         let mut fit = Fit::new(config, views, &start).map_err(failed)?.on(device);
+        cost.notes.extend(broken_start_note(fit.start_validation()));
         fit.run(deadline, |_, _| Ok::<_, FitError>(())).map_err(failed)?;
         if fit.step_count() == 0 {
             return Err(MethodError::Failed("the time was over before the first step".to_owned()));

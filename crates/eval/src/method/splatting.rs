@@ -9,7 +9,7 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectOutcome, EffectPlan, EffectSelection, Scene};
 use atsplat_splat::{
     Field, Finding, Gaussians, Problem, RasterMode, RenderOptions, Renderer, RendererConstants, Rendering, SplatError,
-    View,
+    Validation, View,
 };
 
 use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
@@ -330,6 +330,16 @@ fn broken_note(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
     (!kinds.is_empty()).then(|| format!("{broken}: {}, of {}: they are not drawn", kinds.join("; "), found.total))
 }
 
+/// A note on Gaussians that were broken before they were optimised.
+pub(super) fn broken_start_note(found: &Validation) -> Option<String> {
+    let Validation { total, invalid, rejected, repaired, findings, .. } = found;
+    let kinds = findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    let broken = SuspiciousNote::BrokenGaussians;
+    (!found.is_clean()).then(|| {
+        format!("{broken}: {invalid} of {total} to start from ({rejected} removed, {repaired} repaired): {kinds}")
+    })
+}
+
 /// Parameters by name.
 pub(super) fn parameters<const N: usize>(list: [(&str, serde_json::Value); N]) -> BTreeMap<String, serde_json::Value> {
     list.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
@@ -390,6 +400,18 @@ mod tests {
             "broken Gaussians: 1 of 3 (1 drawn only if the renderer can): quaternions zero in 1, first 2 (a.ply)";
         assert_eq!(notes(&[of_file], zero), [of_file]);
         assert_eq!(notes(&[of_file], nan), [of_file, of_nan]);
+    }
+
+    #[test]
+    fn broken_gaussians_of_a_start_are_noted() {
+        assert_eq!(broken_start_note(&Validation { total: 9, ..Validation::default() }), None);
+        let of = |field, problem, count, first| Finding { field, problem, count, first };
+        let means = of(Field::Means, Problem::NotANumber, 1, 4);
+        let findings = vec![means, of(Field::OpacityLogits, Problem::Infinite, 2, 0)];
+        let found = Validation { total: 9, invalid: 3, rejected: 1, repaired: 2, findings, dropped: vec![4] };
+        let expected = "broken Gaussians: 3 of 9 to start from (1 removed, 2 repaired): means not a number in 1, first 4; opacity \
+                        logits infinite in 2, first 0";
+        assert_eq!(broken_start_note(&found).as_deref(), Some(expected));
     }
 
     /// Gaussians that are smaller than a pixel, which the blur of the classic mode brightens.

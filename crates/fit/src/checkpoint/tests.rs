@@ -74,7 +74,7 @@ fn hashed_names_of_choices_are_those_of_earlier_versions() {
 #[test]
 fn a_run_is_recognised_by_its_settings_and_views() {
     let config = FitConfig::new(Strategy::Fixed, 7);
-    let views = [view(Distortion::None, &[[1.0, 0.5, 0.25]])];
+    let views = TrainingViews::from(vec![view(Distortion::None, &[[1.0, 0.5, 0.25]])]);
     let path = Path::new("state");
     let metadata = |run: String, of_views: Option<String>| Metadata {
         step: 0,
@@ -84,6 +84,7 @@ fn a_run_is_recognised_by_its_settings_and_views() {
         start: String::new(),
         device: "cpu".to_owned(),
         sh_degree: 0,
+        reached_degree: 0,
         filtered: false,
         memory: Vec::new(),
         history: History::default().facts(),
@@ -95,10 +96,10 @@ fn a_run_is_recognised_by_its_settings_and_views() {
     let written = metadata("of renamed fields".to_owned(), Some(views_hash(&views)));
     let earlier = metadata(run_hash(&config, &lines_of(&views)), None);
     let longer = FitConfig { steps: 8, ..config.clone() };
-    let other_views = [view(Distortion::None, &[[1.0, 0.5, 0.75]])];
+    let other_views = TrainingViews::from(vec![view(Distortion::None, &[[1.0, 0.5, 0.75]])]);
     for metadata in [&written, &earlier] {
         check_run(metadata, &config, &views, path).unwrap();
-        let error = |config: &FitConfig, views: &[TrainingView]| {
+        let error = |config: &FitConfig, views: &TrainingViews| {
             check_run(metadata, config, views, path).unwrap_err().to_string()
         };
         let of_steps = error(&longer, &views);

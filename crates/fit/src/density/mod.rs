@@ -20,7 +20,7 @@ pub trait DensityControl: std::fmt::Debug + Send {
         0.0
     }
 
-    /// Accumulates statistics of a step's gradients.
+    /// Accumulates statistics of a step's gradients, which are finite.
     fn observe(&mut self, _view: &ViewGradients<'_>) {}
 
     /// Changes the scene after the optimiser's update of a step.

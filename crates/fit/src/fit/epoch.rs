@@ -1,4 +1,4 @@
-//! What changes from step to step: the order of views, the background, the check that an epoch saw anything.
+//! What changes from step to step: the order of views, the background, the degree, the check that an epoch saw anything.
 
 use super::Fit;
 use crate::random::{Purpose, stream};
@@ -28,6 +28,11 @@ impl Fit {
             }
             (Background::Black, _) | (Background::Random, None) => [0.0; 3],
         }
+    }
+
+    /// Highest degree of the spherical harmonics in a step that follows. A plan of more steps raises it later, and does not lower it.
+    pub(crate) fn degree_of(&self, step: u64) -> u8 {
+        self.degree.max(self.schedule.degree(self.first_degree, self.config.sh_degree, step))
     }
 
     /// Whether `step` ends an epoch in which no Gaussian was drawn. One view may see none of them; if none does, no step changes

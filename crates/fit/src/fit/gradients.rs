@@ -1,3 +1,4 @@
+use atsplat_camera::ImageSize;
 use atsplat_numeric::narrowed;
 use atsplat_splat::{Exposure, Gradients};
 use pulp::Arch;
@@ -8,7 +9,7 @@ use crate::corrections::CorrectionGradients;
 use crate::density::ViewGradients;
 use crate::device::{Job, StepGradients};
 use crate::loss::Terms;
-use crate::view::TrainingView;
+use crate::view::{TrainingView, TrainingViews};
 use crate::{FitError, StopReason};
 
 /// Gradients that are checked at once.
@@ -18,9 +19,8 @@ impl Fit {
     /// Forward and backward pass of one training view.
     pub(super) fn differentiate(&mut self, number: usize) -> Result<(Terms, CorrectionGradients), FitError> {
         let exposure = self.exposure(number);
-        let Self { views, scene, options, renderer, loss, gradients, density, config, .. } = self;
-        #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
-        let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
+        let Self { views, scene, options, renderer, loss, gradients, config, .. } = self;
+        let TrainingView { view, rgb, .. } = view_of_run(views, number);
         let view = &self.corrections.view(number, view)?;
         scene.with_gaussians(|gaussians| {
             let absolute = config.absolute_gradients;
@@ -32,19 +32,23 @@ impl Fit {
                 let d_exposure = exposure.map(|_| Exposure::gradient(rendered, d_rgb)).transpose()?;
                 if let Some(exposure) = exposure {
                     for gradient in d_rgb.iter_mut() {
-                        *gradient = before_exposure(&exposure, *gradient);
+                        *gradient = exposure.composited_gradient(*gradient).map(narrowed);
                     }
                 }
                 Ok((terms, d_exposure))
             })?;
-            let StepGradients { gaussians: of_gaussians, screen, .. } = gradients;
-            if terms.total.is_finite() {
-                let means_2d = if absolute { &screen.absolute_2d } else { &of_gaussians.means_2d };
-                let size = [f64::from(view.size.width), f64::from(view.size.height)];
-                density.observe(&ViewGradients { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
-            }
-            Ok((terms, CorrectionGradients { pose: of_gaussians.pose, exposure: d_exposure }))
+            Ok((terms, CorrectionGradients { pose: gradients.gaussians.pose, exposure: d_exposure }))
         })
+    }
+
+    /// Shows the gradients of a training view, which are finite, to density control.
+    pub(super) fn observe(&mut self, number: usize) {
+        let Self { views, scene, gradients, density, config, .. } = self;
+        let StepGradients { gaussians, screen, .. } = gradients;
+        let means_2d = if config.absolute_gradients { &screen.absolute_2d } else { &gaussians.means_2d };
+        let ImageSize { width, height } = view_of_run(views, number).view.size;
+        let size = [f64::from(width), f64::from(height)];
+        density.observe(&ViewGradients { drawn: &screen.drawn, means_2d, size, count: scene.len() });
     }
 
     /// The first parameter with gradients that are not finite, of those that the step changes.
@@ -80,19 +84,15 @@ impl Fit {
     }
 }
 
+/// The view of a step.
+#[expect(clippy::expect_used, reason = "the order of views is a permutation")]
+fn view_of_run(views: &TrainingViews, number: usize) -> &TrainingView {
+    views.get(number).expect("a view of the run")
+}
+
 /// The image as an exposure shows it.
 fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
     rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(narrowed)).collect()
-}
-
-/// The gradient with respect to a pixel before exposure.
-fn before_exposure(exposure: &Exposure, gradient: [f32; 3]) -> [f32; 3] {
-    let [a, b, c] = exposure.matrix;
-    let column = |at: usize| {
-        let rows = [a, b, c].into_iter().zip(gradient);
-        rows.map(|(row, gradient)| row[at] * f64::from(gradient)).sum::<f64>()
-    };
-    [column(0), column(1), column(2)].map(narrowed)
 }
 
 /// Whether all values are finite: infinities and NaN have the largest exponents.

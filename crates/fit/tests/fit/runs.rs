@@ -350,12 +350,33 @@ fn settings_out_of_range_are_named() {
     let mut behind = start(Strategy::Fixed, 9).into_parts();
     behind.means.fill([0.0, 0.0, -90.0]);
     let (one_place, behind) = (vec![views().0.remove(0)], Gaussians::new(behind).unwrap());
-    let error = Fit::new(config(Strategy::Fixed, 9), one_place, &behind).unwrap_err().to_string();
-    assert!(error.contains("extent: expected cameras in different places"), "{error}");
+    let error = |config: FitConfig| Fit::new(config, one_place.clone(), &behind).unwrap_err().to_string();
+    let of_extent = error(config(Strategy::Fixed, 9));
+    assert!(of_extent.contains("extent: expected cameras in different places"), "{of_extent}");
+    // Before the extent, which takes memory for the depths of all Gaussians.
+    let of_memory = error(FitConfig { memory_limit: 9, ..config(Strategy::Fixed, 9) });
+    assert!(of_memory.starts_with("memory-limit: "), "{of_memory}");
 }
 
-/// The paper promises that relocation hardly changes the image: at most a hundredth of full contrast at any pixel for a
-/// Gaussian of opacity 0.9 that becomes two, where cloning without the correction changes more than that.
+/// A Gaussian of infinite size would cover every image if it were repaired.
+#[test]
+fn broken_initial_gaussians_are_repaired_or_removed_and_named() {
+    let mut parts = truth().into_parts();
+    parts.means[3][1] = f32::NAN;
+    parts.log_scales[5][2] = f32::INFINITY;
+    parts.quaternions[7] = [0.0; 4];
+    let start = Gaussians::new(parts).unwrap();
+    let fit = Fit::new(config(Strategy::Fixed, 9), views().0, &start).unwrap();
+    let found = fit.start_validation();
+    assert_eq!((found.total, found.invalid, found.rejected, found.repaired, fit.len()), (60, 3, 2, 1, 58));
+    let kinds: Vec<String> = found.findings.iter().map(ToString::to_string).collect();
+    let expected =
+        ["means not a number in 1, first 3", "quaternions zero in 1, first 7", "log-scales infinite in 1, first 5"];
+    assert_eq!(kinds, expected);
+}
+
+/// The paper promises that relocation hardly changes the image. For a Gaussian of opacity 0.9, equation 9 changes a pixel by at most
+/// 0.042 of full contrast if it becomes two, and by 0.062 if it becomes four; cloning without the correction, by 0.25 and 0.47.
 #[test]
 fn relocation_keeps_the_image() {
     let one = |opacity: f64, factor: f64, copies: usize| {
@@ -379,7 +400,7 @@ fn relocation_keeps_the_image() {
         (largest, sum / a.as_flattened().len() as f64)
     };
     let before = one(0.9, 1.0, 1);
-    for (together, bound) in [(2, 0.08), (4, 0.12)] {
+    for (together, bound) in [(2, 0.045), (4, 0.065)] {
         let (opacity, factor) = relocated(0.9, together);
         let (largest, mean) = difference(&before, &one(opacity, factor, together));
         let (naive, naive_mean) = difference(&before, &one(0.9, 1.0, together));
