@@ -117,8 +117,11 @@ mod tests {
     use super::*;
     use crate::{ImageU8, encode_jpeg};
 
-    /// Marker, place and parameters of each segment up to the first error, which is the last.
-    fn all(file: &[u8]) -> (Vec<(u8, usize, &[u8])>, SegmentError) {
+    /// Marker, place and parameters.
+    type Found<'a> = (u8, usize, &'a [u8]);
+
+    /// Each segment up to the first error, which is the last.
+    fn all(file: &[u8]) -> (Vec<Found<'_>>, SegmentError) {
         let (mut segments, mut found) = (Segments::of(file), Vec::new());
         loop {
             match segments.read() {
@@ -135,7 +138,7 @@ mod tests {
     fn markers_have_segments_or_stand_alone_and_may_follow_fill_bytes() {
         let file = b"\xff\xd8\xff\xfe\0\x04ab\xff\xff\xff\xd3\xff\x01\xff\xe1\0\x02\xff\xd9\xff\xfe\0\x03c";
         let (found, error) = all(file);
-        let expected: [(u8, usize, &[u8]); 6] =
+        let expected: [Found<'_>; 6] =
             [(0xfe, 2, b"ab"), (0xd3, 10, b""), (0x01, 12, b""), (0xe1, 14, b""), (END, 18, b""), (0xfe, 20, b"c")];
         assert_eq!(found, expected);
         assert_eq!(error.to_string(), "truncated after 25 bytes");

@@ -257,7 +257,8 @@ mod tests {
         let extrapolated = (
             2,
             format!(
-                "{TARGETS_INSIDE}: scene mixed, entry 0, field target: expected frames before 4 and after 9, found 6"
+                "{}: scene mixed, entry 0, field target: expected frames before 4 and after 9, found 6",
+                ForeignEntries::TargetsInside
             ),
         );
         for preset in
@@ -267,7 +268,10 @@ mod tests {
         }
         let interpolated = (
             1,
-            format!("{TARGETS_OUTSIDE}: scene before, entry 0, field target: expected frames from 5 to 9, found 1"),
+            format!(
+                "{}: scene before, entry 0, field target: expected frames from 5 to 9, found 1",
+                ForeignEntries::TargetsOutside
+            ),
         );
         for preset in ["re10k-2v-256", "acid-2v-256", "rooms-2v-64"] {
             assert_eq!(of(preset), std::slice::from_ref(&interpolated), "{preset}");
@@ -288,7 +292,7 @@ mod tests {
         let index = EvaluationIndex::from_json(json).unwrap();
         let preset = Preset::named("dl3dv-2v-256x448").unwrap();
         let what = "expected a frame that is no context frame, found 70";
-        let expected = (1, format!("{TARGETS_ARE_INPUTS}: scene all, entry 0, field target: {what}"));
+        let expected = (1, format!("{}: scene all, entry 0, field target: {what}", ForeignEntries::TargetsAreInputs));
         assert_eq!(texts(preset.misplaced_targets(&index)), [expected]);
     }
 
