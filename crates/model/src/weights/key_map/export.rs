@@ -23,21 +23,23 @@ impl KeyMap {
             let mut parts_made = 0;
             let mut parts_needed = 1;
             for rule in &self.rules {
-                let Some((position, captures)) = rule.target_of(name) else { continue };
+                let Some(captures) = rule.target_of(name) else { continue };
                 let source = rule.from.filled(&captures);
                 let is_first = self.rules.iter().find(|other| other.from.captures(&source).is_some());
-                if !is_first.is_some_and(|first| std::ptr::eq(first, rule)) || exported.contains_key(&source) {
-                    // Importing this name would use another rule, or the split was joined already.
-                    parts_made += usize::from(position > 0 && exported.contains_key(&source));
+                if !is_first.is_some_and(|first| std::ptr::eq(first, rule)) {
+                    // Importing this name would use another rule.
                     sources.entry(name).or_insert(source);
                     continue;
                 }
                 let (part, count) = rule.part.unwrap_or((0, 1));
-                let whole = rule.joined(weights, &captures)?;
-                let tensor = if count > 1 { tensor.part(part, count)? } else { whole };
-                let tensor = if rule.transpose { tensor.transposed()? } else { tensor };
-                sources.insert(name, source.clone());
-                exported.insert(source, tensor);
+                // This rule alone makes the source, of a split for the first of its targets.
+                if !exported.contains_key(&source) {
+                    let whole = rule.joined(weights, &captures)?;
+                    let tensor = if count > 1 { tensor.part(part, count)? } else { whole };
+                    let tensor = if rule.transpose { tensor.transposed()? } else { tensor };
+                    exported.insert(source.clone(), tensor);
+                }
+                sources.insert(name, source);
                 parts_made += 1;
                 parts_needed = count;
                 if parts_made == parts_needed {
@@ -97,9 +99,9 @@ impl KeyMap {
 }
 
 impl Rule {
-    fn target_of<'n>(&self, name: &'n str) -> Option<(usize, Vec<&'n str>)> {
-        let mut targets = self.targets.iter().enumerate();
-        targets.find_map(|(position, target)| target.captures(name).map(|captures| (position, captures)))
+    /// What the wildcards match in a name that is one of the targets.
+    fn target_of<'n>(&self, name: &'n str) -> Option<Vec<&'n str>> {
+        self.targets.iter().find_map(|target| target.captures(name))
     }
 
     /// All targets of a rule, concatenated.

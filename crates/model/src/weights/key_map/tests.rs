@@ -172,6 +172,32 @@ fn transposed_and_split_tensors_round_trip() {
     assert!(map.export(&unknown).unwrap_err().to_string().contains("parameter other"));
 }
 
+/// Parameters have the order of the network, here key before value; and what a split gives is not exported under its own name too.
+#[test]
+fn targets_of_a_split_may_be_in_another_order_than_the_parameters() {
+    let map = KeyMap::from_toml(
+        r#"
+        name = "test"
+        [[rules]]
+        from = "*.vk"
+        split = ["{1}.value", "{1}.key"]
+        [[rules]]
+        from = "**"
+        to = "{1}"
+        "#,
+    )
+    .unwrap();
+    let file = stored(&[("attn.vk", &[4, 2]), ("norm", &[3])]);
+    let expected = [parameter("attn.key", &[2, 2]), parameter("norm", &[3]), parameter("attn.value", &[2, 2])];
+    let (ours, _) = map.import(&file, &expected).unwrap();
+    assert_eq!(ours.tensors["attn.key"].to_f32().unwrap()[0].to_bits(), 4f32.to_bits());
+    let exported = map.export(&ours).unwrap();
+    assert_eq!(exported.digest(), file.digest(), "{:?}", exported.tensors.keys());
+    let mut halved = ours.clone();
+    halved.tensors.swap_remove("attn.value");
+    assert!(map.export(&halved).is_err(), "half of a split cannot be exported");
+}
+
 #[test]
 fn inconsistent_parts_are_mismatches() {
     let map = KeyMap::from_toml(
