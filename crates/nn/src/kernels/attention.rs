@@ -9,8 +9,8 @@ use crate::MatmulPrecision;
 
 /// Queries of a tile, which are the lanes of vectors.
 pub(super) const QUERIES: usize = 64;
-/// Largest number of keys of a tile.
-const KEYS: usize = 256;
+/// Largest number of keys of a tile that the products of [`super::matrix`] work on.
+pub(super) const MATRIX_KEYS: usize = 256;
 /// The number of queries in a tile is rounded up to this.
 const LANES: usize = 16;
 
@@ -41,9 +41,10 @@ impl Sizes {
         self.scale() as f32
     }
 
-    /// Keys in a tile: a function of the number of keys alone, so that the order of sums does not depend on the queries.
-    pub(super) fn key_tile(&self) -> usize {
-        self.keys.div_ceil(self.keys.div_ceil(KEYS).max(1)).max(1)
+    /// Keys in a tile, at most `largest`: a function of the number of keys alone, so that the order of sums does not depend on the
+    /// queries.
+    pub(super) fn key_tile(&self, largest: usize) -> usize {
+        self.keys.div_ceil(self.keys.div_ceil(largest).max(1)).max(1)
     }
 }
 
@@ -164,9 +165,9 @@ pub(crate) struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
-    /// The tiles of keys of one head of a sample: the first key of each, and their number.
-    pub(super) fn key_tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let (tile, keys) = (self.sizes.key_tile(), self.sizes.keys);
+    /// The tiles of at most `largest` keys of one head of a sample: the first key of each, and their number.
+    pub(super) fn key_tiles(&self, largest: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (tile, keys) = (self.sizes.key_tile(largest), self.sizes.keys);
         (0..keys).step_by(tile).map(move |first| (first, tile.min(keys - first)))
     }
 }
@@ -222,7 +223,7 @@ impl Head {
         let values = |(first, count)| inputs.values.columns(sample, head, first, count, sizes);
         Self {
             keys: inputs.keys.rows(sample, head, 0, sizes.keys, sizes),
-            values: inputs.key_tiles().flat_map(values).collect(),
+            values: inputs.key_tiles(MATRIX_KEYS).flat_map(values).collect(),
         }
     }
 
@@ -234,7 +235,7 @@ impl Head {
             let (keys, values) = (Factor::left(keys, inputs.precision), Factor::left(values, inputs.precision));
             KeyTile { first, count, keys, values }
         };
-        inputs.key_tiles().map(tile).collect()
+        inputs.key_tiles(MATRIX_KEYS).map(tile).collect()
     }
 }
 
@@ -260,7 +261,7 @@ impl Scratch {
     fn new(sizes: &Sizes) -> Self {
         Self {
             queries: vec![0.0; sizes.head_width * QUERIES],
-            weights: vec![0.0; sizes.key_tile() * QUERIES],
+            weights: vec![0.0; sizes.key_tile(MATRIX_KEYS) * QUERIES],
             sums: vec![0.0; sizes.head_width * QUERIES],
             largest: vec![0.0; QUERIES],
             total: vec![0.0; QUERIES],

@@ -1,7 +1,7 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::attention::{Inputs, QUERIES, Sizes, Tile, Tokens};
+use super::attention::{Inputs, MATRIX_KEYS, QUERIES, Sizes, Tile, Tokens};
 use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
 
@@ -69,11 +69,11 @@ fn differentiate(
         .map(|first| Tile { sample, head, first, count: QUERIES.min(sizes.queries - first) })
         .map(|at| QueryTile::new(inputs, out, log_sums, &grad, at))
         .collect();
-    let tile = sizes.key_tile();
+    let tile = sizes.key_tile(MATRIX_KEYS);
     let mut weights = vec![0.0; tile * QUERIES];
     let mut slopes = vec![0.0; tile * QUERIES];
     let keys_of = gradients.keys.chunks_mut(tile * head_width).zip(gradients.values.chunks_mut(tile * head_width));
-    for ((first, count), (by_keys, by_values)) in inputs.key_tiles().zip(keys_of) {
+    for ((first, count), (by_keys, by_values)) in inputs.key_tiles(MATRIX_KEYS).zip(keys_of) {
         let [rows, values] =
             [&inputs.keys, &inputs.values].map(|tokens| tokens.rows(sample, head, first, count, sizes));
         let columns = inputs.keys.columns(sample, head, first, count, sizes);

@@ -11,7 +11,7 @@ const ROWS: usize = 4;
 /// Vectors of queries that are handled together.
 const VECTORS: usize = 2;
 /// Largest number of keys of a tile, whose weights stay in the first-level cache.
-const KEYS: usize = 128;
+const CACHED_KEYS: usize = 128;
 
 /// [`super::attention::forward`] in f32: logits, weights and their products with the values, for a few queries and a tile of keys
 /// at a time.
@@ -44,13 +44,11 @@ struct KeyTile {
     values: Vec<[f32; ROWS]>,
 }
 
-/// The tiles of keys; their size depends on the number of keys alone.
+/// The keys and values of one head, tile by tile.
 fn key_tiles(inputs: &Inputs<'_>, sample: usize, head: usize) -> Vec<KeyTile> {
     let sizes = &inputs.sizes;
     let width = sizes.head_width;
-    let tile = sizes.keys.div_ceil(sizes.keys.div_ceil(KEYS).max(1)).max(1);
-    let pack = |first: usize| {
-        let count = tile.min(sizes.keys - first);
+    let pack = |(first, count): (usize, usize)| {
         let mut keys = vec![[0.0; ROWS]; count.div_ceil(ROWS) * width];
         let mut values = vec![[0.0; ROWS]; width.div_ceil(ROWS) * count];
         for place in 0..count {
@@ -64,7 +62,7 @@ fn key_tiles(inputs: &Inputs<'_>, sample: usize, head: usize) -> Vec<KeyTile> {
         }
         KeyTile { count, keys, values }
     };
-    (0..sizes.keys).step_by(tile).map(pack).collect()
+    inputs.key_tiles(CACHED_KEYS).map(pack).collect()
 }
 
 /// Buffers for one tile of queries. Queries and sums are in groups of [`VECTORS`] vectors, and within a group by element, then
@@ -198,7 +196,7 @@ impl Scratch {
             buffer.clear();
             buffer.resize(elements * lanes, value);
         }
-        self.weights.resize(KEYS.next_multiple_of(ROWS) * lanes, 0.0);
+        self.weights.resize(CACHED_KEYS.next_multiple_of(ROWS) * lanes, 0.0);
         for (group, out) in self.queries.chunks_exact_mut(width * lanes).enumerate() {
             let first = group * lanes;
             let from = (at.sample, at.head, at.first + first);
