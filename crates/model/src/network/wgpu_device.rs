@@ -1,6 +1,6 @@
 //! Opens graphics adapters for burn by their number.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use atsplat_splat::gpu::{AdapterDescription, AdapterKind, adapters};
 use burn::backend::DispatchDevice;
@@ -9,31 +9,41 @@ use burn::tensor::{Device, DeviceKind};
 
 use super::splatting;
 
-/// The adapter that this process opened: burn opens a device once.
-static OPENED: OnceLock<Opened> = OnceLock::new();
+/// The adapter that this process opened: burn opens a device once. One that could not be opened leaves room for another.
+static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
 
 struct Opened {
     number: usize,
     adapter: AdapterDescription,
-    device: Result<Device, String>,
+    device: Device,
 }
 
 /// The adapter's device; a renderer shares it.
 pub(super) fn open(number: usize, adapter: AdapterDescription) -> Result<Device, String> {
-    let opened = OPENED.get_or_init(|| {
-        let device = started(number, &adapter);
-        Opened { number, adapter, device }
-    });
-    if opened.number == number {
-        return opened.device.clone();
+    let mut slot = opened();
+    match &*slot {
+        Some(opened) if opened.number == number => Ok(opened.device.clone()),
+        Some(Opened { number: before, .. }) => {
+            Err(format!("expected adapter {before}, which this process opened before, found {number}"))
+        }
+        None => {
+            let device = started(number, &adapter)?;
+            *slot = Some(Opened { number, adapter, device: device.clone() });
+            Ok(device)
+        }
     }
-    Err(format!("expected adapter {}, which this process opened before, found {number}", opened.number))
 }
 
 /// The adapter of a device; `None` for the CPU.
 pub(super) fn adapter_of(device: &Device) -> Option<AdapterDescription> {
-    let is_opened = matches!(device.as_dispatch(), DispatchDevice::Cube(_));
-    OPENED.get().filter(|_| is_opened).map(|opened| opened.adapter.clone())
+    if !matches!(device.as_dispatch(), DispatchDevice::Cube(_)) {
+        return None;
+    }
+    opened().as_ref().map(|opened| opened.adapter.clone())
+}
+
+fn opened() -> MutexGuard<'static, Option<Opened>> {
+    OPENED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn started(number: usize, expected: &AdapterDescription) -> Result<Device, String> {
@@ -71,4 +81,29 @@ fn check(setup: &WgpuSetup, expected: &AdapterDescription) -> Result<(), String>
         return Ok(());
     }
     Err(format!("expected the adapter {expected}, {}, found {}, {}", expected.driver, info.name, driver.trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// No adapter has such an interface.
+    #[test]
+    fn an_adapter_that_cannot_be_opened_does_not_stand_for_the_next_one() {
+        let adapter = AdapterDescription {
+            name: "a card".to_owned(),
+            backend: "Glide".to_owned(),
+            kind: AdapterKind::Discrete,
+            driver: "a driver".to_owned(),
+            largest_binding: 0,
+            largest_buffer: 0,
+            storage_buffers: 0,
+            workgroups: 0,
+            timestamps: false,
+        };
+        for number in [1, 0] {
+            let error = open(number, adapter.clone()).unwrap_err();
+            assert_eq!(error, "expected Vulkan, Metal, Dx12 or Gl, found Glide", "adapter {number}");
+        }
+    }
 }
