@@ -64,9 +64,10 @@ impl Expansion {
         let scores = self.scores(&tokens.features, scoring);
         let mut selected = Vec::with_capacity(scenes);
         let score_values = scores.clone().map(f32_values);
-        let anchor_values = tokens.place.anchors().cloned().map(f32_values);
+        let anchors = tokens.place.anchors().filter(|_| config.selection.needs_anchors());
+        let anchor_values = anchors.cloned().map(f32_values);
         for scene in 0..scenes {
-            // Empty for selections without scores and designs without anchors.
+            // Empty for selections that need none.
             let of_scene = |all: &'_ Option<Vec<f32>>, length: usize| {
                 all.as_ref().map(|all| all[scene * length..(scene + 1) * length].to_vec()).unwrap_or_default()
             };

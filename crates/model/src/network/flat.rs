@@ -35,7 +35,7 @@ impl Network {
     pub fn with_flat(self, values: Tensor<1>) -> Self {
         let trained = trained(&self);
         let mut fill = Fill { path: ModulePath::default(), trained, values: values.inner(), next: 0 };
-        let filled = self.map(&mut fill);
+        let filled = self.map(&mut fill).with_other_weights();
         assert_eq!([fill.next], fill.values.dims(), "trained values");
         filled
     }

@@ -1,12 +1,14 @@
 //! The network on burn's tensors, in the parts of the paper: coarse branch, anchors, fine branch, decoder with expansion,
 //! Gaussian head. `oracle/reference.py` implements the same in PyTorch, and tests compare the two stage by stage.
 //!
-//! [`Network::reconstruct`] returns plain numbers for one scene. [`Network::forward`] returns tensors, for training.
+//! [`Network::reconstruct`] returns plain numbers for one scene, with the time of each stage. [`Network::forward`] returns tensors, for
+//! training.
 
 mod anchors;
 mod bicubic;
 mod coarse;
 mod dinov2;
+mod encoder;
 mod expansion;
 mod fine;
 mod flat;
@@ -25,8 +27,10 @@ mod views;
 #[cfg(feature = "gpu-network")]
 mod wgpu_device;
 
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use atsplat_files::Sha256Digest;
 use atsplat_splat::gpu::AdapterDescription;
 use burn::Tensor;
 use burn::module::Module;
@@ -68,6 +72,9 @@ pub struct Network {
     /// Size of the images that its weights were trained on.
     #[module(skip)]
     trained_at: Option<ImageSize>,
+    /// The hash of the weights before the decoder, once it was asked for.
+    #[module(skip)]
+    encoder_sha256: Arc<OnceLock<Sha256Digest>>,
 }
 
 /// Output of the network for a batch of scenes, as tensors with gradients.
@@ -83,8 +90,6 @@ pub struct Forward {
     pub initial: Tokens,
     /// Output of each block.
     pub blocks: Vec<BlockTrace>,
-    /// Wall-clock seconds of each stage.
-    pub seconds: StageSeconds,
 }
 
 /// Everything before the decoder, for a batch of scenes.
@@ -93,7 +98,6 @@ struct Encoding {
     coarse: CoarseStages,
     fine: Tensor<3>,
     initial: Tokens,
-    seconds: StageSeconds,
 }
 
 /// Output of one block of the decoder.
@@ -151,6 +155,7 @@ impl Network {
             head: builder.head(config.head.gaussians_per_token * channels),
             config: config.clone(),
             trained_at: None,
+            encoder_sha256: Arc::default(),
         })
     }
 
@@ -217,14 +222,15 @@ impl Network {
     /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the images;
     /// [`ModelError::NonFinite`] for rays beyond the range of f32.
     pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
-        self.decode(self.encode(scenes)?, call_seed)
+        self.decode(self.encode(scenes, None)?, call_seed, None)
     }
 
-    /// The part of [`Self::forward`] before the decoder, which does not depend on token expansion.
+    /// The part of [`Self::forward`] before the decoder, which does not depend on token expansion. Its stages are timed if there are
+    /// `seconds` to add to.
     ///
     /// # Errors
     /// As [`Self::forward`], except for those of expansion.
-    fn encode(&self, scenes: &[Views]) -> Result<Encoding, ModelError> {
+    fn encode(&self, scenes: &[Views], seconds: Option<&mut StageSeconds>) -> Result<Encoding, ModelError> {
         let (config, device) = (&self.config, &self.device());
         let first =
             scenes.first().ok_or_else(|| ModelError::malformed("model input", "scenes", "at least one", "none"))?;
@@ -235,34 +241,47 @@ impl Network {
             return Err(ModelError::malformed("model input", "scenes", expected, found));
         }
         let (grid, fine_grid) = (config.coarse_grid(size)?, config.fine_grid(size)?);
-        let mut seconds = StageSeconds::default();
+        let mut clock = StageClock { device, seconds };
         let smaller = |factor: usize| scenes.iter().map(|views| views.smaller(factor)).collect::<Vec<Views>>();
 
         let coarse_scenes = smaller(config.coarse.image_downscale);
-        let coarse = timed(&mut seconds.coarse, device, || {
-            self.coarse.forward(&self.backbone, &coarse_scenes, config.coarse.patch_size, grid, device)
-        })?;
-        let initial = timed(&mut seconds.anchors, device, || {
-            self.anchors.forward(config, &coarse_scenes, coarse.features.clone(), grid, device)
-        })?;
-        let fine = timed(&mut seconds.fine, device, || {
-            let features = self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
-            let dim = config.transformer.dim;
-            let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
-            let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
-            Ok::<_, ModelError>((features + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
-        })?;
-        Ok(Encoding { coarse, fine, initial, seconds })
+        let coarse = clock.time(
+            |seconds| &mut seconds.coarse,
+            || self.coarse.forward(&self.backbone, &coarse_scenes, config.coarse.patch_size, grid, device),
+        )?;
+        let initial = clock.time(
+            |seconds| &mut seconds.anchors,
+            || self.anchors.forward(config, &coarse_scenes, coarse.features.clone(), grid, device),
+        )?;
+        let fine = clock.time(
+            |seconds| &mut seconds.fine,
+            || {
+                let features =
+                    self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
+                let dim = config.transformer.dim;
+                let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
+                let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
+                Ok::<_, ModelError>((features + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
+            },
+        )?;
+        Ok(Encoding { coarse, fine, initial })
     }
 
     /// The part of [`Self::forward`] after [`Self::encode`].
-    fn decode(&self, encoding: Encoding, call_seed: u64) -> Result<Forward, ModelError> {
+    fn decode(
+        &self,
+        encoding: Encoding,
+        call_seed: u64,
+        seconds: Option<&mut StageSeconds>,
+    ) -> Result<Forward, ModelError> {
         let device = &self.device();
-        let Encoding { coarse, fine, initial, mut seconds } = encoding;
-        let blocks = timed(&mut seconds.decoder, device, || self.blocks(initial.clone(), &fine, call_seed, device))?;
+        let mut clock = StageClock { device, seconds };
+        let Encoding { coarse, fine, initial } = encoding;
+        let blocks =
+            clock.time(|seconds| &mut seconds.decoder, || self.blocks(initial.clone(), &fine, call_seed, device))?;
         let last = blocks.last().map_or(&initial, |block| &block.tokens);
-        let gaussians = timed(&mut seconds.head, device, || self.gaussians(last));
-        Ok(Forward { gaussians, coarse, fine, initial, blocks, seconds })
+        let gaussians = clock.time(|seconds| &mut seconds.head, || self.gaussians(last));
+        Ok(Forward { gaussians, coarse, fine, initial, blocks })
     }
 
     /// The backbone's features of each view, `[views, patches, channels]` flattened. Those of a frozen backbone never change,
@@ -323,14 +342,23 @@ impl Network {
     }
 }
 
-/// Adds the seconds of `work` and of the device's queue.
-fn timed<T>(seconds: &mut f64, device: &Device, work: impl FnOnce() -> T) -> T {
-    let start = Instant::now();
-    let result = work();
-    // A failure of the device is reported again when the result is read.
-    device.sync().ok();
-    *seconds += start.elapsed().as_secs_f64();
-    result
+/// Takes the time of stages, if it has somewhere to add it. A training step has not: it would wait for its device after each stage.
+struct StageClock<'a> {
+    device: &'a Device,
+    seconds: Option<&'a mut StageSeconds>,
+}
+
+impl StageClock<'_> {
+    /// Does the work of a stage, and adds its seconds and those of the device's queue.
+    fn time<T>(&mut self, stage: fn(&mut StageSeconds) -> &mut f64, work: impl FnOnce() -> T) -> T {
+        let Some(seconds) = self.seconds.as_deref_mut() else { return work() };
+        let start = Instant::now();
+        let result = work();
+        // A failure of the device is reported again when the result is read.
+        self.device.sync().ok();
+        *stage(seconds) += start.elapsed().as_secs_f64();
+        result
+    }
 }
 
 #[cfg(test)]

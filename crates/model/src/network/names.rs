@@ -74,7 +74,7 @@ impl Network {
     /// returned.
     pub fn with_weights(self, weights: &StoredTensors) -> Result<Self, ModelError> {
         let mut load = WeightLoader { path: ModulePath::default(), weights, error: None };
-        let loaded = self.map(&mut load);
+        let loaded = self.map(&mut load).with_other_weights();
         load.error.map_or(Ok(loaded), Err)
     }
 

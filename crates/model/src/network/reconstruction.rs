@@ -4,6 +4,7 @@ use atsplat_nn::f32_values;
 use atsplat_splat::Gaussians;
 use serde::Serialize;
 
+use super::encoder::Encoder;
 use super::{Encoding, Forward, Network, StageSeconds, Tokens, Views};
 use crate::budget::{Budget, MemoryEstimate, memory};
 use crate::config::BlockConfig;
@@ -52,12 +53,26 @@ impl Reconstruction {
 }
 
 /// Everything before token expansion of one scene: the same for networks with the same weights that differ in expansion alone
-/// ([`ModelConfig::encodes_like`](crate::ModelConfig::encodes_like)).
+/// ([`ModelConfig::encodes_like`](crate::ModelConfig::encodes_like)), and of use for no others.
 #[derive(Clone, Debug)]
 pub struct EncodedScene {
+    encoded: Encoded,
+    encoder: Encoder,
+}
+
+/// The encoding of one scene, and what a reconstruction says about it.
+#[derive(Clone, Debug)]
+pub(super) struct Encoded {
     pub(super) encoding: Encoding,
-    pub(super) views: usize,
-    pub(super) input_size: ImageSize,
+    pub(super) input: EncodedInput,
+}
+
+/// What was encoded, and in which time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct EncodedInput {
+    views: usize,
+    size: ImageSize,
+    pub(super) seconds: StageSeconds,
 }
 
 impl Network {
@@ -68,7 +83,7 @@ impl Network {
     /// As [`Network::forward`]; [`ModelError::NonFinite`] if a Gaussian is NaN or infinite, which only extreme weights or
     /// poses cause.
     pub fn reconstruct(&self, views: &Views, call_seed: u64) -> Result<Reconstruction, ModelError> {
-        self.reconstruct_encoded(self.encode_scene(views)?, call_seed)
+        self.reconstructed(self.encoded(views)?, call_seed)
     }
 
     /// The part of [`Self::reconstruct`] that does not depend on token expansion.
@@ -76,18 +91,35 @@ impl Network {
     /// # Errors
     /// As [`Network::forward`].
     pub fn encode_scene(&self, views: &Views) -> Result<EncodedScene, ModelError> {
-        let views = &*self.resized_input(views);
-        let encoding = self.encode(std::slice::from_ref(views))?;
-        Ok(EncodedScene { encoding, views: views.len(), input_size: views.size() })
+        Ok(EncodedScene { encoded: self.encoded(views)?, encoder: self.encoder() })
     }
 
     /// [`Self::reconstruct`] of an encoded scene; its seconds of the first stages are those of [`Self::encode_scene`].
     ///
     /// # Errors
-    /// As [`Self::reconstruct`].
+    /// As [`Self::reconstruct`]; [`ModelError::Malformed`] for a scene that a network with another encoder has encoded.
     pub fn reconstruct_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Reconstruction, ModelError> {
-        let EncodedScene { encoding, views, input_size } = scene;
-        self.reconstruction(&self.decode(encoding, call_seed)?, views, input_size)
+        self.reconstructed(self.own(scene)?, call_seed)
+    }
+
+    fn reconstructed(&self, encoded: Encoded, call_seed: u64) -> Result<Reconstruction, ModelError> {
+        let Encoded { encoding, mut input } = encoded;
+        let forward = self.decode(encoding, call_seed, Some(&mut input.seconds))?;
+        self.reconstruction(&forward, &input)
+    }
+
+    /// The encoding of one scene, whose images are resized first.
+    pub(super) fn encoded(&self, views: &Views) -> Result<Encoded, ModelError> {
+        let views = &*self.resized_input(views);
+        let mut seconds = StageSeconds::default();
+        let encoding = self.encode(std::slice::from_ref(views), Some(&mut seconds))?;
+        Ok(Encoded { encoding, input: EncodedInput { views: views.len(), size: views.size(), seconds } })
+    }
+
+    /// The encoding of a scene, unless another encoder made it.
+    pub(super) fn own(&self, scene: EncodedScene) -> Result<Encoded, ModelError> {
+        self.check_encoder(&scene.encoder)?;
+        Ok(scene.encoded)
     }
 
     /// Predicted uncertainty of the tokens that enter each block that expands by score, as in [`BlockOutcome::scores`]. Nothing
@@ -97,7 +129,7 @@ impl Network {
     /// As [`Network::forward`].
     pub fn scores(&self, views: &Views, call_seed: u64) -> Result<Vec<Vec<f32>>, ModelError> {
         let device = &self.device();
-        let Encoding { fine, initial: mut tokens, .. } = self.encode_scene(views)?.encoding;
+        let Encoding { fine, initial: mut tokens, .. } = self.encoded(views)?.encoding;
         let expanding = |block: &BlockConfig| block.active_expansion().is_some();
         let Some(last) = self.config().decoder.blocks.iter().rposition(expanding) else { return Ok(Vec::new()) };
         let mut scores = Vec::new();
@@ -119,12 +151,8 @@ impl Network {
     }
 
     /// The output of a forward pass of one scene as plain numbers.
-    pub(super) fn reconstruction(
-        &self,
-        forward: &Forward,
-        views: usize,
-        input_size: ImageSize,
-    ) -> Result<Reconstruction, ModelError> {
+    pub(super) fn reconstruction(&self, forward: &Forward, input: &EncodedInput) -> Result<Reconstruction, ModelError> {
+        let EncodedInput { views, size: input_size, seconds } = *input;
         let config = self.config();
         let gaussians = forward.gaussians.finite_scene(0)?;
         let Tokens { features, place } = &forward.initial;
@@ -138,7 +166,7 @@ impl Network {
             blocks,
             input_size,
             budget: Budget::from_selections(config, initial_tokens, &expanded)?,
-            seconds: forward.seconds,
+            seconds,
             memory: memory(config, views, input_size)?,
         })
     }

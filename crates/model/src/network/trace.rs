@@ -1,5 +1,6 @@
 use atsplat_splat::Gaussians;
 
+use super::reconstruction::Encoded;
 use super::{EncodedScene, Forward, Network, Reconstruction, Views};
 use crate::ModelError;
 
@@ -25,22 +26,26 @@ impl Network {
     /// # Errors
     /// As [`Network::reconstruct`]; intermediate Gaussians must be finite too.
     pub fn trace(&self, views: &Views, call_seed: u64) -> Result<Trace, ModelError> {
-        self.trace_encoded(self.encode_scene(views)?, call_seed)
+        self.traced(self.encoded(views)?, call_seed)
     }
 
     /// [`Self::trace`] of an encoded scene.
     ///
     /// # Errors
-    /// As [`Self::trace`].
+    /// As [`Self::trace`]; [`ModelError::Malformed`] for a scene that a network with another encoder has encoded.
     pub fn trace_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Trace, ModelError> {
-        let EncodedScene { encoding, views, input_size } = scene;
-        let forward = self.decode(encoding, call_seed)?;
+        self.traced(self.own(scene)?, call_seed)
+    }
+
+    fn traced(&self, encoded: Encoded, call_seed: u64) -> Result<Trace, ModelError> {
+        let Encoded { encoding, mut input } = encoded;
+        let forward = self.decode(encoding, call_seed, Some(&mut input.seconds))?;
         let Forward { initial, blocks, .. } = &forward;
         let last = blocks.len().saturating_sub(1);
         let entered = std::iter::once(initial).chain(blocks.iter().take(last).map(|block| &block.tokens));
         let entering = entered.take(blocks.len()).map(|tokens| self.gaussians(tokens).finite_scene(0));
         let entering = entering.collect::<Result<_, _>>()?;
-        Ok(Trace { reconstruction: self.reconstruction(&forward, views, input_size)?, entering })
+        Ok(Trace { reconstruction: self.reconstruction(&forward, &input)?, entering })
     }
 
     /// The same weights with expansion only in the first `blocks` of the expanding blocks
