@@ -6,16 +6,20 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::network::{MatmulPrecision, Network, Views};
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_splat::cpu;
 
 use crate::TrainError;
 use crate::config::WHAT;
 use crate::samples::PosedImages;
 
+/// The version of the computation of features, to be raised whenever a bit of them changes.
+const COMPUTATION: u32 = 1;
 const FEATURES: &str = "features";
 const DIGEST: &str = "tensors-sha256";
 
 /// A folder with one file per image, named by everything that features depend on: the backbone with its weights, the precision
-/// of its products, and the image with its size. An incomplete file is computed again. Several runs may share a folder.
+/// of its products, the type of processor, the version of the computation, and the image with its size. An incomplete file is computed
+/// again. Several runs may share a folder.
 #[derive(Debug)]
 pub struct FeatureCache {
     folder: PathBuf,
@@ -37,13 +41,7 @@ impl FeatureCache {
             let found = format!("{:?}", config.backbone);
             return Err(TrainError::malformed(WHAT, "model.feature-cache", "a frozen backbone", found));
         }
-        let (backbone, coarse) = (&config.backbone, &config.coarse);
-        let mut identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
-        // Earlier versions named the folders of all precisions in this way.
-        if precision != MatmulPrecision::F32 {
-            identity.push(' ');
-            identity.push_str(precision.name());
-        }
+        let identity = identity(config, frozen, precision, &cpu::processor());
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
         std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;
         Ok(Self { folder })
@@ -74,6 +72,13 @@ impl FeatureCache {
     }
 }
 
+/// What features of an image depend on.
+fn identity(config: &ModelConfig, frozen: &StoredTensors, precision: MatmulPrecision, processor: &str) -> String {
+    let (backbone, coarse, weights, precision) = (&config.backbone, &config.coarse, frozen.digest(), precision.name());
+    let (patch_size, downscale) = (coarse.patch_size, coarse.image_downscale);
+    format!("{COMPUTATION} {weights} {backbone:?} {patch_size} {downscale} {precision} {processor}")
+}
+
 fn write(path: &Path, features: &[f32]) -> Result<(), TrainError> {
     let tensor = StoredTensor::from_f32(vec![features.len()], features)?;
     let mut stored = StoredTensors::default();
@@ -93,4 +98,20 @@ fn key(size: ImageSize, image: &[f32]) -> String {
     let mut bytes = size.to_string().into_bytes();
     bytes.extend(image.iter().flat_map(|value| value.to_le_bytes()));
     Sha256Digest::of(&bytes).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Products have other bits on other processors, and in other precisions.
+    #[test]
+    fn processors_and_precisions_have_features_of_their_own() {
+        let (config, frozen) = (ModelConfig::named("paper-re10k").unwrap(), StoredTensors::default());
+        let of = |precision, processor| identity(&config, &frozen, precision, processor);
+        let first = of(MatmulPrecision::F32, "a processor");
+        assert_eq!(first, of(MatmulPrecision::F32, "a processor"));
+        assert_ne!(first, of(MatmulPrecision::F32, "another"));
+        assert_ne!(first, of(MatmulPrecision::Bf16, "a processor"));
+    }
 }

@@ -19,7 +19,8 @@ pub struct ModelChoice {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PathBuf>,
     /// Folder that caches the frozen backbone's features, so that each image goes through it once. It grows with every new
-    /// image drawn: at 256×256 with ViT-B, by 0.8 MB each.
+    /// image drawn: at 256×256 with ViT-B, by 0.8 MB each. Other types of processor, and versions that compute features in another
+    /// way, have files of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feature_cache: Option<PathBuf>,
     /// Fields of the model's configuration to be changed.
