@@ -51,6 +51,9 @@ use crate::exit::{Exit, WithStrict, done};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
+/// The commit of this program, or a hash of its sources.
+const COMMIT: Option<&str> = option_env!("ATSPLAT_COMMIT");
+
 /// The heading of options that every command has.
 const EVERYWHERE: &str = "Every command";
 
@@ -204,5 +207,5 @@ fn provenance() -> Provenance {
         let name = Path::new(binary).file_name().map(|name| name.to_string_lossy().into_owned());
         *binary = name.unwrap_or_else(|| "atsplat".to_owned());
     }
-    atsplat_eval::runner::current_provenance(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command)
+    atsplat_eval::runner::current_provenance(env!("CARGO_PKG_VERSION"), COMMIT, command)
 }

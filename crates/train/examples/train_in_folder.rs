@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let processor: Processor = processor.first().map_or(Ok(Processor::Cpu), |name| name.parse())?;
     let folder = Path::new(folder);
     let start = if folder.exists() { Start::Resume } else { Start::Fresh };
-    let mut trainer = Trainer::on(processor, TrainConfig::read(Path::new(config))?, folder, &start)?;
+    let mut trainer = Trainer::on(processor, None, TrainConfig::read(Path::new(config))?, folder, &start)?;
     let limits = Limits { steps: Some(steps.parse()?), ..Limits::default() };
     let finished = trainer.run(limits, &mut |event| {
         if let Event::Step(step) = event {

@@ -8,13 +8,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::entries_if_exists;
-use atsplat_model::weights::TensorFile;
+use atsplat_model::weights::{StoredTensors, TensorError, TensorFile};
 
 pub use file::CheckpointFile;
 use settings::check_settings;
 pub(crate) use settings::{ChangedSettings, MovedData};
 pub use state::{InitialWeights, State};
-use state::{ReadBackbone, WHAT};
+use state::{ReadBackbone, WHAT, check_digests};
 
 use crate::parameters::Parameters;
 use crate::{Resolved, TrainConfig, TrainError};
@@ -35,7 +35,7 @@ pub struct Checkpoints {
 pub(crate) struct Found {
     /// Its state.
     pub(crate) state: State,
-    /// A message for each newer checkpoint that cannot be read.
+    /// A message for each newer checkpoint, all of which are damaged.
     pub(crate) skipped: Vec<String>,
     /// Settings that have changed since, without changing the run.
     pub(crate) changed: Option<ChangedSettings>,
@@ -89,12 +89,12 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// The newest readable state; `None` if there is no checkpoint. Trained parameters are those that `fresh` has, and frozen weights
-    /// that a checkpoint does not contain are those of `backbone`.
+    /// The newest state whose file is not damaged; `None` if there is no checkpoint. Trained parameters are those that `fresh` has, and
+    /// frozen weights that a checkpoint does not contain are those of `backbone`.
     ///
     /// # Errors
-    /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read, and of any whose configuration resolved
-    /// to something else.
+    /// [`TrainError`] of the newest checkpoint if all are damaged; of the newest intact one if the run cannot go on from it, because
+    /// the next checkpoint after an older one would remove it; [`TrainError::Tensors`] if a file cannot be read.
     pub(crate) fn read(
         &self,
         config: &TrainConfig,
@@ -103,25 +103,22 @@ impl Checkpoints {
     ) -> Result<Option<Found>, TrainError> {
         let (mut skipped, mut first) = (Vec::new(), None);
         for path in self.all()?.into_values().rev() {
-            let read = match TensorFile::open(&path) {
-                Ok(file) => {
-                    // Not a reason to go on from an older checkpoint, whose version may not have stated it.
-                    self.resolved.check(&file.stored).map_err(|error| {
-                        // A changed setting says more than the hash that it changes.
-                        let settings = check_settings(&file.stored, config).err();
-                        settings.map_or(error, |settings| settings.in_file(&path))
-                    })?;
-                    State::from_stored(&file.stored, config, fresh, backbone).map_err(|error| error.in_file(&path))
+            let stored = match intact(&path)? {
+                Ok(stored) => stored,
+                Err(damage) => {
+                    skipped.push(damage.to_string());
+                    first.get_or_insert(damage);
+                    continue;
                 }
-                Err(error) => Err(error.into()),
             };
-            match read {
-                Ok((state, changed)) => return Ok(Some(Found { state, skipped, changed })),
-                Err(error) => {
-                    skipped.push(error.to_string());
-                    first.get_or_insert(error);
-                }
-            }
+            self.resolved.check(&stored).map_err(|error| {
+                // A changed setting says more than the hash that it changes.
+                let settings = check_settings(&stored, config).err();
+                settings.map_or(error, |settings| settings.in_file(&path))
+            })?;
+            let state = State::from_stored(&stored, config, fresh, backbone);
+            let (state, changed) = state.map_err(|error| error.in_file(&path))?;
+            return Ok(Some(Found { state, skipped, changed }));
         }
         first.map_or(Ok(None), Err)
     }
@@ -134,6 +131,21 @@ impl Checkpoints {
     /// All checkpoints by their steps.
     fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
         all_in(&self.folder)
+    }
+}
+
+/// What a checkpoint contains, or how it is damaged.
+///
+/// # Errors
+/// [`TrainError::Tensors`] if it cannot be read: it may be intact.
+fn intact(path: &Path) -> Result<Result<StoredTensors, TrainError>, TrainError> {
+    match TensorFile::open(path) {
+        Ok(TensorFile { stored, .. }) => {
+            let checked = check_digests(&stored).map_err(|error| error.in_file(path));
+            Ok(checked.map(|()| stored))
+        }
+        Err(damage @ TensorError::InFile { .. }) => Ok(Err(damage.into())),
+        Err(error) => Err(error.into()),
     }
 }
 
@@ -185,6 +197,45 @@ mod tests {
             let found = checkpoints.read(&config, &with_one_number(0, 1.0).parameters, &backbone).unwrap();
             let Found { state, skipped, changed } = found.unwrap();
             assert_eq!((state.step, skipped.len(), changed), (600, 0, None));
+        }
+    }
+
+    /// A run that went on from the older one would remove the newer one.
+    #[test]
+    fn only_a_damaged_checkpoint_is_skipped() {
+        let (folder, config) = (tempfile::tempdir().unwrap(), TrainConfig::shortest());
+        let checkpoints = Checkpoints::new(folder.path(), 2, Resolved::default());
+        checkpoints.write(&with_one_number(400, 1.0), &config).unwrap();
+        let newer = checkpoints.write(&with_one_number(500, 1.0), &config).unwrap();
+        let whole = std::fs::read(&newer).unwrap();
+        let read = || {
+            let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
+            let found = checkpoints.read(&config, &with_one_number(0, 1.0).parameters, &backbone);
+            found.map(|found| found.map(|found| (found.state.step, found.skipped.len())))
+        };
+        assert_eq!(read().unwrap(), Some((500, 0)));
+        std::fs::write(&newer, &whole[..whole.len() - 1]).unwrap();
+        assert_eq!(read().unwrap(), Some((400, 1)), "cut short");
+        let mut flipped = whole.clone();
+        *flipped.last_mut().unwrap() ^= 1;
+        std::fs::write(&newer, flipped).unwrap();
+        assert_eq!(read().unwrap(), Some((400, 1)), "another bit");
+
+        let other = TrainConfig { clip: 2.0, ..config.clone() };
+        checkpoints.write(&with_one_number(500, 1.0), &other).unwrap();
+        let error = read().unwrap_err().to_string();
+        assert!(error.contains("step-00000500.safetensors") && error.contains("other settings: clip"), "{error}");
+        // For which a folder stands here: what cannot be read may be intact.
+        std::fs::remove_file(&newer).unwrap();
+        std::fs::create_dir(&newer).unwrap();
+        let error = read().unwrap_err();
+        assert!(matches!(error, TrainError::Tensors(TensorError::Missing { .. })), "{error}");
+        #[cfg(unix)]
+        {
+            std::fs::remove_dir(&newer).unwrap();
+            std::os::unix::fs::symlink(folder.path().join("absent"), &newer).unwrap();
+            let error = read().unwrap_err();
+            assert!(matches!(error, TrainError::Tensors(TensorError::Io(_))), "{error}");
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`, which one process at a time
 //! writes (`run.lock`). A step depends on the configuration and the step number alone, so a resumed run ends bit for bit like an
-//! uninterrupted one, on any number of threads; on another type of processor it may differ in the last bits, and says so.
+//! uninterrupted one, on any number of threads; on another type of processor, with another driver of its adapter or another build of the
+//! program, it may differ in the last bits, and says so.
 
 mod checkpoint;
 mod config;

@@ -46,9 +46,9 @@ pub(crate) fn provenance(
     ];
     let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
     provenance.extend(identities);
-    if let Some(adapter) = &state.adapter {
-        provenance.insert("adapter".to_owned(), adapter.clone());
-    }
+    let computed_by = [("adapter", &state.adapter), ("builds", &state.builds)];
+    let computed_by = computed_by.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value.clone()?)));
+    provenance.extend(computed_by);
     let data = match &state.initial_weights {
         None => vec![("data", samples)],
         Some(InitialWeights { data: Some(before), .. }) => vec![("data", training_data::continued(&samples, before))],

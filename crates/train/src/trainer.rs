@@ -1,5 +1,6 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
+mod computed_by;
 mod initial_weights;
 mod open;
 mod sample_check;
@@ -106,17 +107,24 @@ impl Trainer {
     /// [`TrainError`] if anything that the run needs is missing or malformed, and [`TrainError::InUse`] if another process trains in
     /// the folder; all of it is checked before long work starts.
     pub fn new(config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
-        Self::on(Processor::Cpu, config, folder, start)
+        Self::on(Processor::Cpu, None, config, folder, start)
     }
 
     /// [`Self::new`] with network, renderer, losses and optimiser on this processor; the evaluation's renders are the CPU's. On a
     /// graphics adapter, groups of samples run one after the other, images and weights stay there, and steps are not those of the
-    /// CPU bit for bit.
+    /// CPU bit for bit. Checkpoints and weights record the program's version and its `commit`, if that is known.
     ///
     /// # Errors
     /// As [`Self::new`]; [`TrainError::Model`] if the processor cannot be opened or does not render, [`TrainError::Malformed`] if
-    /// the resumed run was computed on another one, and for matrix products in bfloat16 on an adapter.
-    pub fn on(processor: Processor, config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
+    /// the resumed run was computed on another adapter, or on the CPU instead of one, and for matrix products in bfloat16 on an
+    /// adapter.
+    pub fn on(
+        processor: Processor,
+        commit: Option<&str>,
+        config: TrainConfig,
+        folder: &Path,
+        start: &Start,
+    ) -> Result<Self, TrainError> {
         processor.check_build()?;
         if config.matmul_precision != MatmulPrecision::F32 && processor != Processor::Cpu {
             let expected = "f32 on a graphics adapter";
@@ -128,7 +136,7 @@ impl Trainer {
         start::require_windows(&config, start)?;
         // The sources count what is wrong with their data.
         let samples = Box::new(config.samples(&mut Warnings::new())?);
-        Self::open(processor, config, samples, folder, start)
+        Self::open((processor, commit), config, samples, folder, start)
     }
 
     /// [`Self::new`] on samples of another source.
@@ -141,7 +149,7 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
-        Self::open(Processor::Cpu, config, samples, folder, start)
+        Self::open((Processor::Cpu, None), config, samples, folder, start)
     }
 
     /// The state after the last step; on a graphics adapter, weights, moments and averages are those before this call's first step

@@ -65,7 +65,7 @@ keep = 2
 static ADAPTER: Mutex<()> = Mutex::new(());
 
 fn train(folder: &Path, processor: Processor, start: &Start, limit: u64) -> (Trainer, Vec<StepRecord>) {
-    let mut trainer = Trainer::on(processor, TrainConfig::from_toml(TINY).unwrap(), folder, start).unwrap();
+    let mut trainer = Trainer::on(processor, None, TrainConfig::from_toml(TINY).unwrap(), folder, start).unwrap();
     let mut records = Vec::new();
     let limits = Limits { steps: Some(limit), ..Limits::default() };
     trainer
@@ -111,7 +111,7 @@ fn steps_on_an_adapter_are_those_of_the_cpu_and_resume() {
     WEIGHTS.assert(numbers(found.0.clone()), numbers(expected.0.clone()), "weights");
     WEIGHTS.assert(numbers(found.1), numbers(expected.1), "averages");
     let fresh =
-        Trainer::on(Processor::Cpu, TrainConfig::from_toml(TINY).unwrap(), &at("fresh"), &Start::Fresh).unwrap();
+        Trainer::on(Processor::Cpu, None, TrainConfig::from_toml(TINY).unwrap(), &at("fresh"), &Start::Fresh).unwrap();
     let mut moved = fresh.state().parameters.values().concat().into_iter().zip(&found.0).map(|(a, b)| (a - b).abs());
     assert!(moved.any(|by| by > 1e-3), "weights move");
 
@@ -135,7 +135,7 @@ fn launches_of_a_step_on_an_adapter_do_not_grow_with_the_batch() {
         config.batch = NonZeroUsize::new(batch).unwrap();
         config.micro_batch = config.batch;
         let at = folder.path().join(batch.to_string());
-        let mut trainer = Trainer::on(processor, config, &at, &Start::Fresh).unwrap();
+        let mut trainer = Trainer::on(processor, None, config, &at, &Start::Fresh).unwrap();
         // Lists of tiles have learnt their lengths.
         trainer.run(Limits { steps: Some(2), ..Limits::default() }, &mut |_| ()).unwrap();
         let before = processor.rendering_counts().unwrap();

@@ -11,6 +11,7 @@ use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_results::store::PROVENANCE;
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, logs};
 
+use crate::COMMIT;
 use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::paths::PendingFile;
@@ -71,7 +72,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         bail!("--out {}: expected a folder for this run only, found results of evaluations", args.out.display());
     }
     let steps = config.steps.get();
-    let trainer = Trainer::on(args.device.processor, config, &args.out, &start);
+    let trainer = Trainer::on(args.device.processor, COMMIT, config, &args.out, &start);
     let mut trainer = trainer.map_err(|error| error.in_configuration(&args.config))?;
     let last = args.steps.map_or(steps, |most| most.min(steps));
     let held_out = trainer.config().is_evaluation_held_out(trainer.state().initial_weights.as_ref());

@@ -124,6 +124,8 @@ fn a_run_writes_all_its_outputs() {
     }
     let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
     assert!(message.contains("rooms train 0 to 0 at 32x32"), "{message}");
+    // The version, and in parentheses the commit.
+    assert!(message.contains(&format!("builds = {} (", env!("CARGO_PKG_VERSION"))), "{message}");
     let again = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
     assert_eq!(again.code, 1);
     let advice = "out: expected no run; choose another folder, or `--resume`, found one with checkpoints";

@@ -30,7 +30,7 @@ const PROVENANCE_PREFIX: &str = "atsplat.provenance.";
 pub struct ModelWeights {
     /// Configuration of the network.
     pub config: ModelConfig,
-    /// How the weights were made: data, steps, seed, commit, command and others.
+    /// How the weights were made: data, steps, seed, configuration, the builds that trained them with their commits, and others.
     pub provenance: BTreeMap<String, String>,
     /// Every parameter of the network, in the element types of the file, without metadata.
     pub tensors: StoredTensors,

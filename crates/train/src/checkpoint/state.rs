@@ -22,6 +22,7 @@ const INITIAL_DATA: &str = "initial-weights-data";
 const INITIAL_DIFFERENCES: &str = "initial-weights-differences";
 const ADAPTER: &str = "adapter";
 const PROCESSOR: &str = "processor";
+const BUILDS: &str = "builds";
 const REPLACED: &str = "replaced-draws";
 const REPLACED_SINCE: &str = "replaced-draws-since";
 
@@ -55,10 +56,13 @@ pub struct State {
     pub average: Option<Vec<Vec<f32>>>,
     /// The weights that the run started from, if they were given.
     pub initial_weights: Option<InitialWeights>,
-    /// The graphics adapter that the run is computed on, with its driver; `None` for the CPU.
+    /// The graphics adapter that the run is computed on, with its drivers in the order of their use; `None` for the CPU.
     pub adapter: Option<String>,
     /// The type of processor that the latest steps ran on; `None` in a checkpoint of an earlier version.
     pub processor: Option<String>,
+    /// The builds of the program that computed the run, each with its version and its commit if that is known, in the order of their
+    /// use; `None` in a checkpoint of an earlier version.
+    pub builds: Option<String>,
 }
 
 impl State {
@@ -76,6 +80,7 @@ impl State {
             initial_weights: None,
             adapter: None,
             processor: None,
+            builds: None,
         }
     }
 
@@ -139,6 +144,7 @@ impl State {
             (INITIAL_DIFFERENCES, given.and_then(|given| given.differences.as_ref())),
             (ADAPTER, self.adapter.as_ref()),
             (PROCESSOR, self.processor.as_ref()),
+            (BUILDS, self.builds.as_ref()),
         ];
         let present = optional.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?.clone())));
         stored.metadata.extend(present);
@@ -148,20 +154,19 @@ impl State {
         Ok(stored)
     }
 
-    /// Reads a state from a file with the settings of a run, and what has changed in these without changing the run; frozen weights
-    /// that are not in the file are those of `backbone`.
+    /// Reads a state from tensors and metadata whose hashes were checked, with the settings of a run, and what has changed in these
+    /// without changing the run; frozen weights that are not in the file are those of `backbone`.
     pub(super) fn from_stored(
         stored: &StoredTensors,
         config: &TrainConfig,
         fresh: &Parameters,
         backbone: ReadBackbone<'_>,
     ) -> Result<(Self, Option<ChangedSettings>), TrainError> {
-        check_digests(stored)?;
         let changed = check_settings(stored, config)?;
         Ok((Self::from_checked(stored, config, fresh, backbone)?, changed))
     }
 
-    /// [`Self::from_stored`] of tensors and metadata whose hashes were checked, with the file's own settings.
+    /// [`Self::from_stored`] with the file's own settings.
     pub(super) fn from_checked(
         stored: &StoredTensors,
         config: &TrainConfig,
@@ -187,8 +192,8 @@ impl State {
             }
         }
         let (step, updates, skipped_in_a_row) = progress(stored)?;
-        let [sha256, data, differences, adapter, processor] =
-            [INITIAL_WEIGHTS, INITIAL_DATA, INITIAL_DIFFERENCES, ADAPTER, PROCESSOR]
+        let [sha256, data, differences, adapter, processor, builds] =
+            [INITIAL_WEIGHTS, INITIAL_DATA, INITIAL_DIFFERENCES, ADAPTER, PROCESSOR, BUILDS]
                 .map(|key| stored.metadata.get(key).cloned());
         let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data, differences });
         let replaced = if stored.metadata.contains_key(REPLACED) {
@@ -208,6 +213,7 @@ impl State {
             initial_weights,
             adapter,
             processor,
+            builds,
         })
     }
 }
@@ -303,6 +309,7 @@ mod tests {
         let stored = State { updates: 2, ..with_one_number(3, 1.0) }.stored(&config, &resolved).unwrap();
         let backbone = || Ok(with_one_number(0, 1.0).parameters.frozen().clone());
         let read = |stored: &StoredTensors| {
+            check_digests(stored)?;
             State::from_stored(stored, &config, &with_one_number(0, 7.0).parameters, &backbone)
         };
         let (whole, _) = read(&stored).unwrap();

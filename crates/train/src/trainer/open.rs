@@ -7,7 +7,9 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
 use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
+use atsplat_splat::gpu::AdapterDescription;
 
+use super::computed_by::{ComputedBy, with_driver};
 use super::sample_check::RunLogs;
 use super::start::{self, Opened, Start, require_run_to_resume};
 use super::{EVALUATIONS, STEPS, Trainer};
@@ -20,8 +22,9 @@ use crate::samples::{DataWarnings, Source};
 use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 
 impl Trainer {
+    /// Opens a run that a program of this `commit`, if it is known, computes on a processor.
     pub(super) fn open(
-        processor: Processor,
+        (processor, commit): (Processor, Option<&str>),
         config: TrainConfig,
         samples: Box<dyn Source>,
         folder: &Path,
@@ -40,7 +43,8 @@ impl Trainer {
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let existing_lock = start::lock_existing(folder)?;
         let unfinished = if existing_lock.is_some() { start::remove_unfinished(folder)? } else { None };
-        let opened = start::state(&config, &model, start, (folder, &checkpoints), environment.adapter.clone())?;
+        let computed_by = ComputedBy::new(environment.adapter.clone(), commit);
+        let opened = start::state(&config, &model, start, (folder, &checkpoints), &computed_by)?;
         let Opened { state, mut notices, processor_changed, moved } = opened;
         notices.extend(unfinished);
         notices.extend(start::rejected_windows(&config, start));
@@ -96,8 +100,8 @@ struct Environment {
     device: Device,
     template: Network,
     objective: Objective,
-    /// The graphics adapter with its driver; `None` for the CPU.
-    adapter: Option<String>,
+    /// The graphics adapter; `None` for the CPU.
+    adapter: Option<AdapterDescription>,
 }
 
 impl Environment {
@@ -109,11 +113,12 @@ impl Environment {
             // Losses are part of the graph: images do not leave the adapter.
             Processor::Wgpu(_) => Objective::in_graph(config.losses.clone(), &template.device()),
         }?;
-        let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
+        let adapter = processor.adapter()?.map(|(_, adapter)| adapter);
         Ok(Self { processor, device, template, objective, adapter })
     }
 
-    /// The cache of a frozen backbone's features, if the configuration has one; each adapter has a separate folder.
+    /// The cache of a frozen backbone's features, if the configuration has one; each adapter with each of its drivers has a separate
+    /// folder.
     fn features(
         &self,
         config: &TrainConfig,
@@ -121,8 +126,8 @@ impl Environment {
         state: &State,
     ) -> Result<Option<FeatureCache>, TrainError> {
         let Some(folder) = &config.model.feature_cache else { return Ok(None) };
-        let of_adapter =
-            self.adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
+        let subfolder = |adapter: &AdapterDescription| Sha256Digest::of(with_driver(adapter).as_bytes()).to_string();
+        let of_adapter = self.adapter.as_ref().map(|adapter| folder.join(subfolder(adapter)));
         let folder = of_adapter.as_ref().unwrap_or(folder);
         Ok(Some(FeatureCache::open(folder, model, state.parameters.frozen(), config.matmul_precision)?))
     }

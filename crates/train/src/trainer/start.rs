@@ -6,8 +6,8 @@ use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
 use atsplat_numeric::counted;
-use atsplat_splat::cpu;
 
+use super::computed_by::{ComputedBy, Resumed};
 use super::initial_weights::{differences, first_names, require_f16};
 use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{ChangedSettings, Checkpoints, Found, InitialWeights, MovedData, State};
@@ -138,27 +138,19 @@ pub(super) fn state(
     model: &ModelConfig,
     start: &Start,
     (folder, checkpoints): (&Path, &Checkpoints),
-    adapter: Option<String>,
+    computed_by: &ComputedBy,
 ) -> Result<Opened, TrainError> {
     let Initial { parameters, weights: initial_weights, differences } = initial(config, model, start)?;
     let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
     let last_checkpoint = found.as_ref().map(|found| found.state.step);
     let weights = start.file().map(|file| file.path.display().to_string());
     tracing::info!(folder = %folder.display(), weights, last_checkpoint, "opening the run");
-    let processor = cpu::processor();
     match (found, start) {
         (Some(Found { state, skipped, changed }), Start::Resume) => {
-            if state.adapter != adapter {
-                let name = |adapter: Option<String>| adapter.unwrap_or_else(|| "the CPU".to_owned());
-                let expected = format!("{}, on which the run was started", name(state.adapter));
-                return Err(TrainError::malformed("checkpoint", "adapter", expected, name(adapter)));
-            }
+            let Resumed { state, notices, processor_changed } = computed_by.resume(state)?;
             let skipped = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
-            let other_processor = other_processor(state.processor.as_deref(), &processor);
-            let processor_changed = other_processor.is_some();
             let (changed, moved) = changed.map(|ChangedSettings { notice, moved }| (notice, moved)).unzip();
-            let notices = skipped.chain(other_processor).chain(changed).collect();
-            let state = State { processor: Some(processor), ..state };
+            let notices = skipped.chain(notices).chain(changed).collect();
             Ok(Opened { state, notices, processor_changed, moved: moved.unwrap_or_default() })
         }
         (Some(Found { state, .. }), Start::Fresh | Start::Weights(_)) => {
@@ -174,8 +166,7 @@ pub(super) fn state(
             }
             let parameters =
                 if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
-            let processor = Some(processor);
-            let state = State { initial_weights, adapter, processor, ..State::new(parameters) };
+            let state = computed_by.start(State { initial_weights, ..State::new(parameters) });
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
@@ -183,15 +174,6 @@ pub(super) fn state(
             Ok(Opened { state, notices, processor_changed: false, moved: MovedData::default() })
         }
     }
-}
-
-/// That a checkpoint was computed on another type of processor; one of an earlier version does not state it.
-fn other_processor(recorded: Option<&str>, current: &str) -> Option<String> {
-    let recorded = recorded.filter(|recorded| *recorded != current)?;
-    Some(format!(
-        "the checkpoint was computed on another type of processor, {recorded}, now {current}: the run may not end bit for \
-         bit as it would have there"
-    ))
 }
 
 /// What the first step or checkpoint of a new run would overwrite in a folder: a log with records, or weights.

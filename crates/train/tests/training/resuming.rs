@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_model::weights::TensorFile;
+use atsplat_model::weights::{ModelWeights, TensorFile};
 use atsplat_train::{Event, Limits, Start, TrainError, Trainer};
 use tempfile::tempdir;
 
@@ -125,4 +125,31 @@ fn a_log_that_is_gone_is_called_so() {
     }
     std::fs::write(&log, whole).unwrap();
     assert_eq!(run(folder.path(), &Start::Resume, 4), [""; 0]);
+}
+
+/// Which may have other kernels or decoders.
+#[test]
+fn another_build_is_reported_and_recorded() {
+    let folder = tempdir().unwrap();
+    run(folder.path(), &Start::Fresh, 4);
+    let path = folder.path().join("checkpoints/step-00000004.safetensors");
+    let mut stored = TensorFile::open(&path).unwrap().stored;
+    let [_, current] = ["metadata-sha256", "builds"].map(|key| stored.metadata.remove(key).unwrap());
+    assert_eq!(current, env!("CARGO_PKG_VERSION"));
+    // The first as in checkpoints of earlier versions.
+    for (recorded, other) in
+        [(None, Some("not stated")), (Some("0.0.1 (a1b2)"), Some("0.0.1 (a1b2)")), (Some(&*current), None)]
+    {
+        stored.metadata.extend(recorded.map(|recorded| ("builds".to_owned(), recorded.to_owned())));
+        stored.write(&path).unwrap();
+        let notices = run(folder.path(), &Start::Resume, 4);
+        let expected = other.map(|other| {
+            format!("the checkpoint was computed by another build of this program, {other}, now {current}: ")
+        });
+        assert_eq!(notices.len(), usize::from(other.is_some()), "{notices:?}");
+        assert!(notices.iter().zip(&expected).all(|(notice, expected)| notice.starts_with(expected)), "{notices:?}");
+        let builds = other.map_or_else(|| current.clone(), |other| format!("{other}; {current}"));
+        let weights = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
+        assert_eq!(weights.provenance["builds"], builds);
+    }
 }
