@@ -55,14 +55,16 @@ impl ComputedBy {
     /// [`TrainError::Malformed`] if it was computed on another adapter, or on the CPU instead of one.
     pub(super) fn resume(&self, state: State) -> Result<Resumed, TrainError> {
         let (adapter, other_driver) = self.adapter_after(state.adapter.as_deref())?;
-        let other_processor = changed("on another type of processor", state.processor.as_deref(), &self.processor);
+        // A checkpoint of an earlier version does not state it.
+        let processor = state.processor.as_deref().filter(|processor| *processor != self.processor);
+        let other_processor = processor.map(|before| changed("on another type of processor", before, &self.processor));
         let processor_changed = other_processor.is_some();
-        // Checkpoints of earlier versions do not state theirs, which was another.
+        // Nor its build, which was another one.
         let builds = state.builds.as_deref().unwrap_or("not stated");
-        let other_build = changed("by another build of this program", Some(last_of(builds)), &self.build);
+        let (builds, build_before) = followed_by(builds, &self.build);
+        let other_build = build_before.map(|before| changed("by another build of this program", before, &self.build));
         let notices = [other_processor, other_driver, other_build].into_iter().flatten().collect();
-        let builds = Some(extended(builds, &self.build));
-        let state = State { adapter, processor: Some(self.processor.clone()), builds, ..state };
+        let state = State { adapter, processor: Some(self.processor.clone()), builds: Some(builds), ..state };
         Ok(Resumed { state, notices, processor_changed })
     }
 
@@ -81,8 +83,9 @@ impl ComputedBy {
             let found = name(self.adapter.as_ref().map(with_driver));
             return Err(TrainError::malformed("checkpoint", "adapter", expected, found));
         };
-        let notice = changed("with another driver of the adapter", Some(last_of(drivers)), &adapter.driver);
-        Ok((Some(format!("{adapter}, {}", extended(drivers, &adapter.driver))), notice))
+        let (drivers, driver_before) = followed_by(drivers, &adapter.driver);
+        let notice = driver_before.map(|before| changed("with another driver of the adapter", before, &adapter.driver));
+        Ok((Some(format!("{adapter}, {drivers}")), notice))
     }
 }
 
@@ -91,23 +94,21 @@ pub(super) fn with_driver(adapter: &AdapterDescription) -> String {
     format!("{adapter}, {}", adapter.driver)
 }
 
-/// That a part of what computed the checkpoint has changed; checkpoints of earlier versions do not state all of them.
-fn changed(part: &str, recorded: Option<&str>, current: &str) -> Option<String> {
-    let recorded = recorded.filter(|recorded| *recorded != current)?;
-    Some(format!(
-        "the checkpoint was computed {part}, {recorded}, now {current}: the run may not end bit for bit as it would have without the \
+/// That a part of what computed the checkpoint has changed.
+fn changed(part: &str, before: &str, now: &str) -> String {
+    format!(
+        "the checkpoint was computed {part}, {before}, now {now}: the run may not end bit for bit as it would have without the \
          change"
-    ))
+    )
 }
 
-/// The last of those that computed a run one after the other.
-fn last_of(all: &str) -> &str {
-    all.rsplit_once(THEN).map_or(all, |(_, last)| last)
-}
-
-/// Those that computed a run one after the other, and the one that goes on with it.
-fn extended(all: &str, current: &str) -> String {
-    if last_of(all) == current { all.to_owned() } else { format!("{all}{THEN}{current}") }
+/// Those that computed a run one after the other, with the one that goes on with it; and the last before it, if that is another.
+fn followed_by<'a>(all: &'a str, now: &str) -> (String, Option<&'a str>) {
+    if all == now || all.ends_with(&format!("{THEN}{now}")) {
+        return (all.to_owned(), None);
+    }
+    let last = all.rsplit_once(THEN).map_or(all, |(_, last)| last);
+    (format!("{all}{THEN}{now}"), Some(last))
 }
 
 #[cfg(test)]
@@ -117,8 +118,8 @@ mod tests {
     use super::*;
     use crate::parameters::Parameters;
 
-    fn card(name: &str, driver: &str) -> Option<AdapterDescription> {
-        Some(AdapterDescription {
+    fn card(name: &str, driver: &str) -> AdapterDescription {
+        AdapterDescription {
             name: name.to_owned(),
             backend: "Vulkan".to_owned(),
             kind: AdapterKind::Discrete,
@@ -128,7 +129,7 @@ mod tests {
             storage_buffers: 0,
             workgroups: 0,
             timestamps: false,
-        })
+        }
     }
 
     fn fresh() -> State {
@@ -138,14 +139,14 @@ mod tests {
     #[test]
     fn another_driver_is_noted_and_recorded_and_another_adapter_is_an_error() {
         let on = |adapter| ComputedBy::new(adapter, Some("a1"));
-        let mut state = on(card("RTX 1", "nvidia 570")).start(fresh());
+        let mut state = on(Some(card("RTX 1", "nvidia 570"))).start(fresh());
         for (driver, before, recorded) in [
             ("nvidia 570", None, "RTX 1 (Vulkan), nvidia 570"),
             ("nvidia 580", Some("nvidia 570"), "RTX 1 (Vulkan), nvidia 570; nvidia 580"),
             ("nvidia 580", None, "RTX 1 (Vulkan), nvidia 570; nvidia 580"),
             ("nvidia 570", Some("nvidia 580"), "RTX 1 (Vulkan), nvidia 570; nvidia 580; nvidia 570"),
         ] {
-            let resumed = on(card("RTX 1", driver)).resume(state).unwrap();
+            let resumed = on(Some(card("RTX 1", driver))).resume(state).unwrap();
             let notice = |before: &str| {
                 format!(
                     "the checkpoint was computed with another driver of the adapter, {before}, now {driver}: the run may not end \
@@ -162,10 +163,10 @@ mod tests {
         assert_eq!(on(None).resume(cpu.clone()).unwrap().state.adapter, None);
         let started = "RTX 1 (Vulkan), nvidia 570; nvidia 580; nvidia 570";
         for (state, now, started, found) in [
-            (&state, card("RTX 2", "nvidia 570"), started, "RTX 2 (Vulkan), nvidia 570"),
-            (&state, card("RTX", "nvidia 570"), started, "RTX (Vulkan), nvidia 570"),
+            (&state, Some(card("RTX 2", "nvidia 570")), started, "RTX 2 (Vulkan), nvidia 570"),
+            (&state, Some(card("RTX", "nvidia 570")), started, "RTX (Vulkan), nvidia 570"),
             (&state, None, started, "the CPU"),
-            (&cpu, card("RTX 1", "nvidia 570"), "the CPU", "RTX 1 (Vulkan), nvidia 570"),
+            (&cpu, Some(card("RTX 1", "nvidia 570")), "the CPU", "RTX 1 (Vulkan), nvidia 570"),
         ] {
             let error = on(now).resume(state.clone()).unwrap_err().to_string();
             let expected = format!("adapter: expected {started}, on which the run was started, found {found}");
