@@ -66,9 +66,8 @@ impl Channels {
     /// Channels with planes of `width × height` samples each.
     ///
     /// # Errors
-    /// [`PixelError::Empty`] for an image without pixels or channels, [`PixelError::ChannelName`] for a name that is
-    /// repeated, is not 1 to 31 printable ASCII characters, or contains a colon, and [`PixelError::ChannelSize`] for a
-    /// plane of another size.
+    /// [`PixelError::Empty`] for an image without pixels or channels, [`PixelError::ChannelName`] for a repeated name, and
+    /// [`PixelError::ChannelSize`] for a plane of another size.
     pub fn new(width: u32, height: u32, mut channels: Vec<Channel>) -> Result<Self, PixelError> {
         if width == 0 || height == 0 || channels.is_empty() {
             return Err(PixelError::Empty { what: "EXR channels", width, height });
@@ -79,15 +78,8 @@ impl Channels {
             return Err(PixelError::ChannelName { name: channel.name.clone(), problem: "it is repeated" });
         }
         let expected = u64::from(width) * u64::from(height);
-        for Channel { name, samples, .. } in &channels {
-            let printable = name.bytes().all(|byte| byte.is_ascii_graphic() && byte != b':');
-            if name.is_empty() || name.len() > LONGEST_NAME || !printable {
-                let problem = "expected 1 to 31 printable ASCII characters without a colon";
-                return Err(PixelError::ChannelName { name: name.clone(), problem });
-            }
-            if samples.len() as u64 != expected {
-                return Err(PixelError::ChannelSize { name: name.clone(), expected, found: samples.len() });
-            }
+        if let Some(Channel { name, samples, .. }) = channels.iter().find(|c| c.samples.len() as u64 != expected) {
+            return Err(PixelError::ChannelSize { name: name.clone(), expected, found: samples.len() });
         }
         Ok(Self { width, height, planes: channels })
     }
@@ -198,8 +190,13 @@ fn require_exact(bytes: &[u8]) -> Result<(), PixelError> {
 /// Encodes named planes as an EXR, losslessly compressed (ZIP, 16 rows).
 ///
 /// # Errors
-/// [`PixelError::Encode`].
+/// [`PixelError::ChannelName`] for a name that is not 1 to 31 printable ASCII characters, or contains a colon: the list of
+/// meanings separates names by spaces and ends them with a colon. [`PixelError::Encode`].
 pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
+    if let Some(Channel { name, .. }) = channels.planes.iter().find(|channel| !is_writable(&channel.name)) {
+        let problem = "expected 1 to 31 printable ASCII characters without a colon";
+        return Err(PixelError::ChannelName { name: name.clone(), problem });
+    }
     let mut attributes = LayerAttributes::default();
     attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(&*description(channels))));
     let planes = channels
@@ -218,13 +215,20 @@ pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
     Ok(file.into_inner())
 }
 
+fn is_writable(name: &str) -> bool {
+    let printable = name.bytes().all(|byte| byte.is_ascii_graphic() && byte != b':');
+    printable && (1..=LONGEST_NAME).contains(&name.len())
+}
+
 /// Decodes every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
 ///
-/// The image is the layer's data window; its position in the display window is ignored, as are other layers.
+/// The image is the layer's data window; its position in the display window is ignored, as are other layers. Channels may have any
+/// distinct names, such as Blender's `View Layer.Noise`, also those that [`write`] does not accept.
 ///
 /// # Errors
 /// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
-/// [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files, such as those without one of their blocks.
+/// [`PixelError::ChannelName`] for two channels of one name, [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files,
+/// such as those without one of their blocks.
 pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError> {
     let format = ImageFormat::Exr;
     let header = first_header(bytes)?;

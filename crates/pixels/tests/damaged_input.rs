@@ -36,14 +36,23 @@ fn read_all_ways(bytes: &[u8], limits: &DecodeLimits) -> bool {
     let channels = exr::read(bytes, limits).ok();
     if let Some(channels) = &channels {
         assert_eq!(Some((channels.width(), channels.height())), size, "exr::read and size_of agree");
-        let again = exr::write(channels).and_then(|file| exr::read(&file, limits)).unwrap();
-        assert_eq!(channels.channels().len(), again.channels().len());
-        for (first, second) in channels.channels().iter().zip(again.channels()) {
-            assert_eq!(first.name, second.name);
-            assert!(first.samples.iter().zip(&second.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "through EXR");
-        }
+        check_rewritten(channels, limits);
     }
     image.is_some() || channels.is_some()
+}
+
+/// Checks that channels survive being written, unless their names are only read.
+fn check_rewritten(channels: &exr::Channels, limits: &DecodeLimits) {
+    let file = match exr::write(channels) {
+        Err(PixelError::ChannelName { .. }) => return,
+        outcome => outcome.unwrap(),
+    };
+    let again = exr::read(&file, limits).unwrap();
+    assert_eq!(channels.channels().len(), again.channels().len());
+    for (first, second) in channels.channels().iter().zip(again.channels()) {
+        assert_eq!(first.name, second.name);
+        assert!(first.samples.iter().zip(&second.samples).all(|(a, b)| a.to_bits() == b.to_bits()), "through EXR");
+    }
 }
 
 const SMALL: DecodeLimits = DecodeLimits { max_width: 512, max_height: 512, max_bytes: 1 << 20 };

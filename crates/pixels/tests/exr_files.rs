@@ -75,14 +75,32 @@ fn rgb_requires_three_channels_of_one_kind() {
 
 #[test]
 fn planes_are_checked_before_writing() {
-    let bad = |name: &str, samples: &[f32]| Channels::new(2, 1, vec![plane(name, Values::Depth, samples)]);
+    let named = |name: &str, samples: &[f32]| Channels::new(2, 1, vec![plane(name, Values::Depth, samples)]);
     for name in ["", "with space", "colon:", "täst", "abcdefghijklmnopqrstuvwxyzabcdef"] {
-        assert!(matches!(bad(name, &[0.0; 2]), Err(PixelError::ChannelName { .. })), "{name:?}");
+        let outcome = write(&named(name, &[0.0; 2]).unwrap());
+        assert!(matches!(outcome, Err(PixelError::ChannelName { .. })), "{name:?}");
     }
-    assert!(matches!(bad("Z", &[0.0; 3]), Err(PixelError::ChannelSize { expected: 2, found: 3, .. })));
+    assert!(matches!(named("Z", &[0.0; 3]), Err(PixelError::ChannelSize { expected: 2, found: 3, .. })));
     let repeated = Channels::new(1, 1, vec![plane("Z", Values::Depth, &[0.0]), plane("Z", Values::Linear, &[0.0])]);
     assert!(matches!(repeated, Err(PixelError::ChannelName { problem: "it is repeated", .. })));
     assert!(matches!(Channels::new(0, 1, vec![]), Err(PixelError::Empty { .. })));
+}
+
+/// As Blender names the passes of a render: with spaces, and longer than what is written here.
+#[test]
+fn reads_channels_with_names_of_other_programs() {
+    let names = ["View Layer.Noisy Image of all the lights", "View Layer.Depth.Z"];
+    let planes = names.map(|name| AnyChannel::new(name, FlatSamples::F32(vec![0.5, 2.0])));
+    let channels = AnyChannels::sort(planes.into_iter().collect());
+    let layer = Layer::new((2, 1), LayerAttributes::default(), Encoding::SMALL_LOSSLESS, channels);
+    let mut file = std::io::Cursor::new(Vec::new());
+    ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut file).unwrap();
+    let channels = read(&file.into_inner(), &DecodeLimits::default()).unwrap();
+    for name in names {
+        let found = channels.get(name).unwrap();
+        assert_eq!((&found.values, &found.samples), (&Values::Unstated, &vec![0.5, 2.0]), "{name}");
+    }
+    assert!(matches!(write(&channels), Err(PixelError::ChannelName { .. })));
 }
 
 /// Written by the reference library: `fixtures/make_exr.py`.
