@@ -195,13 +195,13 @@ impl fmt::Display for EstimatorReport {
         writeln!(f, "{} pairs of views of {} simulated scenes, {}", self.pairs.len(), self.scenes, self.size)?;
         let [kind, estimator, measured, rank, bias, error, same] =
             ["scenes", "estimator", "measured", "rank corr.", "bias", "error", "same bin"];
-        writeln!(f, "{kind:<7} {estimator:<20} {measured:>8} {rank:>10} {bias:>7} {error:>7} {same:>8}")?;
+        writeln!(f, "{kind:<7} {estimator:<22} {measured:>8} {rank:>10} {bias:>7} {error:>7} {same:>8}")?;
         let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
         for row in &self.estimators {
             let share = row.same_bin.map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0));
             writeln!(
                 f,
-                "{:<7} {:<20} {:>8} {:>10} {:>7} {:>7} {:>8}",
+                "{:<7} {:<22} {:>8} {:>10} {:>7} {:>7} {:>8}",
                 row.kind.to_string(),
                 row.estimator,
                 row.measured,

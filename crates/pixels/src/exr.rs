@@ -6,6 +6,7 @@
 
 mod blocks;
 
+use std::fmt;
 use std::io::Cursor;
 
 use ::exr::image::read::read as exr_reader;
@@ -41,6 +42,13 @@ pub enum Values {
     Named(String),
     /// Not stated in the file.
     Unstated,
+}
+
+impl fmt::Display for Values {
+    /// As in the file: `linear`, `depth in scene units`; or `values of no stated kind`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(meaning(self).as_deref().unwrap_or("values of no stated kind"))
+    }
 }
 
 /// One named plane of an EXR.

@@ -262,14 +262,14 @@ fn compares_overlap_estimators_with_true_covisibility() {
             let row = rows.iter().find(|row| row["kind"] == kind && row["estimator"] == name).unwrap();
             row["rank-correlation"].as_f64().unwrap()
         };
-        let ordered = [of("epipolar-ray"), of("depth-covisibility")];
+        let ordered = [of("epipolar-ray"), of("depth-covisibility-2x2")];
         assert!(ordered[1] > 0.85 && ordered[1] > ordered[0], "{kind}: depth knows more than cameras do: {ordered:?}");
     }
     let text = succeed(here, &[&args[..], &["--plot", "estimators.svg"]].concat());
     assert!(text.starts_with("36 pairs of views of 6 simulated scenes"), "{text}");
     let plot = || std::fs::read_to_string(here.join("estimators.svg")).unwrap();
     let first = plot();
-    assert!(first.contains("depth-covisibility") && first.contains("yards: rank correlation"), "{first}");
+    assert!(first.contains("depth-covisibility-2x2") && first.contains("yards: rank correlation"), "{first}");
     succeed(here, &[&args[..], &["--plot", "estimators.svg", "--threads", "1"]].concat());
     assert_eq!(plot(), first, "the same pairs give the same bytes on any number of threads");
     assert_eq!(atsplat(here, &[&args[..], &["--plot", "estimators.pdf"]].concat()).code, 2);

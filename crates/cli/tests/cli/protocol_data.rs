@@ -63,8 +63,9 @@ fn measures_depth_covisibility_from_files() {
     ] {
         assert!(report.contains(line), "{line}: {report}");
     }
-    let measured = std::fs::read_to_string(here.join("overlap.json")).unwrap();
-    assert_eq!(json(&measured)["wall"]["overlap"].to_string(), "0.8", "{measured}");
+    let measured = json(&std::fs::read_to_string(here.join("overlap.json")).unwrap());
+    assert_eq!(measured["wall"]["overlap"].to_string(), "0.8", "{measured}");
+    assert_eq!(measured["wall"]["overlap_estimator"], "depth-covisibility-2x2", "{measured}");
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 }
 
@@ -97,7 +98,7 @@ fn overlaps_that_cannot_be_measured_are_counted_by_entry_and_scene() {
         "      1  not measured: overlap-undefined, in 1 scene",
         "\"bare\" entry 0: reading a depth map",
         "\"torn\" entry 0: ",
-        "\"void\" entry 0: overlap (depth-covisibility): a depth map has no pixel of known depth",
+        "\"void\" entry 0: overlap (depth-covisibility-2x2): a depth map has no pixel of known depth",
     ] {
         assert!(measured.stdout.contains(line), "{line}: {}", measured.stdout);
     }

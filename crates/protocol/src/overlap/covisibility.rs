@@ -1,7 +1,11 @@
-use atsplat_camera::{Camera, ImageSize};
-use glam::DVec3;
+use atsplat_camera::{Camera, CameraError, DirectionScale, ImageSize, Projected};
+use atsplat_numeric::Extremes as _;
 
 use crate::ProtocolError;
+
+/// The name that indices record. Overlaps recorded as `depth-covisibility` were measured otherwise: by the depth of one pixel, and
+/// without lenses.
+pub(super) const NAME: &str = "depth-covisibility-2x2";
 
 /// Depth along a camera's z axis, one value per pixel, in scene units. Zero, negative and non-finite values
 /// mean unknown depth.
@@ -24,73 +28,91 @@ impl<'a> DepthMap<'a> {
         Ok(Self { size, depths })
     }
 
-    fn known(&self, column: usize, row: usize) -> Option<f64> {
-        let depth = *self.depths.get(row * self.size.width as usize + column)?;
-        (depth.is_finite() && depth > 0.0).then(|| f64::from(depth))
+    /// Whether a projected point is on a surface of this map: inside the image, not on a pixel of unknown depth, and within
+    /// [`TOLERANCE`] of the depths at the four pixel centres around it.
+    ///
+    /// Between these centres, a flat surface has no other depths, however steep it is and however large the pixels are; one
+    /// depth, nearest or interpolated, differs by several per cent on floors. Across the edge of a surface, a hidden point may
+    /// count, but none that is a pixel or more from the edge.
+    fn shows(&self, point: &Projected) -> bool {
+        let at = point.pixel(self.size);
+        let depth = |right: f64, down: f64| {
+            let (column, row) = (pixel(at.x + right, self.size.width), pixel(at.y + down, self.size.height));
+            known(*self.depths.get(row * self.size.width as usize + column)?)
+        };
+        let Some(here) = depth(0.0, 0.0).filter(|_| point.is_inside()) else { return false };
+        let around = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+        let around = around.into_iter().filter_map(|(right, down)| depth(right, down));
+        let (least, greatest) =
+            around.fold((here, here), |(least, greatest), depth| (depth.minimum_of(least), depth.maximum_of(greatest)));
+        (least * (1.0 - TOLERANCE)..=greatest * (1.0 + TOLERANCE)).contains(&point.depth)
     }
 }
 
-/// Largest difference of two depths that agree, as a fraction of the depth that was read. On a surface seen at a grazing
-/// angle, depth changes by more than that within a pixel.
+/// How far a point's depth may be outside the range of depths around it, as a fraction of them.
 const TOLERANCE: f64 = 0.01;
+
+/// The depth, unless it is unknown.
+fn known(depth: f32) -> Option<f64> {
+    (depth.is_finite() && depth > 0.0).then(|| f64::from(depth))
+}
+
+/// The pixel along a side of the image that is nearest to a position, in pixels.
+fn pixel(at: f64, side: u32) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates; the first pixel is nearest"
+    )]
+    let pixel = at as usize;
+    pixel.min((side as usize).saturating_sub(1))
+}
 
 /// Overlap by depth in [0, 1]: the smaller of [`fraction`] in both directions, so that it is symmetric in its arguments.
 ///
 /// # Errors
-/// [`ProtocolError::Overlap`] if a view has no pixel of known depth.
+/// [`ProtocolError::Overlap`] if a view has no pixel of known depth, if a pixel of known depth has no ray through the lens, or if
+/// the cameras' values overflow f64.
 pub(super) fn overlap(a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
     let (of_a, of_b) = (fraction(a, b)?, fraction(b, a)?);
     Ok(if of_b < of_a { of_b } else { of_a })
 }
 
-/// Of one view's pixels with known depth, the fraction in [0, 1] whose surface point projects into the other view's image
-/// onto a pixel of the same depth.
-///
-/// The other view's depth is read at the pixel that the point falls into, not interpolated: across the edge of a
-/// surface, interpolated depths belong to no surface. A point that falls onto a pixel of unknown depth counts as
-/// not seen. Lens distortion is ignored.
+/// Of one view's pixels with known depth, the fraction in [0, 1] whose surface point projects into the other view's image and is
+/// on a surface there: see [`DepthMap::shows`]. Both views are seen through the lenses that the cameras state.
 fn fraction(
     (from, depths): (&Camera, &DepthMap<'_>),
     (into, other_depths): (&Camera, &DepthMap<'_>),
 ) -> Result<f64, ProtocolError> {
-    let k = from.intrinsics.pixel_from_normalized(depths.size);
-    let other_k = into.intrinsics.pixel_from_normalized(other_depths.size);
-    let world_from_camera = from.camera_from_world.inverse();
-    let (mut known, mut seen) = (0u64, 0u64);
-    for row in 0..depths.size.height as usize {
-        for column in 0..depths.size.width as usize {
-            let Some(z) = depths.known(column, row) else { continue };
-            known += 1;
-            let ray = DVec3::new((column as f64 + 0.5 - k.cx) / k.fx, (row as f64 + 0.5 - k.cy) / k.fy, 1.0);
-            let point = into.camera_from_world.transform_point(world_from_camera.transform_point(ray * z));
-            let landed =
-                pixel_of(point, &other_k, other_depths.size).and_then(|(column, row)| other_depths.known(column, row));
-            let agrees = |other: f64| (point.z - other).abs() <= TOLERANCE * other;
-            seen += u64::from(landed.is_some_and(agrees));
-        }
+    let impossible = |error: CameraError| unusable(format!("a pixel of a depth map has no place: {error}"));
+    let rays = from.projector().and_then(|from| from.pixel_rays(depths.size, DirectionScale::UnitDepth));
+    let rays = rays.map_err(impossible)?;
+    let into = into.projector().map_err(impossible)?;
+    let (mut pixels, mut seen) = (0u64, 0u64);
+    for (ray, depth) in rays.zip(depths.depths) {
+        let Some(depth) = known(*depth) else { continue };
+        pixels += 1;
+        seen += match into.project(ray.map_err(impossible)?.at(depth)) {
+            Ok(point) => u64::from(other_depths.shows(&point)),
+            Err(CameraError::BehindCamera { .. } | CameraError::OutsideLens { .. }) => 0,
+            Err(error) => return Err(impossible(error)),
+        };
     }
-    if known == 0 {
+    if pixels == 0 {
         return Err(unusable("a depth map has no pixel of known depth".to_owned()));
     }
-    Ok(seen as f64 / known as f64)
+    Ok(seen as f64 / pixels as f64)
 }
 
 fn unusable(reason: String) -> ProtocolError {
-    ProtocolError::Overlap { estimator: "depth-covisibility", reason }
-}
-
-/// The pixel that a point in front of the camera falls into.
-fn pixel_of(point: DVec3, k: &atsplat_camera::PixelIntrinsics, size: ImageSize) -> Option<(usize, usize)> {
-    let (x, y) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
-    let inside = point.z > 0.0 && x >= 0.0 && y >= 0.0 && x < f64::from(size.width) && y < f64::from(size.height);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the image")]
-    inside.then_some((x as usize, y as usize))
+    ProtocolError::Overlap { estimator: NAME, reason }
 }
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::{Distortion, NormalizedIntrinsics};
     use atsplat_numeric::Tolerance;
-    use glam::DMat3;
+    use glam::{DMat3, DVec3};
 
     use super::*;
     use crate::samplers::test_scene::looking;
@@ -127,14 +149,13 @@ mod tests {
     /// occludes it from the other camera.
     fn exact_fraction(from: &Camera, into: &Camera) -> f64 {
         let eye = into.camera_from_world.inverse().centre();
-        let k = into.intrinsics.pixel_from_normalized(SIZE);
         let (mut known, mut seen) = (0.0, 0.0);
         for (origin, direction) in pixel_rays(from) {
             let Some(t) = cast(origin, direction) else { continue };
             known += 1.0;
             let point = origin + direction * t;
             let unblocked = cast(eye, point - eye).is_some_and(|t| Tolerance::F64.accepts(t, 1.0));
-            let inside = pixel_of(into.camera_from_world.transform_point(point), &k, SIZE).is_some();
+            let inside = into.project(point).is_ok_and(|projected| projected.is_inside());
             seen += f64::from(u8::from(unblocked && inside));
         }
         seen / known
@@ -168,6 +189,82 @@ mod tests {
             assert!((0.2..0.97).contains(&exact), "a trivial case: {exact}");
             outline.assert([found], [exact], "co-visible pixels");
         }
+    }
+
+    /// The depth along a ray, in units of its direction, from inside a corridor that is 4 wide and 2.7 high and ends at z = 12.
+    fn in_corridor(origin: DVec3, direction: DVec3) -> f64 {
+        let walls = [
+            (-2.0, origin.x, direction.x),
+            (2.0, origin.x, direction.x),
+            (-1.3, origin.y, direction.y),
+            (1.4, origin.y, direction.y),
+            (12.0, origin.z, direction.z),
+        ];
+        let depths = walls.into_iter().map(|(wall, origin, direction)| (wall - origin) / direction);
+        depths.filter(|depth| *depth > 0.0).fold(f64::INFINITY, f64::minimum_of)
+    }
+
+    /// A view of the corridor by a camera with this lens: its depth map, and for each pixel the point on the wall.
+    #[expect(clippy::cast_possible_truncation, reason = "depth maps are f32")]
+    fn corridor_view(camera: &Camera, size: ImageSize) -> (Vec<f32>, Vec<DVec3>) {
+        let rays = camera.pixel_rays(size, DirectionScale::UnitDepth).unwrap();
+        let depths = rays.iter().map(|ray| in_corridor(ray.origin, ray.direction));
+        depths.zip(&rays).map(|(depth, ray)| (depth as f32, ray.at(depth))).unzip()
+    }
+
+    /// Depth on floors and side walls changes by several per cent within a pixel, the more the smaller the map is. Nothing hides
+    /// anything, so that a point is seen iff it is inside the image.
+    #[test]
+    fn walls_at_a_grazing_angle_are_seen_in_maps_of_any_size_through_any_lens() {
+        let (small, large) = (ImageSize { width: 64, height: 36 }, ImageSize { width: 256, height: 144 });
+        let places = [
+            looking(DMat3::from_rotation_y(-0.25), DVec3::new(0.5, 0.0, 0.0)),
+            looking(DMat3::IDENTITY, DVec3::new(0.3, 0.0, 1.0)),
+        ];
+        for (k1, place) in [0.0, -0.09].into_iter().flat_map(|k1| places.map(|place| (k1, place))) {
+            let distortion = Distortion::OpenCv { k1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+            let intrinsics = NormalizedIntrinsics::new(0.95 * 9.0 / 16.0, 0.95, 0.5, 0.5).unwrap();
+            let [a, b] = [looking(DMat3::IDENTITY, DVec3::ZERO), place].map(|camera| Camera {
+                intrinsics,
+                distortion,
+                ..camera
+            });
+            for (sizes, tolerance) in [([large; 2], 0.003), ([small; 2], 0.02), ([small, large], 0.02)] {
+                let [(depths_a, points_a), (depths_b, points_b)] =
+                    [corridor_view(&a, sizes[0]), corridor_view(&b, sizes[1])];
+                let maps = [DepthMap::new(sizes[0], &depths_a).unwrap(), DepthMap::new(sizes[1], &depths_b).unwrap()];
+                let inside = |points: &[DVec3], into: &Camera| {
+                    let seen = points.iter().filter(|point| into.project(**point).is_ok_and(|seen| seen.is_inside()));
+                    seen.count() as f64 / points.len() as f64
+                };
+                let found = [fraction((&a, &maps[0]), (&b, &maps[1])), fraction((&b, &maps[1]), (&a, &maps[0]))];
+                let expected = [inside(&points_a, &b), inside(&points_b, &a)];
+                assert!((expected[0] - expected[1]).abs() > 0.02, "the directions differ: {expected:?}");
+                let what = format!("k1 {k1}, from {} to {}", sizes[0], sizes[1]);
+                Tolerance::absolute(tolerance).assert(found.map(Result::unwrap), expected, &what);
+            }
+        }
+    }
+
+    /// A pixel of known depth that the lens cannot have seen: the radius of this lens never exceeds 0.47, the corners' is 0.7.
+    #[test]
+    fn depth_outside_the_lens_is_an_error() {
+        let camera = Camera {
+            distortion: Distortion::OpenCv { k1: -0.66, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 },
+            ..looking(DMat3::IDENTITY, DVec3::ZERO)
+        };
+        let mut depths = vec![3.0f32; 80 * 60];
+        let of = |depths: &[f32]| {
+            let map = DepthMap::new(SIZE, depths).unwrap();
+            overlap((&camera, &map), (&camera, &map))
+        };
+        let error = of(&depths).unwrap_err().to_string();
+        assert!(error.contains("a pixel of a depth map has no place") && error.contains("outside"), "{error}");
+        for (at, depth) in depths.iter_mut().enumerate() {
+            let (x, y) = ((at % 80) as f64 / 80.0 - 0.5, (at / 80) as f64 / 60.0 - 0.5);
+            *depth = if x.hypot(y) < 0.4 { 3.0 } else { 0.0 };
+        }
+        Tolerance::EXACT.assert([of(&depths).unwrap()], [1.0], "unknown where the lens sees nothing");
     }
 
     #[test]

@@ -2,13 +2,15 @@ use std::path::{Component, Path, PathBuf};
 
 use atsplat_camera::ImageSize;
 use atsplat_files::FileError;
-use atsplat_pixels::{DecodeLimits, exr};
+use atsplat_pixels::DecodeLimits;
+use atsplat_pixels::exr::{self, Values};
 
-use super::DepthMap;
+use super::{DepthMap, covisibility};
 use crate::ProtocolError;
 
 /// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, or the only channel, in scene units along
-/// the camera's z axis. A map may have any scale, but not another shape than the frame's image.
+/// the camera's z axis, through the frame's lens. A map may have any scale, but not another shape than the frame's image. The file
+/// may leave open what the values are, but not state that they are something else.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthFolder {
     root: PathBuf,
@@ -35,12 +37,11 @@ impl DepthFolder {
     ///
     /// # Errors
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around [`ProtocolError::Overlap`] for a path outside
-    /// the folder and for a file without depth.
+    /// the folder and for a file without depth, or whose values are stated to be something else.
     pub fn load(&self, scene: &str, frame: &str) -> Result<LoadedDepth, ProtocolError> {
         let relative = Path::new(scene).join(format!("{frame}.exr"));
         let path = self.root.join(&relative);
-        let unusable =
-            |reason: String| ProtocolError::Overlap { estimator: "depth-covisibility", reason }.in_file(&path);
+        let unusable = |reason: String| ProtocolError::Overlap { estimator: covisibility::NAME, reason }.in_file(&path);
         if scene.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
             return Err(unusable("expected a path inside the folder of depth maps".to_owned()));
         }
@@ -52,6 +53,10 @@ impl DepthFolder {
             [only] => only,
             _ => channels.get("Z").map_err(|error| unusable(error.to_string()))?,
         };
+        if !matches!(depth.values, Values::Depth | Values::Unstated) {
+            let reason = format!("the channel {:?}: expected depth, found {}", depth.name, depth.values);
+            return Err(unusable(reason));
+        }
         let size = ImageSize { width: channels.width(), height: channels.height() };
         Ok(LoadedDepth { size, depths: depth.samples.clone() })
     }
@@ -74,14 +79,18 @@ impl LoadedDepth {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_pixels::exr::{Channel, Channels, Values};
+    use atsplat_pixels::exr::{Channel, Channels};
 
     use super::*;
 
     fn write(path: &Path, names: &[&str]) {
+        write_as(path, names, &Values::Depth);
+    }
+
+    fn write_as(path: &Path, names: &[&str], values: &Values) {
         let channel = |(at, name): (usize, &&str)| Channel {
             name: (*name).to_owned(),
-            values: Values::Depth,
+            values: values.clone(),
             samples: vec![f32::from(u8::try_from(at).unwrap()) + 1.0; 6],
         };
         let channels = names.iter().enumerate().map(channel).collect();
@@ -104,6 +113,31 @@ mod tests {
         std::fs::write(folder.path().join("s/3.exr"), b"no image").unwrap();
         assert!(depths.load("s", "3").unwrap_err().to_string().contains("3.exr"));
         assert!(depths.load("s", "4").unwrap_err().to_string().starts_with("reading a depth map"));
+    }
+
+    #[test]
+    fn values_that_are_stated_to_be_no_depth_are_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let depths = DepthFolder::open(folder.path()).unwrap();
+        for (values, found) in [
+            (Values::Depth, None),
+            (Values::Unstated, None),
+            (Values::Linear, Some("found linear")),
+            (Values::DisplayReferred, Some("found sRGB-encoded display-referred")),
+            (Values::Named("standard deviation of depth".to_owned()), Some("found standard deviation of depth")),
+        ] {
+            for names in [&["Z"][..], &["sigma"], &["A", "Z"]] {
+                write_as(&folder.path().join("s/0.exr"), names, &values);
+                let error = depths.load("s", "0").map(|_| ()).map_err(|error| error.to_string());
+                match found {
+                    None => assert_eq!(error, Ok(())),
+                    Some(found) => {
+                        let error = error.unwrap_err();
+                        assert!(error.contains(found) && error.contains("expected depth"), "{names:?}: {error}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

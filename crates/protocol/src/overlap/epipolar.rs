@@ -2,6 +2,7 @@ use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::OverlapEstimator;
 use crate::ProtocolError;
 
 /// Camera centres closer than this, in scene units, count as equal (pixelSplat's `mask_at_camera` in
@@ -67,10 +68,10 @@ impl EpipolarRays {
     pub fn fraction(&self, from: &Camera, into: &Camera) -> Result<f64, ProtocolError> {
         let rays = u64::from(self.grid.width) * u64::from(self.grid.height);
         if rays == 0 {
-            return Err(unusable(format!("the grid of rays is {}", self.grid)));
+            return Err(self.unusable(format!("the grid of rays is {}", self.grid)));
         }
         if let Some(crop) = self.crop.filter(|crop| crop.width == 0 || crop.height == 0) {
-            return Err(unusable(format!("the crop is {crop}")));
+            return Err(self.unusable(format!("the crop is {crop}")));
         }
         let [of_from, of_into] = [from, into].map(|camera| self.seen(&camera.intrinsics));
         let into_from_world = into.camera_from_world;
@@ -78,7 +79,7 @@ impl EpipolarRays {
         let origin = into_from_world.transform_point(world_from_from.centre());
         let rotation = into_from_world.rotation() * world_from_from.rotation();
         if !(origin.is_finite() && rotation.is_finite()) {
-            return Err(unusable("the relative pose overflows".to_owned()));
+            return Err(self.unusable("the relative pose overflows".to_owned()));
         }
         let hits = match cone_of_hits(&of_into, origin) {
             Cone::Everything => rays,
@@ -86,7 +87,7 @@ impl EpipolarRays {
                 let sides: Vec<HalfPlane> =
                     sides.iter().map(|side| HalfPlane::on_grid(*side, rotation, &of_from, self.grid)).collect();
                 if !sides.iter().all(HalfPlane::is_finite) {
-                    return Err(unusable("the intrinsics overflow".to_owned()));
+                    return Err(self.unusable("the intrinsics overflow".to_owned()));
                 }
                 (0..self.grid.height).map(|row| hits_in_row(&sides, row, self.grid.width)).sum()
             }
@@ -105,10 +106,10 @@ impl EpipolarRays {
         let [columns, rows] = [columns, rows].map(f64::round_ties_even);
         NormalizedIntrinsics { fx: whole.fx * (columns / width), fy: whole.fy * (rows / height), ..*whole }
     }
-}
 
-fn unusable(reason: String) -> ProtocolError {
-    ProtocolError::Overlap { estimator: "epipolar-ray", reason }
+    fn unusable(&self, reason: String) -> ProtocolError {
+        ProtocolError::Overlap { estimator: OverlapEstimator::EpipolarRay(*self).name(), reason }
+    }
 }
 
 /// A convex cone of directions, in coordinates of the other camera.
@@ -350,7 +351,9 @@ mod tests {
         let nothing = ImageSize { width: 0, height: 5 };
         assert!(EpipolarRays { grid: nothing, ..GRID }.overlap(&far, &far).is_err());
         let error = EpipolarRays { crop: Some(nothing), ..GRID }.overlap(&other, &other).unwrap_err().to_string();
-        assert!(error.contains("the crop is 0×5"), "{error}");
+        assert!(error.contains("(epipolar-ray-crop): the crop is 0×5"), "{error}");
+        let error = GRID.overlap(&far, &other).unwrap_err().to_string();
+        assert!(error.contains("(epipolar-ray): "), "{error}");
         let mut pinhole = looking(DMat3::IDENTITY, DVec3::ZERO);
         pinhole.intrinsics = NormalizedIntrinsics::new(1e-320, 1e-320, 0.5, 0.5).unwrap();
         let outcome = GRID.overlap(&pinhole, &looking(DMat3::IDENTITY, DVec3::X));
