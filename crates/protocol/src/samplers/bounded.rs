@@ -102,24 +102,36 @@ fn interpolate(initial: usize, last: usize, fraction: f64) -> usize {
 }
 
 impl Bounded {
-    /// One entry at the end of the schedule, drawn from the scene's stream of `seed`.
+    /// One entry at the end of the schedule, drawn from the scene's stream of `seed` among the windows that have room for it.
     ///
     /// # Errors
     /// Those of [`Bounded::draw`].
     pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
         let mut random = SplitMix64::for_scene(self.seed, scene.key);
-        self.draw(scene, self.gaps.warm_up_steps, &mut random).map(|entry| vec![entry])
+        let entry = self.draw_from(self.least_gap(), scene, self.gaps.warm_up_steps, &mut random)?;
+        Ok(vec![entry])
     }
 
-    /// One draw at a training step. Context frames are ascending; targets come in the order drawn.
+    /// One draw at a training step. Context frames are ascending; targets come in the order drawn. Windows without room for
+    /// distinct targets are drawn too: training draws again then, and its samples are those of earlier versions.
     ///
     /// # Errors
     /// [`NoEntry::GapsTooSmall`] if no window of an allowed width contains enough context frames and a target;
     /// [`NoEntry::TooFewFrames`] if none fits the scene; [`NoEntry::TooFewTargets`] if targets must be distinct and there are too few frames.
     pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
+        self.draw_from(self.least_drawn_gap(), scene, step, random)
+    }
+
+    fn draw_from(
+        &self,
+        least_gap: usize,
+        scene: &SceneViews<'_>,
+        step: u64,
+        random: &mut SplitMix64,
+    ) -> Result<IndexEntry, NoEntry> {
         let frames = scene.cameras.len();
         let (min_gap, max_gap) = self.gaps.at(step);
-        let min_gap = min_gap.max(self.least_drawn_gap());
+        let min_gap = min_gap.max(least_gap);
         if max_gap < min_gap {
             return Err(NoEntry::GapsTooSmall { needed: min_gap, most: max_gap });
         }
@@ -157,7 +169,7 @@ impl Bounded {
         self.least_drawn_gap().max(insets.saturating_add(between_insets).saturating_sub(outside))
     }
 
-    /// The smallest gap that is drawn, whatever the schedule: with room for the insets and the context frames.
+    /// The smallest gap that training draws, whatever the schedule: with room for the insets and the context frames.
     fn least_drawn_gap(&self) -> usize {
         self.min_distance_to_context.saturating_mul(2).max(self.extra_views() + 1)
     }
@@ -259,6 +271,25 @@ mod tests {
         assert_eq!(with(2, 3), Err(NoEntry::GapsTooSmall { needed: 6, most: 5 }));
         assert_eq!(with(8, 0), Err(NoEntry::GapsTooSmall { needed: 7, most: 5 }));
         assert!(with(6, 2).is_ok());
+    }
+
+    /// Eight distinct targets need a gap of seven: half of the gaps from four to nine have no room for them.
+    #[test]
+    fn every_scene_with_room_for_the_targets_has_an_entry() {
+        let cameras = along((0..40).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+        let gaps = GapSchedule { min: 4, max: 9, initial_min: 0, initial_max: 0, warm_up_steps: 0 };
+        let with = |max: usize, seed: u64| {
+            let gaps = GapSchedule { max, ..gaps };
+            let target_views = NonZeroUsize::new(8).unwrap();
+            let sampler = Bounded { target_views, gaps, repeat_targets: false, seed, ..bounded() };
+            sampler.sample(&SceneViews { key: "long", cameras: &cameras })
+        };
+        let widths = (0..100).map(|seed| {
+            let context = with(9, seed).unwrap().remove(0).context;
+            context[1] - context[0]
+        });
+        assert_eq!(widths.collect::<std::collections::BTreeSet<_>>(), [7, 8, 9].into());
+        assert_eq!(with(6, 1), Err(NoEntry::GapsTooSmall { needed: 7, most: 6 }));
     }
 
     proptest! {

@@ -54,9 +54,8 @@ fn crop(rays: &EpipolarRays) -> Option<Check> {
     Some(check(holds, "overlap, crop", "at least one pixel on each side", crop.to_string()))
 }
 
-fn of_bounded(Bounded { context_views, gaps: schedule, min_distance_to_context, .. }: &Bounded) -> Vec<Check> {
-    let views = context_views.get();
-    let least = min_distance_to_context.saturating_mul(2).max(views.saturating_sub(1));
+fn of_bounded(sampler: &Bounded) -> Vec<Check> {
+    let (views, schedule, least) = (sampler.context_views.get(), &sampler.gaps, sampler.least_gap());
     let mut checks = vec![
         check(views >= 2, "context-views", "at least the two ends of the window", views.to_string()),
         gaps("gaps, min and max", schedule.min, schedule.max),
@@ -64,7 +63,7 @@ fn of_bounded(Bounded { context_views, gaps: schedule, min_distance_to_context, 
         check(
             schedule.max >= least,
             "gaps, max",
-            "a gap with room for the context views and for twice min-distance-to-context",
+            "a gap with room for the context views, the targets and twice min-distance-to-context",
             format!("{}, where {least} are needed", schedule.max),
         ),
     ];

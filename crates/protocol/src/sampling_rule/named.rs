@@ -108,7 +108,8 @@ mod tests {
             |bounds: &str| format!("{bounded}[overlap]\nestimator.estimator = \"epipolar-ray\"\n{bounds}");
         let bounds = with_overlap("minimum = 0.2\nmaximum = 0.2");
         let every = "[sampler]\nsampler = \"every-nth\"\nevery = 2\ncontext-views = 3\n";
-        for valid in [bounded.to_owned(), pairs.to_owned(), farthest.to_owned(), every.to_owned(), bounds] {
+        let repeated = bounded.replace("target-views = 3", "target-views = 11\nrepeat-targets = true");
+        for valid in [bounded.to_owned(), repeated, pairs.to_owned(), farthest.to_owned(), every.to_owned(), bounds] {
             std::fs::write(&path, &valid).unwrap();
             let rule = SamplingRule::resolve(path.to_str().unwrap());
             assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
@@ -123,7 +124,8 @@ mod tests {
             (bounded.replace("views = 2", "views = 1"), "context-views"),
             (bounded.replace("max = 9", "max = 3"), "4 and 3"),
             (bounded.replace("context-views = 2", "context-views = 12"), "found 9, where 11 are needed"),
-            (format!("{bounded}min-distance-to-context = 5\n"), "found 9, where 10 are needed"),
+            (format!("{bounded}min-distance-to-context = 4\n"), "found 9, where 10 are needed"),
+            (bounded.replace("target-views = 3", "target-views = 11"), "found 9, where 10 are needed"),
             (bounded.replace("max = 9", "max = 9, initial-min = 8, initial-max = 7"), "8 and 7"),
             (
                 bounded.replace("max = 9", "max = 9, initial-min = 6, initial-max = 7, warm-up-steps = 100"),
