@@ -86,6 +86,14 @@ impl<'a> From<&'a Preset> for Hashed<'a> {
     }
 }
 
+impl Preset {
+    /// What the hash leaves out, but texts: the published protocol that it stands for, the sampling rule, the estimator of the bins.
+    pub(super) fn unhashed(&self) -> [Option<&str>; 3] {
+        let estimator = self.overlap_bins.as_ref().and_then(OverlapBins::estimator);
+        [self.stands_for.as_deref(), self.index.sampler.as_deref(), estimator]
+    }
+}
+
 /// A [`MethodSetting`] without its source.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]

@@ -264,5 +264,17 @@ mod tests {
         assert!(error.contains("field name: expected another name") && error.contains("mine.toml"), "{error}");
         preset.name = "mine".to_owned();
         assert_eq!(read(&preset), Ok("mine".to_owned()));
+        // None of these is in the hash.
+        for (name, field, other) in [
+            ("re10k-2v-256", "sampler = \"re10k-2v\"", "sampler = \"dl3dv-2v\""),
+            ("rooms-2v-128", "stands-for = \"re10k-2v-256\"", "stands-for = \"dl3dv-2v-256x448\""),
+            ("re10k-overlap", "estimator = \"roma\"", "estimator = \"epipolar-ray\""),
+        ] {
+            let text = Preset::text_of(name).unwrap();
+            assert!(text.contains(field), "{name}");
+            let changed = Preset::from_toml(&text.replacen(field, other, 1)).unwrap();
+            assert_eq!(changed.hash().unwrap(), Preset::named(name).unwrap().hash().unwrap(), "{name}");
+            assert!(read(&changed).unwrap_err().contains("field name: expected another name"), "{name}");
+        }
     }
 }

@@ -25,7 +25,7 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
 /// Checks that a preset of a file does not pass for a built-in one, under whose name it would be in tables.
 pub(super) fn own_name(preset: &Preset) -> Result<(), ProtocolError> {
     let Ok(built_in) = Preset::named(&preset.name) else { return Ok(()) };
-    let is_built_in = built_in.hash()? == preset.hash()?;
+    let is_built_in = built_in.hash()? == preset.hash()? && built_in.unhashed() == preset.unhashed();
     let expected = "another name than that of a built-in protocol, from which this one differs";
     ensure(is_built_in, "name", expected, &preset.name)
 }
