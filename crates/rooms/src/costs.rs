@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
 use crate::simulation::auto_exposure_gain;
-use crate::{RoomsError, Simulation};
+use crate::{Request, RoomsError, Simulation};
 
 /// A time in seconds, not negative: the median of pairs, and the interval that contains the true median with 96 % confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -182,9 +182,9 @@ impl Simulation {
     }
 
     fn context(&self) -> SceneContext<'_> {
-        let size = self.request().size;
+        let Request { size, samples, .. } = *self.request();
         let (world, conditions, shots) = (&self.world, &self.conditions, self.shots());
-        SceneContext { world, conditions, shots, size }
+        SceneContext { world, conditions, shots, size, samples }
     }
 }
 
@@ -194,7 +194,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
-    use crate::{Request, SceneKind, SceneSeed, Split};
+    use crate::{SceneKind, SceneSeed, Split};
 
     /// The second yard needs no lens. Without another effect a requested one still runs, so its time is not that effect's.
     #[test]

@@ -28,7 +28,7 @@ fn fingerprints_are_those_of_earlier_versions() {
     let room = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Test, number: 3 });
     let expected = "frame 7 of Request { kind: Rooms, seed: SceneSeed { split: Test, number: 3 }, frames: 150, size: \
                     ImageSize { width: 256, height: 256 }, samples: 4, effects: Auto, route: Natural }";
-    assert_eq!(fingerprint(7, &room), format!("{GENERATOR}, {expected}"));
+    assert_eq!(fingerprint(7, &format!("{room:?}")), format!("{GENERATOR}, {expected}"));
     let yard = Request {
         size: ImageSize { width: 24, height: 16 },
         effects: EffectChoice::Only(vec![EffectKind::SoftShadows, EffectKind::MotionBlur]),
@@ -40,7 +40,7 @@ fn fingerprints_are_those_of_earlier_versions() {
          ImageSize {{ width: 24, height: 16 }}, samples: 4, effects: Only([SoftShadows, MotionBlur]), route: \
          Given({CAMERAS}) }}"
     );
-    assert_eq!(fingerprint(0, &yard), format!("{GENERATOR}, {expected}"));
+    assert_eq!(fingerprint(0, &format!("{yard:?}")), format!("{GENERATOR}, {expected}"));
     assert_eq!(format!("{:?} {:?}", EffectChoice::All, EffectChoice::None), "All None");
     let effects =
         "[SoftShadows, SpecularReflection, IndirectLight, ExposureDrift, LensDistortion, MotionBlur, SensorNoise]";

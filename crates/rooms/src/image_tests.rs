@@ -40,7 +40,7 @@ fn plate(right: f64, up: f64) -> World {
 }
 
 fn effects(world: &World, conditions: &Conditions, shot: &Shot, kinds: &[EffectKind]) -> Effects {
-    let scene = SceneContext { world, conditions, shots: &[*shot], size: SIZE };
+    let scene = SceneContext { world, conditions, shots: &[*shot], size: SIZE, samples: 4 };
     Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec()))
 }
 

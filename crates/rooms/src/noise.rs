@@ -51,8 +51,8 @@ pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
     2.0 * mix(mix(edges[0], edges[1], s.y), mix(edges[2], edges[3], s.y), s.z) - 1.0
 }
 
-/// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Octaves finer than two `footprint`s are
-/// faded out, because they would alias.
+/// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Fine octaves, which would alias, are faded as
+/// [`visible`] says.
 pub(crate) fn fractal_noise(p: Vec3, octaves: u32, footprint: f32, seed: u32) -> f32 {
     let (mut sum, mut strength, mut scale) = (0.0, 0.5, 1.0);
     for octave in 0..octaves {
@@ -67,7 +67,7 @@ pub(crate) fn fractal_noise(p: Vec3, octaves: u32, footprint: f32, seed: u32) ->
     sum
 }
 
-/// How visible a detail of this size is in a pixel of this footprint, in [0, 1].
+/// How visible a detail of this size is in a pixel of this footprint, in [0, 1]: not at all up to one footprint, fully from three.
 pub(crate) fn visible(size: f32, footprint: f32) -> f32 {
     (size / (footprint * 2.0 + f32::MIN_POSITIVE) - 0.5).clamp(0.0, 1.0)
 }
@@ -85,6 +85,12 @@ pub(crate) fn edge(distance: f32, footprint: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn details_fade_between_three_footprints_and_one() {
+        let of_sizes = [0.2f32, 0.5, 1.0, 1.5, 4.0].map(|size| f64::from(visible(size, 0.5)));
+        atsplat_numeric::Tolerance::F32_ROUND_TRIP.assert(of_sizes, [0.0, 0.0, 0.5, 1.0, 1.0], "visible shares");
+    }
 
     #[test]
     fn noise_is_bounded_continuous_and_fades() {

@@ -349,7 +349,7 @@ mod tests {
         let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
         let shot = Shot { timestamp_micros: 0, camera, moving_to: pose, frame_seconds: 0.0 };
         let conditions = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size, samples: 1 };
         let effects = Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec()));
         let frame = Frame::new(&world, &effects, &shot, size, 1).unwrap();
         let place_on_lamps = DVec2::splat(0.5);

@@ -132,7 +132,8 @@ impl Simulation {
             Route::Given(cameras) => path::place(seed, &world, cameras)?,
         };
         let conditions = conditions(request.kind, seed);
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, size };
+        let samples = request.samples;
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &path.shots, size, samples };
         let effects = Effects::choose(&scene, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
@@ -147,7 +148,8 @@ impl Simulation {
         let request = Request { size, effects: EffectChoice::None, ..Request::new(SceneKind::Rooms, seed) };
         let shots = cameras.iter().map(|camera| Shot::still(0, *camera)).collect::<Vec<_>>();
         let conditions = conditions(request.kind, seed.bits());
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size };
+        let samples = request.samples;
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size, samples };
         let effects = Effects::choose(&scene, &request.effects);
         let (slowed_to, gain, keeps_lens, lens_table) = (1.0, 1.0, true, OnceLock::new());
         Self { request, world, conditions, effects, shots, slowed_to, gain, keeps_lens, lens_table }

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use atsplat_camera::ImageSize;
 use atsplat_pixels::{ImageU8, Rounding};
@@ -64,9 +64,11 @@ impl SceneSource for SimulatedScenes {
         let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: PathBuf::from("simulated scenes") };
         let (request, cache) = self.requests.get(key).ok_or_else(unknown)?;
         let simulation = Arc::new(Simulation::new(request.clone()).map_err(making(key))?);
+        let request_text: Arc<OnceLock<String>> = Arc::default();
         let frames = (0..simulation.shots().len()).map(|frame| {
-            let (simulation, cache) = (Arc::clone(&simulation), Arc::clone(cache));
-            SimulatedImage { key: key.to_owned(), frame, simulation, cache }.frame()
+            let (simulation, cache, request_text) =
+                (Arc::clone(&simulation), Arc::clone(cache), Arc::clone(&request_text));
+            SimulatedImage { key: key.to_owned(), frame, simulation, cache, request_text }.frame()
         });
         let frames = frames.collect::<Result<_, _>>().map_err(making(key))?;
         Ok(Scene { key: simulation.key(), url: None, frames })
@@ -79,6 +81,8 @@ struct SimulatedImage {
     frame: usize,
     simulation: Arc<Simulation>,
     cache: Arc<ImageCache>,
+    /// The request as text, once for all frames of a scene: a given route has a camera for each of them.
+    request_text: Arc<OnceLock<String>>,
 }
 
 impl GeneratedImage for SimulatedImage {
@@ -87,7 +91,7 @@ impl GeneratedImage for SimulatedImage {
     }
 
     fn fingerprint(&self) -> String {
-        fingerprint(self.frame, self.simulation.request())
+        fingerprint(self.frame, self.request_text.get_or_init(|| format!("{:?}", self.simulation.request())))
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {
@@ -107,10 +111,10 @@ impl fmt::Debug for SimulatedImage {
     }
 }
 
-/// A text that identifies a frame's image. The names of the request's types and fields are part of it: whoever changes one of them makes
-/// results of simulated data, and baselines, look as if their data had changed.
-pub(crate) fn fingerprint(frame: usize, request: &Request) -> String {
-    format!("{GENERATOR}, frame {frame} of {request:?}")
+/// A text that identifies a frame's image by the debug output of a [`Request`]. The names of the request's types and fields are part of
+/// it: whoever changes one of them makes results of simulated data, and baselines, look as if their data had changed.
+pub(crate) fn fingerprint(frame: usize, request: &str) -> String {
+    format!("{GENERATOR}, frame {frame} of {request}")
 }
 
 fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
@@ -177,6 +181,8 @@ mod tests {
         assert_eq!(scene.frames.len(), 4);
         for (at, frame) in scene.frames.iter().enumerate() {
             assert_eq!(frame.camera, simulation.camera(at).unwrap());
+            let FrameImage::Generated(generated) = &frame.image else { panic!("not rendered: {:?}", frame.image) };
+            assert_eq!(generated.fingerprint(), fingerprint(at, &format!("{:?}", request())));
             let image = scene.decode(at, &DecodeLimits::default()).unwrap();
             assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         }

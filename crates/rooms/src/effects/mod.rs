@@ -34,7 +34,7 @@ pub(crate) struct Conditions {
     pub lens: [f64; 2],
     /// Seconds during which the shutter is open.
     pub shutter: f64,
-    /// Standard deviation of noise at white, as a share of white.
+    /// Standard deviation of noise where light is 0.9 of white, as a share of white.
     pub noise: f64,
     /// Swing of the automatic exposure, in stops.
     pub drift: f64,
@@ -117,6 +117,8 @@ pub struct AbsentEffect {
 const NONE_IN_SCENE: &str = "requested: this scene has none that can be seen";
 /// The reason of a lens that the scene needs, in a layout without lenses.
 const NO_LENS_IN_LAYOUT: &str = "left out: this layout stores no lens";
+/// The reason of motion blur that the scene needs, with one ray for each pixel.
+const ONE_MOMENT: &str = "left out: one ray per pixel shows one moment";
 
 /// The effects of one scene.
 #[derive(Debug)]
@@ -143,6 +145,8 @@ pub(crate) struct SceneContext<'a> {
     pub shots: &'a [Shot],
     /// Size of each image.
     pub size: ImageSize,
+    /// Rays per pixel.
+    pub samples: u32,
 }
 
 impl Effects {
@@ -151,11 +155,15 @@ impl Effects {
         let is_auto = *choice == EffectChoice::Auto;
         for effect in EffectKind::ALL.into_iter().filter(|effect| is_auto || choice.requests(*effect)) {
             match needed_by(effect, scene) {
+                Some(_) if effect == EffectKind::MotionBlur && scene.samples == 1 => {
+                    effects.absent.push(AbsentEffect { effect, reason: ONE_MOMENT });
+                    continue;
+                }
                 Some(reason) => effects.active.push(ActiveEffect { effect, reason }),
                 None if is_auto => continue,
                 None => effects.absent.push(AbsentEffect { effect, reason: NONE_IN_SCENE }),
             }
-            // A requested effect runs even if nothing of it can be seen.
+            // A requested effect runs even if the scene has none that can be seen.
             effects.enable(effect, scene);
         }
         effects
@@ -290,7 +298,8 @@ mod tests {
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
         let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
         let size = ImageSize { width: 256, height: 256 };
-        Effects::choose(&SceneContext { world, conditions, shots: &shots, size }, &EffectChoice::Auto).active
+        let scene = SceneContext { world, conditions, shots: &shots, size, samples: 4 };
+        Effects::choose(&scene, &EffectChoice::Auto).active
     }
 
     fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
@@ -306,7 +315,7 @@ mod tests {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
         let (shots, size) = ([Shot::still(0, camera)], ImageSize { width: 256, height: 256 });
-        let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size };
+        let scene = SceneContext { world: &world, conditions: &noisy, shots: &shots, size, samples: 4 };
         let chosen = |choice: EffectChoice| {
             let effects = Effects::choose(&scene, &choice);
             let absent: Vec<EffectKind> = effects.absent.iter().map(|absent| absent.effect).collect();
@@ -332,7 +341,7 @@ mod tests {
         let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
         let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
         let size = ImageSize { width: 256, height: 256 };
-        let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size };
+        let scene = SceneContext { world: &world, conditions: &bent, shots: &shots, size, samples: 4 };
         let [with, without] = [(); 2].map(|()| Effects::choose(&scene, &EffectChoice::Auto));
         let without = without.without_lens();
         assert!(with.lens() != Distortion::None && without.lens() == Distortion::None);
@@ -357,7 +366,7 @@ mod tests {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
         let (shot, size) = (Shot::still(700_000, camera), ImageSize { width: 256, height: 256 });
-        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size };
+        let scene = SceneContext { world: &world, conditions: &conditions, shots: &[shot], size, samples: 4 };
         let measured = |kinds: &[EffectKind], light: Vec3| {
             Effects::choose(&scene, &EffectChoice::Only(kinds.to_vec())).sensor_value(&shot, 5, light)
         };
@@ -390,6 +399,30 @@ mod tests {
         let behind = to(DMat3::from_rotation_y(std::f64::consts::PI), 0.0);
         let reason = "up to 30.0 % of the image width in 12 ms of exposure";
         assert_eq!(chosen(&world, &open, behind)[0].reason, reason);
+    }
+
+    /// The only sample of a pixel is in the middle of the exposure.
+    #[test]
+    fn one_ray_per_pixel_has_no_motion_blur_and_says_so() {
+        let conditions = Conditions { lens: [0.0; 2], shutter: 0.012, noise: 0.01, drift: 0.0, bounce: 0.0, seed: 1 };
+        let world = world(0.0, Vec::new());
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
+        let shots = [Shot { timestamp_micros: 0, camera, moving_to, frame_seconds: 0.04 }];
+        let size = ImageSize { width: 256, height: 256 };
+        let (blur, noise) = (EffectKind::MotionBlur, EffectKind::SensorNoise);
+        for choice in [EffectChoice::Auto, EffectChoice::Only(vec![blur, noise])] {
+            for (samples, is_blurred) in [(1, false), (2, true)] {
+                let scene = SceneContext { world: &world, conditions: &conditions, shots: &shots, size, samples };
+                let effects = Effects::choose(&scene, &choice);
+                let active: Vec<EffectKind> = effects.active.iter().map(|active| active.effect).collect();
+                assert_eq!(active, if is_blurred { vec![blur, noise] } else { vec![noise] }, "{choice}, {samples}");
+                let absent = AbsentEffect { effect: blur, reason: ONE_MOMENT };
+                assert_eq!(effects.absent, if is_blurred { vec![] } else { vec![absent] }, "{choice}, {samples}");
+                assert_eq!(effects.kinds().collect::<Vec<_>>(), active, "{choice}, {samples}");
+            }
+        }
     }
 
     /// One that is not would never run.

@@ -1,4 +1,5 @@
-//! Sensor noise: photon noise, whose variance grows with light, over an electronic noise floor.
+//! Sensor noise: photon noise, whose variance grows with light, over an electronic noise floor. At a light of x, where 1 is white, the
+//! standard deviation is σ √(0.1 + x): σ at 0.9, and a little more at white.
 
 use atsplat_numeric::unit_of_bits;
 use glam::Vec3;
@@ -15,7 +16,7 @@ pub(super) struct SensorNoise {
 
 pub(super) fn needed_by(scene: &SceneContext<'_>) -> Option<String> {
     let sigma = scene.conditions.noise;
-    (sigma > 0.0).then(|| format!("σ = {sigma:.3} of white"))
+    (sigma > 0.0).then(|| format!("σ = {sigma:.3} of white, at a light of 0.9"))
 }
 
 impl SensorNoise {
