@@ -8,8 +8,9 @@ use crate::render::check_header;
 use crate::size::{header, unknown};
 use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError, size_of};
 
-/// Decodes to 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every loader of the field
-/// applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
+/// Decodes to 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`. For 8-bit RGB, as the published datasets have it,
+/// these are also the values of loaders that do not convert; of other images, pixelSplat's (`src/dataset/dataset_re10k.py`) skips
+/// the scene, because `ToTensor` gives another shape than 3×360×640:
 ///
 /// - EXIF orientation is not applied, gamma and colour profiles are ignored;
 /// - alpha is dropped, not composited over a background;

@@ -4,8 +4,8 @@ use crate::{Image, ImageU8, PixelError};
 
 /// How a value in [0, 1] is quantised to 8 bits, in f32 as in PyTorch.
 ///
-/// The rules differ by half a step on average, about 0.01 dB at 40 dB, so the rule is part of the convention of a number
-/// (conventions D4).
+/// The rules differ by half a step on average: truncation lowers a PSNR of 28 dB by about 0.01 dB and one of 40 dB by 0.16 dB, so the
+/// rule is part of the convention of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rounding {

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use crate::IndexEntry;
 
 /// Which scenes the published loaders silently drop. The exact image size that they require is
-/// [`atsplat_scene::preprocess::Preprocessing::expected_size`].
+/// [`atsplat_scene::preprocess::Preprocessing::expected_size`]. pixelSplat's loader also drops scenes with grey images and images with
+/// alpha, whose shape is another; here they are decoded as RGB (with a warning of the dropped alpha). The published datasets have none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Filters {
