@@ -4,7 +4,7 @@ use std::fmt;
 
 use atsplat_camera::ImageSize;
 use atsplat_metrics::ssim::{Ssim, ssim};
-use atsplat_metrics::{MetricError, Pair, Values, mean_squared_error, psnr_of_mean_squared_error};
+use atsplat_metrics::{MetricError, Pair, Score as PairScore, Values, mean_squared_error, psnr_of_mean_squared_error};
 use atsplat_numeric::mean;
 use atsplat_pixels::Image;
 use serde::Serialize;
@@ -161,9 +161,12 @@ impl MeanPsnr {
     }
 }
 
-/// In dB, of values in [0, 1]; `None` for equal images, whose PSNR is infinite.
+/// In dB, of values in [0, 1]; `None` for equal images, whose PSNR is infinite; NaN for an error that is not finite.
 pub(crate) fn psnr(mse: f64) -> Option<f64> {
-    psnr_of_mean_squared_error(mse).value()
+    match psnr_of_mean_squared_error(mse) {
+        PairScore::NotComputed(_) => Some(f64::NAN),
+        score => score.value(),
+    }
 }
 
 /// Mean scores of held-out views after some steps.

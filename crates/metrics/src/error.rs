@@ -33,6 +33,20 @@ pub enum MetricError {
         /// Width and height of the image.
         size: [u32; 2],
     },
+    /// Features are by another network, or by other weights of it, than those that they are compared by.
+    #[error("features: expected those of {expected}, found those of {found}")]
+    OtherFeatures {
+        /// The network, and the hash of its weights.
+        expected: String,
+        /// Those of the features.
+        found: String,
+    },
+    /// A number that is no mean squared error.
+    #[error("mean squared error: expected a finite number from 0, found {found}")]
+    MeanSquaredError {
+        /// The number.
+        found: f64,
+    },
     /// The network's features, and thus the distance, are NaN or infinite.
     #[error("{measure}: the samples are so large that the network's sums are not finite numbers")]
     Overflow {

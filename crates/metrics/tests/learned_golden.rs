@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_metrics::learned::{
-    FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders, embedded_heads,
+    FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders, WeightsHashes, embedded_heads,
 };
 use atsplat_metrics::{Definition, MetricError, Networks, NotComputed, Score, Suite, definition, definitions};
 use atsplat_numeric::Tolerance;
@@ -142,6 +142,29 @@ fn distances_are_independent_of_threads_and_caches() {
     let again = cache.features(&perceptual, &a).unwrap();
     assert!(!Arc::ptr_eq(&first, &again), "the oldest went");
     assert_eq!(first, again, "computed again");
+}
+
+/// Their maps have the same numbers of channels.
+#[test]
+fn features_of_other_networks_and_weights_are_not_compared() {
+    let own = perceptual(Network::LpipsAlex);
+    let shifted = perceptual(Network::StLpipsAlex);
+    let heads = embedded_heads(Network::LpipsAlex).unwrap().unwrap();
+    let hashes = WeightsHashes { network: "another file".to_owned(), heads: own.hashes().heads.clone() };
+    let retrained = Perceptual::from_tensors(Network::LpipsAlex, &weights(Network::LpipsAlex), &heads, hashes).unwrap();
+    let image = seeded(64, 64, 1);
+    let of_own = own.features(&image).unwrap();
+    assert_eq!(own.distance(&of_own, &of_own), Ok(0.0));
+    for (other, named) in
+        [(shifted, "found those of ST-LPIPS (Alex) with"), (retrained, "with the weights another file")]
+    {
+        let of_other = other.features(&image).unwrap();
+        for outcome in [own.distance(&of_other, &of_own), own.distance(&of_own, &of_other)] {
+            let error = outcome.unwrap_err();
+            assert!(matches!(error, MetricError::OtherFeatures { .. }), "{error}");
+            assert!(error.to_string().contains(named), "{error}");
+        }
+    }
 }
 
 #[test]

@@ -148,14 +148,17 @@ impl Perceptual {
                 Step::Tap => maps.push(normalised(at.clone())),
             }
         }
-        Ok(Features { image: size, maps })
+        Ok(Features { network: self.network, weights: self.hashes.network.clone(), image: size, maps })
     }
 
     /// Distance of two images by their features: 0 for identical images, larger for less similar ones.
     ///
     /// # Errors
-    /// [`MetricError::SizeMismatch`]; [`MetricError::Overflow`] if an image's features are not finite.
+    /// [`MetricError::OtherFeatures`] for features by another network or by other weights; [`MetricError::SizeMismatch`];
+    /// [`MetricError::Overflow`] if an image's features are not finite.
     pub fn distance(&self, render: &Features, truth: &Features) -> Result<f64, MetricError> {
+        self.require_own(render)?;
+        self.require_own(truth)?;
         if truth.image != render.image {
             let (expected, found) = (render.image, truth.image);
             return Err(MetricError::SizeMismatch { expected, found });
@@ -164,6 +167,15 @@ impl Perceptual {
         let distances = maps.map(|((render, truth), head)| distances(render, truth, head));
         let distance: f64 = distances.map(|map| map.iter().sum::<f64>() / map.len() as f64).sum();
         if distance.is_finite() { Ok(distance) } else { Err(MetricError::Overflow { measure: self.network.name() }) }
+    }
+
+    fn require_own(&self, features: &Features) -> Result<(), MetricError> {
+        if (self.network, &self.hashes.network) == (features.network, &features.weights) {
+            return Ok(());
+        }
+        let named = |network: Network, weights: &str| format!("{} with the weights {weights}", network.name());
+        let expected = named(self.network, &self.hashes.network);
+        Err(MetricError::OtherFeatures { expected, found: named(features.network, &features.weights) })
     }
 }
 
