@@ -1,6 +1,6 @@
 use std::f64::consts::PI;
 
-use atsplat_numeric::{Extremes, nearest_rank};
+use atsplat_numeric::{Extremes, nearest_quantile};
 use glam::DVec3;
 
 use crate::error::positive;
@@ -24,11 +24,11 @@ impl Sphere {
         let tail = 0.5 * (1.0 - share);
         let middle = |coordinate: fn(&DVec3) -> f64| {
             let mut values: Vec<f64> = points.iter().map(coordinate).collect();
-            Some(nearest_rank(&mut values, tail)?.midpoint(nearest_rank(&mut values, 1.0 - tail)?))
+            Some(nearest_quantile(&mut values, tail)?.midpoint(nearest_quantile(&mut values, 1.0 - tail)?))
         };
         let centre = DVec3::new(middle(|point| point.x)?, middle(|point| point.y)?, middle(|point| point.z)?);
         let mut distances: Vec<f64> = points.iter().map(|point| point.distance(centre)).collect();
-        Some(Self { centre, radius: nearest_rank(&mut distances, share)? })
+        Some(Self { centre, radius: nearest_quantile(&mut distances, share)? })
     }
 }
 

@@ -1,5 +1,5 @@
 //! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
-//! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_rank`],
+//! NaN where the standard library's `max` and `min` ignore it, [`mean`], [`median`], [`quantile`] and [`nearest_quantile`],
 //! [`distinct`] and [`grouped`] values, the random number generator [`SplitMix64`], evenly [`spread()`] positions, the
 //! rounding of [`narrowed()`] and [`logit`], quadrature by [`GAUSS_LEGENDRE`], and numbers with their unit or noun in messages.
 
@@ -18,7 +18,7 @@ pub use bytes::format_bytes;
 pub use count::{counted, noun};
 pub use extremes::Extremes;
 pub use narrowed::{logit, narrowed, sigmoid};
-pub use order::{distinct, grouped, mean, median, nearest_rank, quantile};
+pub use order::{distinct, grouped, mean, median, nearest_quantile, quantile};
 pub use quadrature::GAUSS_LEGENDRE;
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix, unit_of_bits};
 pub use rank::rank_correlation;

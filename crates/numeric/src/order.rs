@@ -30,10 +30,14 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
 }
 
 /// The `share` quantile (0 to 1) without interpolation: of the values in ascending order, the one whose place between the first (0)
-/// and the last (1) is nearest to the share, the greater of two equally near ones. Reorders the values; `None` without any.
+/// and the last (1) is nearest to the share, as with `method="nearest"` of `numpy.quantile`, but the greater of two equally near ones.
+/// NaN if any value is NaN. Reorders the values; `None` without any.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length is within it")]
-pub fn nearest_rank(values: &mut [f64], share: f64) -> Option<f64> {
+pub fn nearest_quantile(values: &mut [f64], share: f64) -> Option<f64> {
     let last = values.len().checked_sub(1)?;
+    if values.iter().any(|value| value.is_nan()) {
+        return Some(f64::NAN);
+    }
     let at = (share.clamp(0.0, 1.0) * last as f64).round() as usize;
     Some(*values.select_nth_unstable_by(at.min(last), f64::total_cmp).1)
 }
@@ -92,11 +96,14 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_by_rank_are_among_the_values() {
-        let of = |share| nearest_rank(&mut [10.0, 0.0, 4.0, 1.0], share);
+    fn quantiles_without_interpolation_are_among_the_values() {
+        let of = |share| nearest_quantile(&mut [10.0, 0.0, 4.0, 1.0], share);
         assert_eq!([0.0, 0.16, 0.17, 0.5, 0.83, 0.84, 1.0].map(of), [0.0, 0.0, 1.0, 4.0, 4.0, 10.0, 10.0].map(Some));
         assert_eq!((of(-0.5), of(1.5)), (Some(0.0), Some(10.0)));
-        assert_eq!(nearest_rank(&mut [], 0.5), None);
+        assert_eq!(nearest_quantile(&mut [], 0.5), None);
+        // By the nearest rank, ⌈0.5 · 4⌉, it would be 1.
+        assert_eq!(nearest_quantile(&mut [10.0, 0.0, 4.0, 1.0], 0.5), Some(4.0));
+        assert!(nearest_quantile(&mut [1.0, f64::NAN, 0.0], 0.0).is_some_and(f64::is_nan));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 use std::time::Instant;
 
-use atsplat_numeric::{Extremes as _, nearest_rank};
+use atsplat_numeric::{Extremes as _, nearest_quantile};
 use serde::Serialize;
 
 use super::{EFFECTS, Effect, EffectOutcome, EffectPlan, Request, Scene};
@@ -135,7 +135,7 @@ impl Interval {
     fn of_differences(pairs: &[[f64; 2]]) -> Self {
         let mut differences: Vec<f64> = pairs.iter().map(|[with, without]| with - without).collect();
         let median = median(differences.iter().copied());
-        let quartiles = [0.25, 0.75].map(|share| nearest_rank(&mut differences, share).unwrap_or(f64::NAN));
+        let quartiles = [0.25, 0.75].map(|share| nearest_quantile(&mut differences, share).unwrap_or(f64::NAN));
         Self { median, quartiles }
     }
 }
