@@ -52,8 +52,8 @@ pub(crate) struct EvaluationArgs {
     #[arg(long, value_name = "DIR", value_parser = parse::folder)]
     metric_weights: Option<PathBuf>,
 
-    /// Read every image again to detect changes since its results were made; otherwise images with the same size and
-    /// modification time count as unchanged.
+    /// Read every image again to detect changes since its results were made; otherwise images with the same size, times and inode
+    /// count as unchanged.
     #[arg(long)]
     verify: bool,
 

@@ -138,10 +138,15 @@ fn changed_images_are_recomputed_and_verify_reads_all() {
     write_with_tail(&image, &bytes, 1);
     assert!(succeed(here, &RUN).contains("6 results computed"));
     assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("0 results computed; 6 were there before"));
-    // With the same size and time, only reading the file detects the change.
+    // With the same size and modification time, but another time of its last change.
     write_with_tail(&image, &bytes, 2);
-    assert!(succeed(here, &RUN).contains("0 results computed"));
-    assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("2 results computed; 4 were there before"));
+    assert!(succeed(here, &RUN).contains("2 results computed; 4 were there before"));
+    // Where the store says that images have changed, only reading them tells that they have not.
+    let digests = here.join("store/digests.txt");
+    let text = std::fs::read_to_string(&digests).unwrap();
+    let wrong = |line: &str| format!("{} {}\n", line.rsplit_once(' ').unwrap().0, "0".repeat(64));
+    std::fs::write(&digests, text.lines().map(wrong).collect::<Vec<_>>().concat()).unwrap();
+    assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("0 results computed; 6 were there before"));
     // A different image.
     let other = std::fs::read(here.join("data/scene-02/0.png")).unwrap();
     std::fs::write(&image, other).unwrap();

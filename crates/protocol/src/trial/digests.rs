@@ -1,8 +1,12 @@
-//! SHA-256 digests of image bytes, cached for files by path, size and modification time.
+//! SHA-256 digests of image bytes, cached for files by path, size, times and inode.
 //!
-//! The cache file has one line per image: SHA-256 of the absolute path, size in bytes, nanoseconds since 1970, SHA-256
-//! of the content. Lines are only appended; of two lines that differ only in the last field, the later one counts. A line
-//! truncated by a crash is ignored and its image read again. A wrong line can only make equal data look changed.
+//! The cache file has one line per image: SHA-256 of the absolute path, size in bytes, modification time, inode, time of the last
+//! change of the inode, SHA-256 of the content. Times are nanoseconds since 1970; where the system has no inodes, they and their time
+//! are 0. Lines are only appended; of two lines that differ only in the last field, the later one counts. A line truncated by a crash,
+//! or of an earlier version, which had no inodes, is ignored and its image read again.
+//!
+//! Without inodes, an image that is replaced by another of the same size and modification time keeps the old digest, and results of the
+//! old image pass for results of the new one, until the images are read with `reread` ([`ImageDigests::open`]).
 
 use std::collections::HashMap;
 use std::fs::{self, OpenOptions};
@@ -40,6 +44,9 @@ struct FileVersion {
     path: Sha256Digest,
     bytes: u64,
     modified: u64,
+    inode: u64,
+    /// Unlike `modified`, no program can set it.
+    changed: u64,
 }
 
 /// The digest of bytes that were read. The file's version is taken before its first byte is read, so that a file that
@@ -112,8 +119,8 @@ impl ImageDigests {
         if let Some(version) = version {
             let mut cache = self.cache();
             if cache.known.insert(version, digest) != Some(digest) {
-                let FileVersion { path, bytes, modified } = version;
-                let line = format!("{path} {bytes} {modified} {digest}\n");
+                let FileVersion { path, bytes, modified, inode, changed } = version;
+                let line = format!("{path} {bytes} {modified} {inode} {changed} {digest}\n");
                 cache.unsaved.push_str(&line);
             }
         }
@@ -147,8 +154,24 @@ impl FileVersion {
         let settled = SystemTime::now().duration_since(modified).is_ok_and(|age| age >= SETTLED);
         let modified = u64::try_from(modified.duration_since(UNIX_EPOCH).ok()?.as_nanos()).ok()?;
         let path = Sha256Digest::of(std::path::absolute(path).ok()?.as_os_str().as_encoded_bytes());
-        settled.then_some(Self { path, bytes: metadata.len(), modified })
+        let [inode, changed] = inode_and_change(&metadata)?;
+        settled.then_some(Self { path, bytes: metadata.len(), modified, inode, changed })
     }
+}
+
+/// The inode and the time of its last change, in nanoseconds since 1970; `None` for a time before.
+#[cfg(unix)]
+fn inode_and_change(metadata: &fs::Metadata) -> Option<[u64; 2]> {
+    use std::os::unix::fs::MetadataExt as _;
+
+    let nanoseconds = i128::from(metadata.ctime()) * 1_000_000_000 + i128::from(metadata.ctime_nsec());
+    Some([metadata.ino(), u64::try_from(nanoseconds).ok()?])
+}
+
+#[cfg(not(unix))]
+#[expect(clippy::unnecessary_wraps, reason = "as on systems with inodes")]
+const fn inode_and_change(_: &fs::Metadata) -> Option<[u64; 2]> {
+    Some([0; 2])
 }
 
 /// Whether a text can be the content of a cache file: it has a line of one, or a crash left the beginning of a line alone, or zeros.
@@ -159,10 +182,12 @@ fn is_cache(text: &str) -> bool {
 
 fn parse_line(line: &str) -> Option<(FileVersion, Sha256Digest)> {
     let mut parts = line.split(' ');
-    let (path, bytes, modified, digest) = (parts.next()?, parts.next()?, parts.next()?, parts.next()?);
-    let version =
-        FileVersion { path: path.parse().ok()?, bytes: bytes.parse().ok()?, modified: modified.parse().ok()? };
-    parts.next().is_none().then_some((version, digest.parse().ok()?))
+    let path = parts.next()?.parse().ok()?;
+    let mut number = || parts.next()?.parse().ok();
+    let (bytes, modified, inode, changed) = (number()?, number()?, number()?, number()?);
+    let digest = parts.next()?.parse().ok()?;
+    let version = FileVersion { path, bytes, modified, inode, changed };
+    parts.next().is_none().then_some((version, digest))
 }
 
 #[cfg(test)]
@@ -286,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_identified_by_size_and_time_unless_reread() {
+    fn files_are_identified_by_size_times_and_inode_unless_reread() {
         let folder = tempfile::tempdir().unwrap();
         let [image, cache] = ["0.png", "digests.txt"].map(|name| folder.path().join(name));
         let dataset = || {
@@ -308,17 +333,26 @@ mod tests {
         // A different size is noticed.
         write(&image, &[png([1, 2, 3]), b"tail".to_vec()].concat());
         assert_ne!(hash(false), first);
-        // The same size and time: noticed when rereading, and by every later run.
+        write(&image, &png([1, 2, 3]));
+        assert_eq!(hash(false), first);
+        // The same size and modification time. The system's clock may only advance every ten milliseconds.
+        std::thread::sleep(Duration::from_millis(50));
         write(&image, &png([1, 2, 4]));
         assert_eq!(png([1, 2, 3]).len(), png([1, 2, 4]).len());
-        assert_eq!(hash(false), first, "mistaken for the same file");
-        let reread = hash(true);
-        assert_ne!(reread, first);
-        assert_eq!(hash(false), reread, "the last line counts");
+        let other = hash(!cfg!(unix));
+        assert_ne!(other, first);
+        assert_eq!(hash(false), other);
+        // What a line says is believed until the image is read again, and then by no later run.
+        let text = fs::read_to_string(&cache).unwrap();
+        let (version, _) = text.trim_end().rsplit_once(' ').unwrap();
+        fs::write(&cache, format!("{version} {}\n", Sha256Digest::of(&png([1, 2, 3])))).unwrap();
+        assert_eq!(hash(false), first, "mistaken for another image");
+        assert_eq!(hash(true), other);
+        assert_eq!(hash(false), other, "the last line counts");
         // A truncated line only costs reading the image again.
         let text = fs::read_to_string(&cache).unwrap();
         fs::write(&cache, &text[..text.len() - 9]).unwrap();
-        assert_eq!(hash(true), reread);
+        assert_eq!(hash(true), other);
         fs::remove_file(&image).unwrap();
         assert_eq!(ImageDigests::open(&cache, false).unwrap().of(&dataset(), 1), None);
     }
@@ -332,7 +366,13 @@ mod tests {
         let error = ImageDigests::open(&file, false).unwrap_err().to_string();
         assert!(error.contains("line 1") && error.contains("digests.txt"), "{error}");
         assert!(ImageDigests::open(&file, true).is_err());
-        let line = format!("{digest} 12 1700000000000000000 {digest}\n");
+        let line = format!("{digest} 12 1700000000000000000 77 1700000000000000009 {digest}\n");
+        let earlier = format!("{digest} 12 1700000000000000000 {digest}\n");
+        fs::write(&file, &earlier).unwrap();
+        assert!(
+            ImageDigests::open(&file, false).is_ok_and(|digests| digests.cache().known.is_empty()),
+            "without inode"
+        );
         // A crash can leave any part of the first line, to which later lines are appended.
         for left in [String::new(), "\0".repeat(9), line[..70].to_owned(), format!("{}{line}", &line[..9]), line] {
             fs::write(&file, &left).unwrap();

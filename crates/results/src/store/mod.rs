@@ -7,7 +7,7 @@
 //! | `timings.parquet` | the rows of timing passes, if there were any |
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
 //! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
-//! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
+//! | `digests.txt` | SHA-256 of the images that were read, by path, size, times and inode |
 //! | `merge.partial` | while a merge writes: without `provenance.json` its files belong to no store, and are written again |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
@@ -246,7 +246,7 @@ impl Store {
         self.provenance.skipped = skipped;
     }
 
-    /// Discards the digests known by size and modification time, so that every image is read again.
+    /// Discards the digests known by size, times and inode, so that every image is read again.
     ///
     /// # Errors
     /// [`ResultsError::Digests`] if the file of digests cannot be read.
