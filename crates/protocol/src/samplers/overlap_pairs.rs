@@ -35,7 +35,8 @@ pub struct OverlapPairs {
     pub overlap: EpipolarRays,
     /// Which frames become targets.
     pub targets: PairTargets,
-    /// Entries per scene, each with a different first frame (latentSplat's `num_context_pairs_per_scene`).
+    /// Entries per scene, each of another pair (latentSplat's `num_context_pairs_per_scene`, whose pairs have different first frames,
+    /// so that the same two frames may come twice, in either order).
     #[serde(default = "published::pairs")]
     pub pairs_per_scene: NonZeroUsize,
     /// Seed; each scene derives its own stream from it.
@@ -104,6 +105,9 @@ impl OverlapPairs {
                 continue;
             };
             let (left, right) = (first.min(partner), first.max(partner));
+            if entries.iter().any(|entry: &IndexEntry| entry.context == [left, right]) {
+                continue;
+            }
             match self.targets.draw(left, right, frames, &mut random) {
                 Ok(target) => entries.push(entry(vec![left, right], target)),
                 Err(too_few) => reason = too_few,
@@ -256,6 +260,16 @@ mod tests {
         let sampler = pairs(PairTargets::Outside { count: THREE, reach: 45 }, 1);
         let outcome = sampler.sample(&SceneViews { key: "exact", cameras: &cameras });
         assert_eq!(outcome, Err(NoEntry::TooFewTargets { needed: 3, found: 0 }));
+    }
+
+    /// Only the first and the last frame are far enough apart: each is the other's partner.
+    #[test]
+    fn no_pair_is_drawn_twice() {
+        let cameras = pan(46, 0.0);
+        let scene = SceneViews { key: "exact", cameras: &cameras };
+        let sampler = OverlapPairs { pairs_per_scene: THREE, ..pairs(PairTargets::Inside { count: THREE }, 1) };
+        let contexts: Vec<_> = sampler.sample(&scene).unwrap().into_iter().map(|entry| entry.context).collect();
+        assert_eq!(contexts, [[0, 45]]);
     }
 
     /// Cameras at rest always overlap, so that the search ends one frame beyond the largest distance.
