@@ -119,6 +119,12 @@ impl OverlapBins {
         Self { rule: BinRule::Strict, names, edges, estimator: Some(estimator.to_owned()) }
     }
 
+    /// [`Self::thirds`] of the overlaps of an index.
+    pub(crate) fn thirds_of(index: &EvaluationIndex) -> Self {
+        let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
+        Self::thirds(&values, &index.overlap_estimators().join(" and "))
+    }
+
     /// The same edges under another rule.
     #[must_use]
     pub fn with_rule(&self, rule: BinRule) -> Self {
@@ -169,12 +175,11 @@ impl OverlapBins {
             );
             return (published, Some(footer));
         }
-        let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
         let footer = format!(
             "bins with a third of the overlaps each, as measured by {actual}: small, medium and large were published for overlaps by \
              {published_for}; --force uses them nevertheless"
         );
-        (Self::thirds(&values, &estimators.join(" and ")), Some(footer))
+        (Self::thirds_of(index), Some(footer))
     }
 
     /// Each overlap of an index with its bin; `None` outside all bins.

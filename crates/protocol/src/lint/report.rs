@@ -220,7 +220,7 @@ fn overlap(index: &EvaluationIndex, bins: &OverlapBins, content: &Sha256Digest) 
         format!("by {}, as the index records", estimators.join(" and "))
     };
     // Bins are meaningless for values of an estimator that they were not made for.
-    let thirds = bins.mismatched_estimator(&estimators).map(|_| OverlapBins::thirds(&values, &estimators.join("+")));
+    let thirds = bins.mismatched_estimator(&estimators).map(|_| OverlapBins::thirds_of(index));
     let bins = thirds.as_ref().unwrap_or(bins);
     Some(OverlapFacts {
         definition,
