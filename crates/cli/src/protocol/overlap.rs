@@ -32,7 +32,7 @@ pub(crate) struct Args {
     images: ImageArgs,
 
     /// Definition of overlap: epipolar-ray (only cameras), feature-coverage (images, feature `opencv`) or
-    /// depth-covisibility (depth maps, `--depth`).
+    /// depth-covisibility (depth maps, `--depth`), which the index records as depth-covisibility-2x2.
     #[arg(
         long,
         value_name = "NAME",
@@ -43,7 +43,8 @@ pub(crate) struct Args {
     estimator: OverlapEstimator,
 
     /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` per context frame, channel `Z` or the only
-    /// channel, in scene units along the camera's z axis. A map may have another scale than its frame, but not another shape.
+    /// channel, in scene units along the camera's z axis, through its lens. A map may have another scale than its frame, but not
+    /// another shape.
     #[arg(long, value_name = "FOLDER", requires = "data", required_if_eq("estimator", "depth-covisibility"))]
     depth: Option<PathBuf>,
 

@@ -31,9 +31,10 @@ impl<'a> DepthMap<'a> {
     /// Whether a projected point is on a surface of this map: inside the image, not on a pixel of unknown depth, and within
     /// [`TOLERANCE`] of the depths at the four pixel centres around it.
     ///
-    /// Between these centres, a flat surface has no other depths, however steep it is and however large the pixels are; one
-    /// depth, nearest or interpolated, differs by several per cent on floors. Across the edge of a surface, a hidden point may
-    /// count, but none that is a pixel or more from the edge.
+    /// Between these centres, a flat surface has no other depths, however steep it is and however large the pixels are; the depth
+    /// of the nearest centre differs by several per cent on floors. A point that is hidden may count if it is within a pixel of the
+    /// edge of what hides it, none farther from it. In the outer half of the image's outermost pixels, there are only centres on
+    /// one side, so that points on steep surfaces may be missed in small maps.
     fn shows(&self, point: &Projected) -> bool {
         let at = point.pixel(self.size);
         let depth = |right: f64, down: f64| {
