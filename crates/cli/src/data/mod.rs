@@ -18,7 +18,9 @@ const INSPECT_STRICT: &str = "Exit with code 4 if scenes cannot be read, rows se
 const EXPORT_STRICT: &str =
     "Exit with code 4 if scenes were skipped, or an image in a chunk is cut short or cannot be read";
 
-const CLIPS_STRICT: &str = "Exit with code 4 if scenes were skipped";
+const MOTION_STRICT: &str = "Exit with code 4 if scenes were skipped";
+
+const UNDISTORT_STRICT: &str = "Exit with code 4 if scenes were skipped, or frames have no image that can be read";
 
 const FRAMES_STRICT: &str = "Exit with code 4 if a timestamp has no frame in the video";
 
@@ -28,7 +30,7 @@ pub(crate) enum Command {
     #[command(mut_arg("strict", |strict| strict.help(INSPECT_STRICT)))]
     Inspect(WithStrict<inspect::Args>),
     /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; of simulated and real clips.
-    #[command(mut_arg("strict", |strict| strict.help(CLIPS_STRICT)))]
+    #[command(mut_arg("strict", |strict| strict.help(MOTION_STRICT)))]
     Motion(WithStrict<motion::Args>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
     #[command(mut_arg("strict", |strict| strict.help(EXPORT_STRICT)))]
@@ -39,7 +41,7 @@ pub(crate) enum Command {
     #[command(mut_arg("strict", |strict| strict.help(FRAMES_STRICT)))]
     Frames(WithStrict<frames::Args>),
     /// Remove lens distortion from images and cameras (feature `opencv`).
-    #[command(mut_arg("strict", |strict| strict.help(CLIPS_STRICT)))]
+    #[command(mut_arg("strict", |strict| strict.help(UNDISTORT_STRICT)))]
     Undistort(WithStrict<undistort::Args>),
 }
 

@@ -45,8 +45,9 @@ mod with_opencv {
     use std::fmt;
     use std::path::Path;
 
-    use anyhow::bail;
+    use anyhow::{bail, ensure};
     use atsplat_opencv::{OpenCvError, UndistortMode, UndistortedFrames, undistort_scene, undistorted_files};
+    use atsplat_scene::inspect::left_out;
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
 
@@ -80,6 +81,7 @@ mod with_opencv {
         };
         let mut warnings = Warnings::new();
         let dataset = args.dataset.open(&mut warnings)?;
+        let opening = warnings.clone();
         // Before anything is written: the key of a capture is its folder's name, so that its own folder may be that of the output.
         for key in dataset.keys().iter().filter(|key| is_plain_name(key)) {
             let folder = args.out.join(key);
@@ -124,8 +126,10 @@ mod with_opencv {
                 }
             }
         }
+        report.skipped += left_out(&opening, &warnings);
         print_report(&report, args.json)?;
         print_warnings(&warnings);
+        ensure!(report.written > 0, "no image of {} could be undistorted", args.dataset.data.display());
         Ok(report.skipped == 0)
     }
 

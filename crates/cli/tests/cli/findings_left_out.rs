@@ -76,6 +76,29 @@ fn strict_counts_scenes_of_another_format() {
     }
 }
 
+/// As above; trajectories alone have no image to undistort.
+#[cfg(feature = "opencv")]
+#[test]
+fn undistortion_counts_scenes_of_another_format_and_fails_without_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_capture(&here.join("data/capture"));
+    let undistort = ["data", "undistort", "data", "--out", "out"];
+    let (code, report) = strict_json(here, &undistort);
+    assert_eq!((code, &report), (0, &json!({ "written": 30, "skipped": 0 })));
+    for key in ["a", "b"] {
+        write_trajectory(&here.join(format!("data/{key}.txt")), 30);
+    }
+    let (code, report) = strict_json(here, &undistort);
+    assert_eq!((code, &report), (4, &json!({ "written": 30, "skipped": 2 })));
+    let text = succeed(here, &undistort);
+    assert!(text.contains("30 images written, 2 scenes or frames skipped\n"), "not strict: {text}");
+    let nothing = atsplat(here, &["data", "undistort", "data/a.txt", "--out", "none"]);
+    let error = "error: no image of data/a.txt could be undistorted\n";
+    assert!(nothing.code == 1 && nothing.stderr.contains(error), "{}: {}", nothing.code, nothing.stderr);
+    assert!(!here.join("none/a").exists(), "no list without frames");
+}
+
 /// Images of one scene on a disk that is gone; a dataset of trajectories alone misses none.
 #[test]
 fn strict_counts_the_images_of_a_lost_folder() {

@@ -22,7 +22,8 @@ pub struct UndistortedFrames {
 
 /// Writes a scene's undistorted images as `<folder>/images/<frame>.png`, and their pinhole cameras as
 /// `<folder>/transforms.json`. `progress` is called for each frame; images that cannot be read are in `warnings`. Their frames stay
-/// in the list, because indices of protocols are positions in it.
+/// in the list, because indices of protocols are positions in it. If no frame has a size, no list is written: readers reject one
+/// without frames.
 ///
 /// # Errors
 /// [`OpenCvError::Lens`] if a frame's lens has no pinhole camera for `mode`, [`OpenCvError::Io`] and [`OpenCvError::Pixels`] if a
@@ -49,7 +50,7 @@ pub fn undistort_scene(
         let size = image.as_ref().map(|image| ImageSize { width: image.width(), height: image.height() });
         // The intrinsics of a frame without an image are written for the stated or the common size.
         let Some(size) = size.or(frame.stated_size).or_else(|| *common) else {
-            // No frame of the scene has a size: the list has no frames at all, which readers reject.
+            // No frame of the scene has a size.
             count.skipped += 1;
             continue;
         };
@@ -66,6 +67,9 @@ pub fn undistort_scene(
             count.skipped += 1;
         }
         frames.push(frame_json(frame, &name, size, &map.undistorter));
+    }
+    if frames.is_empty() {
+        return Ok(count);
     }
     let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
     let outcome = serde_json::to_writer_pretty(list_file.writer(), &transforms).map_err(std::io::Error::from);
@@ -225,6 +229,19 @@ mod tests {
         let paths: Vec<&Value> = list["frames"].as_array().unwrap().iter().map(|frame| &frame["file_path"]).collect();
         assert_eq!(paths, ["missing/f_0.png", "missing/f_1.png", "missing/f_2.png"]);
         assert_eq!((&list["frames"][0]["w"], &list["frames"][2]["h"]), (&json!(32), &json!(24)));
+    }
+
+    #[test]
+    fn a_scene_whose_sizes_are_unknown_has_no_list() {
+        let folder = tempfile::tempdir().unwrap();
+        let images = [FrameImage::Absent, FrameImage::Missing("f_1.png".into())];
+        let frames = images.into_iter().enumerate().map(|(at, image)| frame(at, image)).collect();
+        let scene = Scene { key: "scene".to_owned(), url: None, frames };
+        let list = folder.path().join("transforms.json");
+        std::fs::write(&list, "an earlier one").unwrap();
+        let count = undistort_scene(&scene, UndistortMode::KeepK, folder.path(), &mut Warnings::new(), &|| ()).unwrap();
+        assert_eq!(count, UndistortedFrames { written: 0, skipped: 2 });
+        assert!(!list.exists());
     }
 
     #[test]
