@@ -56,7 +56,10 @@ pub(crate) fn evaluate(
     let method: Arc<dyn Method> = match record.kind.as_str() {
         "nearest-view" => Arc::new(NearestView),
         "warp" => Arc::new(Warp),
-        _ => Arc::new(PythonMethod::new(record, settings.setting.clone(), splatting, exchange.calls(method))),
+        _ => {
+            let (setting, chosen) = (settings.setting.clone(), settings.chosen());
+            Arc::new(PythonMethod::new(record, setting, splatting, chosen, exchange.calls(method)))
+        }
     };
     exchange.run(py, progress.as_ref(), move |steps, stop| {
         let pool = threads::evaluation()?;
@@ -109,11 +112,21 @@ impl Settings {
         let mode = |antialiased| if antialiased { RasterMode::Antialiased } else { RasterMode::Classic };
         let (mode, background) = (self.antialiased.map(mode), self.background);
         let splatting = Splatting { constants, background, mode, ..Splatting::default() };
-        if mode.is_some() || background.is_some() || self.constants.is_some() {
+        if self.chosen().is_some() {
             let deterministic = record.deterministic;
             splatting.describe(record);
             record.deterministic &= deterministic;
         }
         Ok(splatting)
+    }
+
+    /// The first argument that is given of those that are only about Gaussians.
+    fn chosen(&self) -> Option<&'static str> {
+        let given = [
+            ("antialiased", self.antialiased.is_some()),
+            ("constants", self.constants.is_some()),
+            ("background", self.background.is_some()),
+        ];
+        given.into_iter().find_map(|(name, is_given)| is_given.then_some(name))
     }
 }

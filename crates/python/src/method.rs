@@ -25,12 +25,20 @@ pub(crate) struct PythonMethod {
     record: MethodRecord,
     setting: String,
     splatting: Splatting,
+    /// An argument of the evaluation that requires Gaussians, if one is given.
+    chosen: Option<&'static str>,
     calls: Calls,
 }
 
 impl PythonMethod {
-    pub(crate) const fn new(record: MethodRecord, setting: String, splatting: Splatting, calls: Calls) -> Self {
-        Self { record, setting, splatting, calls }
+    pub(crate) const fn new(
+        record: MethodRecord,
+        setting: String,
+        splatting: Splatting,
+        chosen: Option<&'static str>,
+        calls: Calls,
+    ) -> Self {
+        Self { record, setting, splatting, chosen, calls }
     }
 }
 
@@ -44,7 +52,12 @@ impl Method for PythonMethod {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        prediction(&self.splatting, input, self.calls.call(input.trial)?)
+        let output = self.calls.call(input.trial)?;
+        // The record states how they are rendered.
+        if let (Output::Images(_), Some(argument)) = (&output, self.chosen) {
+            return Err(MethodError::Failed(format!("expected Gaussians, because {argument} is given, found images")));
+        }
+        prediction(&self.splatting, input, output)
     }
 }
 

@@ -433,6 +433,14 @@ def test_gaussians_are_drawn_as_the_binary_draws_them(rooms, binary, tmp_path, o
             evaluated(method, rooms, tmp_path / "python", name="mine", deterministic=True)
 
 
+@pytest.mark.parametrize("option", [{"antialiased": True}, {"constants": "inria"}, {"background": (0, 0, 0)}])
+def test_images_are_not_recorded_as_rendered_gaussians(rooms, tmp_path, option):
+    name, = option
+    with pytest.raises(atsplat.AtsplatError, match=f"expected Gaussians, because {name} is given, found images"):
+        evaluated(nearest, rooms, tmp_path / "store", **option)
+    assert {row["status"] for row in atsplat.open_store(tmp_path / "store").trials()} == {"failed"}
+
+
 def test_stores_in_a_forked_process_are_an_error_and_do_not_hang(rooms, tmp_path):
     script = textwrap.dedent(f"""
         import multiprocessing, sys

@@ -146,12 +146,30 @@ impl MethodArgs {
         checked.and_then(|()| self.gaussians.check_tolerance()).map_err(parse::usage_error)
     }
 
-    /// Loads the methods.
+    /// Loads the methods. Rejects options about Gaussians if only processes could have read them, and these give images.
     pub(super) fn load(&self, methods: &[MethodSpec]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
         let has_network = methods.iter().any(|method| method.kind.has_network());
         let device = self.network.device;
         let device = if has_network { device.open_for_networks()? } else { device.open()? };
-        methods.iter().map(|spec| self.method(spec, &device)).collect()
+        let loaded = methods.iter().map(|spec| self.method(spec, &device)).collect::<anyhow::Result<Vec<_>>>()?;
+        self.check_rendered(methods, &loaded)?;
+        Ok(loaded)
+    }
+
+    /// As [`Self::check`], now that processes have said what they give.
+    fn check_rendered(&self, methods: &[MethodSpec], loaded: &[Arc<dyn Method>]) -> Result<(), clap::Error> {
+        // Exactly the methods whose Gaussians are rendered record constants.
+        let rendered = methods.iter().zip(loaded).filter(|(_, method)| method.record().constants.is_some());
+        let rendered: Vec<&MethodKind> = rendered.map(|(spec, _)| &spec.kind).collect();
+        let requires = "a method that gives Gaussians (the processes of exec give images)";
+        let are_given = rendered.iter().any(|kind| matches!(kind, MethodKind::Ply(_) | MethodKind::Exec(_)));
+        let (of_files, of_renders) = (self.gaussians.options_of_files(), self.gaussians.options_of_renders());
+        let checked = check_all(&[
+            Requirement { options: &of_files, requires, satisfied: are_given },
+            Requirement { options: &of_renders, requires, satisfied: !rendered.is_empty() },
+            Requirement { options: &[self.network.device.option()], requires, satisfied: !rendered.is_empty() },
+        ]);
+        checked.map_err(parse::usage_error)
     }
 
     /// For methods whose Gaussians are not imported, and which set the mode themselves.

@@ -69,6 +69,35 @@ fn no_process_starts_before_all_options_are_checked() {
     assert!(failed.code == 1 && here.join("started").exists(), "{}", failed.stderr);
 }
 
+/// A process says what it gives only when it has started.
+#[test]
+fn options_about_gaussians_are_errors_if_all_processes_give_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let fails = r#"while read -r line; do echo '{"trial": 0, "error": "none"}'; done"#;
+    for gives in ["images", "gaussians"] {
+        fs::write(here.join(gives), format!("{}\n{fails}\n", HELLO.replace("images", gives))).unwrap();
+    }
+    let run = |methods: &str, options: &[&str]| {
+        let run = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", methods];
+        atsplat(here, &[&run[..], options].concat())
+    };
+    for options in
+        [&["--background", "white"][..], &["--constants", "inria"], &["--mode", "classic"], &["--opacities-as-stored"]]
+    {
+        for methods in ["a=exec:sh images", "nearest-view,a=exec:sh images"] {
+            let rejected = run(methods, options);
+            let error = format!("{} requires a method that gives Gaussians", options[0]);
+            assert!(rejected.code == 2 && rejected.stderr.contains(&error), "{methods}: {}", rejected.stderr);
+        }
+        assert!(!here.join("store").exists(), "{options:?}");
+        let taken = run("a=exec:sh gaussians", options);
+        assert!(taken.code == 1 && taken.stderr.contains("the method says: none"), "{options:?}: {}", taken.stderr);
+        fs::remove_dir_all(here.join("store")).unwrap();
+    }
+}
+
 /// The second of three scenes fails until a file is there.
 #[test]
 fn failed_trials_are_asked_again_on_request() {

@@ -76,7 +76,8 @@ def evaluate(
     world) and ``overlap``.
 
     It returns images (targets × H × W × 3, float in [0, 1] or uint8, of any library) or :class:`~atsplat.Gaussians` in the same world,
-    which are rendered as the protocol says. An exception, a wrong shape or NaN becomes a failed row with its reason, and the run goes
+    which are rendered as the protocol says, or as ``antialiased``, ``constants`` and ``background`` say: with one of these, a trial of
+    which it returns images fails. An exception, a wrong shape or NaN becomes a failed row with its reason, and the run goes
     on; :class:`~atsplat.NotApplicable` says that a method does not support a kind of trial. Ctrl-C stops the run; what was
     finished stays, and the next call resumes it.
 
