@@ -3,13 +3,15 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
+use atsplat_files::FileError;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::inspect::left_out;
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, STAGES, export_chunks};
-use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
+use atsplat_scene::{Dataset, FrameImage, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
+use crate::objects::{has_copies, with_urls};
 use crate::output_lock::{OutputFiles, OutputLock};
 use crate::parse::usage_error;
 use crate::paths::canonical_path;
@@ -62,15 +64,37 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
     let format = ExportFormat::of_path(&args.out).map_err(usage_error)?;
     let _outputs = OutputFiles::of([args.out.as_path()])?;
-    let mut found = Warnings::new();
-    let dataset = args.dataset.open(&mut found)?;
-    let opening = found.clone();
+    let dataset = args.dataset.open(warnings)?;
+    let opening = warnings.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
-    let mut summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
-    summary.skipped += left_out(&opening, &found);
-    // A table contains only cameras: warnings about images do not matter.
-    warnings.merge(found.about_cameras());
+    let mut summary = export(&NamedByUrls(&dataset), &args.out, format, warnings, &|| progress.step())?;
+    summary.skipped += left_out(&opening, warnings);
     Ok(Report::Table(summary))
+}
+
+/// Scenes in which copies of images have the URLs of their objects in place of paths, as a table names them; they cannot be read.
+struct NamedByUrls<'a>(&'a Dataset);
+
+impl SceneSource for NamedByUrls<'_> {
+    fn keys(&self) -> &[String] {
+        self.0.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let mut scene = self.0.load(key, warnings)?;
+        if has_copies() {
+            scene.frames.iter_mut().for_each(|frame| name_by_url(&mut frame.image));
+        }
+        Ok(scene)
+    }
+
+    fn times(&self) -> TimestampSource {
+        self.0.times()
+    }
+
+    fn check_fetched(&self) -> Result<(), FileError> {
+        self.0.check_fetched()
+    }
 }
 
 fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
@@ -89,6 +113,14 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
         export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
     let skipped = skipped + left_out(&opening, warnings);
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
+}
+
+fn name_by_url(image: &mut FrameImage) {
+    match image {
+        FrameImage::File(path) | FrameImage::Missing(path) => *path = with_urls(&path.to_string_lossy()).into(),
+        FrameImage::Unposed { image, .. } => name_by_url(image),
+        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => {}
+    }
 }
 
 /// Whether chunks in `out` would be read instead of the dataset: `out` is its folder, or one of pixelSplat's stages in it.

@@ -159,7 +159,7 @@ fn images_that_are_cut_short_are_found_without_decoding() {
     succeed(here, &["data", "inspect", "data"]);
 }
 
-/// Missing images do not prevent the use of cameras, and are reported by commands that read images.
+/// Missing images do not prevent the use of cameras, and are reported by commands that read images or name them.
 #[test]
 fn missing_images_do_not_affect_cameras() {
     let folder = tempfile::tempdir().unwrap();
@@ -180,9 +180,10 @@ fn missing_images_do_not_affect_cameras() {
     assert!(matches!(said(&["data", "inspect", "scene"]), (true, true, _)));
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/degree3_little_endian.ply");
     let render = ["render", scene.to_str().unwrap(), "--cameras", "scene", "--out", "out"];
-    for args in [&["data", "export", "scene", "cameras.csv"][..], &["data", "motion", "scene"], &render] {
+    let export = ["data", "export", "scene", "cameras.csv"];
+    for (args, names_images) in [(&export[..], true), (&["data", "motion", "scene"], false), (&render, false)] {
         let (_, _, stderr) = said(args);
-        assert!(!stderr.contains("missing-image"), "{args:?}: {stderr}");
+        assert_eq!(stderr.contains("2 × missing-image"), names_images, "{args:?}: {stderr}");
         assert!(stderr.contains("lens-distortion"), "warnings about cameras stay: {args:?}: {stderr}");
     }
 }

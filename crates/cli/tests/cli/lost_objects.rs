@@ -123,6 +123,21 @@ fn chunks_of_a_dataset_that_could_not_be_fetched_are_not_read_as_a_shorter_one()
     }
 }
 
+/// One image is there, and one is not.
+#[test]
+fn a_table_names_objects_by_their_urls() {
+    let image = encode_png(&ImageU8::new(16, 9, vec![7; 16 * 9 * 3]).unwrap()).unwrap();
+    let objects = Objects::new(&[("s0.txt".to_owned(), trajectory(2)), ("s0/33367.png".to_owned(), image)]);
+    let (code, errors) = objects.run("data export s3://lab/data cameras.csv", "none");
+    assert_eq!(code, Some(0), "{errors}");
+    let table = fs::read_to_string(objects.path("cameras.csv")).unwrap();
+    for cells in [",missing,s3://lab/data/s0/0", ",file,s3://lab/data/s0/33367.png,"] {
+        assert!(table.contains(cells), "{cells}: {table}");
+    }
+    assert!(!table.contains("/cache/"), "{table}");
+    assert!(errors.contains("1 × missing-image\n") && errors.contains("no s3://lab/data/s0/0"), "{errors}");
+}
+
 /// The protocol expects the size of the smaller copy, which an earlier command fetched or not.
 #[test]
 fn the_chosen_copy_of_images_does_not_depend_on_the_cache() {
