@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use atsplat_files::{FileLock, FolderLock, remove_abandoned};
 use atsplat_report::counted;
 
-use crate::paths::{NewFolders, PendingFile};
+use crate::paths::{NewFolders, check_writable};
 use crate::print::note;
 
 /// A folder that no other process writes to. Dropped, the folders that were created for it are removed again, if nothing was
@@ -78,8 +78,7 @@ impl OutputFiles {
     /// If another process writes the file, or it cannot be written.
     pub(crate) fn add(&mut self, file: &Path) -> anyhow::Result<()> {
         self.folders.create_for(file)?;
-        // Closed again: a process that is killed leaves no part of a file.
-        drop(PendingFile::open(file)?);
+        check_writable(file)?;
         self.locks.push(FileLock::of(file)?);
         Ok(())
     }
@@ -88,6 +87,7 @@ impl OutputFiles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paths::PendingFile;
 
     #[test]
     fn a_folder_is_locked_once_and_removed_if_nothing_is_written() {

@@ -7,6 +7,8 @@ use anyhow::Context as _;
 use atsplat_files::{AtomicFile, Sha256Digest, Writer};
 use serde::Serialize;
 
+use crate::objects::with_urls;
+
 /// The canonical path of a file or folder; of a missing one, that of the lowest existing folder above it, with the rest.
 pub(crate) fn canonical_path(path: &Path) -> IoResult<PathBuf> {
     Path::new(".").join(path).canonicalize().or_else(|_missing| {
@@ -87,13 +89,6 @@ impl PendingFile {
         self.commit()
     }
 
-    /// Writes a record of another file, which is written already, with its hash: a file that was replaced since has another.
-    pub(crate) fn finish_record<R: Serialize>(self, record: &R, file: &Path) -> anyhow::Result<()> {
-        let file_sha256 = Sha256Digest::of_file(file).with_context(|| format!("reading {}", file.display()))?;
-        let text = serde_json::to_string_pretty(&RecordOfFile { record, file_sha256 })?;
-        self.finish(format!("{text}\n").as_bytes())
-    }
-
     /// A writer for incremental output.
     pub(crate) fn writer(&self) -> Writer {
         self.file.writer()
@@ -106,6 +101,29 @@ impl PendingFile {
     }
 }
 
+/// Fails if a file cannot be written. It is closed again: a command that is interrupted or killed leaves no part of it.
+pub(crate) fn check_writable(file: &Path) -> anyhow::Result<()> {
+    PendingFile::open(file).map(drop)
+}
+
+/// Removes a file that an earlier run wrote next to its output, such as its record: it says nothing about the output of this run.
+pub(crate) fn remove_old(file: &Path) -> anyhow::Result<()> {
+    atsplat_files::remove_if_exists(file).with_context(|| format!("removing {}", file.display()))
+}
+
+/// Where the record of a file is. `scene.ply.json` is sorted next to its scene, and not a file name that a dataset may have.
+pub(crate) fn record_path(file: &Path) -> PathBuf {
+    file.with_added_extension("json")
+}
+
+/// Writes the record of a file, which is written already, with its hash: a file that was replaced since has another. Copies of objects
+/// are named by their URLs.
+pub(crate) fn write_record<R: Serialize>(record: &R, file: &Path) -> anyhow::Result<()> {
+    let file_sha256 = Sha256Digest::of_file(file).with_context(|| format!("reading {}", file.display()))?;
+    let text = serde_json::to_string_pretty(&RecordOfFile { record, file_sha256 })?;
+    PendingFile::open(&record_path(file))?.finish(format!("{}\n", with_urls(&text)).as_bytes())
+}
+
 #[derive(Serialize)]
 struct RecordOfFile<'a, R> {
     #[serde(flatten)]
@@ -116,9 +134,24 @@ struct RecordOfFile<'a, R> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
     use std::fs;
 
     use super::*;
+    use crate::objects::note_copy;
+
+    #[test]
+    fn a_record_has_the_hash_of_its_file_and_names_objects_by_their_urls() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.ply");
+        fs::write(&file, "abc").unwrap();
+        note_copy(Path::new("/nowhere/trees/33/data"), "s3://b/data3");
+        write_record(&BTreeMap::from([("warnings", ["no /nowhere/trees/33/data/0.png"])]), &file).unwrap();
+        let record = fs::read_to_string(folder.path().join("a.ply.json")).unwrap();
+        let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+        let hash = Sha256Digest::of(b"abc").to_string();
+        assert_eq!(record, serde_json::json!({ "warnings": ["no s3://b/data3/0.png"], "file-sha256": hash }));
+    }
 
     #[test]
     fn new_folders_stay_only_if_something_is_in_them() {

@@ -14,7 +14,7 @@ use crate::alpha::Alpha;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse;
-use crate::paths::{PendingFile, canonical_path};
+use crate::paths::{canonical_path, check_writable, record_path};
 use crate::print::note;
 use crate::requirements::{Requirement, check_all};
 
@@ -73,11 +73,6 @@ impl Args {
         Ok(())
     }
 
-    /// Next to the Gaussians.
-    pub(super) fn record_file(&self) -> PathBuf {
-        self.out.with_added_extension("json")
-    }
-
     /// The cameras of the views, next to the Gaussians. The name is not one that a dataset may have.
     pub(super) fn cameras_file(&self) -> PathBuf {
         self.out.with_added_extension("cameras.json")
@@ -86,18 +81,25 @@ impl Args {
     /// The files that --out stands for, with the one that is written if SPZ cannot store the Gaussians.
     fn results(&self) -> Vec<PathBuf> {
         let ply = (!self.stores_filters()).then(|| ply_instead(&self.out));
-        [self.out.clone(), self.record_file(), self.cameras_file()].into_iter().chain(ply).collect()
+        [self.out.clone(), record_path(&self.out), self.cameras_file()].into_iter().chain(ply).collect()
     }
 
-    /// Rejects results that would overwrite the checkpoint.
+    /// The files of --plots.
+    fn plot_files(&self) -> impl Iterator<Item = PathBuf> {
+        self.plots.iter().flat_map(|folder| PLOTS.map(|name| folder.join(name)))
+    }
+
+    /// Rejects results and plots that would overwrite the checkpoint.
     fn check_results(&self) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
         let kept = canonical_path(checkpoint)?;
-        for file in self.results() {
+        let results = self.results().into_iter().map(|file| ("--out", file));
+        for (option, file) in results.chain(self.plot_files().map(|file| ("--plots", file))) {
             if canonical_path(&file)? == kept {
                 let (checkpoint, file) = (checkpoint.display(), file.display());
-                let text =
-                    format!("--checkpoint {checkpoint}: --out writes {file}; choose another file for the checkpoint");
+                let text = format!(
+                    "--checkpoint {checkpoint}: {option} writes {file}; choose another file for the checkpoint"
+                );
                 return Err(parse::usage_error(text).into());
             }
         }
@@ -149,16 +151,13 @@ impl Args {
         for file in [Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()].into_iter().flatten() {
             outputs.add(file)?;
         }
-        for file in [self.record_file(), self.cameras_file()] {
-            drop(PendingFile::open(&file)?);
-        }
+        check_writable(&record_path(&self.out))?;
+        check_writable(&self.cameras_file())?;
         Ok(outputs)
     }
 
     /// Rejects plots that would overwrite photos.
     pub(super) fn check_photos(&self, photographed: &[Frame]) -> anyhow::Result<()> {
-        let folder = self.plots.as_deref();
-        let plots = folder.into_iter().flat_map(|folder| PLOTS.map(|name| folder.join(name)));
-        check_outputs("--plots", plots, photos(photographed))
+        check_outputs("--plots", self.plot_files(), photos(photographed))
     }
 }

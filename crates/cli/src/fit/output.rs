@@ -14,7 +14,7 @@ use super::input::Input;
 use super::optimise::Log;
 use super::plots::draw;
 use super::prepare::StartSummary;
-use crate::paths::PendingFile;
+use crate::paths::{PendingFile, record_path, remove_old, write_record};
 use crate::print::warn;
 
 impl Args {
@@ -33,8 +33,8 @@ impl Args {
             warn(&text);
             start.warnings.push(text);
         }
-        let (record_file, cameras_file) = (self.record_file(), self.cameras_file());
-        remove_old(&record_file)?;
+        let cameras_file = self.cameras_file();
+        remove_old(&record_path(&self.out))?;
         remove_old(&cameras_file)?;
         let clamped = write_gaussians(&self.out, &gaussians)?;
         for text in &clamped {
@@ -52,7 +52,7 @@ impl Args {
             at_scales = fit.at_scales(&input.scaled)?;
         }
         let record = self.record(fit, input, start, gaussians.len(), at_scales)?;
-        PendingFile::open(&record_file)?.finish_record(&record, &self.out)?;
+        write_record(&record, &self.out)?;
         Ok(record)
     }
 
@@ -114,11 +114,6 @@ fn write_gaussians(out: &Path, gaussians: &Gaussians) -> anyhow::Result<Vec<Stri
 /// Where Gaussians are written that the format of a file cannot store.
 pub(super) fn ply_instead(out: &Path) -> PathBuf {
     out.with_added_extension("ply")
-}
-
-/// Removes the record or the cameras of an earlier run, which say nothing about the Gaussians of this one.
-fn remove_old(file: &Path) -> anyhow::Result<()> {
-    atsplat_files::remove_if_exists(file).with_context(|| format!("removing {}", file.display()))
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ use crate::expansion::UNTRAINED;
 use crate::output_lock::OutputFiles;
 use crate::overwrite::{Input, check_output, check_outputs, photos};
 use crate::parse::{GAUSSIAN_FRAMES, gaussians_file, named, usage_error};
-use crate::paths::PendingFile;
+use crate::paths::{check_writable, record_path, remove_old, write_record};
 use crate::print::{print_report, warn};
 use crate::warnings::print_warnings;
 use input::InputArgs;
@@ -77,7 +77,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let device = processors.network().with_context(|| format!("--device {processor}"))?;
     let mut clock = Clock::default();
     args.check_outputs()?;
-    let record_file = PendingFile::open(&output::record_path(&args.out))?;
     let _outputs = args.lock_outputs()?;
 
     let mut warnings = Warnings::new();
@@ -121,7 +120,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         plots,
         warnings: of_dataset.into_iter().chain(notes.iter().cloned()).collect(),
     };
-    record_file.finish_record(&record, &args.out)?;
+    write_record(&record, &args.out)?;
     let report = Report {
         record,
         seconds: clock,
@@ -158,16 +157,17 @@ impl Args {
     fn check_outputs(&self) -> anyhow::Result<()> {
         let weights = self.network.files().map(|file| Input::File("weights file", file));
         let inputs: Vec<Input<'_>> = weights.chain([Input::Dataset(self.input.data())]).collect();
-        for file in [&self.out, &output::record_path(&self.out)] {
+        for file in [&self.out, &record_path(&self.out)] {
             check_output("--out", file, &inputs)?;
         }
         Ok(())
     }
 
-    /// Fails before long work if a file cannot be written, or another process writes it.
+    /// Fails before long work if a file cannot be written, or another process writes it. None stays open meanwhile.
     fn lock_outputs(&self) -> anyhow::Result<OutputFiles> {
         let mut outputs = OutputFiles::default();
         outputs.add(&self.out)?;
+        check_writable(&record_path(&self.out))?;
         self.renders.lock(&mut outputs)?;
         self.plots.lock(&mut outputs)?;
         Ok(outputs)
@@ -182,9 +182,10 @@ impl Args {
         self.input.read(&source.config, self.renders.background_of_photos(), &check, warnings)
     }
 
-    /// Writes the Gaussians, and returns their record with warnings.
+    /// Writes the Gaussians, and returns their record with warnings. The record of an earlier run is removed.
     fn write(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<(OutputRecord, Vec<String>)> {
         let format = Output::of_path(&self.out)?;
+        remove_old(&record_path(&self.out))?;
         if self.frame == GaussianFrame::Trial {
             return Ok(write_gaussians(&self.out, gaussians, format, self.frame)?);
         }

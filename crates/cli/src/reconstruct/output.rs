@@ -1,6 +1,6 @@
 //! Arguments of the output files: Gaussians, renders and plots.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use atsplat_eval::expansion::study_trial;
 use atsplat_eval::method::Backend;
@@ -17,11 +17,6 @@ use crate::overwrite::photos;
 use crate::parse;
 use crate::plot::write_both;
 use crate::requirements::{Requirement, check_all};
-
-/// `scene.ply.json`: sorted next to its scene, and not a file name that a dataset may have.
-pub(super) fn record_path(out: &Path) -> PathBuf {
-    out.with_added_extension("json")
-}
 
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {

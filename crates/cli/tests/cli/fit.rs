@@ -403,6 +403,7 @@ fn options_that_nothing_reads_are_usage_errors() {
         (&["--checkpoint", "./fitted.ply"], "--checkpoint ./fitted.ply: --out writes fitted.ply; "),
         (&["--checkpoint", "fitted.ply.json"], "--checkpoint fitted.ply.json: --out writes fitted.ply.json; "),
         (&["--checkpoint", "fitted.ply.cameras.json"], ": --out writes fitted.ply.cameras.json; "),
+        (&["--plots", "p", "--checkpoint", "p/contact-sheet.png"], ": --plots writes p/contact-sheet.png; "),
         (&["--start", "random:0"], "--start: expected random:N, found \"random:0\"; N is at least 1"),
     ] {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];

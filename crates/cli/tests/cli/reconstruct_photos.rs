@@ -71,6 +71,23 @@ fn images_of_another_run_are_counted_and_recorded() {
     assert_eq!(recorded, Some(expected.into()));
 }
 
+/// A file where renders go is found when the Gaussians are written.
+#[test]
+fn a_run_whose_later_outputs_fail_leaves_no_record_of_an_earlier_one() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "5", "--size", "48x32", "--out", "photos"]);
+    let first = ["reconstruct", "photos", "--weights", "random:3", "--model", TINY, "--views", "0,1", "--out", "a.ply"];
+    succeed(here, &first);
+    let gaussians = || fs::read(here.join("a.ply")).unwrap();
+    let before = gaussians();
+    fs::create_dir(here.join("renders")).unwrap();
+    fs::write(here.join("renders/context"), "").unwrap();
+    let failed = atsplat(here, &[&first[..6], &["--views", "0,2", "--renders", "renders", "--out", "a.ply"]].concat());
+    assert!(failed.code == 1 && failed.stderr.contains("renders/context"), "{}: {}", failed.code, failed.stderr);
+    assert!(gaussians() != before && !here.join("a.ply.json").exists());
+}
+
 /// The listed photos are gone, and two copies of them are there: the smaller one has the size that the protocol requires.
 #[test]
 fn a_protocol_chooses_the_copy_of_photos_that_it_requires() {
