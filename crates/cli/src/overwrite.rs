@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io::Result as IoResult;
 use std::path::{Component, Path, PathBuf, absolute};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::rendering::RENDER_RECORD;
-use atsplat_files::is_toml_path;
-use atsplat_scene::{Format, Frame, is_image_name};
+use atsplat_files::{FileError, is_toml_path};
+use atsplat_scene::nerfstudio::AppliedTransform;
+use atsplat_scene::{Format, Frame, Scene, SceneError, SceneSource, TimestampSource, Warnings, is_image_name};
 
 use crate::paths::canonical_path;
 
@@ -107,6 +109,58 @@ pub(crate) fn check_outputs<'a>(
 /// The image files of these frames, also of those without a usable pose.
 pub(crate) fn photos(frames: &[Frame]) -> impl Iterator<Item = InputFile<'_>> {
     frames.iter().filter_map(|frame| Some(("photo", frame.image.in_source().file()?)))
+}
+
+/// A dataset that notes whether `--plot` would overwrite a photo of a scene that is loaded.
+pub(crate) struct WatchedPhotos<'a> {
+    source: &'a dyn SceneSource,
+    plot: Option<&'a Path>,
+    fault: Mutex<Option<anyhow::Error>>,
+}
+
+impl<'a> WatchedPhotos<'a> {
+    pub(crate) const fn new(source: &'a dyn SceneSource, plot: Option<&'a Path>) -> Self {
+        Self { source, plot, fault: Mutex::new(None) }
+    }
+
+    /// Fails if the plot would overwrite a photo of a loaded scene.
+    pub(crate) fn check(self) -> anyhow::Result<()> {
+        self.fault.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+}
+
+impl SceneSource for WatchedPhotos<'_> {
+    fn keys(&self) -> &[String] {
+        self.source.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let scene = self.source.load(key, warnings)?;
+        if let Err(error) = check_outputs("--plot", self.plot.map(Path::to_owned), photos(&scene.frames)) {
+            self.fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        }
+        Ok(scene)
+    }
+
+    fn times(&self) -> TimestampSource {
+        self.source.times()
+    }
+
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.source.files(key)
+    }
+
+    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.source.images_for_sizes(key)
+    }
+
+    fn check_fetched(&self) -> Result<(), FileError> {
+        self.source.check_fetched()
+    }
+
+    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        self.source.applied_transform(key)
+    }
 }
 
 /// Where a file has its name, also if that is a link.

@@ -12,6 +12,7 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use super::simulate::{kinds, splits};
+use crate::overwrite::WatchedPhotos;
 use crate::plot::PlotFile;
 use crate::print::{note, print_report};
 use crate::progress::Progress;
@@ -103,7 +104,9 @@ fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
         let opening = found.clone();
         let group = atsplat_files::name_of(path);
         let progress = Progress::new("scenes", dataset.keys().len());
-        groups.push(ClipGroup::of_dataset(group.clone(), &dataset, &mut found, &|| progress.step()));
+        let watched = WatchedPhotos::new(&dataset, args.plot.as_ref().map(PlotFile::path));
+        groups.push(ClipGroup::of_dataset(group.clone(), &watched, &mut found, &|| progress.step()));
+        watched.check()?;
         let [all, before] = [&found, &opening].map(|warnings| warnings.count(WarningKind::UnreadableScene));
         let left_out = left_out(&opening, &found);
         not_read.push(NotRead { group, unreadable: all - before, left_out });

@@ -4,18 +4,18 @@ use anyhow::{bail, ensure};
 use atsplat_protocol::overlap::{
     BinnedOverlaps, DepthFolder, OverlapEstimator, OverlapReport, UnmeasuredExample, annotate_overlaps,
 };
-use atsplat_protocol::{BinRule, IndexFile, KnownIndex, OverlapBins};
+use atsplat_protocol::{BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
 use crate::objects::check_reading;
 use crate::output_lock::OutputFiles;
-use crate::overwrite::{Input, check_output};
+use crate::overwrite::{Input, WatchedPhotos, check_output};
 use crate::parse;
 use crate::paths::PendingFile;
 use crate::plot::PlotFile;
-use crate::print::print_report;
+use crate::print::{note, print_report, warn};
 use crate::requirements::{Requirement, check_all};
 use crate::warnings::print_warnings;
 
@@ -96,18 +96,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some(path) = &args.data {
         let estimator = &args.estimator;
         let dataset = args.images.open(path, &mut warnings)?;
-        let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
+        let watched = WatchedPhotos::new(&dataset, args.plot.as_ref().map(PlotFile::path));
+        let found = annotate_overlaps(&index, &watched, estimator, depth.as_ref(), &mut warnings);
+        watched.check()?;
         check_reading()?;
         index.clone_from(&found.index);
         measured = Some(found);
     } else if index.entries().all(|(.., entry)| entry.overlap.is_none()) {
         bail!("no entry of {} states an overlap: --data measures it", args.index.display());
     }
-    let rule = if args.strict_bins { BinRule::Strict } else { BinRule::Published };
-    let (bins, footer) = match &args.bins {
-        Some(bins) => (bins.clone(), None),
-        None => OverlapBins::for_index(&index, rule, args.force),
-    };
+    let (bins, footer) = bins(args, &index);
     let report = BinnedOverlaps::new(&index, &bins, footer, measured.as_ref().map(|found| (found, &args.estimator)));
     let complete = report.unmeasured.is_empty();
     let nothing = report.measured == Some(0);
@@ -128,6 +126,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
+/// The bins of the overlaps, with a caveat. Options about the published bins that change nothing are reported.
+fn bins(args: &Args, index: &EvaluationIndex) -> (OverlapBins, Option<String>) {
+    if let Some(bins) = &args.bins {
+        return (bins.clone(), None);
+    }
+    let rule = if args.strict_bins { BinRule::Strict } else { BinRule::Published };
+    let (bins, caveat) = OverlapBins::for_index(index, rule, args.force);
+    let fit = caveat.is_none();
+    if args.force && fit {
+        note("--force has no effect: the published bins are for these overlaps");
+    }
+    if args.strict_bins && !fit && !args.force {
+        warn("--strict-bins has no effect: it is about the published bins, which are not for these overlaps");
+    }
+    (bins, caveat)
+}
+
 /// Why no overlap was measured.
 fn why_nothing(found: &OverlapReport) -> String {
     found.examples.first().map_or_else(
@@ -146,6 +161,7 @@ fn check_outputs(args: &Args) -> anyhow::Result<()> {
         let folders = [&args.data, &args.depth].into_iter().flatten().map(|folder| Input::Dataset(folder));
         check_output("--out", out, &folders.chain([index]).collect::<Vec<_>>())?;
     }
+    // Photos are known when their scenes are read.
     args.plot.as_ref().map_or(Ok(()), |plot| check_output("--plot", plot.path(), &[index]))
 }
 

@@ -112,6 +112,29 @@ fn indices_do_not_overwrite_datasets_or_the_input_index() {
 }
 
 #[test]
+fn plots_do_not_overwrite_photos() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir_all(here.join("data/aaaa")).unwrap();
+    write_trajectory(&here.join("data/aaaa.txt"), 60);
+    fs::write(here.join("index.json"), r#"{"aaaa": {"context": [10, 40], "target": [20]}}"#).unwrap();
+    succeed(here, &["render", SCENE, "--orbit", "1", "--size", "43x24", "--out", "made"]);
+    for file in ["aaaa/333670.png", "no-photo.png"] {
+        fs::copy(here.join("made/000000.png"), here.join("data").join(file)).unwrap();
+    }
+    let plot = "--plot: data/aaaa/333670.png would overwrite the input photo data/aaaa/333670.png";
+    rejects(
+        here,
+        &[
+            ("protocol overlap index.json --data data --plot data/aaaa/333670.png", plot),
+            ("data motion data --plot data/aaaa/333670.png", plot),
+        ],
+    );
+    succeed(here, &["protocol", "overlap", "index.json", "--data", "data", "--plot", "data/no-photo.png"]);
+    succeed(here, &["data", "motion", "data", "--plot", "data/no-photo.png"]);
+}
+
+#[test]
 fn a_fit_overwrites_neither_its_start_nor_files_of_another_kind() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

@@ -110,6 +110,27 @@ fn an_overlap_below_ones_own_bins_is_in_none() {
     assert_eq!((bins(&[]), bins(&["--strict-bins"])), ([1, 0], [0, 1]));
 }
 
+/// Overlaps of an index that names no estimator, and measured ones, for which the bins were not published.
+#[test]
+fn options_about_published_bins_that_change_nothing_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/a.txt"), 80);
+    let index = r#"{"a": {"context": [20, 70], "target": [40], "overlap": 0.2}}"#;
+    std::fs::write(here.join("index.json"), index).unwrap();
+    let without_effect = |more: &[&str]| {
+        let outcome = atsplat(here, &[&["protocol", "overlap", "index.json"], more].concat());
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        ["--force", "--strict-bins"].map(|option| outcome.stderr.contains(&format!("{option} has no effect")))
+    };
+    let both = ["--force", "--strict-bins"];
+    assert_eq!((without_effect(&[]), without_effect(&both)), ([false; 2], [true, false]));
+    let measured = |more: &[&str]| without_effect(&[&["--data", "data"], more].concat());
+    assert_eq!((measured(&[]), measured(&["--strict-bins"])), ([false; 2], [false, true]));
+    assert_eq!(measured(&both), [false; 2]);
+}
+
 #[test]
 fn results_do_not_depend_on_the_thread_count() {
     let folder = tempfile::tempdir().unwrap();
