@@ -38,8 +38,10 @@ pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     use anyhow::{Context as _, ensure};
     use atsplat_opencv::{ExtractionOptions, FrameFormat, extract_frames};
+    use atsplat_scene::is_plain_name;
     use atsplat_scene::re10k::read_trajectory;
 
+    use crate::output_lock::OutputLock;
     use crate::print::print_report;
     use crate::progress::Progress;
 
@@ -50,6 +52,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         args.key.clone().or_else(file_stem).context("the trajectory's file name is not a scene key; set --key")?;
     let format = if args.png { FrameFormat::Png } else { FrameFormat::Jpeg(args.quality) };
     let options = ExtractionOptions { folder: args.out.clone(), format };
+    // Of the scene: frames of several videos may be cut into one folder at once. Another key is an error of the extraction.
+    let _lock = is_plain_name(&key).then(|| OutputLock::of(&args.out.join(&key))).transpose()?;
     let progress = Progress::new("frames", timestamps.len());
     let extracted = extract_frames(&args.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
     drop(progress);

@@ -14,19 +14,19 @@ pub(super) fn check(
     pairs: &[(usize, usize)],
     warnings: &mut Warnings,
 ) -> anyhow::Result<Vec<GeometryReport>> {
+    use atsplat_numeric::spread;
     use atsplat_opencv::{GeometryCheckOptions, PairChoice, check_geometry};
     use atsplat_pixels::DecodeLimits;
     use atsplat_scene::{SceneSource as _, WarningKind};
 
     let keys = dataset.keys();
-    let step = keys.len().div_ceil(max_scenes).max(1);
     let limits = DecodeLimits::default();
     let mut options = GeometryCheckOptions::default();
     if !pairs.is_empty() {
         options.pairs = PairChoice::Listed(pairs.to_vec());
     }
     let mut reports = Vec::new();
-    for key in keys.iter().step_by(step) {
+    for key in spread(keys.len(), max_scenes).into_iter().map(|at| &keys[at]) {
         let scene = match dataset.load(key, warnings) {
             Ok(scene) => scene,
             Err(error) => {

@@ -257,6 +257,46 @@ fn chunk_keys_cannot_escape_the_output_folder() {
 
 #[cfg(feature = "opencv")]
 #[test]
+fn as_many_scenes_are_checked_as_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    for key in ["a", "b", "c", "d", "e"] {
+        write_trajectory(&here.join(format!("data/{key}.txt")), 3);
+    }
+    let inspect = ["data", "inspect", "data", "--json", "--check-geometry", "--check-scenes"];
+    for (scenes, expected) in [("4", &["a", "b", "c", "d"][..]), ("2", &["a", "c"]), ("9", &["a", "b", "c", "d", "e"])]
+    {
+        let report = succeed(here, &[&inspect[..], &[scenes]].concat());
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let checked: Vec<_> =
+            report["geometry"].as_array().unwrap().iter().map(|check| check["scene"].as_str().unwrap()).collect();
+        assert_eq!(checked, expected);
+    }
+}
+
+/// A video of 25 frames a second. Several may be cut into one folder at once, but not one scene.
+#[cfg(feature = "opencv")]
+#[test]
+fn images_that_frames_replace_are_counted_and_their_folder_is_locked() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_trajectory(&here.join("clip.txt"), 2);
+    let video = concat!(env!("CARGO_MANIFEST_DIR"), "/../opencv/tests/fixtures/video/constant.mp4");
+    let frames = ["data", "frames", video, "clip.txt", "--out", "out"];
+    let removed = "2 earlier images of their timestamps in the other format removed\n";
+    assert!(!succeed(here, &frames).contains("removed"));
+    assert!(succeed(here, &[&frames[..], &["--png"]].concat()).contains(removed));
+    assert!(here.join("out/clip/33367.png").is_file() && !here.join("out/clip/33367.jpg").exists());
+    let _lock = atsplat_files::FolderLock::of(&here.join("out/clip")).unwrap();
+    let rejected = atsplat(here, &frames);
+    let expected = "out/clip is being written by process ";
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    succeed(here, &[&frames[..], &["--key", "other"]].concat());
+}
+
+#[cfg(feature = "opencv")]
+#[test]
 fn frames_with_the_same_name_are_all_written() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

@@ -7,7 +7,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_scene::geometry::{
     Convention, ConventionFit, ConventionScore, MatchedPair, PointMatch, View, fitting_convention, score_conventions,
 };
-use atsplat_scene::{Scene, SceneError, WarningKind, Warnings};
+use atsplat_scene::{Frame, Scene, SceneError, WarningKind, Warnings};
 use serde::Serialize;
 
 use super::OpenCvError;
@@ -116,7 +116,8 @@ impl GeometryCheck {
 /// interpretation affects the matches that it is measured on.
 ///
 /// `image_of` decodes the frame at a position. The image may be scaled, but not cropped, because intrinsics are
-/// normalised. A frame that cannot be decoded is reported in `warnings` and its pairs are skipped.
+/// normalised. A frame that cannot be decoded is reported in `warnings` and its pairs are skipped, as are those with a frame that
+/// the scene does not have.
 ///
 /// # Errors
 /// [`OpenCvError::Call`].
@@ -176,8 +177,8 @@ struct Matcher<'a> {
 
 type Measured = (PairCheck, MatchedPair);
 
-/// A frame's view and features; `None` if it cannot be decoded.
-type Described = Option<(View, Features)>;
+/// A frame's view and features, or why there are none.
+type Described = Result<(View, Features), String>;
 
 impl Matcher<'_> {
     /// Measures the pair with the widest usable gap from the candidate at `anchor`, forwards or, near the end, backwards, that
@@ -212,9 +213,10 @@ impl Matcher<'_> {
     fn matched(&mut self, frames: (usize, usize)) -> Result<Result<Measured, String>, OpenCvError> {
         self.describe(frames.0)?;
         self.describe(frames.1)?;
-        let (Some((first, first_features)), Some((second, second_features))) = (self.of(frames.0), self.of(frames.1))
-        else {
-            return Ok(Err("an image is missing".to_owned()));
+        let described = self.of(frames.0).and_then(|first| Ok((first, self.of(frames.1)?)));
+        let ((first, first_features), (second, second_features)) = match described {
+            Ok(described) => described,
+            Err(reason) => return Ok(Err(reason)),
         };
         let tentative = match_mutual(first_features, second_features, self.options.matching.ratio)?;
         let matches = agreeing(&tentative, first, second, self.options.matching.inlier_px)?;
@@ -239,9 +241,7 @@ impl Matcher<'_> {
     /// `measured` if it can distinguish interpretations, else the reason why not.
     fn informative(&self, measured: Measured) -> Result<Measured, String> {
         let (check, pair) = &measured;
-        let (Some((_, first)), Some((_, second))) = (self.of(check.frames.0), self.of(check.frames.1)) else {
-            return Err("an image is missing".to_owned());
-        };
+        let ((_, first), (_, second)) = (self.of(check.frames.0)?, self.of(check.frames.1)?);
         let fewer = first.points().len().min(second.points().len());
         let fraction = check.matches as f64 / fewer as f64;
         if fraction < self.options.min_feature_fraction {
@@ -253,28 +253,39 @@ impl Matcher<'_> {
         Ok(measured)
     }
 
-    fn of(&self, position: usize) -> Option<&(View, Features)> {
-        self.described.get(&position)?.as_ref()
+    /// A frame that was described.
+    fn of(&self, position: usize) -> Result<&(View, Features), String> {
+        let described = self.described.get(&position).ok_or_else(|| format!("frame {position} was not read"))?;
+        described.as_ref().map_err(String::clone)
     }
 
     fn describe(&mut self, position: usize) -> Result<(), OpenCvError> {
         if self.described.contains_key(&position) {
             return Ok(());
         }
-        let described = match (self.scene.frames.get(position), (self.image_of)(position)) {
-            (Some(frame), Ok(image)) => {
-                let size = ImageSize { width: image.width(), height: image.height() };
-                Some((View { camera: frame.camera, size }, detect(&image, &self.options.matching)?))
-            }
-            (_, Err(error)) => {
-                let detail = format!("frame {position}: {error}");
-                self.warnings.push(WarningKind::MissingImage, self.scene.key.clone(), detail);
-                None
-            }
-            (None, Ok(_)) => None,
+        let scene = self.scene;
+        let described = match scene.frames.get(position) {
+            Some(frame) => self.view_of(position, frame)?,
+            None => Err(format!("the scene has no frame {position}: it has {}, counted from 0", scene.frames.len())),
         };
         self.described.insert(position, described);
         Ok(())
+    }
+
+    fn view_of(&mut self, position: usize, frame: &Frame) -> Result<Described, OpenCvError> {
+        match (self.image_of)(position) {
+            Ok(image) => {
+                let size = ImageSize { width: image.width(), height: image.height() };
+                Ok(Ok((View { camera: frame.camera, size }, detect(&image, &self.options.matching)?)))
+            }
+            Err(error) => {
+                let is_there = frame.image.is_available();
+                let kind = if is_there { WarningKind::UnreadableImage } else { WarningKind::MissingImage };
+                let reason = format!("frame {position}: {error}");
+                self.warnings.push(kind, self.scene.key.clone(), reason.clone());
+                Ok(Err(reason))
+            }
+        }
     }
 }
 
@@ -311,6 +322,12 @@ impl fmt::Display for GeometryCheck {
         let Self { scene, pairs, skipped, scores, fit } = self;
         let matches: usize = pairs.iter().map(|pair| pair.matches).sum();
         writeln!(f, "{scene}: {matches} matches in {} pairs, {} skipped", pairs.len(), skipped.len())?;
+        // Those that were asked for; of others, none was found.
+        for SkippedPair { frames: (first, second), reason } in skipped {
+            if let Some(second) = second {
+                writeln!(f, "  {first}:{second} skipped: {reason}")?;
+            }
+        }
         let width = scores.iter().map(|score| score.convention.name().len()).max().unwrap_or(0);
         let smallest = scores.iter().min_by(|a, b| a.median_px.total_cmp(&b.median_px)).map(|score| score.convention);
         for ConventionScore { convention, median_px, in_front, .. } in scores {
@@ -338,6 +355,42 @@ mod tests {
         let bands = [13, 11, 9].map(|step| shifted_noise(320, 80, position * step, 1000 * step));
         let samples = bands.iter().flat_map(|band| band.samples().iter().copied());
         ImageU8::new(320, 240, samples.collect()).unwrap()
+    }
+
+    #[test]
+    fn pairs_that_cannot_be_measured_say_why() {
+        let png = atsplat_pixels::encode_png(&passed(0)).unwrap();
+        let images = [
+            FrameImage::Encoded(SharedBytes::new(png)),
+            FrameImage::Encoded(SharedBytes::new(b"no image".to_vec())),
+            FrameImage::Missing("2.png".into()),
+        ];
+        let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap());
+        let frame = |(position, image): (usize, FrameImage)| Frame {
+            name: position.to_string(),
+            timestamp_micros: None,
+            camera,
+            stated_size: None,
+            image,
+        };
+        let frames = images.into_iter().enumerate().map(frame).collect();
+        let scene = Scene { key: "wall".to_owned(), url: None, frames };
+        let pairs = PairChoice::Listed(vec![(0, 1), (2, 0), (0, 7)]);
+        let options = GeometryCheckOptions { pairs, ..GeometryCheckOptions::default() };
+        let limits = atsplat_pixels::DecodeLimits::default();
+        let mut warnings = Warnings::new();
+        let checked =
+            check_geometry(&scene, |at| scene.decode_any_shape(at, &limits), &options, &mut warnings).unwrap();
+        let kinds: Vec<_> = warnings.counts().collect();
+        assert_eq!(kinds, [(WarningKind::MissingImage, 1), (WarningKind::UnreadableImage, 1)], "not of frame 7");
+        let text = checked.to_string();
+        for skipped in [
+            "  0:1 skipped: frame 1: ",
+            "  2:0 skipped: frame 2: ",
+            "  0:7 skipped: the scene has no frame 7: it has 3, counted from 0\n",
+        ] {
+            assert!(text.contains(skipped), "{skipped}: {text}");
+        }
     }
 
     /// From the last frames, the widest gap goes backwards to a frame that has paired forwards.

@@ -65,6 +65,8 @@ pub struct ExtractedFrames {
     pub interval_micros: f64,
     /// One entry per timestamp, in the requested order.
     pub frames: Vec<ExtractedFrame>,
+    /// Images of the written timestamps in the other format that were there, and were removed.
+    pub removed: usize,
 }
 
 impl ExtractedFrames {
@@ -90,8 +92,8 @@ pub struct ExtractionOptions {
 /// may vary. A timestamp gets the nearest frame, the earlier of two equally near ones, or none if that is more than half
 /// the median frame interval away. Seeking is inexact in some containers, so the video is decoded from its start to the
 /// last timestamp, once for the times and once for the images. Each file is written completely, then renamed into
-/// place; one with its timestamp in the other format, which readers might prefer, is removed. `progress` is called with
-/// the number of timestamps done.
+/// place; one with its timestamp in the other format, which readers might prefer, is removed and counted. `progress` is
+/// called with the number of timestamps done.
 ///
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
@@ -118,7 +120,7 @@ pub fn extract_frames(
     let (mut frames, selected) = select(&schedule, timestamps_micros);
     let mut stream = Stream::open(video)?;
     let mut decided = timestamps_micros.len() - selected.values().map(Vec::len).sum::<usize>();
-    let mut reached = 0;
+    let (mut reached, mut removed) = (0, 0);
     for (number, indices) in selected {
         while reached <= number {
             if !stream.grab()? {
@@ -130,14 +132,15 @@ pub fn extract_frames(
         let image = stream.image()?;
         for index in &indices {
             let Some(frame) = frames.get_mut(*index) else { continue };
-            let path = write(&image, &folder, frame.timestamp_micros, options.format)?;
+            let (path, replaces_other) = write(&image, &folder, frame.timestamp_micros, options.format)?;
+            removed += usize::from(replaces_other);
             frame.outcome = ExtractionOutcome::Written { path };
         }
         decided += indices.len();
         progress(decided);
     }
     progress(timestamps_micros.len());
-    Ok(ExtractedFrames { interval_micros: schedule.interval_micros, frames })
+    Ok(ExtractedFrames { interval_micros: schedule.interval_micros, frames, removed })
 }
 
 /// What is known of each timestamp before images are decoded, and for each frame to write, its number and the positions of its
@@ -164,7 +167,8 @@ fn select(schedule: &Schedule, timestamps_micros: &[i64]) -> (Vec<ExtractedFrame
     (frames, selected)
 }
 
-fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
+/// The file that was written, and whether one in the other format was removed.
+fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<(PathBuf, bool), OpenCvError> {
     let ([extension, other], parameters) = match format {
         FrameFormat::Jpeg(quality) => {
             ([".jpg", ".png"], Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)]))
@@ -176,8 +180,9 @@ fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Res
     let path = folder.join(format!("{timestamp}{extension}"));
     atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(OpenCvError::io("writing a frame", &path))?;
     let other = folder.join(format!("{timestamp}{other}"));
+    let replaces_other = other.symlink_metadata().is_ok();
     atsplat_files::remove_if_exists(&other).map_err(OpenCvError::io("removing an earlier frame", &other))?;
-    Ok(path)
+    Ok((path, replaces_other))
 }
 
 fn malformed(
@@ -307,9 +312,12 @@ impl Stream {
 
 impl fmt::Display for ExtractedFrames {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { interval_micros, frames } = self;
+        let Self { interval_micros, frames, removed } = self;
         let count = frames.len();
         writeln!(f, "{} of {count} frames written, frame interval {interval_micros:.0} µs", self.written())?;
+        if *removed > 0 {
+            writeln!(f, "{removed} earlier images of their timestamps in the other format removed")?;
+        }
         for frame in frames {
             let residual = frame.residual_micros();
             let away = residual.map_or_else(|| "no frame".to_owned(), |micros| format!("{micros:+.0} µs"));
@@ -444,13 +452,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cut = |format, timestamps: &[i64]| {
             let options = ExtractionOptions { folder: folder.path().to_owned(), format };
-            extract_frames(&fixture("constant.mp4"), "scene", timestamps, &options, |_| ()).unwrap();
+            let cut = extract_frames(&fixture("constant.mp4"), "scene", timestamps, &options, |_| ()).unwrap();
             let files = std::fs::read_dir(folder.path().join("scene")).unwrap();
-            files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect::<BTreeSet<_>>()
+            let files = files.map(|file| file.unwrap().file_name().into_string().unwrap());
+            (cut.removed, files.collect::<BTreeSet<_>>())
         };
-        cut(FrameFormat::Jpeg(95), &[0, 40_000]);
-        assert_eq!(cut(FrameFormat::Png, &[40_000]), BTreeSet::from(["0.jpg", "40000.png"].map(str::to_owned)));
-        assert_eq!(cut(FrameFormat::Jpeg(95), &[40_000]), BTreeSet::from(["0.jpg", "40000.jpg"].map(str::to_owned)));
+        let files = |names: [&str; 2]| BTreeSet::from(names.map(str::to_owned));
+        assert_eq!(cut(FrameFormat::Jpeg(95), &[0, 40_000]), (0, files(["0.jpg", "40000.jpg"])));
+        assert_eq!(cut(FrameFormat::Png, &[40_000]), (1, files(["0.jpg", "40000.png"])));
+        assert_eq!(cut(FrameFormat::Jpeg(95), &[40_000, 40_000]), (1, files(["0.jpg", "40000.jpg"])));
     }
 
     #[test]
