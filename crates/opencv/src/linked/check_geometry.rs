@@ -253,10 +253,10 @@ impl Matcher<'_> {
         Ok(measured)
     }
 
-    /// A frame that was described.
+    /// What is known of a frame that was described before.
+    #[expect(clippy::expect_used, reason = "pairs are matched, and thereby described, before anything else")]
     fn of(&self, position: usize) -> Result<&(View, Features), String> {
-        let described = self.described.get(&position).ok_or_else(|| format!("frame {position} was not read"))?;
-        described.as_ref().map_err(String::clone)
+        self.described.get(&position).expect("described before").as_ref().map_err(String::clone)
     }
 
     fn describe(&mut self, position: usize) -> Result<(), OpenCvError> {
