@@ -80,14 +80,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&Report { inspection, geometry }, args.json)?;
     print_warnings(&geometry_warnings);
     ensure!(read > 0, "no scene of {} can be read", args.dataset.data.display());
-    let unfinished = unfinished_simulation(&args.dataset.data);
+    let unfinished = unfinished_simulation(&dataset.path);
     if let Some(plan) = &unfinished {
         warn(&format!("the simulation into this folder has not ended: {} lists all its scenes", plan.display()));
     }
     Ok(complete && unfinished.is_none())
 }
 
-/// The plan of a simulation that has not ended, in the folder of its scenes or in that of all splits.
+/// The plan of a simulation that has not ended, in the folder of its scenes or in that of all splits; of a dataset at a URL, only in
+/// the former, whose objects are listed.
 fn unfinished_simulation(data: &Path) -> Option<PathBuf> {
     [Some(data), data.parent()].into_iter().flatten().map(|folder| folder.join(PLAN)).find(|plan| plan.is_file())
 }

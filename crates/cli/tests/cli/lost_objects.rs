@@ -138,6 +138,19 @@ fn a_table_names_objects_by_their_urls() {
     assert!(errors.contains("1 × missing-image\n") && errors.contains("no s3://lab/data/s0/0"), "{errors}");
 }
 
+/// As a copy of a folder whose simulation was still running.
+#[test]
+fn strict_counts_a_simulation_that_had_not_ended_when_it_was_copied() {
+    for (planned, code) in [(false, 0), (true, 4)] {
+        let plan = planned.then(|| ("planned.json".to_owned(), b"[]".to_vec()));
+        let objects: Vec<_> = [("s0.txt".to_owned(), trajectory(20))].into_iter().chain(plan).collect();
+        let (found, errors) = Objects::new(&objects).run("data inspect s3://lab/data --strict", "none");
+        assert_eq!(found, Some(code), "{errors}");
+        let warning = "has not ended: s3://lab/data/planned.json lists all its scenes";
+        assert_eq!(errors.contains(warning), planned, "{errors}");
+    }
+}
+
 /// The protocol expects the size of the smaller copy, which an earlier command fetched or not.
 #[test]
 fn the_chosen_copy_of_images_does_not_depend_on_the_cache() {
