@@ -35,6 +35,9 @@ const PRINTED: [(&str, &[&str]); 11] = [
     ("weights verify", &["file"]),
 ];
 
+/// Where copies of objects are kept: commands with this argument read URLs.
+const CACHE: &str = "cache";
+
 /// Options that `--device` replaced; by itself, the parser suggests the name that is most similar, `--background`.
 const FORMER_DEVICES: [&str; 2] = ["--backend", "--adapter"];
 
@@ -90,9 +93,7 @@ pub(crate) fn print(error: &clap::Error) -> ExitCode {
 fn check(command: &Command, matches: &ArgMatches, path: &str) -> Result<(), clap::Error> {
     for arg in command.get_arguments() {
         let id = arg.get_id().as_str();
-        let given = matches.try_contains_id(id).is_ok_and(|found| found)
-            && matches.value_source(id) == Some(ValueSource::CommandLine);
-        let values = matches.try_get_raw(id).ok().flatten().filter(|_| given);
+        let values = matches.try_get_raw(id).ok().flatten().filter(|_| is_given(matches, id));
         for value in values.into_iter().flatten() {
             check_url(command, arg, value).map_err(usage_error)?;
             let prints_json = || matches.try_get_one::<bool>("json").is_ok_and(|json| json == Some(&true));
@@ -102,9 +103,24 @@ fn check(command: &Command, matches: &ArgMatches, path: &str) -> Result<(), clap
             }
         }
     }
+    check_cache(command, matches).map_err(usage_error)?;
     let Some((name, below)) = matches.subcommand() else { return Ok(()) };
     let path = format!("{path} {name}");
     command.find_subcommand(name).map_or(Ok(()), |command| check(command, below, path.trim_start()))
+}
+
+fn is_given(matches: &ArgMatches, id: &str) -> bool {
+    matches.try_contains_id(id).is_ok_and(|found| found) && matches.value_source(id) == Some(ValueSource::CommandLine)
+}
+
+/// Rejects a folder for copies of objects where nothing is copied: a URL may be misspelt.
+fn check_cache(command: &Command, matches: &ArgMatches) -> Result<(), String> {
+    let ids = command.get_arguments().map(|arg| arg.get_id().as_str()).filter(|id| takes_url(command, id));
+    let mut values = ids.filter_map(|id| matches.try_get_raw(id).ok().flatten()).flatten();
+    if !is_given(matches, CACHE) || values.any(|value| scheme(&value.to_string_lossy()).is_some()) {
+        return Ok(());
+    }
+    Err("--cache: expected a URL such as s3://bucket/data among the paths, found none: nothing is copied".to_owned())
 }
 
 fn lists(arguments: &[(&str, &[&str])], command: &str, id: &str) -> bool {
@@ -130,7 +146,7 @@ fn check_url(command: &Command, arg: &Arg, value: &OsStr) -> Result<(), String> 
 fn takes_url(command: &Command, id: &str) -> bool {
     match id {
         "out" => ["run", "score", "merge"].contains(&command.get_name()),
-        "data" | "store" | "stores" | "repeat" => command.get_arguments().any(|arg| arg.get_id() == "cache"),
+        "data" | "store" | "stores" | "repeat" => command.get_arguments().any(|arg| arg.get_id() == CACHE),
         _ => false,
     }
 }
@@ -237,6 +253,30 @@ mod tests {
             "atsplat run re10k-2v-256 --data c://d --method exec:a://b --out o".to_owned(),
         ] {
             assert_eq!(error_of(&text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_cache_without_a_url_is_an_error() {
+        let run = "atsplat run re10k-2v-256 --method warp --cache c";
+        for text in [
+            "atsplat data inspect d --cache c",
+            "atsplat data inspect s3:/b/d --cache c",
+            &format!("{run} --data d --out o"),
+            "atsplat report a b --cache c",
+            "atsplat tradeoff sweep rooms-2v-128 --data d --weights w --sweep s --out o --cache c",
+        ] {
+            let error = error_of(text).unwrap_or_default();
+            assert!(error.contains("--cache: expected a URL such as s3://bucket/data"), "{text}: {error}");
+        }
+        for text in [
+            "atsplat data inspect s3://b/d --cache c",
+            &format!("{run} --data d --out s3://b/o"),
+            &format!("{run} --data gs://b/d --out o"),
+            "atsplat merge a s3://b/x --out o --cache c",
+            "atsplat drift accept a --repeat s3://b/t --baseline b --why w --cache c",
+        ] {
+            assert_eq!(error_of(text), None, "{text}");
         }
     }
 

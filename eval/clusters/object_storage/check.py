@@ -48,7 +48,8 @@ def atsplat(*arguments, url="http://127.0.0.1:9", code=0):
 
 def run(data, out, *more, cache="cache", methods=METHODS, **how):
     limit = [] if "--shard" in more else ["--limit", LIMIT]
-    return atsplat("run", "rooms-2v-128", "--data", data, *methods, "--out", out, "--cache", cache, *limit, *more, **how)
+    copies = ["--cache", cache] if "://" in f"{data} {out}" else []
+    return atsplat("run", "rooms-2v-128", "--data", data, *methods, "--out", out, *copies, *limit, *more, **how)
 
 
 def exchanged(errors, url):

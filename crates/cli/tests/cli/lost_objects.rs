@@ -66,7 +66,8 @@ impl Objects {
     /// Exit code and standard error of a command for which the object `lost` cannot be read.
     fn run(&self, args: &str, lost: &str) -> (Option<i32>, String) {
         let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-        command.args(args.split(' ')).args(["--cache", "cache"]).current_dir(self.here.path());
+        command.args(args.split(' ')).current_dir(self.here.path());
+        command.args(["--cache", "cache"].iter().filter(|_| args.contains("://")));
         command.env("ATSPLAT_OBJECTS", self.path("objects")).env("THERE", self.path("there"));
         let output = command.env("LISTED", &self.listed).env("LOST", lost).output().unwrap();
         (output.status.code(), String::from_utf8(output.stderr).unwrap())
