@@ -82,8 +82,8 @@ impl SceneSource for NamedByUrls<'_> {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.0.load(key, warnings)?;
-        if has_copies() {
-            scene.frames.iter_mut().for_each(|frame| name_by_url(&mut frame.image));
+        for frame in scene.frames.iter_mut().filter(|_| has_copies()) {
+            name_by_url(&mut frame.image);
         }
         Ok(scene)
     }
