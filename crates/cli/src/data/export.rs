@@ -97,6 +97,14 @@ impl SceneSource for NamedByUrls<'_> {
     }
 }
 
+fn name_by_url(image: &mut FrameImage) {
+    match image {
+        FrameImage::File(path) | FrameImage::Missing(path) => *path = with_urls(&path.to_string_lossy()).into(),
+        FrameImage::Unposed { image, .. } => name_by_url(image),
+        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => {}
+    }
+}
+
 fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
     if args.out.is_file() {
         bail!("expected a folder for the chunks, found the file {}", args.out.display());
@@ -113,14 +121,6 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
         export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
     let skipped = skipped + left_out(&opening, warnings);
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
-}
-
-fn name_by_url(image: &mut FrameImage) {
-    match image {
-        FrameImage::File(path) | FrameImage::Missing(path) => *path = with_urls(&path.to_string_lossy()).into(),
-        FrameImage::Unposed { image, .. } => name_by_url(image),
-        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => {}
-    }
 }
 
 /// Whether chunks in `out` would be read instead of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
