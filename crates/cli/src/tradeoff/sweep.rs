@@ -1,9 +1,10 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
+use atsplat_eval::ComputeDevice;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::sweep::{Part, Sweep, SweepBase, SweepNetwork, parts};
+use atsplat_eval::sweep::{Overrides, Part, Sweep, SweepBase, SweepNetwork, parts};
 use atsplat_metrics::Suite;
 use atsplat_results::statistics::Leaked;
 use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
@@ -12,10 +13,11 @@ use atsplat_scene::Warnings;
 
 use crate::objects::check_reading;
 use crate::parse::usage_error;
-use crate::print::{print_report, warn};
+use crate::print::{note, print_report, warn};
 use crate::progress::Progress;
 use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
+use crate::requirements::{Requirement, check_all};
 use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};
 use crate::run::urls::name_urls;
@@ -47,7 +49,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let reading = || format!("reading {}", args.sweep.display());
     let text = atsplat_files::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
-    let base = sweep_base(&args.network)?;
+    check_network_options(&args.network, &sweep)?;
+    let base = sweep_base(&args.network, &sweep)?;
     let mut warnings = Warnings::new();
     let remote = args.protocols.remote()?;
     let datasets = args.protocols.open(remote.as_ref(), &mut warnings)?;
@@ -108,25 +111,59 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
     }
 }
 
-fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
-    let device = args.device.open_for_networks()?;
-    let source = args.source()?;
-    let (network, record) = source.load(&device.network()?)?;
+/// What the settings that run a network override.
+fn of_networks(sweep: &Sweep) -> impl Iterator<Item = &Overrides> {
+    sweep.settings.iter().map(|setting| &setting.overrides).filter(|overrides| overrides.runs_network())
+}
+
+/// Rejects options of the network if no setting runs one, and reports those that all of these settings override.
+fn check_network_options(args: &NetworkArgs, sweep: &Sweep) -> Result<(), clap::Error> {
+    let options = args.options();
+    let checked = check_all(&[Requirement {
+        options: &options,
+        requires: "a setting of --sweep without `strategy`: the others run no network",
+        satisfied: of_networks(sweep).next().is_some(),
+    }]);
+    checked.map_err(usage_error)?;
+    let selects = |own: &Overrides| own.thresholds.is_some() || own.ratios.is_some();
+    for (option, _) in options.into_iter().filter(|(_, given)| *given) {
+        let overrides = |own: &Overrides| match option {
+            "--thresholds" | "--ratios" => selects(own),
+            "--expand-first" => own.expand_first.is_some(),
+            "--weights" => own.weights.is_some(),
+            _ => false,
+        };
+        if of_networks(sweep).all(overrides) {
+            note(&format!("{option} has no effect: every setting that runs a network has its own"));
+        }
+    }
+    Ok(())
+}
+
+fn sweep_base(args: &NetworkArgs, sweep: &Sweep) -> anyhow::Result<SweepBase> {
+    let runs_network = of_networks(sweep).next().is_some();
+    let device = if runs_network { args.device.open_for_networks()? } else { args.device.open()? };
     Ok(SweepBase {
-        network: SweepNetwork {
-            config: network.config().clone(),
-            high_resolution: source.high_resolution().cloned(),
-            tensors: network.weights()?,
-            weights: record.weights(),
-            training: record.training(),
-            trained_under: record.trained_under(),
-            trained_at: network.trained_size(),
-        },
+        network: runs_network.then(|| sweep_network(args, &device)).transpose()?,
         changes: args.changes().overrides(),
         sees_as_given: args.sees_as_given(),
         call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,
         background: None,
         device,
+    })
+}
+
+fn sweep_network(args: &NetworkArgs, device: &ComputeDevice) -> anyhow::Result<SweepNetwork> {
+    let source = args.source()?;
+    let (network, record) = source.load(&device.network()?)?;
+    Ok(SweepNetwork {
+        config: network.config().clone(),
+        high_resolution: source.high_resolution().cloned(),
+        tensors: network.weights()?,
+        weights: record.weights(),
+        training: record.training(),
+        trained_under: record.trained_under(),
+        trained_at: network.trained_size(),
     })
 }

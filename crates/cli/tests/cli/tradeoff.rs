@@ -93,6 +93,38 @@ fn a_setting_needs_a_label() {
     }
 }
 
+/// With a strategy, random points are optimised.
+#[test]
+fn a_sweep_without_a_network_takes_no_options_of_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let optimised = "[[settings]]\nlabel = 'scratch'\noverrides = { strategy = 'mip-splatting', steps = 2 }\n";
+    let rejected = sweep(here, optimised, "out", &[]);
+    let error = "--weights requires a setting of --sweep without `strategy`";
+    assert!(rejected.code == 2 && rejected.stderr.contains(error), "{}: {}", rejected.code, rejected.stderr);
+    let args = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out", "out"];
+    assert!(succeed(here, &[&args[..], &NETWORK[2..]].concat()).contains("* scratch "));
+    let both = sweep(here, &[WHOLE, optimised].concat(), "both", &[]);
+    assert_eq!(both.code, 0, "{}", both.stderr);
+    let missing = atsplat(here, &[&args[..7], &["--out", "none"]].concat());
+    assert!(missing.code == 1 && missing.stderr.contains("--weights is required"), "{}", missing.stderr);
+}
+
+#[test]
+fn options_that_every_setting_overrides_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let own = "[[settings]]\nlabel = 'own'\noverrides = { thresholds = [0.1, 0.1, 0.4] }\n";
+    for (settings, out, expected) in [(own.to_owned(), "own", true), ([own, WHOLE].concat(), "both", false)] {
+        let outcome = sweep(here, &settings, out, &["--ratios", "0.5,0.5,0.25"]);
+        let reported =
+            outcome.stderr.contains("note: --ratios has no effect: every setting that runs a network has its own");
+        assert_eq!((outcome.code, reported), (0, expected), "{}", outcome.stderr);
+    }
+}
+
 /// The label of the second part would be the name of a folder of images.
 #[test]
 fn what_a_sweep_rejects_is_rejected_before_its_first_part_runs() {

@@ -137,6 +137,11 @@ impl ConstantChanges {
 }
 
 impl Overrides {
+    /// Whether a setting with these overrides runs a network: with a strategy, random points are optimised instead.
+    pub const fn runs_network(&self) -> bool {
+        self.strategy.is_none()
+    }
+
     /// The network's configuration with the overrides.
     ///
     /// # Errors

@@ -19,8 +19,9 @@ use crate::{ComputeDevice, EvalError};
 /// The base setting of a sweep, before any override is applied.
 #[derive(Clone, Debug)]
 pub struct SweepBase {
-    /// The network of settings without weights of their own, with [`Self::changes`].
-    pub network: SweepNetwork,
+    /// The network of settings without weights of their own, with [`Self::changes`]; `None` is for sweeps whose settings run none
+    /// ([`Overrides::runs_network`]).
+    pub network: Option<SweepNetwork>,
     /// Changes of configurations that apply to the networks of all settings, before a setting's own.
     pub changes: Overrides,
     /// Whether the networks of settings with weights of their own use images as they are too.
@@ -67,7 +68,8 @@ pub struct Part {
 /// Expands a sweep into plans of the runner that fill one store, in the order of the sweep.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for an invalid override; [`EvalError::Model`] for weights that do not match the network.
+/// [`EvalError::Settings`] for an invalid override, and for a setting that runs the base's network, if there is none;
+/// [`EvalError::Model`] for weights that do not match the network.
 pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
     let mut parts: Vec<(&Overrides, Part)> = Vec::new();
     for setting in &sweep.settings {
@@ -97,7 +99,11 @@ impl SweepBase {
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
         let network = match &overrides.weights {
-            None => self.network.clone(),
+            None => self.network.clone().ok_or_else(|| EvalError::Settings {
+                what: "weights",
+                expected: "those of the network that the setting runs".to_owned(),
+                found: "none".to_owned(),
+            })?,
             Some(path) => self.network_of(path)?,
         };
         let SweepNetwork { config, high_resolution, tensors, weights, training, trained_under, trained_at } = network;

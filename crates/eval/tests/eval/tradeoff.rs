@@ -18,12 +18,11 @@ use atsplat_results::statistics::Leaked;
 use atsplat_results::tradeoff::{TradeoffReport, across, tradeoffs};
 use atsplat_results::{GapKind, MethodRecord, Results, Store, TrainingRecord};
 
-fn swept() -> SweepBase {
+fn network() -> SweepNetwork {
     let config = ModelConfig::named("nano").unwrap();
     let tensors = generated(&parameters(&config), 1);
     let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
-    let constants = ConstantsChoice::FromPreset;
-    let network = SweepNetwork {
+    SweepNetwork {
         config,
         high_resolution: None,
         tensors,
@@ -31,22 +30,24 @@ fn swept() -> SweepBase {
         training: None,
         trained_under: TrainedUnder::default(),
         trained_at: None,
-    };
+    }
+}
+
+fn swept() -> SweepBase {
     SweepBase {
-        network,
+        network: Some(network()),
         changes: Overrides::default(),
         sees_as_given: false,
         call_seed: 0,
-        constants,
+        constants: ConstantsChoice::FromPreset,
         background: None,
         device: ComputeDevice::default(),
     }
 }
 
 fn with_trained_weights() -> SweepBase {
-    let mut base = swept();
-    base.network.weights = WeightsSource::File { sha256: "00".to_owned() };
-    base
+    let weights = WeightsSource::File { sha256: "00".to_owned() };
+    SweepBase { network: Some(SweepNetwork { weights, ..network() }), ..swept() }
 }
 
 fn sweep(settings: &str) -> Sweep {
@@ -178,14 +179,14 @@ fn predicted<T>(method: &dyn Method, dataset: &Dataset, of: impl Fn(&dyn Predict
 fn settings_keep_the_training_of_their_weights() {
     let training = |data: &str| Some(TrainingRecord { data: data.to_owned(), seed: None });
     let trained_under = TrainedUnder { poses: Some("first".to_owned()), background: None };
-    let network = SweepNetwork { training: training("rooms"), trained_under, ..swept().network };
-    let base = SweepBase { network, ..swept() };
+    let network = SweepNetwork { training: training("rooms"), trained_under, ..network() };
     let provenance = [("data", "yards"), ("pose-normalisation", "second"), ("background", "[0.5, 0.0, 1.0]")];
     let provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.safetensors");
-    let other = ModelWeights::new(base.network.config.clone(), provenance, &base.network.tensors).unwrap();
+    let other = ModelWeights::new(network.config.clone(), provenance, &network.tensors).unwrap();
     other.write(&path, Precision::Single).unwrap();
+    let base = SweepBase { network: Some(network), ..swept() };
     let sweep = sweep(&format!(
         "[[settings]]\nlabel = 'of the sweep'\n\
          [[settings]]\nlabel = 'other'\noverrides = {{ weights = '{path}' }}\n\
@@ -213,8 +214,8 @@ fn settings_keep_the_training_of_their_weights() {
 fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.safetensors");
-    let base = swept();
-    let other = ModelWeights::new(base.network.config.clone(), [].into(), &base.network.tensors).unwrap();
+    let (base, SweepNetwork { config, tensors, .. }) = (swept(), network());
+    let other = ModelWeights::new(config.clone(), [].into(), &tensors).unwrap();
     other.write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!(
         "[[settings]]\nlabel = 'other'\noverrides = {{ weights = '{path}' }}\n\
@@ -228,7 +229,7 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
     let hashes = |base: &SweepBase| -> Vec<_> {
         records(base).iter().map(|record| record.model_hash().map(str::to_owned)).collect()
     };
-    let hash = |blocks| Some(base.network.config.with_expansion_in_first(blocks).hash().unwrap());
+    let hash = |blocks| Some(config.with_expansion_in_first(blocks).hash().unwrap());
     assert_eq!(hashes(&base), [hash(3), hash(2)]);
     let changes = Overrides { expand_first: Some(1), ..Overrides::default() };
     let changed = SweepBase { changes, ..base.clone() };
@@ -237,14 +238,14 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
         let size = |record: &MethodRecord| record.parameters.get("context-at-scale-of").cloned();
         records(base).iter().map(size).collect()
     };
-    let trained = Some(serde_json::Value::from(base.network.config.resolution.to_string()));
+    let trained = Some(serde_json::Value::from(config.resolution.to_string()));
     assert_eq!(resized(&base), [trained.clone(), trained]);
     let given = SweepBase { sees_as_given: true, ..base.clone() };
     assert_eq!(resized(&given), [None, None]);
     let large = |base: &SweepBase| -> Vec<_> {
         records(base).iter().map(|record| record.parameters.get("high-resolution").cloned()).collect()
     };
-    let high = base.network.config.for_high_resolution().unwrap().unwrap();
+    let high = config.for_high_resolution().unwrap().unwrap();
     let expanding = |blocks| Some(serde_json::to_value(high.with_expansion_in_first(blocks)).unwrap());
     assert_eq!(large(&base), [expanding(3), expanding(2)]);
     assert_eq!(large(&changed), [expanding(1), expanding(1)]);
@@ -255,7 +256,7 @@ fn weights_of_a_setting_run_with_the_changes_of_the_base() {
 fn weights_of_a_setting_without_a_valid_one_for_large_images_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("long.safetensors");
-    let SweepNetwork { config, tensors, .. } = swept().network;
+    let SweepNetwork { config, tensors, .. } = network();
     let config = ModelConfig { resolution: ImageSize::new(8208, 16), ..config };
     ModelWeights::new(config, [].into(), &tensors).unwrap().write(&path, Precision::Single).unwrap();
     let sweep = sweep(&format!("[[settings]]\nlabel = 'a'\noverrides = {{ weights = '{}' }}", path.display()));
