@@ -1,4 +1,4 @@
-"""Writes the first inputs of the targets re10k_trajectory, transforms_json, colmap_text and colmap_binary.
+"""Writes the first inputs of the targets camera_file, colmap_binary, colmap_text, npy_images, re10k_trajectory and transforms_json.
 
     python make_format_seeds.py
 
@@ -79,6 +79,53 @@ def main():
     save("colmap_binary", "points3D-huge-track", b"\x02" + point)
     save("colmap_text", "name-with-blanks", b"\x011 1 0 0 0 0 0 0 1 a b.png\r\n\r\n")
     save("colmap_text", "short-camera", b"\x001 OPENCV 640 480 1 2 3\n")
+
+    turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    trained = {"id": 0, "img_name": "a", "width": 40, "height": 30, "position": [1, 2, 3], "rotation": turned, "fx": 32.5, "fy": 32}
+    row = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7]
+    intrinsics = {"fx": 0.8, "fy": 1.1, "cx": 0.5, "cy": 0.5}
+    view = {"number": 3, "name": "a", "width": 40, "height": 30, "camera-from-world": row, "intrinsics": intrinsics}
+    cameras = {
+        "trained": [trained, trained | {"exposure": POSE[:3]}],
+        "trained-huge-width": [trained | {"width": 2**40}],
+        "trained-mirrored": [trained | {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}],
+        "rendered": {"views": [view, view | {"distortion": {"fisheye": {"k": [0.1, 0, 0, 0]}}}]},
+        "rendered-no-view": {"views": []},
+        "rendered-side-of-zero": {"views": [view | {"width": 0}]},
+        "poses-of-rows": [row, row],
+        "poses-of-matrices": [POSE, POSE],
+        "poses-short": [row, row[:11]],
+        "openmvg": {"sfm_data_version": "0.3", "views": []},
+        "none": [],
+    }
+    for name, document in cameras.items():
+        save("camera_file", name, json.dumps(document))
+    save("camera_file", "deep", "[" * 1000)
+    save("camera_file", "trajectory", f"{url}\n{ROW}\n{ROW}\n")
+
+    def npy(descr, data, shape="(2, 1, 3, 3)", order="False", version=b"\x01\x00", length=None):
+        header = f"{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n".encode()
+        size = struct.pack("<H" if version[0] == 1 else "<I", len(header) if length is None else length)
+        return b"\x93NUMPY" + version + size + header + data
+
+    numbers = [at / 16 for at in range(18)]
+    arrays = {
+        "bytes": npy("|u1", bytes(range(18))),
+        "floats": npy("<f4", struct.pack("<18f", *numbers)),
+        "doubles": npy("<f8", struct.pack("<18d", *numbers)),
+        "version-2": npy("|u1", bytes(18), version=b"\x02\x00"),
+        "not-finite": npy("<f4", struct.pack("<18f", *[float("nan"), float("inf")] * 9)),
+        "fortran-order": npy("|u1", bytes(18), order="True"),
+        "big-endian": npy(">f4", bytes(72)),
+        "other-shape": npy("|u1", bytes(18), shape="(2, 3, 1, 3)"),
+        "huge-shape": npy("|u1", b"", shape="(99999999999999999999, 1, 3, 3)"),
+        "open-shape": npy("|u1", bytes(18), shape="(2, 1, 3"),
+        "short": npy("<f4", bytes(71)),
+        "header-beyond-the-end": npy("|u1", b"", length=65535),
+        "version-9": npy("|u1", bytes(18), version=b"\x09\x00"),
+    }
+    for name, data in arrays.items():
+        save("npy_images", name, data)
 
 
 main()

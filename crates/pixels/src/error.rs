@@ -103,6 +103,9 @@ pub enum PixelError {
         expected: u64,
         found: usize,
     },
+    /// A `.npy` file does not have the expected array.
+    #[error("expected {expected}, found {found}")]
+    Npy { expected: String, found: String },
     /// An EXR does not have a channel.
     #[error("expected a channel {expected:?}, found {found:?}")]
     MissingChannel { expected: String, found: Vec<String> },

@@ -1,5 +1,5 @@
-//! Images: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, Pillow-exact resampling, crops,
-//! 8-bit rounding rules, animated PNG. Independent of cameras and datasets.
+//! Images: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, NumPy's arrays, Pillow-exact resampling,
+//! crops, 8-bit rounding rules, animated PNG. Independent of cameras and datasets.
 
 mod animation;
 mod crop;
@@ -12,6 +12,7 @@ mod images;
 mod jpeg;
 mod jpeg_segments;
 mod limits;
+pub mod npy;
 mod orientation;
 mod png_chunks;
 mod preview;

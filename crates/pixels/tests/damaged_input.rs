@@ -4,7 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_pixels::{
-    DecodeLimits, Image, ImageFormat, ImageU8, PixelError, decode, decode_render, encode_jpeg, encode_png, exr, size_of,
+    DecodeLimits, Image, ImageFormat, ImageU8, PixelError, decode, decode_render, encode_jpeg, encode_png, exr, npy,
+    size_of,
 };
 use image::codecs::{png::PngEncoder, webp::WebPEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -56,6 +57,16 @@ fn check_rewritten(channels: &exr::Channels, limits: &DecodeLimits) {
 }
 
 const SMALL: DecodeLimits = DecodeLimits { max_width: 512, max_height: 512, max_bytes: 1 << 20 };
+
+#[test]
+fn the_fuzz_corpus_of_arrays_are_two_images_or_errors() {
+    let inputs = files(&crate_folder("../../fuzz/corpus/npy_images"));
+    let read = inputs.iter().filter_map(|(_, bytes)| npy::read(bytes, [2, 1, 3, 3]).ok());
+    let sizes = |images: &[Image]| images.iter().map(|image| (image.width(), image.height())).collect::<Vec<_>>();
+    let sizes: Vec<_> = read.map(|read| sizes(&read.images)).collect();
+    assert!(sizes.len() >= 5 && sizes.len() + 6 <= inputs.len(), "{} of {} are images", sizes.len(), inputs.len());
+    assert!(sizes.iter().all(|sizes| *sizes == [(3, 1); 2]), "{sizes:?}");
+}
 
 #[test]
 fn the_fuzz_corpora_are_images_or_errors() {

@@ -4,6 +4,8 @@
 
 use std::path::{Path, PathBuf};
 
+use atsplat_camera::ImageSize;
+use atsplat_scene::camera_file::{LensOfPoses, read};
 use atsplat_scene::colmap::{Encoding, parse_cameras, parse_images, parse_points};
 use atsplat_scene::nerfstudio::{NerfstudioOptions, NerfstudioScenes, parse_transforms};
 use atsplat_scene::re10k::{parse_trajectory, write_trajectory};
@@ -21,6 +23,21 @@ fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize
 /// The corpora contain valid and invalid inputs: a parser that accepts or rejects everything is broken.
 fn assert_both(target: &str, (accepted, rejected): (usize, usize)) {
     assert!(accepted >= 3 && rejected >= 2, "{target}: {accepted} accepted, {rejected} rejected");
+}
+
+/// Lists of poses are cameras with a lens, and other files without one.
+#[test]
+fn camera_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cameras.json");
+    let of_poses = LensOfPoses { fov: Some(60.0), size: Some(ImageSize { width: 64, height: 48 }) };
+    for lens in [LensOfPoses::default(), of_poses] {
+        let counts = replay("camera_file", |bytes, _| {
+            std::fs::write(&file, bytes).unwrap();
+            read(&file, None, lens, &mut Warnings::new()).is_ok_and(|cameras| !cameras.is_empty())
+        });
+        assert!(counts.0 >= 2 && counts.1 >= 2, "camera_file: {counts:?}");
+    }
 }
 
 #[test]

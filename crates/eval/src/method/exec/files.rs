@@ -4,10 +4,10 @@ use std::fs;
 use std::path::{Component, MAIN_SEPARATOR, Path, PathBuf};
 
 use atsplat_files::FileError;
-use atsplat_pixels::Image;
+use atsplat_pixels::{Image, npy};
 use atsplat_splat::{Gaussians, RasterMode};
 
-use super::npy;
+use super::array;
 use crate::method::frame_files::FrameFiles;
 use crate::method::{MethodError, TrialInput, ply, renders};
 
@@ -30,7 +30,7 @@ impl TrialFolder {
         let mut paths = Vec::with_capacity(input.images.len());
         for (at, image) in input.images.iter().enumerate() {
             let path = trial_folder.0.join(format!("context-{at}.npy"));
-            fs::write(&path, npy::of_image(image))
+            fs::write(&path, npy::write(image))
                 .map_err(FileError::during::<MethodError>("writing a context image for a method", &path))?;
             paths.push(path.display().to_string());
         }
@@ -61,7 +61,7 @@ impl TrialFolder {
             return Err(format!("targets of {one} and of {another} do not fit into one array: answer with a folder"));
         }
         let shape = [targets.len(), first.size.height as usize, first.size.width as usize, 3];
-        Ok(npy::read_images(&path, shape)?.into_iter().map(Ok).collect())
+        Ok(array::read_images(&path, shape)?.into_iter().map(Ok).collect())
     }
 
     /// The Gaussians of an answer, in the trial's world, and remarks on their file.

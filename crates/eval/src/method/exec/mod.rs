@@ -1,9 +1,9 @@
 //! Runs any method as a separate process, in another environment.
 
+mod array;
 mod command;
 mod files;
 mod group;
-mod npy;
 mod pool;
 mod process;
 mod scratch;

@@ -1,19 +1,25 @@
-//! NumPy's `.npy` files, as `numpy.lib.format` describes them: little-endian arrays in C order.
-
-use std::path::Path;
+//! NumPy's `.npy` files of images, as `numpy.lib.format` describes them: little-endian arrays in C order.
 
 use atsplat_numeric::narrowed;
-use atsplat_pixels::{Image, ImageU8};
 
-use crate::method::range::{check_bytes, check_range};
+use crate::{Image, ImageU8, PixelError};
 
 /// What every file begins with, before the two bytes of its version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// The header ends at a multiple of this many bytes.
 const ALIGNMENT: usize = 64;
 
-/// An 8-bit image as an array of `|u1`, H×W×3.
-pub(super) fn of_image(image: &ImageU8) -> Vec<u8> {
+/// The images of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NpyImages<'a> {
+    /// In the order of the array's first axis.
+    pub images: Vec<Image>,
+    /// All samples as they are stored, if the array is of bytes.
+    pub bytes: Option<&'a [u8]>,
+}
+
+/// An 8-bit image as a file: an array of `|u1`, H×W×3.
+pub fn write(image: &ImageU8) -> Vec<u8> {
     let shape = format!("({}, {}, 3)", image.height(), image.width());
     let mut header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
     // Magic, version and length take ten bytes, the line's end one.
@@ -29,69 +35,62 @@ pub(super) fn of_image(image: &ImageU8) -> Vec<u8> {
     bytes
 }
 
-/// The images of a file with the shape T×H×W×3: floats in [0, 1] with overshoots (`<f2` is not read, `<f4` and `<f8` are)
-/// or bytes, of which not all may be 0 and 1 unless all are 0.
+/// The images of a file with this shape, T×H×W×3: floats (`<f4` and `<f8` are read, `<f2` is not), or bytes (`|u1`), of which 255
+/// is 1. Floats have any values.
 ///
 /// # Errors
-/// What was expected and what was found, with the file's name.
-pub(super) fn read_images(path: &Path, shape: [usize; 4]) -> Result<Vec<Image>, String> {
-    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let bytes = atsplat_files::read(path).map_err(|error| format!("{name}: {error}"))?;
-    images(&bytes, shape).map_err(|error| format!("{name}: {error}"))
-}
-
-fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
+/// [`PixelError::Npy`].
+pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError> {
     let (header, data) = split(bytes)?;
-    let field = |name: &str| field(header, name).ok_or_else(|| format!("expected {name} in the header {header:?}"));
+    let field = |name: &str| {
+        let missing = || invalid(format!("{name} in the header"), format!("{header:?}"));
+        field(header, name).ok_or_else(missing)
+    };
     if field("fortran_order")? != "False" {
-        return Err("expected an array in C order, as numpy.ascontiguousarray makes it, found Fortran order".to_owned());
+        return Err(invalid("an array in C order, as numpy.ascontiguousarray makes it", "Fortran order"));
     }
-    let found = parsed_shape(field("shape")?).ok_or_else(|| format!("expected a shape in the header {header:?}"))?;
+    let found = parsed_shape(field("shape")?).ok_or_else(|| invalid("a shape in the header", format!("{header:?}")))?;
     if found != shape {
-        return Err(format!("expected the shape {}, found {}", text(&shape), text(&found)));
+        return Err(invalid(format!("the shape {}", text(&shape)), text(&found)));
     }
     let descr = field("descr")?;
     let (bytes_each, sample): (usize, fn(&[u8]) -> f32) = match descr.trim_matches(['\'', '"']) {
         "|u1" => (1, |bytes| if let [byte] = bytes { f32::from(*byte) / 255.0 } else { f32::NAN }),
         "<f4" => (4, |bytes| bytes.try_into().map_or(f32::NAN, f32::from_le_bytes)),
         "<f8" => (8, |bytes| bytes.try_into().map_or(f32::NAN, |bytes| narrowed(f64::from_le_bytes(bytes)))),
-        _ => return Err(format!("expected the type <f4, <f8 or |u1, found {descr}")),
+        _ => return Err(invalid("the type <f4, <f8 or |u1", descr)),
     };
     let [count, height, width, _] = shape;
     let each = height * width * 3;
     if data.len() != count * each * bytes_each {
-        return Err(format!("expected {} bytes of data, found {}", count * each * bytes_each, data.len()));
+        return Err(invalid(format!("{} bytes of data", count * each * bytes_each), data.len().to_string()));
     }
-    if bytes_each == 1 {
-        check_bytes(data)?;
-    }
-    let [width, height] = [width, height].map(|side| u32::try_from(side).map_err(|error| error.to_string()));
+    let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&shape));
+    let [width, height] = [width, height].map(|side| u32::try_from(side).ok().ok_or_else(too_many));
     let (width, height) = (width?, height?);
-    let image = |part: &[u8]| {
-        let samples = part.chunks_exact(bytes_each).map(sample).collect();
-        Image::new(width, height, samples).map_err(|error| error.to_string())
-    };
-    let images: Vec<Image> = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<_, _>>()?;
-    for (at, image) in images.iter().enumerate() {
-        check_range(image).map_err(|error| format!("image {at}: {error}"))?;
-    }
-    Ok(images)
+    let image = |part: &[u8]| Image::new(width, height, part.chunks_exact(bytes_each).map(sample).collect());
+    let images = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<Vec<_>, _>>()?;
+    Ok(NpyImages { images, bytes: (bytes_each == 1).then_some(data) })
+}
+
+fn invalid(expected: impl Into<String>, found: impl Into<String>) -> PixelError {
+    PixelError::Npy { expected: expected.into(), found: found.into() }
 }
 
 /// Header and data.
-fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
-    const OTHER: &str = "expected a .npy file, found other bytes";
-    let rest = bytes.strip_prefix(MAGIC).ok_or(OTHER)?;
-    let (version, rest) = rest.split_first_chunk::<2>().ok_or(OTHER)?;
+fn split(bytes: &[u8]) -> Result<(&str, &[u8]), PixelError> {
+    let other = || invalid("a .npy file", "other bytes");
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(other)?;
+    let (version, rest) = rest.split_first_chunk::<2>().ok_or_else(other)?;
     let bytes_of_length = match version {
         [1, 0] => 2,
         [2 | 3, 0] => 4,
-        [major, minor] => return Err(format!("expected a .npy file of version 1.0 to 3.0, found {major}.{minor}")),
+        [major, minor] => return Err(invalid("a .npy file of version 1.0 to 3.0", format!("{major}.{minor}"))),
     };
-    let (length, rest) = rest.split_at_checked(bytes_of_length).ok_or(OTHER)?;
+    let (length, rest) = rest.split_at_checked(bytes_of_length).ok_or_else(other)?;
     let length = length.iter().rev().fold(0, |length, byte| length << 8 | usize::from(*byte));
-    let (header, data) = rest.split_at_checked(length).ok_or(OTHER)?;
-    Ok((std::str::from_utf8(header).ok().ok_or(OTHER)?, data))
+    let (header, data) = rest.split_at_checked(length).ok_or_else(other)?;
+    Ok((std::str::from_utf8(header).ok().ok_or_else(other)?, data))
 }
 
 /// The value of a field of the header, a Python dictionary.
@@ -124,11 +123,16 @@ mod tests {
         [MAGIC, &[1, 0], &length, header.as_bytes(), data].concat()
     }
 
+    fn samples(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<f32>, String> {
+        let read = read(bytes, shape).map_err(|error| error.to_string())?;
+        Ok(read.images.iter().flat_map(|image| image.samples().to_vec()).collect())
+    }
+
     /// The first bytes are those of `numpy.save` (NumPy 2.3) for `numpy.arange(12, dtype="u1").reshape(1, 4, 3)`.
     #[test]
     fn writes_what_numpy_writes() {
         let image = ImageU8::new(4, 1, (0..12).collect()).unwrap();
-        let bytes = of_image(&image);
+        let bytes = write(&image);
         let header = b"\x93NUMPY\x01\x00v\x00{'descr': '|u1', 'fortran_order': False, 'shape': (1, 4, 3), }";
         assert!(bytes.starts_with(header), "{:?}", String::from_utf8_lossy(&bytes));
         assert_eq!((bytes.len(), bytes[127], &bytes[128..]), (140, b'\n', &(0..12).collect::<Vec<u8>>()[..]));
@@ -141,14 +145,16 @@ mod tests {
         let single: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         let double: Vec<u8> = values.iter().flat_map(|value| f64::from(*value).to_le_bytes()).collect();
         for bytes in [file("<f4", "False", "(2, 1, 2, 3)", &single), file("<f8", "False", "(2, 1, 2, 3)", &double)] {
-            let read = images(&bytes, [2, 1, 2, 3]).unwrap();
-            assert_eq!(read.iter().map(|image| (image.width(), image.height())).collect::<Vec<_>>(), [(2, 1); 2]);
-            assert_eq!((read[0].samples(), read[1].samples()), (&values[..6], &values[6..]));
+            let NpyImages { images, bytes } = read(&bytes, [2, 1, 2, 3]).unwrap();
+            assert_eq!(images.iter().map(|image| (image.width(), image.height())).collect::<Vec<_>>(), [(2, 1); 2]);
+            assert_eq!((images[0].samples(), images[1].samples()), (&values[..6], &values[6..]));
+            assert_eq!(bytes, None);
         }
-        let levels = images(&file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]), [1, 1, 1, 3]).unwrap();
-        assert_eq!(levels[0].samples(), [0.0, 0.2, 1.0]);
+        let levels = file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]);
+        let NpyImages { images, bytes } = read(&levels, [1, 1, 1, 3]).unwrap();
+        assert_eq!((images[0].samples(), bytes), (&[0.0, 0.2, 1.0][..], Some(&[0, 51, 255][..])));
         let image = ImageU8::new(2, 1, vec![9; 6]).unwrap();
-        assert!(images(&of_image(&image), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
+        assert!(samples(&write(&image), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
     }
 
     #[test]
@@ -158,7 +164,7 @@ mod tests {
             let mut bytes = one.clone();
             bytes.splice(6..8, version);
             bytes.splice(10..10, vec![0; length - 2]);
-            images(&bytes, [1, 1, 1, 3]).map(|images| images[0].samples().to_vec())
+            samples(&bytes, [1, 1, 1, 3])
         };
         for (version, length) in [([1, 0], 2), ([2, 0], 4), ([3, 0], 4)] {
             assert_eq!(of(version, length).as_deref(), Ok(&[0.0, 0.2, 1.0][..]), "{version:?}");
@@ -170,35 +176,8 @@ mod tests {
     }
 
     #[test]
-    fn floats_in_another_range_are_rejected() {
-        let of = |sample: fn(f32) -> f32| {
-            let values = (0..12u8).map(|at| if at < 6 { 0.0 } else { sample(f32::from(at) / 16.0) });
-            let data: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-            images(&file("<f4", "False", "(2, 1, 2, 3)", &data), [2, 1, 2, 3])
-        };
-        assert_eq!(of(|x| x * 1.5).unwrap().len(), 2);
-        let levels = of(|x| x * 255.0).unwrap_err();
-        assert!(levels.starts_with("image 1: ") && levels.contains("seems to be 0…255"), "{levels}");
-        assert!(of(|x| -x - 1.0).unwrap_err().contains("expected samples in [0, 1], found -1.69…-1.38"));
-    }
-
-    #[test]
-    fn floats_that_were_cast_to_bytes_are_rejected_and_black_stays() {
-        let of = |bytes: [u8; 12]| images(&file("|u1", "False", "(2, 1, 2, 3)", &bytes), [2, 1, 2, 3]);
-        let mut bytes = [0; 12];
-        assert!(of(bytes).unwrap().iter().flat_map(Image::samples).all(|sample| sample.to_bits() == 0), "black");
-        bytes[7] = 1;
-        let expected = "expected uint8 from 0 to 255, found only 0 and 1, as floats that were cast: multiply them by 255 before, or \
-                        give floats in [0, 1]";
-        assert_eq!(of(bytes), Err(expected.to_owned()));
-        assert_eq!(of([1; 12]), Err(expected.to_owned()));
-        bytes[0] = 2;
-        assert!(of(bytes).is_ok(), "dark");
-    }
-
-    #[test]
     fn other_files_are_rejected_with_what_was_found() {
-        let refused = |bytes: &[u8], shape| images(bytes, shape).unwrap_err();
+        let refused = |bytes: &[u8], shape| samples(bytes, shape).unwrap_err();
         let four = [0; 4 * 6];
         let cases = [
             (refused(b"P6 2 2 255", [1, 1, 2, 3]), "a .npy file"),
@@ -213,7 +192,7 @@ mod tests {
         }
         let bytes = file("<f4", "False", "(1, 1, 2, 3)", &four);
         for end in 0..bytes.len() {
-            assert!(images(&bytes[..end], [1, 1, 2, 3]).is_err(), "the first {end} bytes");
+            assert!(read(&bytes[..end], [1, 1, 2, 3]).is_err(), "the first {end} bytes");
         }
     }
 }
