@@ -37,6 +37,12 @@ impl OutputLock {
         Ok(lock)
     }
 
+    /// The lock, for what is written into locked folders alone.
+    #[expect(clippy::expect_used, reason = "only `drop` takes it")]
+    pub(crate) fn folder_lock(&self) -> &FolderLock {
+        self.lock.as_ref().expect("taken by `drop`")
+    }
+
     /// Whether a folder contains only its lock and these `files`.
     pub(crate) fn is_alone(folder: &Path, files: &[&str]) -> IoResult<bool> {
         let names = folder.read_dir()?.map(|entry| entry.map(|entry| entry.file_name()));

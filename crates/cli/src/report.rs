@@ -169,7 +169,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
     let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
-    let _lock = OutputLock::of(&args.out)?;
+    let lock = OutputLock::of(&args.out)?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)
@@ -177,7 +177,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
     let report = args.report(&stores, &labels)?;
-    let Written { files, removed, others } = report.replace(&args.out)?;
+    let Written { files, removed, others } = report.replace(lock.folder_lock())?;
     args.page.warn_of_size(&report);
     if args.json {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
@@ -278,7 +278,7 @@ fn check_plots(report: &Report, folder: &Path) -> anyhow::Result<()> {
 }
 
 /// Reports which files of an earlier report were removed, and that others stay.
-fn report_other_files(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
+pub(crate) fn report_other_files(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
     let folder = folder.display();
     if !removed.is_empty() {
         print_status(&format!("{} of an earlier report removed from {folder}", counted(removed.len() as u64, "file")));

@@ -62,6 +62,12 @@ impl FolderLock {
     /// The files of a lock in its folder: one that stays behind, and one that is there while the folder is locked.
     pub const FILES: [&str; 2] = [LOCK, HOLDER];
 
+    /// The folder.
+    #[expect(clippy::expect_used, reason = "the locked file is in it")]
+    pub fn folder(&self) -> &Path {
+        self.path.parent().expect("a file in the folder")
+    }
+
     /// Whether a folder was locked at any time.
     pub fn was_taken(folder: &Path) -> bool {
         folder.join(LOCK).is_file()

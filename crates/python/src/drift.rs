@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use atsplat_drift::probe::Pipeline;
 use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, compare};
 use atsplat_eval::runner::current_provenance;
+use atsplat_files::FileLock;
 use atsplat_results::Results;
 use pyo3::prelude::*;
 
@@ -50,6 +51,8 @@ pub(crate) fn accept_baseline(
     why: String,
 ) -> Result<Vec<String>, Failure> {
     work_with_stores(py, || {
+        // Before it is read, as another process may be about to replace it.
+        let _lock = FileLock::of(&baseline)?;
         let before = Baseline::read_if_exists(&baseline)?;
         let results = Results::read(&store)?;
         let accepting = Accepting { results: &results, repeats: &[], limits: &[], why: &why, probe: ProbeChoice::Kept };

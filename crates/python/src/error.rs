@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::CameraError;
 use atsplat_drift::DriftError;
 use atsplat_eval::EvalError;
-use atsplat_files::{FileError, Malformed};
+use atsplat_files::{FileError, LockError, Malformed};
 use atsplat_metrics::MetricError;
 use atsplat_metrics::learned::LoadError;
 use atsplat_pixels::PixelError;
@@ -176,6 +176,10 @@ failures! {
         LoadError::Mismatch { tensor, .. } => Place::field(tensor),
         _ => Place::default(),
     },
+    LockError => |error| match error {
+        LockError::Io(error) => of_file(error),
+        LockError::InUse { folder, .. } => Place::file(folder),
+    },
     MetricError => |error| match error {
         MetricError::SizeMismatch { .. } => Place::field("truth"),
         _ => Place::field("images"),
@@ -195,6 +199,7 @@ failures! {
     ReportError => |error| match error {
         ReportError::UnknownTable { .. } => Place::field("table"),
         ReportError::Io(error) => of_file(error),
+        ReportError::InUse { folder, .. } => Place::file(folder),
         ReportError::Protocol(error) => of_protocol(error),
         ReportError::Store(error) => of_store(error),
         _ => Place::default(),

@@ -77,6 +77,19 @@ def test_tables_are_the_binarys(store, warped, binary, tmp_path):
     assert (tmp_path / "written/index.html").is_file() and len(files) > 5
 
 
+def test_a_folder_that_another_process_writes_into_is_left_alone(store, tmp_path):
+    import fcntl
+
+    page = tmp_path / "page"
+    page.mkdir()
+    with open(page / "run.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(atsplat.AtsplatError, match="page is being written by") as raised:
+            atsplat.report(store).write(page)
+        assert raised.value.file == str(page) and not (page / "index.html").exists()
+    assert str(page / "index.html") in atsplat.report(store).write(page)
+
+
 def test_rows_are_told_apart_by_their_remarks():
     def row(remarks, number):
         cells = [[{"value": {"number": number}}, {"value": "absent"}]]

@@ -1,4 +1,4 @@
-use atsplat_files::FileError;
+use atsplat_files::{FileError, LockError};
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 use atsplat_results::ResultsError;
@@ -43,7 +43,19 @@ pub enum ReportError {
     /// A file that the report would replace is not of a report, or was changed since.
     #[error("{}: expected a file that a report wrote, found another, or one that was changed since: move it away, or choose another folder", path.display())]
     NotOfReport { path: std::path::PathBuf },
+    /// Another process writes into the folder.
+    #[error("{} is being written by {by}", folder.display())]
+    InUse { folder: std::path::PathBuf, by: String },
     /// A file cannot be read or written.
     #[error(transparent)]
     Io(#[from] FileError),
+}
+
+impl From<LockError> for ReportError {
+    fn from(error: LockError) -> Self {
+        match error {
+            LockError::Io(error) => Self::Io(error),
+            LockError::InUse { folder, by } => Self::InUse { folder, by },
+        }
+    }
 }

@@ -1,6 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use atsplat_files::FolderLock;
+
 use crate::definition::{Choice, TableDefinition};
 use crate::emit::{TableFormat, orders_as_markdown};
 use crate::file_list::Written;
@@ -118,24 +120,26 @@ impl Report {
         self.html.len()
     }
 
-    /// As [`Self::replace`]; returns the paths of all files.
+    /// As [`Self::replace`], in a folder that is locked meanwhile, and created if necessary; returns the paths of all files.
     ///
     /// # Errors
-    /// Those of [`Self::replace`].
+    /// [`ReportError::InUse`] if another process writes into the folder, and those of [`Self::replace`].
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
-        self.replace(folder).map(|written| written.files)
+        let files = self.files()?;
+        let _lock = FolderLock::of(folder)?;
+        file_list::write(folder, &files).map(|written| written.files)
     }
 
-    /// Writes `tables/`, `orders.md`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary, and a list of
-    /// these files with their hashes. Then removes the files of the report that was there before, as its list names them: not
+    /// Writes `tables/`, `orders.md`, `plots/`, `films/` and `index.html` into a locked folder, and a list of these files with their
+    /// hashes. Then removes the files of the report that was there before, as its list names them: not
     /// those that were changed since, and no others.
     ///
     /// # Errors
     /// Before anything is written, the errors of tables, plots and films, [`ReportError::NotOfReport`] if one of the files is there
     /// already and no report wrote it, or it was changed since, and [`ReportError::Io`] for a broken list; then
     /// [`ReportError::Io`].
-    pub fn replace(&self, folder: &Path) -> Result<Written, ReportError> {
-        file_list::write(folder, &self.files()?)
+    pub fn replace(&self, lock: &FolderLock) -> Result<Written, ReportError> {
+        file_list::write(lock.folder(), &self.files()?)
     }
 
     /// All files by their paths in the report's folder, in the order of writing: the page, with which readers begin, is the last.
@@ -249,6 +253,27 @@ mod tests {
             sections,
             live: Vec::new(),
         }
+    }
+
+    #[test]
+    fn a_folder_that_another_process_writes_into_is_left_alone() {
+        let report = Report {
+            tables: Vec::new(),
+            unmeasured: Vec::new(),
+            plots: Vec::new(),
+            films: Vec::new(),
+            html: "page".to_owned(),
+            formats: Vec::new(),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let page = folder.path().join("page");
+        let lock = FolderLock::of(&page).unwrap();
+        assert!(matches!(report.write(&page), Err(ReportError::InUse { folder, .. }) if folder == page));
+        assert!(!page.join("index.html").exists());
+        let written = report.replace(&lock).unwrap();
+        drop(lock);
+        assert_eq!(report.write(&page).unwrap(), written.files);
+        assert!(page.join("index.html").is_file());
     }
 
     #[test]

@@ -8,6 +8,7 @@ use clap::builder::NonEmptyStringValueParser;
 use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
+use crate::output_lock::OutputFiles;
 use crate::parse::{self, once, usage_error};
 use crate::print::{print_report, warn};
 
@@ -63,6 +64,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         Some(path) => ProbeChoice::Recipe(recipe(path)?),
         None => ProbeChoice::Kept,
     };
+    // Before it is read, as another process may be about to replace it.
+    let _outputs = OutputFiles::of([args.baseline.as_path()])?;
     let before = Baseline::read_if_exists(&args.baseline)?;
     let (place, results) = read(&args.store, &args.cache)?;
     acceptable(&results).with_context(|| args.store.display().to_string())?;

@@ -33,6 +33,7 @@ use crate::output_lock::OutputLock;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::report::PageArgs;
+use crate::run::merge::reject_duplicates;
 use crate::run::settings::EvaluationArgs;
 use crate::warnings::{print_findings, print_warnings};
 
@@ -137,7 +138,8 @@ impl Stores {
 
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let _lock = OutputLock::of(&args.out)?;
+    reject_duplicates(&args.curve)?;
+    let lock = OutputLock::of(&args.out)?;
     let curves = args.curves()?;
     let mut warnings = Warnings::new();
     let DiscoveredDatasets { datasets, mut not_run } = args.found(&mut warnings)?;
@@ -183,7 +185,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let Stores { all: stores, empty } = stores;
     not_run.extend(empty);
-    let report = summary::write(&args.out, &stores, sections, live, args.page)?;
+    let report = summary::write(lock.folder_lock(), &stores, sections, live, args.page)?;
     print_warnings(&warnings);
     print_findings(&stores.iter().map(|(_, results)| results).collect::<Vec<_>>(), &warnings);
     summary::print(&report, &stores, &not_run, &trained, &args.out)?;

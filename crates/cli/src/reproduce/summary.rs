@@ -4,25 +4,27 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_eval::discovery::NotRun;
+use atsplat_files::FolderLock;
 use atsplat_report::definition::{Choice, TableDefinition};
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
 use atsplat_report::table::{Mixing, Source, agreement};
-use atsplat_report::{Report, Request};
+use atsplat_report::{Report, Request, Written};
 use atsplat_results::Results;
 use indexmap::IndexSet;
 
 use crate::print::print_text;
-use crate::report::{PageArgs, TITLE};
+use crate::report::{PageArgs, TITLE, report_other_files};
 
-/// Writes tables, plots and a page for all stores.
+/// Writes tables, plots and a page for all stores, which are in the locked folder.
 pub(super) fn write(
-    folder: &Path,
+    lock: &FolderLock,
     stores: &[(String, Results)],
     sections: Vec<PlotSection>,
     live: Vec<LiveTrial>,
     page: PageArgs,
 ) -> anyhow::Result<Report> {
+    let folder = lock.folder();
     let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
     let pages: Vec<PageStore<'_>> = stores
         .iter()
@@ -47,8 +49,9 @@ pub(super) fn write(
         live,
     };
     let report = Report::new(&request, &pages)?;
-    report.write(folder)?;
+    let Written { removed, others, .. } = report.replace(lock)?;
     page.warn_of_size(&report);
+    report_other_files(folder, &removed, &others);
     Ok(report)
 }
 

@@ -7,7 +7,9 @@ use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use crate::common::{atsplat, succeed};
 use crate::evaluation::{FRAMES, bare, write_noise};
+use atsplat_files::FileLock;
 use atsplat_results::Results;
 
 fn command(here: &Path, out: &str) -> Command {
@@ -102,4 +104,21 @@ fn a_full_disk_stops_the_run_without_losing_results() {
         Results::read(&here.join(out)).unwrap()
     };
     assert_eq!(bare(&resume("store")), bare(&resume("undisturbed")));
+}
+
+/// Of two acceptances at once, the later one would lose the reason of the other.
+#[test]
+fn one_process_at_a_time_accepts_a_baseline() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    finished(here, "store");
+    let accept = ["drift", "accept", "store", "--baseline", "b.json", "--why", "first", "--no-probe"];
+    let lock = FileLock::of(&here.join("b.json")).unwrap();
+    let rejected = atsplat(here, &accept);
+    let expected = "b.json is being written by process ";
+    assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}: {}", rejected.code, rejected.stderr);
+    assert!(!here.join("b.json").exists());
+    drop(lock);
+    succeed(here, &accept);
 }

@@ -279,6 +279,9 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let rejected = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
     let expected = "--curve: expected trials that were optimised with several budgets, and timed; found none";
     assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{}", rejected.stderr);
+    let twice = atsplat(here, &["reproduce", "--out", "report", "--curve", "store", "--curve", "./store"]);
+    let expected = "./store is the same store as store: name each store once";
+    assert!(twice.code == 2 && twice.stderr.contains(expected), "{}: {}", twice.code, twice.stderr);
     assert!(!here.join("report").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
 }
