@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail, ensure};
 use atsplat_report::definition::{Choice, Quantity, TableDefinition};
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
-use atsplat_report::table::{Mixing, Source, agreement};
+use atsplat_report::table::{Mixing, NoteKind, Source, agreement};
 use atsplat_report::{PAGE_MEGABYTES, Report, ReportError, Request, Written, counted, store_labels};
 use atsplat_results::Results;
 use serde_json::json;
@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::objects::CacheArgs;
 use crate::output_lock::OutputLock;
 use crate::parse::{named, once, usage_error};
-use crate::print::{print_json, print_status, print_text, warn};
+use crate::print::{note, print_json, print_status, print_text, warn};
 use crate::run::merge::reject_duplicates;
 
 #[derive(Debug, clap::Args)]
@@ -190,6 +190,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         print_status(&format!("{files} in {}, the page is {}", folder.display(), page.display()));
     }
     report_other_files(&args.out, &removed, &others);
+    let forced = report.tables.iter().flat_map(|table| &table.footer).any(|remark| remark.kind == NoteKind::Forced);
+    if args.force && !forced {
+        note("--force has no effect: no table mixes results that do not belong together");
+    }
     let missing = if args.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
         warn(&format!("the stores have no results for table {name}{}", args.choice.in_words()));

@@ -204,7 +204,15 @@ failures! {
         ReportError::Store(error) => of_store(error),
         _ => Place::default(),
     },
-    UnreadOption => |unread| Place::field(unread.option),
+}
+
+impl From<UnreadOption> for Failure {
+    /// Names the argument, which has underscores.
+    fn from(unread: UnreadOption) -> Self {
+        let argument = unread.option.replace('-', "_");
+        let message = unread.to_string().replacen(unread.option, &argument, 1);
+        Self::Library { message, place: Place::field(&argument) }
+    }
 }
 
 impl From<EvalError> for Failure {

@@ -73,7 +73,7 @@ impl Protocol {
 
     /// Opens data; its format is detected.
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
-    #[pyo3(signature = (data, index, sampler, any_size, frames, images))]
+    #[pyo3(signature = (data, index, sampler, any_size, frames, images, prefer_undistorted))]
     fn open(
         &self,
         py: Python<'_>,
@@ -83,10 +83,11 @@ impl Protocol {
         any_size: bool,
         frames: Option<PathBuf>,
         images: Option<u32>,
+        prefer_undistorted: bool,
     ) -> Result<Data, Failure> {
         work(py, || {
             let mut warnings = Warnings::new();
-            let images = ImageOptions { images, frames, ..ImageOptions::default() };
+            let images = ImageOptions { images, frames, prefer_undistorted };
             let mut options = images.open_options();
             options.nerfstudio.expected_size = self.preset.preprocessing.expected_size.filter(|_| !any_size);
             let opened = atsplat_scene::open_with(&data, &options, &mut warnings)?;

@@ -172,10 +172,11 @@ def test_wrong_arguments_of_trials_are_named(rooms, data):
         with pytest.raises(atsplat.InvalidError) as raised:
             protocol.trials(data, **options)
         assert raised.value.field == field
-    for options, field in [({"images": 1.5}, "images"), ({"any_size": "no"}, "any_size"), ({"index": 3}, "index")]:
+    wrong = [({"images": 1.5}, "images"), ({"any_size": "no"}, "any_size"), ({"index": 3}, "index")]
+    for options, field in [*wrong, *(({"prefer_undistorted": flag}, "prefer_undistorted") for flag in (1, True))]:
         with pytest.raises(atsplat.InvalidError) as raised:
             protocol.open(rooms, **options)
-        assert raised.value.field == field
+        assert raised.value.field == field and str(raised.value).startswith(f"{field}: ")
     assert len(protocol.open(rooms, sampler=Path("re10k-2v")).entries) == SCENES
 
 

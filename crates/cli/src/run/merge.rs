@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::objects::CacheArgs;
 use crate::parse::usage_error;
-use crate::print::{print_report, warn};
+use crate::print::{note, print_report, warn};
 use crate::provenance;
 
 #[derive(Debug, clap::Args)]
@@ -68,6 +68,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&Report { run, partial: &reasons }, args.json)?;
     for reason in &reasons {
         warn(&format!("the results are partial: {reason}"));
+    }
+    if args.partial && reasons.is_empty() {
+        note("--partial has no effect: no shard is missing or unfinished");
     }
     if repeated > 0 {
         warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));

@@ -15,7 +15,7 @@ use crate::COMMIT;
 use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::paths::PendingFile;
-use crate::print::print_text;
+use crate::print::{note, print_text};
 use report::Live;
 
 /// What `--init` expects.
@@ -75,6 +75,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let trainer = Trainer::on(args.device.processor, COMMIT, config, &args.out, &start);
     let mut trainer = trainer.map_err(|error| error.in_configuration(&args.config))?;
     let last = args.steps.map_or(steps, |most| most.min(steps));
+    if let Some(most) = args.steps.filter(|most| *most > steps) {
+        note(&format!("--steps {most} has no effect: the configuration ends at step {steps}"));
+    }
     let held_out = trainer.config().is_evaluation_held_out(trainer.state().initial_weights.as_ref());
     let mut live = Live::new(last, trainer.state().step, held_out);
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));

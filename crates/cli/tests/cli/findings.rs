@@ -173,6 +173,10 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
     let forced = report("estimated", &["--force"]);
     assert!(forced.contains("because of --force") && !forced.contains("n/c PSNR"), "{forced}");
+    for (store, has_effect) in [("estimated", true), ("shipped", false)] {
+        let outcome = atsplat(here, &["report", store, "--tables", "re10k_overlap", "--force"]);
+        assert_eq!(outcome.stderr.contains("note: --force has no effect"), !has_effect, "{}", outcome.stderr);
+    }
 }
 
 /// An ellipsis in the protocol's title looks like a text that is cut off.

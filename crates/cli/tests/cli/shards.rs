@@ -102,6 +102,10 @@ fn a_merge_counts_what_failed_in_its_parts() {
     let part = succeed(here, &["merge", "one", "--out", "part", "--partial", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&part).unwrap();
     assert_eq!(report["partial"], serde_json::json!(["shard 2 is missing"]), "{report}");
+    for (stores, out, is_whole) in [(&["one", "two"][..], "whole", true), (&["two"], "again", false)] {
+        let merged = atsplat(here, &[&["merge"], stores, &["--out", out, "--partial"]].concat());
+        assert_eq!((merged.code, merged.stderr.contains("note: --partial has no effect")), (0, is_whole), "{out}");
+    }
 }
 
 /// The second of two parts finds the data, their index and the renders in other folders.

@@ -376,6 +376,19 @@ fn resuming_reports_unusable_checkpoints() {
     assert!(message.contains("skipped a checkpoint") && message.contains("step-00000006"), "{message}");
 }
 
+#[test]
+fn more_steps_than_those_of_the_configuration_are_noted() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY.replacen("steps = 24", "steps = 2", 1)).unwrap();
+    let said = |out: &str, steps: &str| {
+        let args = ["train", "--config", "tiny.toml", "--out", out, "--steps", steps];
+        let outcome = atsplat(folder.path(), &args);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        outcome.stderr.contains("note: --steps 3 has no effect: the configuration ends at step 2\n")
+    };
+    assert_eq!((said("more", "3"), said("all", "2")), (true, false));
+}
+
 /// Without them, a finished run would restart from new weights and replace those that are left.
 #[test]
 fn resuming_without_the_checkpoints_of_a_run_keeps_its_weights() {

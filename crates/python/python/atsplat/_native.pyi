@@ -26,6 +26,7 @@ class Protocol:
         any_size: bool,
         frames: str | None,
         images: int | None,
+        prefer_undistorted: bool,
     ) -> Data: ...
 
 class Data:

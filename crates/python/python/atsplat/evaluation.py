@@ -116,7 +116,8 @@ def evaluate(
         ray: evaluate on a Ray cluster, with the options of :class:`~atsplat.RayOptions` if it is a dict. The method is pickled, and
             stays loaded in each worker; ``data`` is a path that every node can read. Functions of modules that nodes can import are not
             pickled: these modules must be the same on each node.
-        options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, as for :meth:`atsplat.Protocol.open`.
+        options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, ``prefer_undistorted``, as for
+            :meth:`atsplat.Protocol.open`.
 
     Returns:
         The store. ``store.failures()`` lists rows that failed, ``store.skipped`` entries without a trial. What is not complete is a

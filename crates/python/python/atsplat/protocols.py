@@ -75,6 +75,7 @@ class Protocol:
         any_size: bool = False,
         frames: Path | None = None,
         images: int | None = None,
+        prefer_undistorted: bool = False,
     ) -> Data:
         """Opens a dataset; its format is detected.
 
@@ -87,6 +88,7 @@ class Protocol:
             any_size: accept images of any size, which changes the protocol's hash.
             frames: folder of the frames of trajectories or a COLMAP model, if they are not next to the poses.
             images: which copy of a capture's images: 1 for ``images``, 2, 4 or 8 for ``images_2`` …
+            prefer_undistorted: use DL3DV's undistorted ``gaussian_splat/`` in scenes that have it; an error if none does.
 
         Raises:
             InvalidError: also for an argument that data of the detected format does not read.
@@ -94,17 +96,19 @@ class Protocol:
         if isinstance(data, Data):
             if data.protocol.hash != self.hash:
                 raise invalid("data", f"expected data opened for {self.name}, found {data.protocol.name}'s")
-            if any((index, sampler, any_size, frames, images)):
+            if any((index, sampler, any_size, frames, images, prefer_undistorted)):
                 raise invalid("data", "is already open: its index, sampler and images cannot be changed")
             return data
         given = {"index": index, "sampler": sampler, "frames": frames}
         paths = {name: None if value is None else path_of(value, name) for name, value in given.items()}
         factor = None if images is None else whole(images, "images")
-        if not isinstance(any_size, bool):
-            raise invalid("any_size", f"expected True or False, found {any_size!r}")
+        flags = {"any_size": any_size, "prefer_undistorted": prefer_undistorted}
+        for name, flag in flags.items():
+            if not isinstance(flag, bool):
+                raise invalid(name, f"expected True or False, found {flag!r}")
         path = path_of(data, "data")
-        opened = self._native.open(path, paths["index"], paths["sampler"], any_size, paths["frames"], factor)
-        return Data(self, opened, (path, {**paths, "any_size": any_size, "images": factor}))
+        opened = self._native.open(path, paths["index"], paths["sampler"], any_size, paths["frames"], factor, prefer_undistorted)
+        return Data(self, opened, (path, {**paths, **flags, "images": factor}))
 
     def trials(
         self,
