@@ -4,7 +4,6 @@ use atsplat_model::network::Network;
 use burn::Tensor;
 
 use crate::checkpoint::State;
-use crate::objective::FlatGradient;
 use crate::optimiser::{FlatMoments, Moments, Update, clip, warmed_up};
 use crate::skipped_step::FailureReason;
 use crate::{TrainConfig, TrainError};
@@ -41,21 +40,18 @@ impl DeviceState {
         &self.network
     }
 
-    /// [`crate::update::update`] on the device: of everything, only the norm is read.
+    /// [`crate::update::update`] on the device, by the sum of the gradients of as many samples: of everything, only the norm is read.
     ///
     /// # Errors
     /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
     pub(crate) fn update(
         &mut self,
         updates: u64,
-        batch: &[FlatGradient],
+        (gradient, samples): (Tensor<1>, usize),
         rate: f64,
         config: &TrainConfig,
     ) -> Result<f64, FailureReason> {
-        let samples = batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1);
-        let sum = batch.iter().map(|group| group.gradient.clone()).reduce(|sum, gradient| sum + gradient);
-        let gradient = sum.unwrap_or_else(|| self.decays.zeros_like());
-        let share = 1.0 / samples as f64;
+        let share = 1.0 / samples.max(1) as f64;
         let squares = f64::from(gradient.clone().square().sum().into_scalar::<f32>());
         let norm = share * squares.sqrt();
         if !norm.is_finite() {
@@ -103,7 +99,7 @@ mod tests {
     use super::*;
     use crate::objective::{GroupGradients, PartSeconds, Terms};
     use crate::parameters::Parameters;
-    use crate::update::update;
+    use crate::update::{GradientSum, update};
 
     /// Some steps of both, with clipping in one of them, weight decay and an average; gradients that a function of the weights' names
     /// and places makes, of two groups with three samples.
@@ -127,15 +123,19 @@ mod tests {
                 let gradients: IndexMap<String, Vec<f32>> = on_cpu.parameters.list().iter().map(named).collect();
                 GroupGradients { terms: vec![Terms::default(); samples], gradients, seconds: PartSeconds::default() }
             });
-            let flat = groups.each_ref().map(|group| {
+            let [first, second] = groups.each_ref().map(|group| {
                 let values = group.gradients.values().cloned().collect();
-                let gradient = on_cpu.parameters.with_values(values).network(&template).unwrap().flat();
-                FlatGradient { terms: group.terms.clone(), gradient, seconds: group.seconds }
+                on_cpu.parameters.with_values(values).network(&template).unwrap().flat()
             });
+            let list = on_cpu.parameters.list();
+            let mut sum = GradientSum::new(list);
+            for group in &groups {
+                sum.add(list, group);
+            }
             let rate = 1e-3 * (step + 1) as f64;
             let updates = on_cpu.updates;
-            let expected = update(&mut on_cpu, &groups, rate, &config).unwrap();
-            let found = device_state.update(updates, &flat, rate, &config).unwrap();
+            let expected = update(&mut on_cpu, &sum, rate, &config).unwrap();
+            let found = device_state.update(updates, (first + second, 3), rate, &config).unwrap();
             assert_eq!(found > config.clip, step == 2, "one step is clipped");
             Tolerance::relative(1e-5).assert([found], [expected], "norm");
         }
@@ -160,8 +160,7 @@ mod tests {
         let state = State::new(Parameters::fresh(&model, 3, StoredTensors::default()));
         let mut device_state = DeviceState::new(&state, &template).unwrap();
         let gradient = device_state.network().flat() * f32::NAN;
-        let broken = FlatGradient { terms: vec![Terms::default()], gradient, seconds: PartSeconds::default() };
-        let outcome = device_state.update(0, &[broken], 1e-2, &TrainConfig::shortest());
+        let outcome = device_state.update(0, (gradient, 1), 1e-2, &TrainConfig::shortest());
         assert!(matches!(outcome, Err(FailureReason::NonFiniteGradients(_))));
         let mut after = state.clone();
         device_state.copy_to(&mut after).unwrap();

@@ -1,5 +1,6 @@
 //! One optimiser update of the parameters from the gradients of a batch.
 
+use atsplat_model::parameters::Parameter;
 use rayon::prelude::*;
 
 use crate::TrainConfig;
@@ -9,29 +10,45 @@ use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 use crate::skipped_step::FailureReason;
 
-/// Averages the gradients over samples, in the order of the groups, clips the mean, and updates every parameter and the moving
-/// averages; returns the norm of the mean before clipping. A parameter that is absent from a group's gradients has gradient zero.
+/// The gradients of a step, summed over its samples.
+#[derive(Debug)]
+pub(crate) struct GradientSum {
+    /// In the order of the parameters.
+    values: Vec<Vec<f32>>,
+    samples: usize,
+}
+
+impl GradientSum {
+    /// Of no samples.
+    pub(crate) fn new(list: &[Parameter]) -> Self {
+        Self { values: list.iter().map(|parameter| vec![0.0; parameter.elements()]).collect(), samples: 0 }
+    }
+
+    /// Adds the gradients of a group; a parameter that is absent from them has gradient zero.
+    pub(crate) fn add(&mut self, list: &[Parameter], group: &GroupGradients) {
+        self.samples += group.terms.len();
+        self.values.par_iter_mut().zip(list).for_each(|(sum, parameter)| {
+            if let Some(gradient) = group.gradients.get(&parameter.name) {
+                sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
+            }
+        });
+    }
+}
+
+/// Clips the mean of the samples' gradients, and updates every parameter and the moving averages; returns the norm of the mean
+/// before clipping.
 ///
 /// # Errors
 /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
 pub(crate) fn update(
     state: &mut State,
-    batch: &[GroupGradients],
+    gradients: &GradientSum,
     rate: f64,
     config: &TrainConfig,
 ) -> Result<f64, FailureReason> {
-    let share = 1.0 / batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1) as f64;
+    let GradientSum { values: gradients, samples } = gradients;
+    let share = 1.0 / (*samples).max(1) as f64;
     let list = state.parameters.list();
-    let gradients: Vec<Vec<f32>> = list
-        .par_iter()
-        .map(|parameter| {
-            let mut sum = vec![0.0f32; parameter.elements()];
-            for gradient in batch.iter().filter_map(|group| group.gradients.get(&parameter.name)) {
-                sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
-            }
-            sum
-        })
-        .collect();
     let norm = share * norm(gradients.iter().map(Vec::as_slice));
     if !norm.is_finite() {
         return Err(FailureReason::NonFiniteGradients(vec!["their norm".to_owned()]));
@@ -106,6 +123,15 @@ mod tests {
         (run, state, config)
     }
 
+    fn sum(state: &State, groups: &[GroupGradients]) -> GradientSum {
+        let list = state.parameters.list();
+        let mut sum = GradientSum::new(list);
+        for group in groups {
+            sum.add(list, group);
+        }
+        sum
+    }
+
     /// The first samples as one group, each of the others as a separate one.
     fn groups(step: &Step, together: usize) -> Vec<GroupGradients> {
         let (first, others) = step.batch.split_at(together);
@@ -133,8 +159,8 @@ mod tests {
         assert!(run.parameters.iter().any(|start| start.shape.len() == 3), "more than matrices");
         for (number, step) in run.steps.iter().enumerate() {
             assert_eq!(step.batch.len(), 3);
-            let batch = groups(step, 1 + number % 2);
-            let norm = update(&mut state, &batch, step.rate, &config).unwrap();
+            let gradients = sum(&state, &groups(step, 1 + number % 2));
+            let norm = update(&mut state, &gradients, step.rate, &config).unwrap();
             Tolerance::relative(1e-6).assert([norm], [step.norm], "norm of the mean gradient");
             for ((found, expected), start) in state.parameters.values().iter().zip(&step.after).zip(&run.parameters) {
                 let found = found.iter().copied().map(f64::from);
@@ -150,6 +176,7 @@ mod tests {
         let (run, mut state, config) = run();
         let mut broken = groups(&run.steps[0], 1);
         broken[1].gradients[0][0] = f32::NAN;
+        let broken = sum(&state, &broken);
         assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
         assert_eq!(state.updates, 0);
         let starts: Vec<&[f32]> = run.parameters.iter().map(|start| start.values.as_slice()).collect();

@@ -40,10 +40,12 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Total number of optimiser steps.
     pub steps: NonZeroU64,
-    /// Samples per step; their gradients are averaged, so any number fits into memory.
+    /// Samples per step; their gradients are averaged. Those of micro-batches are summed as they come, so that more samples need no
+    /// more memory.
     pub batch: NonZeroUsize,
     /// Samples per micro-batch: they go through the network as one batch. More are quicker, need more memory, and change the
-    /// order of sums.
+    /// order of sums. On the CPU, as many micro-batches as there are threads are computed at once, and up to 256 MiB of their
+    /// gradients wait to be summed; on a graphics adapter, one at a time.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub micro_batch: NonZeroUsize,
     /// The network.
