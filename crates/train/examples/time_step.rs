@@ -4,7 +4,7 @@
 //! - `model`: the network's configuration;
 //! - `network SAMPLES`: seconds of the network on samples in parallel: forward, then backward from every set of Gaussians
 //!   and every score;
-//! - `splatting SAMPLES`: the same for the renderer alone, on the network's Gaussians;
+//! - `splatting SAMPLES`: the same for the renderer alone, on the network's Gaussians, to as many targets as in training;
 //! - `steps BATCH COUNT`: whole steps; seconds of parts are summed over samples.
 //!
 //! `time_step EXPERIMENT [WEIGHTS]` takes samples and network of an experiment, with weights from a file or a seed.
@@ -21,13 +21,14 @@ use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 use atsplat_scene::Warnings;
 use atsplat_splat::{Channels, RenderOptions, StoppedGradients, View};
 use atsplat_train::samples::{Sample, SampleId, Source as _};
-use atsplat_train::{Event, Parameters, SourceConfig, Start, TrainConfig, Trainer};
+use atsplat_train::{Event, LossConfig, Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use burn::Tensor;
 use rayon::prelude::*;
 use serde_json::json;
 
-/// Targets rendered from the final set of Gaussians, and from each intermediate set.
-const TARGETS: [usize; 2] = [3, 1];
+/// The binary's.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 type Failure = Box<dyn Error + Send + Sync>;
 
@@ -44,17 +45,18 @@ fn main() -> Result<(), Failure> {
     let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&weights)?;
     let source = config.samples(&mut Warnings::new())?;
     let sample = |number| source.sample(SampleId { seed: 1, number, step: 0 });
+    let splatting = |network: &Network, sample: &Sample| splatting_alone(network, sample, &config.losses);
     for line in stdin().lock().lines() {
         let line = line?;
         let request: Vec<&str> = line.split_whitespace().collect();
-        let timed = |count: &str, part: &Part| -> Result<serde_json::Value, Failure> {
+        let timed = |count: &str, part: &Part<'_>| -> Result<serde_json::Value, Failure> {
             let samples = (0..count.parse()?).map(sample).collect::<Result<Vec<Sample>, _>>()?;
             in_parallel(&samples, |sample| part(&network, sample))
         };
         let answer = match *request.as_slice() {
             ["model"] => serde_json::to_value(&model)?,
             ["network", count] => timed(count, &network_alone)?,
-            ["splatting", count] => timed(count, &splatting_alone)?,
+            ["splatting", count] => timed(count, &splatting)?,
             ["steps", batch, count] => steps(&config, &start, batch.parse()?, count.parse()?)?,
             _ => return Err(format!("{line}: expected model, network N, splatting N or steps N COUNT").into()),
         };
@@ -65,7 +67,7 @@ fn main() -> Result<(), Failure> {
 }
 
 /// Seconds forward and backward of one sample.
-type Part = dyn Fn(&Network, &Sample) -> Result<[f64; 2], Failure> + Sync;
+type Part<'a> = dyn Fn(&Network, &Sample) -> Result<[f64; 2], Failure> + Sync + 'a;
 
 fn in_parallel(
     samples: &[Sample],
@@ -107,7 +109,9 @@ fn network_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failure
     Ok([forward, start.elapsed().as_secs_f64()])
 }
 
-fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failure> {
+fn splatting_alone(network: &Network, sample: &Sample, losses: &LossConfig) -> Result<[f64; 2], Failure> {
+    let all = sample.targets.cameras.len();
+    let intermediate = losses.intermediate_targets.map_or(all, |most| most.get().min(all));
     let made = network.forward(&[sample.context.views()?], 0)?;
     let mut seconds = [0.0, 0.0];
     for (at, (gaussians, scores)) in sets(network, &made).into_iter().enumerate() {
@@ -133,7 +137,7 @@ fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failu
         };
         let side = |side: usize| u32::try_from(side);
         let size = ImageSize { width: side(sample.targets.size.width)?, height: side(sample.targets.size.height)? };
-        let targets = sample.targets.cameras.iter().take(TARGETS[at.min(1)]);
+        let targets = sample.targets.cameras.iter().take(if at == 0 { all } else { intermediate });
         let views: Vec<View> = targets.map(|&camera| View { camera, size }).collect();
         let start = Instant::now();
         let images = gaussians.render(0, &views, &options, scalars)?;
