@@ -157,10 +157,12 @@ impl Objective {
         let weight = self.config.distance_weight_at(progress);
         if weight > 0.0 {
             group.add_distances(forward.initial.place.depths(), weight, self.in_graph)?;
+            group.seconds.losses += group.clock.lap();
         }
         self.add_final(&forward.gaussians, self.config.perceptual_weight_at(progress), &mut group)?;
         for (block, next) in forward.blocks.iter().zip(forward.blocks.iter().skip(1)) {
             let gaussians = network.gaussians(&block.tokens);
+            group.seconds.forward += group.clock.lap();
             let scores = next.expanded.as_ref().and_then(|expanded| expanded.scores.clone());
             self.add_intermediate(&gaussians, scores, &mut group)?;
         }

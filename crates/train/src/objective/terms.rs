@@ -61,7 +61,7 @@ impl Terms {
 pub struct PartSeconds {
     /// Making the samples.
     pub sample: f64,
-    /// The network, forward.
+    /// The network, forward, with the Gaussians of every set.
     pub forward: f64,
     /// The renderer, forward, all sets.
     pub splat: f64,
