@@ -316,6 +316,10 @@ impl Source for DatasetSource {
         self.counted().replaced.clone()
     }
 
+    fn replaced_count(&self) -> u64 {
+        self.counted().replaced.count
+    }
+
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
         vec![("dataset.scenes-sha256".to_owned(), Sha256Digest::of(self.keys.join("\n").as_bytes()))]
     }

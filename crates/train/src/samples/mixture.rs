@@ -89,6 +89,10 @@ impl Source for Mixture {
         replaced
     }
 
+    fn replaced_count(&self) -> u64 {
+        self.sources.iter().map(|(_, source)| source.replaced_count()).sum()
+    }
+
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
         let mut all = Vec::new();
         for (at, (_, source)) in self.sources.iter().enumerate() {

@@ -103,6 +103,11 @@ pub trait Source: Send + Sync + std::fmt::Debug {
         ReplacedDraws::default()
     }
 
+    /// The number of [`Self::replaced`], without its scenes.
+    fn replaced_count(&self) -> u64 {
+        self.replaced().count
+    }
+
     /// Hashes of the lists of scenes that samples are drawn from, each under its field in the configuration, for lists that can change
     /// although the configuration does not.
     fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {

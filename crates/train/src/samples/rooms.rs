@@ -275,6 +275,10 @@ impl Source for RoomsSource {
         self.replaced_draws().clone()
     }
 
+    fn replaced_count(&self) -> u64 {
+        self.replaced_draws().count
+    }
+
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
         first_sample(self, &self.config.scenes_and_size(), id, |random| self.try_sample(id.step, random))
     }

@@ -99,7 +99,7 @@ impl Trainer {
             }
         }
         self.state.step += 1;
-        let replaced = self.samples.replaced().count;
+        let replaced = self.samples.replaced_count();
         self.state.replaced.count += replaced.saturating_sub(self.replaced_so_far);
         self.replaced_so_far = replaced;
         record.secs = start.elapsed().as_secs_f64();

@@ -152,7 +152,7 @@ fn draws_of_simulated_scenes_with_too_few_targets_are_counted() {
     let replaced = source.replaced();
     let reason = "rooms-train-00000000: needs 3 target frames, has 2 candidates";
     assert_eq!(replaced.scenes, BTreeMap::from([("rooms-train-00000000".to_owned(), reason.to_owned())]));
-    assert_eq!(replaced.count, 7);
+    assert_eq!((replaced.count, source.replaced_count()), (7, 7));
 }
 
 /// Samples from files have the same sizes and scale as from the simulation.
@@ -368,6 +368,13 @@ fn draws_of_scenes_with_too_few_frames_are_counted() {
     assert!(replaced.to_string().ends_with(&format!("were replaced; their scenes: 1, such as {reason}")), "{replaced}");
     let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
     assert_eq!(mixture.replaced(), replaced, "of a run's data");
+    let simulated = rooms(1, "");
+    for number in 0..12 {
+        simulated.sample(id(number)).unwrap();
+    }
+    let sources: Vec<(f64, Box<dyn Source>)> = vec![(1.0, Box::new(mixture)), (1.0, Box::new(simulated))];
+    let both = Mixture::new(sources, false, None).unwrap();
+    assert_eq!([both.replaced_count(), both.replaced().count], [replaced.count + 7; 2], "of both sources");
 }
 
 /// Two scenes of 12 frames in `data`, and a preset for their images.
