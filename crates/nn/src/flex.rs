@@ -16,8 +16,8 @@ use crate::{MatmulPrecision, generic};
 
 impl Kernels for Flex {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
-        let (contiguous_x, contiguous_weight) = (x.to_contiguous(), weight.to_contiguous());
-        let contiguous_bias = bias.as_ref().map(FlexTensor::to_contiguous);
+        let (contiguous_x, contiguous_weight) = (dense(&x), dense(&weight));
+        let contiguous_bias = bias.as_ref().map(dense);
         let (Some(slice), Some(weights), biases @ (None | Some(Some(_)))) =
             (floats(&contiguous_x), floats(&contiguous_weight), contiguous_bias.as_ref().map(floats))
         else {
@@ -29,7 +29,7 @@ impl Kernels for Flex {
     }
 
     fn affine_input_gradient(grad: FloatTensor<Self>, weight: FloatTensor<Self>) -> FloatTensor<Self> {
-        let (contiguous_grad, contiguous_weight) = (grad.to_contiguous(), weight.to_contiguous());
+        let (contiguous_grad, contiguous_weight) = (dense(&grad), dense(&weight));
         let (Some(slice), Some(weights)) = (floats(&contiguous_grad), floats(&contiguous_weight)) else {
             return generic::rows::linear_input_gradient::<Self>(grad, weight);
         };
@@ -38,7 +38,7 @@ impl Kernels for Flex {
     }
 
     fn affine_weight_gradient(x: FloatTensor<Self>, grad: FloatTensor<Self>) -> FloatTensor<Self> {
-        let (contiguous_x, contiguous_grad) = (x.to_contiguous(), grad.to_contiguous());
+        let (contiguous_x, contiguous_grad) = (dense(&x), dense(&grad));
         let (Some(slice), Some(grads)) = (floats(&contiguous_x), floats(&contiguous_grad)) else {
             return generic::rows::linear_weight_gradient::<Self>(x, grad);
         };
@@ -47,7 +47,7 @@ impl Kernels for Flex {
     }
 
     fn affine_bias_gradient(grad: FloatTensor<Self>) -> FloatTensor<Self> {
-        let contiguous = grad.to_contiguous();
+        let contiguous = dense(&grad);
         let Some(slice) = floats(&contiguous) else {
             return generic::rows::linear_bias_gradient::<Self>(grad);
         };
@@ -56,7 +56,7 @@ impl Kernels for Flex {
     }
 
     fn gelu_erf(x: FloatTensor<Self>) -> FloatTensor<Self> {
-        let contiguous = x.to_contiguous();
+        let contiguous = dense(&x);
         match floats(&contiguous) {
             Some(slice) => tensor(gelu::forward(slice), x.shape()),
             None => generic::rows::gelu::<Self>(x),
@@ -64,7 +64,7 @@ impl Kernels for Flex {
     }
 
     fn gelu_erf_backward(x: FloatTensor<Self>, grad: FloatTensor<Self>) -> FloatTensor<Self> {
-        let (contiguous_x, contiguous_grad) = (x.to_contiguous(), grad.to_contiguous());
+        let (contiguous_x, contiguous_grad) = (dense(&x), dense(&grad));
         match (floats(&contiguous_x), floats(&contiguous_grad)) {
             (Some(slice), Some(grads)) => tensor(gelu::backward(slice, grads), x.shape()),
             _ => generic::rows::gelu_backward::<Self>(x, grad),
@@ -77,8 +77,8 @@ impl Kernels for Flex {
         beta: Option<FloatTensor<Self>>,
         segments: Segments,
     ) -> FloatTensor<Self> {
-        let (contiguous_x, contiguous_gamma) = (x.to_contiguous(), gamma.to_contiguous());
-        let contiguous_beta = beta.as_ref().map(FlexTensor::to_contiguous);
+        let (contiguous_x, contiguous_gamma) = (dense(&x), dense(&gamma));
+        let contiguous_beta = beta.as_ref().map(dense);
         let (Some(slice), Some(gammas), betas @ (None | Some(Some(_)))) =
             (floats(&contiguous_x), floats(&contiguous_gamma), contiguous_beta.as_ref().map(floats))
         else {
@@ -93,7 +93,7 @@ impl Kernels for Flex {
         grad: FloatTensor<Self>,
         segments: Segments,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        let [contiguous_x, contiguous_gamma, contiguous_grad] = [&x, &gamma, &grad].map(FlexTensor::to_contiguous);
+        let [contiguous_x, contiguous_gamma, contiguous_grad] = [&x, &gamma, &grad].map(dense);
         let (Some(slice), Some(gammas), Some(grads)) =
             (floats(&contiguous_x), floats(&contiguous_gamma), floats(&contiguous_grad))
         else {
@@ -122,7 +122,7 @@ impl Kernels for Flex {
         sizes: AttentionSizes,
     ) -> AttentionInputs<Self> {
         let packed = Packed::new(&inputs);
-        let contiguous = [&out, &log_sums, &grad].map(FlexTensor::to_contiguous);
+        let contiguous = [&out, &log_sums, &grad].map(dense);
         let [outs, sums, grads] = contiguous.each_ref().map(floats);
         let (Some(view), Some(outs), Some(sums), Some(grads)) = (packed.view(sizes), outs, sums, grads) else {
             return generic::attention::backward::<Self>(inputs, out, log_sums, grad, sizes);
@@ -143,7 +143,7 @@ impl Kernels for Flex {
     }
 
     fn rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
-        let contiguous = x.to_contiguous();
+        let contiguous = dense(&x);
         match floats(&contiguous) {
             Some(slice) => {
                 let out = gather::rows(slice, &row_indices(indices, sizes.rows), sizes);
@@ -154,7 +154,7 @@ impl Kernels for Flex {
     }
 
     fn rows_backward(grad: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
-        let contiguous = grad.to_contiguous();
+        let contiguous = dense(&grad);
         match floats(&contiguous) {
             Some(slice) => {
                 let out = gather::rows_backward(slice, &row_indices(indices, sizes.rows), sizes);
@@ -169,7 +169,7 @@ impl Kernels for Flex {
         indices: IntTensor<Self>,
         sizes: GatherSizes,
     ) -> (FloatTensor<Self>, IntTensor<Self>) {
-        let contiguous = x.to_contiguous();
+        let contiguous = dense(&x);
         match floats(&contiguous) {
             Some(slice) => {
                 let (out, winners) = gather::max(slice, &row_indices(indices, sizes.rows), sizes);
@@ -183,7 +183,7 @@ impl Kernels for Flex {
     }
 
     fn max_rows_backward(grad: FloatTensor<Self>, winners: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
-        let (contiguous_grad, contiguous_winners) = (grad.to_contiguous(), winners.to_contiguous());
+        let (contiguous_grad, contiguous_winners) = (dense(&grad), dense(&winners));
         match (floats(&contiguous_grad), contiguous_winners.as_slice::<i64>()) {
             (Some(slice), Some(rows)) => {
                 let out = gather::max_backward(slice, rows, sizes);
@@ -203,9 +203,9 @@ struct Packed {
 impl Packed {
     fn new(inputs: &AttentionInputs<Flex>) -> Self {
         match inputs {
-            AttentionInputs::Together(packed) => Self { queries: packed.to_contiguous(), keys_values: None },
+            AttentionInputs::Together(packed) => Self { queries: dense(packed), keys_values: None },
             AttentionInputs::Apart { queries, keys_values } => {
-                Self { queries: queries.to_contiguous(), keys_values: Some(keys_values.to_contiguous()) }
+                Self { queries: dense(queries), keys_values: Some(dense(keys_values)) }
             }
         }
     }
@@ -234,6 +234,12 @@ impl Packed {
     }
 }
 
+/// The tensor without gaps between its elements: a copy only if there are any, and not if it is merely a part of a larger one.
+fn dense(tensor: &FlexTensor) -> FlexTensor {
+    if tensor.is_contiguous() { tensor.clone() } else { tensor.to_contiguous() }
+}
+
+/// The elements, if they are f32 without gaps.
 fn floats(tensor: &FlexTensor) -> Option<&[f32]> {
     tensor.as_slice::<f32>()
 }

@@ -38,7 +38,7 @@ pub use matmul_precision::MatmulPrecision;
 /// The values of a tensor in f32, row-major.
 #[expect(clippy::expect_used, reason = "a tensor's data has the element type that it was converted to")]
 pub fn f32_values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data_as::<f32>().try_to_vec().expect("data converted to f32")
+    tensor.into_data_as::<f32>().try_into_vec().expect("data converted to f32")
 }
 
 /// Kind of normalisation.

@@ -102,8 +102,8 @@ fn network_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failure
         flat.into_iter().chain([opacity_logits.sum()]).chain(scores.map(Tensor::sum))
     });
     let sum = sums.reduce(|a, b| a + b).ok_or("no Gaussians")?;
-    let gradients = network.gradients(&sum.backward());
-    if gradients.is_empty() {
+    let gradient = network.flat_gradient(&sum.backward());
+    if gradient.dims() == [0] {
         return Err("no gradients".into());
     }
     Ok([forward, start.elapsed().as_secs_f64()])

@@ -94,15 +94,13 @@ mod tests {
     use atsplat_model::network::Device;
     use atsplat_model::weights::StoredTensors;
     use atsplat_numeric::Tolerance;
-    use indexmap::IndexMap;
 
     use super::*;
-    use crate::objective::{GroupGradients, PartSeconds, Terms};
     use crate::parameters::Parameters;
-    use crate::update::{GradientSum, update};
+    use crate::update::update;
 
     /// Some steps of both, with clipping in one of them, weight decay and an average; gradients that a function of the weights' names
-    /// and places makes, of two groups with three samples.
+    /// and places makes, the sum of three samples.
     #[test]
     fn updates_are_those_of_the_cpu() {
         let model = ModelConfig::named("nano").unwrap();
@@ -114,28 +112,16 @@ mod tests {
         for step in 0..4u64 {
             let size = if step == 2 { 1.0f32 } else { 1e-4 };
             let wave = |place: usize, phase: f32| size * (place as f32 * 0.37 + phase).sin();
-            let groups = [2, 1].map(|samples| {
-                let named = |parameter: &atsplat_model::parameters::Parameter| {
-                    let phase = samples as f32 + step as f32 + parameter.name.len() as f32;
-                    let values = (0..parameter.elements()).map(|place| wave(place, phase)).collect();
-                    (parameter.name.clone(), values)
-                };
-                let gradients: IndexMap<String, Vec<f32>> = on_cpu.parameters.list().iter().map(named).collect();
-                GroupGradients { terms: vec![Terms::default(); samples], gradients, seconds: PartSeconds::default() }
-            });
-            let [first, second] = groups.each_ref().map(|group| {
-                let values = group.gradients.values().cloned().collect();
-                on_cpu.parameters.with_values(values).network(&template).unwrap().flat()
-            });
-            let list = on_cpu.parameters.list();
-            let mut sum = GradientSum::new(list);
-            for group in &groups {
-                sum.add(list, group);
-            }
+            let of_parameter = |parameter: &atsplat_model::parameters::Parameter| {
+                let phase = step as f32 + parameter.name.len() as f32;
+                (0..parameter.elements()).map(|place| wave(place, phase)).collect::<Vec<f32>>()
+            };
+            let gradients: Vec<Vec<f32>> = on_cpu.parameters.list().iter().map(of_parameter).collect();
+            let flat = on_cpu.parameters.with_values(gradients.clone()).network(&template).unwrap().flat();
             let rate = 1e-3 * (step + 1) as f64;
             let updates = on_cpu.updates;
-            let expected = update(&mut on_cpu, &sum, rate, &config).unwrap();
-            let found = device_state.update(updates, (first + second, 3), rate, &config).unwrap();
+            let expected = update(&mut on_cpu, (&gradients, 3), rate, &config).unwrap();
+            let found = device_state.update(updates, (flat, 3), rate, &config).unwrap();
             assert_eq!(found > config.clip, step == 2, "one step is clipped");
             Tolerance::relative(1e-5).assert([found], [expected], "norm");
         }

@@ -1,61 +1,32 @@
 //! One optimiser update of the parameters from the gradients of a batch.
 
-use atsplat_model::parameters::Parameter;
 use rayon::prelude::*;
 
 use crate::TrainConfig;
 use crate::checkpoint::State;
-use crate::objective::GroupGradients;
 use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 use crate::skipped_step::FailureReason;
 
-/// The gradients of a step, summed over its samples.
-#[derive(Debug)]
-pub(crate) struct GradientSum {
-    /// In the order of the parameters.
-    values: Vec<Vec<f32>>,
-    samples: usize,
-}
-
-impl GradientSum {
-    /// Of no samples.
-    pub(crate) fn new(list: &[Parameter]) -> Self {
-        Self { values: list.iter().map(|parameter| vec![0.0; parameter.elements()]).collect(), samples: 0 }
-    }
-
-    /// Adds the gradients of a group; a parameter that is absent from them has gradient zero.
-    pub(crate) fn add(&mut self, list: &[Parameter], group: &GroupGradients) {
-        self.samples += group.terms.len();
-        self.values.par_iter_mut().zip(list).for_each(|(sum, parameter)| {
-            if let Some(gradient) = group.gradients.get(&parameter.name) {
-                sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
-            }
-        });
-    }
-}
-
-/// Clips the mean of the samples' gradients, and updates every parameter and the moving averages; returns the norm of the mean
-/// before clipping.
+/// Clips the mean of the gradients of as many samples, of which the sum is given, and updates every parameter and the moving
+/// averages; returns the norm of the mean before clipping. Gradients are in the order and layout of the parameters.
 ///
 /// # Errors
 /// [`FailureReason::NonFiniteGradients`] if the norm is not finite; nothing is changed.
 pub(crate) fn update(
     state: &mut State,
-    gradients: &GradientSum,
+    (gradients, samples): (&[Vec<f32>], usize),
     rate: f64,
     config: &TrainConfig,
 ) -> Result<f64, FailureReason> {
-    let GradientSum { values: gradients, samples } = gradients;
-    let share = 1.0 / (*samples).max(1) as f64;
-    let list = state.parameters.list();
-    let norm = share * norm(gradients.iter().map(Vec::as_slice));
+    let share = 1.0 / samples.max(1) as f64;
+    let norm = share * norm(gradients);
     if !norm.is_finite() {
         return Err(FailureReason::NonFiniteGradients(vec!["their norm".to_owned()]));
     }
     let scale = share * clip(norm, config.clip);
     let update = Update { number: state.updates + 1, learning_rate: rate, scale };
-    let decays: Vec<bool> = list.iter().map(decays).collect();
+    let decays: Vec<bool> = state.parameters.list().iter().map(decays).collect();
     let State { parameters, moments, average: means, updates, .. } = state;
     let values = parameters.values_mut().par_iter_mut().zip(moments).zip(gradients.par_iter().zip(decays));
     values.for_each(|((values, moments), (gradient, decays))| {
@@ -77,7 +48,6 @@ mod tests {
     use serde::Deserialize;
 
     use super::*;
-    use crate::objective::Terms;
     use crate::optimiser::AdamW;
     use crate::parameters::Parameters;
 
@@ -123,31 +93,16 @@ mod tests {
         (run, state, config)
     }
 
-    fn sum(state: &State, groups: &[GroupGradients]) -> GradientSum {
-        let list = state.parameters.list();
-        let mut sum = GradientSum::new(list);
-        for group in groups {
-            sum.add(list, group);
-        }
-        sum
-    }
-
-    /// The first samples as one group, each of the others as a separate one.
-    fn groups(step: &Step, together: usize) -> Vec<GroupGradients> {
-        let (first, others) = step.batch.split_at(together);
-        let mut sums = first[0].clone();
-        for (name, gradient) in first[1..].iter().flatten() {
-            let sum = sums.entry(name.clone()).or_insert_with(|| vec![0.0; gradient.len()]);
-            sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
-        }
-        let group = |gradients, samples| GroupGradients {
-            terms: vec![Terms::default(); samples],
-            gradients,
-            ..GroupGradients::default()
+    /// The sum of the samples' gradients; an absent one is 0.
+    fn sum(state: &State, samples: &[IndexMap<String, Vec<f32>>]) -> Vec<Vec<f32>> {
+        let of_parameter = |parameter: &Parameter| {
+            let mut sum = vec![0.0; parameter.elements()];
+            for gradient in samples.iter().filter_map(|sample| sample.get(&parameter.name)) {
+                sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
+            }
+            sum
         };
-        std::iter::once(group(sums, together))
-            .chain(others.iter().map(|gradients| group(gradients.clone(), 1)))
-            .collect()
+        state.parameters.list().iter().map(of_parameter).collect()
     }
 
     #[test]
@@ -159,8 +114,8 @@ mod tests {
         assert!(run.parameters.iter().any(|start| start.shape.len() == 3), "more than matrices");
         for (number, step) in run.steps.iter().enumerate() {
             assert_eq!(step.batch.len(), 3);
-            let gradients = sum(&state, &groups(step, 1 + number % 2));
-            let norm = update(&mut state, &gradients, step.rate, &config).unwrap();
+            let gradients = sum(&state, &step.batch);
+            let norm = update(&mut state, (&gradients, 3), step.rate, &config).unwrap();
             Tolerance::relative(1e-6).assert([norm], [step.norm], "norm of the mean gradient");
             for ((found, expected), start) in state.parameters.values().iter().zip(&step.after).zip(&run.parameters) {
                 let found = found.iter().copied().map(f64::from);
@@ -174,10 +129,9 @@ mod tests {
     #[test]
     fn a_norm_that_is_not_finite_changes_nothing() {
         let (run, mut state, config) = run();
-        let mut broken = groups(&run.steps[0], 1);
-        broken[1].gradients[0][0] = f32::NAN;
-        let broken = sum(&state, &broken);
-        assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
+        let mut broken = sum(&state, &run.steps[0].batch);
+        broken[0][0] = f32::NAN;
+        assert!(matches!(update(&mut state, (&broken, 3), 1e-2, &config), Err(FailureReason::NonFiniteGradients(_))));
         assert_eq!(state.updates, 0);
         let starts: Vec<&[f32]> = run.parameters.iter().map(|start| start.values.as_slice()).collect();
         assert_eq!(state.parameters.values(), starts);

@@ -1,6 +1,6 @@
 //! All trained parameters as one tensor on the network's device, for optimisers that run there.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 
 use burn::Tensor;
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
@@ -41,10 +41,10 @@ impl Network {
     }
 }
 
-/// Names of trained parameters.
-fn trained(network: &Network) -> HashSet<String> {
+/// Names of trained parameters, with their positions among them in [`parameters`].
+pub(super) fn trained(network: &Network) -> HashMap<String, usize> {
     let trained = parameters(network.config()).into_iter().filter(|parameter| parameter.trained);
-    trained.map(|parameter| parameter.name).collect()
+    trained.enumerate().map(|(position, parameter)| (parameter.name, position)).collect()
 }
 
 #[derive(Clone, Copy)]
@@ -56,7 +56,7 @@ enum Part<'a> {
 
 struct Flatten<'a> {
     path: ModulePath,
-    trained: HashSet<String>,
+    trained: HashMap<String, usize>,
     part: Part<'a>,
     pieces: Vec<Tensor<1>>,
 }
@@ -79,7 +79,7 @@ impl ModuleVisitor for Flatten<'_> {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if !self.trained.contains(&self.path.name()) {
+        if !self.trained.contains_key(&self.path.name()) {
             return;
         }
         let value = param.val();
@@ -96,7 +96,7 @@ impl ModuleVisitor for Flatten<'_> {
 
 struct Fill {
     path: ModulePath,
-    trained: HashSet<String>,
+    trained: HashMap<String, usize>,
     values: Tensor<1>,
     next: usize,
 }
@@ -111,7 +111,7 @@ impl ModuleMapper for Fill {
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        if !self.trained.contains(&self.path.name()) {
+        if !self.trained.contains_key(&self.path.name()) {
             return param;
         }
         let shape = param.lazy_shape().dims::<D>();

@@ -12,6 +12,7 @@ mod encoder;
 mod expansion;
 mod fine;
 mod flat;
+mod flat_layout;
 mod gaussians;
 mod layers;
 mod names;
@@ -40,6 +41,7 @@ use serde::Serialize;
 
 pub use coarse::CoarseStages;
 pub use expansion::Expanded;
+pub use flat_layout::FlatLayout;
 pub use gaussians::GaussianTensors;
 pub use patch_frame::PatchFrames;
 pub use processor::Processor;

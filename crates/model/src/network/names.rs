@@ -51,7 +51,7 @@ impl ModulePath {
     }
 
     /// Whether burn stores the parameter as `[inputs, outputs]`.
-    fn is_transposed(&self) -> bool {
+    pub(super) fn is_transposed(&self) -> bool {
         self.is_within("Linear") && self.names.last().is_some_and(|name| name == "weight")
     }
 
@@ -194,9 +194,15 @@ impl ModuleMapper for WeightLoader<'_> {
 
 /// `[rows, columns]` to `[columns, rows]`.
 fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
+    let mut out = vec![0.0; values.len()];
+    transpose(values, [rows, columns], &mut out);
+    out
+}
+
+/// Writes `[rows, columns]` as `[columns, rows]`.
+pub(super) fn transpose(values: &[f32], [rows, columns]: [usize; 2], out: &mut [f32]) {
     // This many rows are read together: their cache lines stay cached until the next column needs them.
     const ROWS: usize = 16;
-    let mut out = vec![0.0; values.len()];
     for (block, values) in values.chunks((ROWS * columns).max(1)).enumerate() {
         for (column, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
             for (out, row) in out.iter_mut().skip(block * ROWS).zip(values.chunks_exact(columns)) {
@@ -204,5 +210,4 @@ fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
             }
         }
     }
-    out
 }

@@ -4,7 +4,7 @@ mod group;
 mod images;
 mod terms;
 
-use atsplat_model::network::{BackwardPass, GaussianTensors, Network, RenderedTensors, Views};
+use atsplat_model::network::{BackwardPass, FlatLayout, GaussianTensors, Network, RenderedTensors, Views, f32_values};
 use atsplat_splat::{Channels, RenderOptions, StoppedGradients, View};
 use burn::Tensor;
 use burn::tensor::{Device, Gradients};
@@ -19,6 +19,9 @@ use crate::skipped_step::{FailureReason, SampleFailure};
 use crate::{FeatureCache, TrainError};
 use group::{Group, Run};
 use terms::Clock;
+
+/// Largest number of parameters with gradients that are not finite that a failure names.
+const MOST_NAMES: usize = 4;
 
 /// A group of samples, which go through the network as one batch, and what else decides their losses.
 #[derive(Clone, Copy, Debug)]
@@ -51,13 +54,13 @@ pub struct GroupGradients {
     pub seconds: PartSeconds,
 }
 
-/// [`GroupGradients`] that stay on the network's device.
+/// [`GroupGradients`] as one tensor on the network's device, or as numbers on the host.
 #[derive(Clone, Debug)]
-pub struct FlatGradient {
+pub struct FlatGradient<G> {
     /// The loss of each sample.
     pub terms: Vec<Terms>,
     /// In the order of [`Network::flat`].
-    pub gradient: Tensor<1>,
+    pub gradient: G,
     /// Time taken until the device had computed the losses and accepted the rest.
     pub seconds: PartSeconds,
 }
@@ -116,7 +119,7 @@ impl Objective {
         let gradients = gradients.map(|gradients| network.gradients(&gradients)).unwrap_or_default();
         seconds.backward = clock.lap();
         let broken = gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
-        let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(4).collect();
+        let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(MOST_NAMES).collect();
         if broken.is_empty() {
             Ok(GroupGradients { terms, gradients, seconds })
         } else {
@@ -128,7 +131,11 @@ impl Objective {
     ///
     /// # Errors
     /// [`SampleFailure`] if the step cannot be used; nothing is changed.
-    pub fn flat_gradient(&self, network: &Network, input: &GroupInput<'_>) -> Result<FlatGradient, SampleFailure> {
+    pub fn flat_gradient(
+        &self,
+        network: &Network,
+        input: &GroupInput<'_>,
+    ) -> Result<FlatGradient<Tensor<1>>, SampleFailure> {
         let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
         let gradient = match gradients {
@@ -137,6 +144,26 @@ impl Objective {
         };
         seconds.backward = clock.lap();
         Ok(FlatGradient { terms, gradient, seconds })
+    }
+
+    /// [`Self::flat_gradient`] as finite numbers on the host; the layout is the network's.
+    ///
+    /// # Errors
+    /// [`SampleFailure`] if the step cannot be used; nothing is changed.
+    pub(crate) fn host_gradient(
+        &self,
+        network: &Network,
+        layout: &FlatLayout,
+        input: &GroupInput<'_>,
+    ) -> Result<FlatGradient<Vec<f32>>, SampleFailure> {
+        let FlatGradient { terms, gradient, seconds } = self.flat_gradient(network, input)?;
+        let gradient = f32_values(gradient);
+        let broken: Vec<String> = layout.non_finite(&gradient).take(MOST_NAMES).map(str::to_owned).collect();
+        if broken.is_empty() {
+            Ok(FlatGradient { terms, gradient, seconds })
+        } else {
+            Err(SampleFailure { sample: names(input.samples), reason: FailureReason::NonFiniteGradients(broken) })
+        }
     }
 
     fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFailure> {

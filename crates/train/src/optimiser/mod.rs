@@ -4,14 +4,17 @@ mod adam_w;
 mod average;
 mod schedule;
 
+use rayon::prelude::*;
+
 pub use adam_w::{AdamW, FlatMoments, Moments, Update};
 pub use average::{average, warmed_up};
 pub use schedule::Schedule;
 
-/// Norm of all gradients as one vector, summed in f64 in their order; NaN if one of them is NaN.
-pub fn norm<'a>(gradients: impl IntoIterator<Item = &'a [f32]>) -> f64 {
-    let squares = gradients.into_iter().map(|part| part.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>());
-    squares.sum::<f64>().sqrt()
+/// Norm of all gradients as one vector, summed in f64, each alone and then all, in their order; NaN if one of them is NaN.
+pub fn norm(gradients: &[Vec<f32>]) -> f64 {
+    let square = |gradient: &Vec<f32>| gradient.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>();
+    let squares: Vec<f64> = gradients.par_iter().map(square).collect();
+    squares.into_iter().sum::<f64>().sqrt()
 }
 
 /// Factor that clips gradients to a norm of at most `most`: PyTorch's `clip_grad_norm_`.

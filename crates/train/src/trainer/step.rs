@@ -4,21 +4,23 @@ use std::ops::Range;
 use std::time::Instant;
 
 use atsplat_files::Sha256Digest;
-use atsplat_model::network::Network;
 use burn::Tensor;
 use burn::module::Module as _;
+use burn::tensor::TensorData;
 use rayon::prelude::*;
 
 use super::{Event, Trainer};
 use crate::logs::StepRecord;
-use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
+use crate::objective::{FlatGradient, GroupInput, PartSeconds, Terms};
 use crate::samples::{Sample, SampleId, digest_of_all};
 use crate::skipped_step::{Diagnosis, FailureReason, SampleFailure, SkippedStep};
-use crate::update::{GradientSum, update};
+use crate::update::update;
 use crate::{TrainConfig, TrainError};
 
 /// At most this many numbers of gradients wait to be summed, or those of one micro-batch for each thread.
 const WAITING_NUMBERS: usize = 1 << 26;
+/// Numbers of a gradient that a thread sums at once.
+const SUMMED_TOGETHER: usize = 1 << 16;
 
 /// Samples that go through the network as one batch.
 struct SampleGroup<'a> {
@@ -84,8 +86,7 @@ impl Trainer {
         let done = if self.device_state.is_some() {
             self.step_on_adapter(&numbers, &mut record)
         } else {
-            let network = self.state.parameters.network(&self.template)?;
-            self.step_on_cpu(&numbers, &network, &mut record)
+            self.step_on_cpu(&numbers, &mut record)
         };
         match done {
             Ok(()) => {
@@ -113,24 +114,28 @@ impl Trainer {
         Ok(())
     }
 
-    fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), SkippedStep> {
+    fn step_on_cpu(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), SkippedStep> {
+        let layout = self.template.flat_layout();
+        let count = layout.count();
+        let values = TensorData::new(layout.flattened(self.state.parameters.values()), [count]);
+        let network = self.template.clone().with_flat(Tensor::from_data(values, &self.template.device()));
         let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
         let gradients = |group: &SampleGroup<'_>| {
             // Each group has a separate graph over the same weights, so groups run in parallel.
             let network = network.clone().fork(&network.device());
             let SampleGroup { samples, first, progress, drawing } = *group;
             let input = GroupInput { samples, features, call_seed: first, progress };
-            let mut group = precision.scope(|| objective.gradients(&network, &input))?;
+            let mut group = precision.scope(|| objective.host_gradient(&network, &layout, &input))?;
             group.seconds.sample = drawing;
             Ok(group)
         };
-        let list = self.state.parameters.list();
-        let mut sum = GradientSum::new(list);
-        let mut add = |group: GroupGradients| {
-            sum.add(list, &group);
+        let mut sum = vec![0.0f32; count];
+        let mut add = |group: FlatGradient<Vec<f32>>| {
+            let pieces = sum.par_chunks_mut(SUMMED_TOGETHER).zip(group.gradient.par_chunks(SUMMED_TOGETHER));
+            pieces.for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part));
             (group.terms, group.seconds)
         };
-        let (micro_batch, waiting) = (self.config.micro_batch.get(), waiting(self.state.parameters.count()));
+        let (micro_batch, waiting) = (self.config.micro_batch.get(), waiting(count));
         let mut parts = Vec::new();
         for numbers in numbers.chunks(micro_batch.saturating_mul(waiting)) {
             // Every group is computed, so that the same reason is reported at any number of threads.
@@ -140,7 +145,8 @@ impl Trainer {
         }
         let (groups, digest) = Computed::joined(parts.into_iter().collect::<Result<_, SkippedStep>>()?);
         record.samples_sha256 = Some(digest);
-        let norm = update(&mut self.state, &sum, record.rate, &self.config);
+        let gradients = layout.unflattened(&sum);
+        let norm = update(&mut self.state, (&gradients, numbers.len()), record.rate, &self.config);
         complete(record, norm, groups.into_iter().unzip())
     }
 
