@@ -74,7 +74,7 @@ impl Projector {
     pub fn pixel_rays(&self, size: ImageSize, scale: DirectionScale) -> Result<PixelRays, CameraError> {
         positive("width", f64::from(size.width))?;
         positive("height", f64::from(size.height))?;
-        Ok(PixelRays { projector: *self, size, scale, next: 0 })
+        Ok(PixelRays { projector: *self, size, scale, row: 0, column: 0 })
     }
 }
 
@@ -84,25 +84,30 @@ pub struct PixelRays {
     projector: Projector,
     size: ImageSize,
     scale: DirectionScale,
-    next: u64,
+    /// Of the next ray.
+    row: u32,
+    column: u32,
 }
 
 impl Iterator for PixelRays {
     type Item = Result<Ray, CameraError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let (width, height) = (u64::from(self.size.width), u64::from(self.size.height));
-        if self.next >= width * height {
+        let ImageSize { width, height } = self.size;
+        if self.row >= height {
             return None;
         }
-        let (row, column) = (self.next / width, self.next % width);
-        self.next += 1;
-        let position = DVec2::new((column as f64 + 0.5) / width as f64, (row as f64 + 0.5) / height as f64);
+        let at = |pixel: u32, side: u32| (f64::from(pixel) + 0.5) / f64::from(side);
+        let position = DVec2::new(at(self.column, width), at(self.row, height));
+        self.column += 1;
+        if self.column == width {
+            (self.row, self.column) = (self.row + 1, 0);
+        }
         Some(self.projector.ray(position, self.scale))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        let left = u64::from(self.size.width) * u64::from(self.size.height) - self.next;
+        let left = u64::from(self.size.width) * u64::from(self.size.height - self.row) - u64::from(self.column);
         usize::try_from(left).map_or((usize::MAX, None), |left| (left, Some(left)))
     }
 }

@@ -3,9 +3,9 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::Device;
 
-use super::Views;
 use super::dinov2::Dino;
 use super::layers::LayerBuilder;
+use super::patches::BranchInput;
 use crate::ModelError;
 use crate::config::{BackboneConfig, DinoArchitecture, Grid, ModelConfig};
 
@@ -41,18 +41,19 @@ impl Backbone {
     /// `[views, patches, channels]`.
     pub(super) fn forward(
         &self,
-        views: &Views,
+        input: &BranchInput<'_>,
         patch_size: usize,
         grid: Grid,
         device: &Device,
     ) -> Result<Tensor<3>, ModelError> {
         match (&self.dino, &self.patch) {
             (Some(dino), _) => {
+                let views = input.views;
                 let cached = views.features([views.len(), grid.len(), dino.dim()], device);
                 cached.unwrap_or_else(|| Ok(dino.forward(views, grid, device)))
             }
             (None, Some(patch)) => {
-                let x = patch.embed.forward(views.colours_and_plucker(patch_size, device)?);
+                let x = patch.embed.forward(input.colours_and_plucker(patch_size, device));
                 Ok(patch.layers.iter().fold(x, |x, layer| layer.forward(x)))
             }
             (None, None) => Err(ModelError::malformed("network", "backbone", "one", "none")),
@@ -95,17 +96,17 @@ impl Coarse {
     pub(super) fn forward(
         &self,
         backbone: &Backbone,
-        scenes: &[Views],
+        scenes: &[BranchInput<'_>],
         patch_size: usize,
         grid: Grid,
         device: &Device,
     ) -> Result<CoarseStages, ModelError> {
         let (mut features, mut tokens) = (Vec::new(), Vec::new());
-        for views in scenes {
-            let of_backbone = backbone.forward(views, patch_size, grid, device)?;
-            let raw = self.patch.forward(views.colours(patch_size, device));
+        for scene in scenes {
+            let of_backbone = backbone.forward(scene, patch_size, grid, device)?;
+            let raw = self.patch.forward(scene.colours(patch_size, device));
             let mixed = self.fuse.forward(Tensor::cat(vec![of_backbone.clone(), raw], 2));
-            let placed = mixed + self.plucker.forward(views.plucker(patch_size, device)?);
+            let placed = mixed + self.plucker.forward(scene.plucker(patch_size, device));
             features.push(flattened(of_backbone));
             tokens.push(flattened(placed));
         }

@@ -4,9 +4,8 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::{Device, Int, TensorData};
 
-use super::Views;
 use super::layers::LayerBuilder;
-use crate::ModelError;
+use super::patches::BranchInput;
 use crate::config::{Grid, ModelConfig, Upsampling};
 
 /// The fine branch, to which the decoder attends.
@@ -28,18 +27,12 @@ impl Fine {
     }
 
     /// Features of each view separately: `[scenes · views, patches, channels]`.
-    pub(super) fn forward(
-        &self,
-        scenes: &[Views],
-        patch_size: usize,
-        device: &Device,
-    ) -> Result<Tensor<3>, ModelError> {
-        let mut tokens = Vec::new();
-        for views in scenes {
-            let plucker = self.plucker.forward(views.plucker(patch_size, device)?);
-            tokens.push(self.patch.forward(views.colours(patch_size, device)) + plucker);
-        }
-        Ok(self.layers.iter().fold(Tensor::cat(tokens, 0), |x, layer| layer.forward(x)))
+    pub(super) fn forward(&self, scenes: &[BranchInput<'_>], patch_size: usize, device: &Device) -> Tensor<3> {
+        let tokens = scenes.iter().map(|scene| {
+            let plucker = self.plucker.forward(scene.plucker(patch_size, device));
+            self.patch.forward(scene.colours(patch_size, device)) + plucker
+        });
+        self.layers.iter().fold(Tensor::cat(tokens.collect(), 0), |x, layer| layer.forward(x))
     }
 }
 

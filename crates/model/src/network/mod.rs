@@ -17,6 +17,7 @@ mod gaussians;
 mod layers;
 mod names;
 mod patch_frame;
+mod patches;
 mod processor;
 mod reconstruction;
 mod render;
@@ -59,6 +60,7 @@ use anchors::Anchors;
 use coarse::{Backbone, Coarse};
 use fine::{Fine, upsampled};
 use layers::{Decoder, Head, LayerBuilder};
+use patches::BranchInput;
 
 /// ATSplat or one of its variants.
 #[derive(Module, Debug)]
@@ -247,9 +249,13 @@ impl Network {
         let smaller = |factor: usize| scenes.iter().map(|views| views.smaller(factor)).collect::<Vec<Views>>();
 
         let coarse_scenes = smaller(config.coarse.image_downscale);
-        let coarse = clock.time(
+        let (coarse_inputs, coarse) = clock.time(
             |seconds| &mut seconds.coarse,
-            || self.coarse.forward(&self.backbone, &coarse_scenes, config.coarse.patch_size, grid, device),
+            || {
+                let inputs = BranchInput::of_scenes(&coarse_scenes)?;
+                let coarse = self.coarse.forward(&self.backbone, &inputs, config.coarse.patch_size, grid, device)?;
+                Ok::<_, ModelError>((inputs, coarse))
+            },
         )?;
         let initial = clock.time(
             |seconds| &mut seconds.anchors,
@@ -258,8 +264,13 @@ impl Network {
         let fine = clock.time(
             |seconds| &mut seconds.fine,
             || {
-                let features =
-                    self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
+                let patch = config.fine.patch_size;
+                let features = if config.fine.image_downscale == config.coarse.image_downscale {
+                    self.fine.forward(&coarse_inputs, patch, device)
+                } else {
+                    let scenes = smaller(config.fine.image_downscale);
+                    self.fine.forward(&BranchInput::of_scenes(&scenes)?, patch, device)
+                };
                 let dim = config.transformer.dim;
                 let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
                 let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
@@ -295,7 +306,8 @@ impl Network {
         let (settings, device) = (&self.config.coarse, &self.device());
         let grid = self.config.coarse_grid(views.size())?;
         let downscaled = views.smaller(settings.image_downscale);
-        Ok(f32_values(self.backbone.forward(&downscaled, settings.patch_size, grid, device)?))
+        let input = BranchInput::new(&downscaled)?;
+        Ok(f32_values(self.backbone.forward(&input, settings.patch_size, grid, device)?))
     }
 
     /// The Gaussians of tokens: the final ones for the last block, intermediate ones for any other.

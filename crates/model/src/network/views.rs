@@ -9,8 +9,7 @@ use crate::config::Grid;
 use crate::{ImageSize, ModelError};
 
 const WHAT: &str = "model input";
-const RGB: usize = 3;
-const PLUCKER: usize = 6;
+pub(super) const RGB: usize = 3;
 
 /// The posed context images of one scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +98,9 @@ impl Views {
 
     /// The same views downscaled by a whole factor.
     pub(super) fn smaller(&self, factor: usize) -> Self {
+        if factor == 1 {
+            return self.clone();
+        }
         let size = ImageSize::new(self.size.height / factor.max(1), self.size.width / factor.max(1));
         Self { features: self.features.clone(), ..self.resized(size) }
     }
@@ -107,43 +109,6 @@ impl Views {
     pub(super) fn resized(&self, size: ImageSize) -> Self {
         let images = self.each().flat_map(|image| resized(image, self.size, size, RGB)).collect();
         Self { size, images, cameras: self.cameras.clone(), features: None }
-    }
-
-    /// Colours of every patch as `2 rgb − 1`: `[views, patches, patch² · 3]`, a patch row by row.
-    pub(super) fn colours(&self, patch: usize, device: &Device) -> Tensor<3> {
-        let maps: Vec<f32> = self.images.iter().map(|value| 2.0 * value - 1.0).collect();
-        self.patches(&maps, patch, RGB, device)
-    }
-
-    /// Moment and direction of the ray of every pixel of every patch: `[views, patches, patch² · 6]`.
-    pub(super) fn plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
-        let maps = self.plucker_maps()?;
-        Ok(self.patches(&maps, patch, PLUCKER, device))
-    }
-
-    /// Colours as `2 rgb − 1`, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
-    pub(super) fn colours_and_plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
-        let plucker = self.plucker_maps()?;
-        let pixels = self.images.chunks_exact(RGB).zip(plucker.chunks_exact(PLUCKER));
-        let maps: Vec<f32> = pixels
-            .flat_map(|(rgb, ray)| rgb.iter().map(|value| 2.0 * value - 1.0).chain(ray.iter().copied()))
-            .collect();
-        Ok(self.patches(&maps, patch, RGB + PLUCKER, device))
-    }
-
-    /// Colours of every patch as `(rgb − mean) / deviation`, channel by channel within a patch, as in a convolution's kernel:
-    /// `[views, patches, 3 · patch²]`.
-    pub(super) fn standardised(&self, patch: usize, mean: [f32; 3], deviation: [f32; 3], device: &Device) -> Tensor<3> {
-        let pixel = |rgb: &[f32]| {
-            let channels =
-                rgb.iter().zip(mean).zip(deviation).map(|((value, mean), deviation)| (value - mean) / deviation);
-            channels.collect::<Vec<f32>>()
-        };
-        let maps: Vec<f32> = self.images.chunks_exact(RGB).flat_map(pixel).collect();
-        let patches = self.patches(&maps, patch, RGB, device);
-        let [views, count, _] = patches.dims();
-        let by_channel = patches.reshape([views * count, patch * patch, RGB]).swap_dims(1, 2);
-        by_channel.reshape([views, count, RGB * patch * patch])
     }
 
     /// Rays through the centres of a grid of equal cells, view by view, row by row.
@@ -155,7 +120,8 @@ impl Views {
         Ok(rays.collect::<Result<Vec<Vec<Ray>>, ModelError>>()?.concat())
     }
 
-    fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
+    /// Moment and direction of the ray of every pixel, in the order of the images.
+    pub(super) fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
         let size = camera_size(self.size)?;
         let map = |(view, camera): (usize, &Camera)| {
             let map = camera.plucker_map(size).map_err(|error| camera_error(view, &error))?;
@@ -164,14 +130,6 @@ impl Views {
         };
         let maps: Result<Vec<Vec<f32>>, ModelError> = self.cameras.par_iter().enumerate().map(map).collect();
         Ok(maps?.concat())
-    }
-
-    fn patches(&self, maps: &[f32], patch: usize, channels: usize, device: &Device) -> Tensor<3> {
-        let ImageSize { height, width } = self.size;
-        let (rows, columns) = (height / patch, width / patch);
-        let maps = Tensor::<1>::from_data(TensorData::new(maps.to_vec(), [maps.len()]), device);
-        let maps = maps.reshape([self.len() * rows, patch, columns, patch * channels]).swap_dims(1, 2);
-        maps.reshape([self.len(), rows * columns, patch * patch * channels])
     }
 
     fn each(&self) -> impl Iterator<Item = &[f32]> {
