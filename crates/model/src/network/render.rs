@@ -4,6 +4,7 @@ use std::sync::Arc;
 use atsplat_splat::{GaussianCounts, RenderOptions, View};
 use burn::Tensor;
 use burn::backend::Dispatch;
+use burn::tensor::TensorData;
 
 use super::GaussianTensors;
 #[cfg(doc)]
@@ -26,6 +27,36 @@ pub struct RenderedTensors {
     pub counts: Vec<GaussianCounts>,
     /// Says whether the backward pass failed.
     pub backward: BackwardPass,
+    /// All channels as they were rendered, `[views, height, width, channels]`.
+    images: Tensor<4>,
+}
+
+impl RenderedTensors {
+    /// A number with given derivatives with respect to the images, for losses that are not computed with tensors: with respect to
+    /// colour, three for each pixel, and to the scalar, one for each pixel, each view by view and row by row, and with a factor. They
+    /// are 0 where none are given.
+    ///
+    /// # Panics
+    /// If derivatives with respect to the scalar are given, but it was not requested.
+    pub fn with_derivatives(&self, rgb: Option<(&[f32], f32)>, scalar: Option<(&[f32], f32)>) -> Tensor<1> {
+        let shape = self.images.dims();
+        let [_, _, _, channels] = shape;
+        let mut derivatives = vec![0.0; shape.iter().product()];
+        if let Some((rgb, weight)) = rgb {
+            for (pixel, rgb) in derivatives.chunks_exact_mut(channels).zip(rgb.as_chunks::<3>().0) {
+                pixel.iter_mut().zip(rgb).for_each(|(slot, value)| *slot = value * weight);
+            }
+        }
+        if let Some((scalar, weight)) = scalar {
+            assert!(self.scalar.is_some(), "derivatives of the rendered scalar");
+            for (pixel, value) in derivatives.chunks_exact_mut(channels).zip(scalar) {
+                // The last channel.
+                pixel[channels - 1] = value * weight;
+            }
+        }
+        let derivatives = Tensor::<4>::from_data(TensorData::new(derivatives, shape), &self.images.device());
+        (self.images.clone() * derivatives).sum()
+    }
 }
 
 /// The backward pass of a rendering; the graph that it is part of can show a failure only as NaN.
@@ -117,12 +148,18 @@ impl GaussianTensors {
         let depth = options.channels.depth.then(&mut image);
         let scalar = options.channels.scalar.then(image);
         let backward = BackwardPass(request);
-        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, counts, backward })
+        let rgb = images.clone().slice_dim(3, 0..3);
+        Ok(RenderedTensors { rgb, alpha, depth, scalar, counts, backward, images })
     }
 
     /// Some scenes of the batch.
     #[must_use]
     pub fn scenes(&self, scenes: Range<usize>) -> Self {
+        let [all, ..] = self.means.dims();
+        if scenes == (0..all) {
+            // A slice of everything would copy every gradient.
+            return self.clone();
+        }
         let rows = |x: &Tensor<3>| x.clone().slice_dim(0, scenes.clone());
         Self {
             means: rows(&self.means),

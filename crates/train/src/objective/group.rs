@@ -24,8 +24,8 @@ pub(super) struct Group<'a> {
     pub(super) renderings: Vec<BackwardPass>,
     /// Losses that are part of the graph and have not been read.
     unread: Vec<GraphLoss>,
-    /// What the backward pass starts from. A loss that is computed outside the graph enters as `weight · image · gradient`, whose
-    /// derivative with respect to the image is that image's weighted gradient.
+    /// What the backward pass starts from. A loss that is computed outside the graph enters as `weight · images · gradient`, whose
+    /// derivative with respect to the images is their weighted gradient.
     pub(super) sum: Option<Tensor<1>>,
 }
 
@@ -111,12 +111,18 @@ impl<'a> Group<'a> {
         Run { samples: range, stack, truth: Tensor::from_data(images, &self.device), d_ssim }
     }
 
-    /// Adds a loss with a known gradient with respect to an image.
+    /// Adds losses of images with known gradients with respect to colour and to the scalar, each with its weight.
     #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
-    pub(super) fn add_gradient<const D: usize>(&mut self, image: &Tensor<D>, gradient: &[f32], weight: f64) {
-        let gradient: Vec<f32> = gradient.iter().map(|value| value * weight as f32).collect();
-        let gradient = Tensor::<D>::from_data(TensorData::new(gradient, image.dims()), &image.device());
-        self.add((image.clone() * gradient).sum());
+    pub(super) fn add_of_images(
+        &mut self,
+        images: &RenderedTensors,
+        rgb: Option<(&[f32], f64)>,
+        scalar: Option<(&[f32], f64)>,
+    ) {
+        let [rgb, scalar] = [rgb, scalar].map(|loss| loss.map(|(gradient, weight)| (gradient, weight as f32)));
+        if rgb.is_some() || scalar.is_some() {
+            self.add(images.with_derivatives(rgb, scalar));
+        }
     }
 
     /// Adds a loss of consecutive samples that is part of the graph.
@@ -157,7 +163,13 @@ impl<'a> Group<'a> {
             terms.total += weight * loss.value;
             gradient.extend(loss.gradient);
         }
-        self.add_gradient(depths, &gradient, weight);
+        #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
+        let narrow_weight = weight as f32;
+        for value in &mut gradient {
+            *value *= narrow_weight;
+        }
+        let gradient = Tensor::<2>::from_data(TensorData::new(gradient, depths.dims()), &depths.device());
+        self.add((depths.clone() * gradient).sum());
         Ok(())
     }
 

@@ -26,7 +26,7 @@ impl Objective {
             loss.add(&perceptual, perceptual_weight);
         }
         terms.total += loss.value;
-        group.add_gradient(&images.rgb, &loss.gradient, 1.0);
+        group.add_of_images(images, Some((loss.gradient.as_slice(), 1.0)), None);
     }
 
     pub(super) fn compare_final_in_graph(
@@ -66,14 +66,12 @@ impl Objective {
             let loss = uncertainty(&f32_values(map.clone()), &dissimilarity.map);
             terms.uncertainty += loss.value;
             terms.total += self.config.uncertainty_weight * loss.value;
-            (map, loss)
+            loss.gradient
         });
-        if self.config.intermediate_weight > 0.0 {
-            group.add_gradient(&images.rgb, &loss.gradient, self.config.intermediate_weight);
-        }
-        if let Some((map, loss)) = uncertainty {
-            group.add_gradient(map, &loss.gradient, self.config.uncertainty_weight);
-        }
+        let weight = self.config.intermediate_weight;
+        let rgb = (weight > 0.0).then_some((loss.gradient.as_slice(), weight));
+        let scalar = uncertainty.as_deref().map(|gradient| (gradient, self.config.uncertainty_weight));
+        group.add_of_images(images, rgb, scalar);
     }
 
     pub(super) fn compare_intermediate_in_graph(

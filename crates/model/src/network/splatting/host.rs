@@ -131,19 +131,23 @@ pub(super) fn scenes<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result
     let count = opacity_logits.len() / request.scenes.max(1);
     let stored = sh_coefficients(request.sh_degree);
     let of_scene = |scene: usize| {
-        let rows = |values: &[f32], each: usize| values[scene * each * count..(scene + 1) * each * count].to_vec();
         Gaussians::new(GaussianParts {
-            means: rows(&means, 3).as_chunks().0.to_vec(),
-            quaternions: rows(&quaternions, 4).as_chunks().0.to_vec(),
-            log_scales: rows(&log_scales, 3).as_chunks().0.to_vec(),
-            opacity_logits: rows(&opacity_logits, 1),
+            means: rows(means.as_chunks().0, scene, count),
+            quaternions: rows(quaternions.as_chunks().0, scene, count),
+            log_scales: rows(log_scales.as_chunks().0, scene, count),
+            opacity_logits: rows(&opacity_logits, scene, count),
             sh_degree: request.sh_degree,
-            sh: rows(&sh, 3 * stored).as_chunks().0.to_vec(),
-            scalars: request.options.channels.scalar.then(|| rows(&scalars, 1)),
+            sh: rows(sh.as_chunks().0, scene, count * stored),
+            scalars: request.options.channels.scalar.then(|| rows(&scalars, scene, count)),
             filter_3d: None,
         })
     };
     (0..request.scenes).map(of_scene).collect()
+}
+
+/// The elements of one scene; each scene has `count`.
+fn rows<T: Clone>(all: &[T], scene: usize, count: usize) -> Vec<T> {
+    all[scene * count..(scene + 1) * count].to_vec()
 }
 
 impl Request {
