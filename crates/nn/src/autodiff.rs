@@ -152,14 +152,14 @@ impl<B: Kernels> Backward<B, 3> for Norm {
         let (x, gamma, has_beta, segments) = ops.state;
         let (shape, parameters) = (x.shape(), gamma.shape());
         let grad = grads.consume::<B>(&ops.node);
-        let (by_x, by_gamma, by_beta) = B::norm_backward(x, gamma, grad, segments);
+        let (by_x, by_gamma, by_beta) = B::norm_backward(x, gamma, has_beta, grad, segments);
         if let Some(node) = x_node {
             grads.register::<B>(node.id, B::float_reshape(by_x, shape));
         }
         if let Some(node) = gamma_node {
             grads.register::<B>(node.id, B::float_reshape(by_gamma, parameters.clone()));
         }
-        if let Some(node) = beta_node.filter(|_| has_beta) {
+        if let (Some(node), Some(by_beta)) = (beta_node, by_beta) {
             grads.register::<B>(node.id, B::float_reshape(by_beta, parameters));
         }
     }

@@ -145,14 +145,15 @@ pub(crate) trait Kernels: Backend {
         generic::rows::norm::<Self>(x, gamma, beta, segments)
     }
 
-    /// The gradients of `x`, `gamma` and `beta`.
+    /// The gradients of `x`, of `gamma`, and of `beta` if there is one.
     fn norm_backward(
         x: FloatTensor<Self>,
         gamma: FloatTensor<Self>,
+        has_beta: bool,
         grad: FloatTensor<Self>,
         segments: Segments,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
-        generic::rows::norm_backward::<Self>(x, gamma, grad, segments)
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, Option<FloatTensor<Self>>) {
+        generic::rows::norm_backward::<Self>(x, gamma, has_beta, grad, segments)
     }
 
     /// The result, and the log-sum-exp of each row, `[batch, queries, heads]`.

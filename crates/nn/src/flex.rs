@@ -90,18 +90,19 @@ impl Kernels for Flex {
     fn norm_backward(
         x: FloatTensor<Self>,
         gamma: FloatTensor<Self>,
+        has_beta: bool,
         grad: FloatTensor<Self>,
         segments: Segments,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, Option<FloatTensor<Self>>) {
         let [contiguous_x, contiguous_gamma, contiguous_grad] = [&x, &gamma, &grad].map(dense);
         let (Some(slice), Some(gammas), Some(grads)) =
             (floats(&contiguous_x), floats(&contiguous_gamma), floats(&contiguous_grad))
         else {
-            return generic::rows::norm_backward::<Self>(x, gamma, grad, segments);
+            return generic::rows::norm_backward::<Self>(x, gamma, has_beta, grad, segments);
         };
-        let (by_x, by_gamma, by_beta) = norm::backward(slice, gammas, grads, segments);
-        let parameters = || Shape::new([segments.parts, segments.length]);
-        (tensor(by_x, x.shape()), tensor(by_gamma, parameters()), tensor(by_beta, parameters()))
+        let (by_x, by_gamma, by_beta) = norm::backward(slice, gammas, has_beta, grads, segments);
+        let of_parameters = |gradient| tensor(gradient, Shape::new([segments.parts, segments.length]));
+        (tensor(by_x, x.shape()), of_parameters(by_gamma), by_beta.map(of_parameters))
     }
 
     fn attend(inputs: AttentionInputs<Self>, sizes: AttentionSizes) -> (FloatTensor<Self>, FloatTensor<Self>) {

@@ -85,20 +85,21 @@ pub(crate) fn norm<B: Backend>(
     replace_segments(x, normalised, &segments).reshape(&shape).0
 }
 
-/// The gradients of `x`, `gamma` and `beta` of [`norm`].
+/// The gradients of `x`, of `gamma`, and of `beta` if there is one, of [`norm`].
 pub(crate) fn norm_backward<B: Backend>(
     x: FloatTensor<B>,
     gamma: FloatTensor<B>,
+    has_beta: bool,
     grad: FloatTensor<B>,
     segments: Segments,
-) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+) -> (FloatTensor<B>, FloatTensor<B>, Option<FloatTensor<B>>) {
     let x = Array::<B>(x);
     let (shape, x, all_grad) = (x.dims(), flat(x), flat(Array::<B>(grad)));
     let (standard, scale) = standard(segmented(x, &segments), &segments);
     let grad = segmented(all_grad.clone(), &segments);
     let over_rows = |sums: Array<B>| sums.sum(0).sum(2).reshape(&[segments.parts, segments.length]).0;
     let by_gamma = over_rows(grad.clone() * standard.clone());
-    let by_beta = over_rows(grad.clone());
+    let by_beta = has_beta.then(|| over_rows(grad.clone()));
 
     let scaled = grad * per_part(Array(gamma), &segments);
     let along = (scaled.clone() * standard.clone()).mean(3);

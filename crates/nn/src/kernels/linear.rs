@@ -1,25 +1,13 @@
-use rayon::prelude::*;
-
 use super::columns;
-use crate::MatmulPrecision;
-
 use super::matrix::{Matrix, Output, Threads, Write, multiply};
-
-/// Rows per task.
-const ROWS: usize = 64;
+use crate::MatmulPrecision;
 
 /// `x · weight + bias`; `x` has rows of `inputs` elements, `weight` is `inputs × outputs`.
 pub(crate) fn forward(x: &[f32], weight: &[f32], bias: Option<&[f32]>, inputs: usize, outputs: usize) -> Vec<f32> {
     let rows = rows_of(x, inputs);
-    let mut out = vec![0.0; rows * outputs];
-    let write = match bias {
-        Some(bias) if outputs > 0 => {
-            out.par_chunks_mut(outputs * ROWS).for_each(|chunk| {
-                chunk.chunks_exact_mut(outputs).for_each(|row| row.copy_from_slice(bias));
-            });
-            Write::Add
-        }
-        _ => Write::Set,
+    let (mut out, write) = match bias {
+        Some(bias) => (bias.repeat(rows), Write::Add),
+        None => (vec![0.0; rows * outputs], Write::Set),
     };
     multiply(
         Output::new(&mut out, rows, outputs, outputs),

@@ -27,8 +27,8 @@ impl Segments {
     }
 }
 
-/// The gradients of `x`, `gamma` and `beta`.
-pub(crate) type Gradients = (Vec<f32>, Vec<f32>, Vec<f32>);
+/// The gradients of `x`, of `gamma`, and of `beta` if there is one.
+pub(crate) type Gradients = (Vec<f32>, Vec<f32>, Option<Vec<f32>>);
 
 /// Normalises rows.
 pub(crate) fn forward(x: &[f32], gamma: &[f32], beta: Option<&[f32]>, segments: Segments) -> Vec<f32> {
@@ -42,20 +42,21 @@ pub(crate) fn forward(x: &[f32], gamma: &[f32], beta: Option<&[f32]>, segments: 
 }
 
 /// The backward pass of [`forward`] at `x`.
-pub(crate) fn backward(x: &[f32], gamma: &[f32], grad: &[f32], segments: Segments) -> Gradients {
+pub(crate) fn backward(x: &[f32], gamma: &[f32], has_beta: bool, grad: &[f32], segments: Segments) -> Gradients {
     let parameters = segments.parameters();
     let mut out = grad.to_vec();
     if parameters == 0 {
-        return (out, Vec::new(), Vec::new());
+        return (out, Vec::new(), has_beta.then(Vec::new));
     }
+    let summed = if has_beta { 2 * parameters } else { parameters };
     let chunk = segments.width * BLOCK;
     let blocks = out.par_chunks_mut(chunk).zip(x.par_chunks(chunk)).map(|(grad, x)| {
-        let mut sums = vec![0.0; 2 * parameters];
+        let mut sums = vec![0.0; summed];
         simd::run(Backward { grad, x, gamma, sums: &mut sums, segments });
         sums
     });
-    let mut by_gamma = columns::in_order(blocks.collect(), 2 * parameters);
-    let by_beta = by_gamma.split_off(parameters);
+    let mut by_gamma = columns::in_order(blocks.collect(), summed);
+    let by_beta = has_beta.then(|| by_gamma.split_off(parameters));
     (out, by_gamma, by_beta)
 }
 
@@ -104,7 +105,7 @@ struct Backward<'a> {
     grad: &'a mut [f32],
     x: &'a [f32],
     gamma: &'a [f32],
-    /// Sums over rows for `gamma`, then for `beta`.
+    /// Sums over rows for `gamma`, then for `beta` if there is one.
     sums: &'a mut [f32],
     segments: Segments,
 }
@@ -144,7 +145,9 @@ impl WithSimd for Backward<'_> {
                 simd::map(simd, &mut standard, [x], standardise);
                 simd::map(simd, &mut scaled, [grad, &gamma[part.clone()]], product);
                 simd::map(simd, &mut by_gamma[part.clone()], [grad, &standard], add_product);
-                simd::map(simd, &mut by_beta[part], [grad], add);
+                if !by_beta.is_empty() {
+                    simd::map(simd, &mut by_beta[part], [grad], add);
+                }
 
                 let products = {
                     #[inline(always)]
