@@ -20,6 +20,7 @@ pub(super) fn all() -> Vec<Case> {
     vec![
         case("linear", &[2 * 35 * 5, 5 * 4, 4], linear, burns_linear),
         case("linear without bias", &[3 * 17, 17], |x| thin(x, true), |x| thin(x, false)),
+        case("wide linear without bias", &[12 * 40, 40 * 30], |x| wide(x, true), |x| wide(x, false)),
         case("gelu", &[37], |x| ops::gelu(x[0].clone() * 6.0), |x| activation::gelu(x[0].clone() * 6.0)),
         case("layer norm", &[70 * 21, 21, 21], layer_norm, burns_layer_norm),
         case("rms norm", &[70 * 21, 21], rms_norm, burns_rms_norm),
@@ -44,6 +45,11 @@ fn burns_linear(x: &[Tensor<1>]) -> Tensor<1> {
 
 fn thin(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
     let (rows, weight) = (x[0].clone().reshape([3, 17]), x[1].clone().reshape([17, 1]));
+    if ours { ops::linear(rows, weight, None) } else { rows.matmul(weight) }.flatten(0, 1)
+}
+
+fn wide(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
+    let (rows, weight) = (x[0].clone().reshape([12, 40]), x[1].clone().reshape([40, 30]));
     if ours { ops::linear(rows, weight, None) } else { rows.matmul(weight) }.flatten(0, 1)
 }
 
