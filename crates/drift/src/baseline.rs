@@ -139,6 +139,12 @@ struct BaselineFile {
     targets: Vec<BaselineTarget>,
 }
 
+/// The field of a [`BaselineFile`] that says how to read the others.
+#[derive(Deserialize)]
+struct FormatOfFile {
+    format: u32,
+}
+
 impl Baseline {
     /// The baseline of a run. `repeats` are reruns of the same plan, which determine the limits of non-deterministic methods.
     pub fn new(results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
@@ -238,13 +244,20 @@ impl Baseline {
     /// mean than the numbers.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = atsplat_files::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
-        let written: BaselineFile =
-            serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "file", "a baseline", error))?;
-        let BaselineFile { format, history, provenance, limits, probe, numbers, images, trials, targets } = written;
+        Self::parse(&text, path)
+    }
+
+    /// Reads the text of the baseline at `path`.
+    fn parse(text: &str, path: &Path) -> Result<Self, DriftError> {
+        let malformed = |error: serde_json::Error| DriftError::malformed(path, "file", "a baseline", error);
+        // Another format may have fields that are unknown here.
+        let FormatOfFile { format } = serde_json::from_str(text).map_err(malformed)?;
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, "field format", expected, format!("format {format}")));
         }
+        let written: BaselineFile = serde_json::from_str(text).map_err(malformed)?;
+        let BaselineFile { format: _, history, provenance, limits, probe, numbers, images, trials, targets } = written;
         let once = "each of them once";
         let (mut known_trials, mut known_targets) = (BTreeSet::new(), BTreeSet::new());
         if let Some(row) = trials.iter().find(|row| !known_trials.insert(&row.key)) {
@@ -274,7 +287,7 @@ impl Baseline {
     /// Writes the baseline atomically. If it has no probe, that of an older baseline at the same path is removed.
     ///
     /// # Errors
-    /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON cannot represent.
+    /// [`DriftError::Io`], and [`DriftError::Invalid`] for a baseline that could not be read again, such as one with a number that is NaN.
     pub fn write(&self, path: &Path) -> Result<(), DriftError> {
         let text = self.to_text(path)?;
         atsplat_files::write(path, text.as_bytes()).map_err(DriftError::io("writing a baseline", path))?;
@@ -331,7 +344,7 @@ impl Baseline {
         Ok(Some((record.recipe.clone(), outputs)))
     }
 
-    /// Pretty-printed JSON with one row per line.
+    /// Pretty-printed JSON with one row per line, which [`Self::read`] accepts.
     #[expect(clippy::expect_used, reason = "the field is part of the serialised structure")]
     fn to_text(&self, path: &Path) -> Result<String, DriftError> {
         let head = BaselineFile {
@@ -358,7 +371,11 @@ impl Baseline {
             list("targets", &self.targets),
         ];
         let lists = lists.into_iter().collect::<Result<Vec<_>, _>>().map_err(invalid)?;
-        Ok(format!("{text}{}\n}}\n", lists.join(",\n  ")))
+        let text = format!("{text}{}\n}}\n", lists.join(",\n  "));
+        // A number that is NaN or infinite is written as `null`, which is none; and it would replace a baseline that can be read.
+        Self::parse(&text, path)
+            .map_err(|error| DriftError::invalid("the new baseline", "one that can be read again", error))?;
+        Ok(text)
     }
 }
 

@@ -40,14 +40,14 @@ pub struct Fingerprint {
     pub sha256: String,
     /// Number of values.
     pub values: u64,
-    /// Smallest value.
+    /// Smallest value; `None` without values, or if one is NaN or infinite, which JSON cannot represent.
     #[serde(alias = "least")]
-    pub min: f64,
-    /// Mean value.
-    pub mean: f64,
-    /// Largest value.
+    pub min: Option<f64>,
+    /// Mean value; `None` likewise.
+    pub mean: Option<f64>,
+    /// Largest value; `None` likewise.
     #[serde(alias = "most")]
-    pub max: f64,
+    pub max: Option<f64>,
 }
 
 /// Runs all stages.
@@ -180,5 +180,7 @@ fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
         (min, max, sum) = (min.minimum_of(*value), max.maximum_of(*value), sum + value);
     }
     let sha256 = Sha256Digest::finish(hash).to_string();
-    Fingerprint { stage, sha256, values: values.len() as u64, min, mean: sum / values.len() as f64, max }
+    let [min, mean, max] =
+        [min, sum / values.len() as f64, max].map(|value| Some(value).filter(|value| value.is_finite()));
+    Fingerprint { stage, sha256, values: values.len() as u64, min, mean, max }
 }

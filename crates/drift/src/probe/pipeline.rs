@@ -30,7 +30,7 @@ impl Pipeline {
     /// The stages of a recipe.
     ///
     /// # Errors
-    /// [`DriftError::Invalid`] for an unknown name, [`DriftError::Stage`] for weights that do not match the network.
+    /// [`DriftError::Invalid`] for an unknown name and for no metric, [`DriftError::Stage`] for weights that do not match the network.
     pub fn of(recipe: &Recipe) -> Result<Self, DriftError> {
         let config = ModelConfig::resolve(&recipe.model).map_err(|error| Stage::Model.failed()(&error))?;
         let tensors = weights(&config, &recipe.weights)?;
@@ -45,6 +45,9 @@ impl Pipeline {
         let network = Network::new(config, &Device::flex()).and_then(|network| network.with_weights(tensors));
         let constants = RendererConstants::named(&recipe.constants)
             .ok_or_else(|| DriftError::invalid("constants", RendererConstants::listed_presets(), &recipe.constants))?;
+        if recipe.metrics.is_empty() {
+            return Err(DriftError::invalid("metrics", "at least one id of a metric", "none"));
+        }
         let definitions: Result<Vec<_>, _> = recipe
             .metrics
             .iter()

@@ -20,7 +20,7 @@ pub struct Recipe {
     pub constants: String,
     /// Background RGB in [0, 1].
     pub background: [f64; 3],
-    /// Ids of metrics without learned weights.
+    /// Ids of metrics without learned weights, at least one.
     pub metrics: Vec<String>,
 }
 
