@@ -75,6 +75,6 @@ impl Accepting<'_> {
         } else {
             baseline.write(path)?;
         }
-        Ok(AcceptanceReport::new(path, baseline, acceptance, results, report.as_ref()))
+        Ok(AcceptanceReport::new(path, baseline, acceptance, results, repeats, report.as_ref()))
     }
 }

@@ -7,6 +7,7 @@ use atsplat_results::{GapKind, MetricRecord, Provenance, Results, TargetStatus, 
 use serde::{Deserialize, Serialize};
 
 use super::probe::Recipe;
+use super::repetition::lacking_scores;
 use super::{Baseline, BaselineTarget, DriftError, DriftReport, DriftVerdict, Finding, FindingKind, Limit};
 
 /// Why a run was accepted as the baseline.
@@ -85,17 +86,23 @@ pub struct AcceptanceReport {
     absent_metrics: Vec<String>,
     /// Learned metrics with other weights than the published ones.
     unpublished_weights: Vec<String>,
+    /// Scores of the run that its repetitions lack.
+    lacking_in_repetitions: Vec<String>,
     limits: Vec<Limit>,
+    /// Whether the limits from repeated runs are those of an earlier acceptance.
+    keeps_limits: bool,
     probe: Option<Recipe>,
 }
 
 impl AcceptanceReport {
-    /// Summarises a baseline of `results` that was written to `path`; `report` compares them with the one before, if there was one.
+    /// Summarises a baseline of `results` and their repetitions that was written to `path`; `report` compares them with the one before,
+    /// if there was one.
     pub fn new(
         path: &Path,
         baseline: Baseline,
         accepted: Acceptance,
         results: &Results,
+        repeats: &[Results],
         report: Option<&DriftReport>,
     ) -> Self {
         let unsupported = baseline.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable);
@@ -119,6 +126,9 @@ impl AcceptanceReport {
             gaps: gaps(results),
             absent_metrics: absent_metrics(&baseline.provenance),
             unpublished_weights: baseline.provenance.metrics.iter().filter_map(MetricRecord::unpublished).collect(),
+            lacking_in_repetitions: lacking_scores(results, repeats),
+            // Without repetitions of this run, none was estimated now.
+            keeps_limits: repeats.is_empty() && baseline.limits.iter().any(Limit::is_estimated),
             limits: baseline.limits,
             probe: baseline.probe.map(|probe| probe.recipe),
         }
@@ -127,6 +137,11 @@ impl AcceptanceReport {
     /// What the old baseline guards and this one does not, a line for each protocol, method and kind; nothing without an old one.
     pub fn no_longer_guarded(&self) -> &[String] {
         &self.no_longer_guarded
+    }
+
+    /// Scores of the run that its repetitions lack, and that limits are therefore not from: a line for each repetition and number.
+    pub fn lacking_in_repetitions(&self) -> &[String] {
+        &self.lacking_in_repetitions
     }
 }
 
@@ -182,14 +197,16 @@ impl AcceptanceReport {
         }
         warnings.extend(self.absent_metrics.iter().map(|found| format!("a metric is not guarded: {found}")));
         warnings.extend(self.limited.iter().map(|found| format!("{found}: the others are not guarded")));
-        warnings.extend(self.gaps.iter().chain(&self.no_longer_guarded).cloned());
+        warnings.extend(self.gaps.iter().chain(&self.no_longer_guarded).chain(&self.lacking_in_repetitions).cloned());
         warnings
     }
 }
 
 impl fmt::Display for AcceptanceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { baseline, moved, accepted, acceptances, trials, targets, changed, limits, probe, .. } = self;
+        let Self {
+            baseline, moved, accepted, acceptances, trials, targets, changed, limits, keeps_limits, probe, ..
+        } = self;
         let (trials, targets) = (counted(*trials as u64, "trial"), counted(*targets as u64, "target"));
         writeln!(f, "{}: {targets} of {trials}, accepted on {}", baseline.display(), accepted.date)?;
         for warning in self.warnings() {
@@ -213,7 +230,8 @@ impl fmt::Display for AcceptanceReport {
             Some(DriftVerdict::Same) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }
         for limit in limits {
-            writeln!(f, "{limit}")?;
+            let is_kept = *keeps_limits && limit.is_estimated();
+            writeln!(f, "{limit}{}", if is_kept { "; kept from an earlier acceptance" } else { "" })?;
             if let Some(times) = limit.wide() {
                 let advice = if limit.is_stated() { "" } else { "; more repeated runs estimate it better" };
                 writeln!(

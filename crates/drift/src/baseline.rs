@@ -169,12 +169,13 @@ impl Baseline {
         Self { history, numbers, provenance, limits, probe: None, images, trials, targets }.with_numbers_of_rows()
     }
 
-    /// Accepts another run: its baseline with this one's history continued. Limits that were stated stay unless `repeats` show others.
+    /// Accepts another run: its baseline with this one's history continued. Limits that were stated, or estimated from repeated runs,
+    /// stay unless `repeats` show others.
     #[must_use]
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
         if repeats.is_empty() {
-            Limit::keep_stated(&mut next.limits, &self.limits);
+            Limit::keep(&mut next.limits, &self.limits);
         }
         next.history = self.history.iter().cloned().chain(next.history).collect();
         let accepted = history::of_rows(&next, Some(&compare(results, self)));
@@ -182,12 +183,23 @@ impl Baseline {
         next
     }
 
-    /// Replaces the limits of a metric for all methods that are not deterministic; numbers of the others are compared bit by bit.
+    /// Replaces the limits of a metric for all methods that are not deterministic, and those of the accepted numbers; numbers of the
+    /// others are compared bit by bit.
     ///
     /// # Errors
-    /// [`DriftError::Invalid`] if no such method has a score of the metric.
+    /// [`DriftError::Invalid`] if no such method has a score of the metric, and for a limit that is not positive and finite.
     pub fn with_limit(mut self, metric: &str, limit: f64) -> Result<Self, DriftError> {
+        if !(limit > 0.0 && limit.is_finite()) {
+            return Err(DriftError::invalid("limit", format!("a positive change of {metric}"), limit));
+        }
         if Limit::state(&mut self.limits, metric, limit) {
+            let last = self.history.len().saturating_sub(1);
+            let is_limited = |number: &&mut AcceptedNumber| {
+                number.acceptance == last && number.metric == metric && number.limit.is_some()
+            };
+            for number in self.numbers.iter_mut().filter(is_limited) {
+                number.limit = Some(limit);
+            }
             return Ok(self);
         }
         let known: BTreeSet<&str> = self.limits.iter().map(|limit| limit.metric.as_str()).collect();

@@ -5,8 +5,8 @@ use atsplat_numeric::counted;
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{
-    Basis, ChangedImage, Comparison, DataComparison, DriftReport, DriftVerdict, Finding, ImageRole, Limit, SceneChange,
-    scene_limit,
+    Basis, ChangedImage, Comparison, DataComparison, DriftReport, DriftVerdict, Finding, ImageRole, Limit, LimitOrigin,
+    SceneChange, scene_limit,
 };
 
 /// Number of changed images that are listed.
@@ -133,8 +133,12 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
 
 impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { preset, method, metric, limit, runs, scene } = self;
-        let origin = if self.is_stated() { "as stated".to_owned() } else { format!("from {}", counted(*runs, "run")) };
+        let Self { preset, method, metric, limit, origin, scene } = self;
+        let origin = match origin {
+            LimitOrigin::Stated => "as stated".to_owned(),
+            LimitOrigin::Least => "the least limit".to_owned(),
+            LimitOrigin::Estimated(runs) => format!("from {}", counted(*runs, "run")),
+        };
         write!(f, "{preset}, {method}: {metric} may vary by {}, {origin}", size(metric, *limit))?;
         if scene.is_some() {
             // As it applies: the least limit of a scene may be larger.

@@ -40,7 +40,7 @@ pub use compare::compare;
 pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;
 pub use history::{AcceptedNumber, HistoricRun, NumberHistory, histories};
-pub use limits::{Limit, least_limit, metric_bound, scene_limit};
+pub use limits::{Limit, LimitOrigin, least_limit, metric_bound, scene_limit};
 pub use provenance::{Difference, Setting, same_machine};
 pub use repetition::check_repetition;
 pub use report::{Basis, Comparison, DriftReport, DriftVerdict, Finding, FindingKind, SceneChange};

@@ -19,11 +19,44 @@ pub struct Limit {
     pub metric: String,
     /// In the metric's unit.
     pub limit: f64,
-    /// Number of runs it was estimated from; with 1 run it is the least limit. 0 if it was stated instead.
-    pub runs: u64,
-    /// How far the mean of one scene may change, from the same runs; `None` with 1 run, and in baselines of older versions.
+    /// Where it is from; in files, a number of runs.
+    #[serde(rename = "runs")]
+    pub origin: LimitOrigin,
+    /// How far the mean of one scene may change, from the same runs; `None` unless it is from such, and in baselines of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<f64>,
+}
+
+/// Where a limit is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "u64", into = "u64")]
+pub enum LimitOrigin {
+    /// It was stated; 0 in files.
+    Stated,
+    /// It is the [`least_limit`], because no repetition of the run showed another; 1 in files.
+    Least,
+    /// It was estimated from so many runs, at least two.
+    Estimated(u64),
+}
+
+impl From<u64> for LimitOrigin {
+    fn from(runs: u64) -> Self {
+        match runs {
+            0 => Self::Stated,
+            1 => Self::Least,
+            runs => Self::Estimated(runs),
+        }
+    }
+}
+
+impl From<LimitOrigin> for u64 {
+    fn from(origin: LimitOrigin) -> Self {
+        match origin {
+            LimitOrigin::Stated => 0,
+            LimitOrigin::Least => 1,
+            LimitOrigin::Estimated(runs) => runs,
+        }
+    }
 }
 
 /// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
@@ -42,7 +75,7 @@ pub fn least_limit(metric: &str) -> f64 {
 /// a mean is not noise, and estimates nothing.
 pub fn scene_limit(metric: &str, known: Option<&Limit>, scenes: u64) -> f64 {
     let estimated = |known: &Limit| {
-        let is_noise = known.runs != 1 && known.limit > least_limit(metric);
+        let is_noise = known.origin != LimitOrigin::Least && known.limit > least_limit(metric);
         is_noise.then(|| 2.0 * known.limit * (scenes as f64).sqrt())
     };
     let noise = known.and_then(|known| known.scene.or_else(|| estimated(known)));
@@ -72,26 +105,31 @@ const MOST_DIFFERENCES: f64 = 4.0;
 impl Limit {
     /// Whether it was stated, not estimated.
     pub const fn is_stated(&self) -> bool {
-        self.runs == 0
+        matches!(self.origin, LimitOrigin::Stated)
+    }
+
+    /// Whether it was estimated from repeated runs.
+    pub const fn is_estimated(&self) -> bool {
+        matches!(self.origin, LimitOrigin::Estimated(_))
     }
 
     /// Replaces the limits of a metric; `false` if no method has one.
     pub(super) fn state(limits: &mut [Self], metric: &str, limit: f64) -> bool {
         let mut any = false;
         for known in limits.iter_mut().filter(|known| known.metric == metric) {
-            (known.limit, known.runs, known.scene, any) = (limit, 0, None, true);
+            (known.limit, known.origin, known.scene, any) = (limit, LimitOrigin::Stated, None, true);
         }
         any
     }
 
-    /// Takes over the limits that were stated before for the same numbers.
-    pub(super) fn keep_stated(limits: &mut [Self], before: &[Self]) {
+    /// Takes over the limits of the same numbers that were stated before, or estimated from repeated runs.
+    pub(super) fn keep(limits: &mut [Self], before: &[Self]) {
         for known in limits {
             let is_same = |limit: &&Self| {
                 (&limit.preset, &limit.method, &limit.metric) == (&known.preset, &known.method, &known.metric)
             };
-            if let Some(stated) = before.iter().filter(|limit| limit.is_stated()).find(is_same) {
-                *known = stated.clone();
+            if let Some(kept) = before.iter().filter(|limit| limit.origin != LimitOrigin::Least).find(is_same) {
+                *known = kept.clone();
             }
         }
     }
@@ -109,23 +147,10 @@ impl Limit {
 /// run stays within `t · s · √2` in 99 of 100 cases, where `t` is Student's quantile with `n − 1` degrees of freedom. For few runs
 /// `t` is so large (63.7 for two) that no change would ever be beyond the limit: it is at most [`MOST_DIFFERENCES`] times the
 /// largest difference between two of the runs, which decides up to about four runs. The limit of a scene's mean is as many times the
-/// largest difference of one.
+/// largest difference of one. Without a target that all runs have a score for, it is the least limit.
 pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
     let Some(first) = runs.first() else { return Vec::new() };
-    let random: BTreeSet<&str> = first
-        .provenance
-        .methods
-        .iter()
-        .filter(|method| !method.deterministic)
-        .map(|method| method.name.as_str())
-        .collect();
-    let queries: BTreeSet<(&str, &str, &str)> = first
-        .targets
-        .iter()
-        .filter(|row| random.contains(row.key.method.as_str()))
-        .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
-        .collect();
-    let limit = |(preset, method, metric): (&str, &str, &str)| {
+    let limit = |(preset, method, metric): Number<'_>| {
         let scores = compared_scores(runs, preset, method, metric);
         let compared: Vec<Vec<SelectedTarget>> = scores.iter().map(selected).collect();
         let means: Vec<f64> = compared.iter().filter_map(|run| mean_of(run, Aggregation::SceneMeans)).collect();
@@ -133,9 +158,22 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
         let scene = largest_of_scene(&compared).map(|largest| MOST_DIFFERENCES * largest);
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
-        Limit { preset, method, metric, limit, runs: means.len() as u64, scene }
+        let origin = if means.len() > 1 { LimitOrigin::Estimated(means.len() as u64) } else { LimitOrigin::Least };
+        Limit { preset, method, metric, limit, origin, scene }
     };
-    queries.into_iter().map(limit).collect()
+    random_numbers(first).into_iter().map(limit).collect()
+}
+
+/// Preset, method and metric.
+pub(super) type Number<'a> = (&'a str, &'a str, &'a str);
+
+/// Those with scores by a method that is not deterministic.
+pub(super) fn random_numbers(results: &Results) -> BTreeSet<Number<'_>> {
+    let methods = results.provenance.methods.iter().filter(|method| !method.deterministic);
+    let random: BTreeSet<&str> = methods.map(|method| method.name.as_str()).collect();
+    let rows = results.targets.iter().filter(|row| random.contains(row.key.method.as_str()));
+    rows.flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
+        .collect()
 }
 
 /// Scores by scene, entry and target.
@@ -210,7 +248,7 @@ mod tests {
     fn limits_of_more_than_ten_times_the_least_are_wide() {
         let of = |metric: &str, limit| {
             let (preset, method, metric) = ("p".to_owned(), "m".to_owned(), metric.to_owned());
-            Limit { preset, method, metric, limit, runs: 2, scene: None }.wide()
+            Limit { preset, method, metric, limit, origin: LimitOrigin::Estimated(2), scene: None }.wide()
         };
         assert_eq!([of("psnr", 0.09), of("ssim", 0.0045)], [None; 2]);
         Tolerance::relative(1e-9).assert([of("psnr", 0.5).unwrap(), of("ssim", 0.05).unwrap()], [50.0, 100.0], "times");

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use atsplat_drift::probe::Pipeline;
-use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, compare};
+use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, check_repetition, compare};
 use atsplat_eval::runner::current_provenance;
 use atsplat_files::FileLock;
 use atsplat_results::Results;
@@ -41,25 +41,45 @@ pub(crate) fn compare_with_baseline(
     })
 }
 
-/// Makes the results of a store the baseline, and records why; says what the old baseline guards and the new one does not. The probe
-/// of the old baseline, or the smallest one, is run.
+/// Makes the results of a store the baseline, and records why; says what the old baseline guards and the new one does not, and which
+/// scores repetitions of the run lack. The probe of the old baseline, or the smallest one, is run.
 #[pyfunction]
 pub(crate) fn accept_baseline(
     py: Python<'_>,
     store: PathBuf,
     baseline: PathBuf,
     why: String,
+    repeats: Vec<PathBuf>,
+    limits: Vec<(String, f64)>,
 ) -> Result<Vec<String>, Failure> {
     work_with_stores(py, || {
         // Before it is read, as another process may be about to replace it.
         let _lock = FileLock::of(&baseline)?;
         let before = Baseline::read_if_exists(&baseline)?;
         let results = Results::read(&store)?;
-        let accepting = Accepting { results: &results, repeats: &[], limits: &[], why: &why, probe: ProbeChoice::Kept };
+        let repeats = repetitions(&results, &repeats)?;
+        let accepting =
+            Accepting { results: &results, repeats: &repeats, limits: &limits, why: &why, probe: ProbeChoice::Kept };
         let accepted = accepting.write(&baseline, before.as_ref()).map_err(|error| match error {
             DriftError::Unacceptable { .. } => Failure::invalid("store", error),
+            DriftError::Invalid { what: "limit", .. } => Failure::from(error).of_argument("limits"),
             error => error.into(),
         })?;
-        Ok(accepted.no_longer_guarded().to_vec())
+        Ok(accepted.no_longer_guarded().iter().chain(accepted.lacking_in_repetitions()).cloned().collect())
     })
+}
+
+/// The results of a run's repetitions.
+fn repetitions(run: &Results, stores: &[PathBuf]) -> Result<Vec<Results>, Failure> {
+    if !stores.is_empty() && run.provenance.methods.iter().all(|method| method.deterministic) {
+        return Err(Failure::invalid("repeats", "no effect: every method of the results is deterministic"));
+    }
+    let mut repeats = Vec::new();
+    for store in stores {
+        let repeat = Results::read(store)?;
+        check_repetition(run, &repeats, &repeat)
+            .map_err(|error| Failure::invalid("repeats", format!("{}: {error}", store.display())))?;
+        repeats.push(repeat);
+    }
+    Ok(repeats)
 }

@@ -173,6 +173,38 @@ def test_what_a_new_baseline_no_longer_guards_is_a_warning(store, rooms, tmp_pat
         atsplat.accept_baseline(part, baseline, why="one scene")
 
 
+def test_limits_come_from_repetitions_or_are_stated(rooms, tmp_path):
+    def noisy(images, context, target):
+        return np.clip(nearest(images, context, target) + np.random.default_rng().normal(scale=0.01), 0, 1)
+
+    first, second = (
+        atsplat.evaluate(noisy, PROTOCOL, data=rooms, index=INDEX, out=tmp_path / out, name="noisy") for out in ("first", "second")
+    )
+    baseline = tmp_path / "baseline.json"
+
+    def limit_of_psnr(**options):
+        atsplat.accept_baseline(first, baseline, why="noise", **options)
+        limit = next(one for one in json.loads(baseline.read_text())["limits"] if one["metric"] == "psnr")
+        return limit["runs"], limit["limit"]
+
+    runs, estimated = limit_of_psnr(repeats=[second])
+    assert runs == 2 and estimated >= 0.01
+    assert limit_of_psnr() == (2, estimated), "kept"
+    assert limit_of_psnr(limits={"psnr": 0.5}) == (0, 0.5)
+    assert limit_of_psnr() == (0, 0.5), "kept"
+    shutil.copytree(second.path, tmp_path / "copy")
+    for options, field, message in [
+        ({"repeats": [first]}, "repeats", "found a copy of it"),
+        ({"repeats": [second, tmp_path / "copy"]}, "repeats", "found a copy of another repetition"),
+        ({"repeats": second}, "repeats", "expected a sequence of stores"),
+        ({"limits": {"beauty": 0.5}}, "limits", "expected a metric with a limit"),
+        ({"limits": {"psnr": -0.5}}, "limits", "expected a positive change of psnr"),
+    ]:
+        with pytest.raises(atsplat.InvalidError, match=message) as raised:
+            atsplat.accept_baseline(first, baseline, why="noise", **options)
+        assert raised.value.field == field
+
+
 def test_an_unfinished_run_is_no_baseline(store, tmp_path):
     killed, baseline = tmp_path / "killed", tmp_path / "baseline.json"
     shutil.copytree(store.path, killed)

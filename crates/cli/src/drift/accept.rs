@@ -26,7 +26,7 @@ pub(super) struct Args {
     why: String,
 
     /// Results of a repetition of the run, with the same protocols, methods and data; may be given several times. Numbers that
-    /// are not deterministic may later change as much as these differ.
+    /// are not deterministic may later change as much as these differ, also in later baselines until --limit or --repeat is given again.
     #[arg(long, value_name = "STORE")]
     repeat: Vec<PathBuf>,
 
@@ -110,7 +110,7 @@ fn repeats(args: &Args, place: PathBuf, results: &Results) -> anyhow::Result<Vec
         if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
             bail!("--repeat {} is the same store as {}: name each run once", store.display(), first.display());
         }
-        check_repetition(results, &repeat).with_context(|| format!("--repeat {}", store.display()))?;
+        check_repetition(results, &repeats, &repeat).with_context(|| format!("--repeat {}", store.display()))?;
         seen.push((place, store));
         repeats.push(repeat);
     }

@@ -358,6 +358,8 @@ fn limits_come_from_repetitions_of_the_run_alone() {
     };
     noisy(&at.join("then"), 0.0, |_| ());
     noisy(&at.join("again"), 0.125, |results| results.provenance.presets[0].dataset = "a copy".to_owned());
+    noisy(&at.join("copy"), 0.0, |_| ());
+    noisy(&at.join("another"), 0.125, |_| ());
     noisy(&at.join("killed"), 0.25, |results| keep(results, 5));
     noisy(&at.join("limited"), 0.25, |results| {
         results.provenance.presets[0].entries = 2;
@@ -373,6 +375,13 @@ fn limits_come_from_repetitions_of_the_run_alone() {
         ("then", &["trained"], 1, "trained: expected a repetition of the run, found method fine, weights-sha256"),
         ("then", &["./then"], 1, "--repeat ./then is the same store as then"),
         ("then", &["again", "again/"], 1, "--repeat again/ is the same store as again"),
+        ("then", &["copy"], 1, "copy: expected a repetition of the run, found a copy of it"),
+        (
+            "then",
+            &["again", "another"],
+            1,
+            "another: expected a repetition of the run, found a copy of another repetition",
+        ),
         ("calm", &["again"], 2, "--repeat has no effect"),
     ] {
         let outcome = accept(store, repeats);

@@ -10,7 +10,7 @@ fn said(then: &Results, now: &Results) -> String {
     let report = compare(now, &before);
     let baseline = before.accept(now, &[], acceptance("second"));
     let path = std::path::Path::new("b.json");
-    AcceptanceReport::new(path, baseline, acceptance("second"), now, Some(&report)).to_string()
+    AcceptanceReport::new(path, baseline, acceptance("second"), now, &[], Some(&report)).to_string()
 }
 
 /// Two of six scenes, as with a limit.
@@ -64,7 +64,7 @@ fn scenes_that_a_run_left_out_are_named() {
     let text = |change: fn(&mut Results)| {
         let mut results = store(true, 2, 0.0, 1);
         change(&mut results);
-        summary(&results, Baseline::new(&results, &[], acceptance("first")))
+        summary(&results, &[])
     };
     let limited = text(|results| {
         results.provenance.limit = Some(2);

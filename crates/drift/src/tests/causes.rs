@@ -91,8 +91,7 @@ fn an_acceptance_names_metrics_whose_weights_are_not_the_published_ones() {
             ..MetricRecord::default()
         });
         base.provenance.metrics = metrics.to_vec();
-        let baseline = Baseline::new(&base, &[], acceptance("first"));
-        summary(&base, baseline)
+        summary(&base, &[])
     };
     let warning = "warning: the weights of a learned metric are not the published ones: ";
     let found = text("a0");
@@ -109,10 +108,7 @@ fn an_acceptance_warns_of_limits_that_hide_changes() {
         base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
         base
     };
-    let text = |by: f64| {
-        let baseline = Baseline::new(&run(0.0), &[run(by)], acceptance("first"));
-        summary(&run(0.0), baseline)
-    };
+    let text = |by: f64| summary(&run(0.0), &[run(by)]);
     let wide = text(1.0);
     let limits = "psnr may vary by 4 dB, from 2 runs; the mean of a scene by 4 dB\n";
     let warning = "warning: its mean may vary by 400 times the least limit: ";
@@ -129,6 +125,6 @@ fn limits_leave_out_renders_that_are_identical_to_the_truth() {
     (repeat.targets[4].status, repeat.targets[4].scores) = (TargetStatus::Identical, [].into());
     let baseline = Baseline::new(&store(false, 6, 0.0, 1), &[repeat], acceptance("first"));
     let [limit] = &baseline.limits[..] else { panic!("{:?}", baseline.limits) };
-    assert_eq!(limit.runs, 2);
+    assert_eq!(limit.origin, LimitOrigin::Estimated(2));
     Tolerance::EXACT.assert([limit.limit], [least_limit("psnr")], "the other targets are the same");
 }

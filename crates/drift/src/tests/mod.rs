@@ -57,10 +57,11 @@ fn moved(by: f64) -> Results {
     base
 }
 
-/// What accepting results as the first baseline prints.
-fn summary(results: &Results, baseline: Baseline) -> String {
+/// What accepting results with these repetitions as the first baseline prints.
+fn summary(results: &Results, repeats: &[Results]) -> String {
+    let baseline = Baseline::new(results, repeats, acceptance("first"));
     let accepted = acceptance("first");
-    AcceptanceReport::new(std::path::Path::new("b.json"), baseline, accepted, results, None).to_string()
+    AcceptanceReport::new(std::path::Path::new("b.json"), baseline, accepted, results, repeats, None).to_string()
 }
 
 fn kinds(report: &DriftReport) -> Vec<(FindingKind, DriftVerdict, u64)> {
@@ -90,10 +91,7 @@ fn equal_rows_are_the_same_in_any_order() {
 #[test]
 fn an_acceptance_names_targets_without_a_score() {
     let mut base = store(true, 2, 0.0, 1);
-    let text = |results: &Results| {
-        let baseline = Baseline::new(results, &[], acceptance("first"));
-        summary(results, baseline)
-    };
+    let text = |results: &Results| summary(results, &[]);
     let whole = text(&base);
     assert!(whole.starts_with("b.json: 6 targets of 2 trials, accepted on ") && !whole.contains("warning"), "{whole}");
     for (row, status) in [(0, TargetStatus::Failed), (1, TargetStatus::Failed), (3, TargetStatus::NonFinite)] {
@@ -239,10 +237,10 @@ fn reports_have_human_readable_numbers() {
         method: "m".to_owned(),
         metric: "psnr".to_owned(),
         limit: least_limit("psnr"),
-        runs: 1,
+        origin: LimitOrigin::Least,
         scene: None,
     };
-    assert_eq!(limit.to_string(), "p, m: psnr may vary by 0.01 dB, from 1 run");
+    assert_eq!(limit.to_string(), "p, m: psnr may vary by 0.01 dB, the least limit");
     for part in ["21.97 dB", "21.84 dB", "-0.125 dB", "largest change 0.12 dB at scene 000 0 frame 0", "DRIFTED, worse"]
     {
         assert!(report.contains(part), "{part}: {report}");
@@ -275,7 +273,10 @@ fn noise_is_not_drift_and_a_shift_is() {
     let repeats: Vec<Results> = (2..5).map(run).collect();
     let baseline = Baseline::new(&run(1), &repeats, acceptance("first"));
     let [limit] = &baseline.limits[..] else { panic!("{:?}", baseline.limits) };
-    assert!(limit.runs == 4 && limit.limit > least_limit("psnr") && limit.limit < 0.5, "{limit:?}");
+    assert!(
+        limit.origin == LimitOrigin::Estimated(4) && limit.limit > least_limit("psnr") && limit.limit < 0.5,
+        "{limit:?}"
+    );
     for seed in 10..20 {
         let report = compare(&run(seed), &baseline);
         assert_eq!((report.verdict, report.comparisons[0].basis), (DriftVerdict::Within, Basis::Interval), "{report}");

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any
 
 from . import _native
+from ._arrays import invalid
 from ._warnings import of_run, skipped, unscored
 from .errors import DriftedError
 from .stores import Store, folder_of, open_store
@@ -61,18 +62,37 @@ def drift(store: Path | Store, baseline: Path, *, probe: bool = False) -> Drift:
     return Drift(*_native.compare_with_baseline(folder_of(store), fspath(baseline), probe))
 
 
-def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
+def accept_baseline(
+    store: Path | Store,
+    baseline: Path,
+    *,
+    why: str,
+    repeats: Sequence[Path | Store] = (),
+    limits: Mapping[str, float] | None = None,
+) -> None:
     """Makes results the baseline; ``why`` is kept in its history. As with ``atsplat drift accept``, the probe of the old baseline,
     or the smallest one if it has none, is run on this machine and stored next to the file.
 
-    Raises:
-        InvalidError: if no result has scores, or if the run is unfinished.
+    Args:
+        store: results of a finished run.
+        baseline: the file to create or replace.
+        why: why these numbers are correct.
+        repeats: results of repetitions of the run. Numbers of methods that are not deterministic may later change as much as these
+            differ.
+        limits: how far the mean of a metric, such as ``psnr``, may change in such methods, in its unit, instead of what ``repeats``
+            show. Limits of both kinds stay in later baselines until ``limits`` or ``repeats`` are given again.
 
-    Warnings say what the old baseline guards and the new one does not, which targets of the baseline have no score, and what the run
-    skipped or did not find.
+    Raises:
+        InvalidError: if no result has scores, if the run is unfinished, or if ``repeats`` are not of the same run.
+
+    Warnings say what the old baseline guards and the new one does not, which targets of the baseline have no score, which scores the
+    repetitions lack, and what the run skipped or did not find.
     """
     folder = folder_of(store)
-    lost = _native.accept_baseline(folder, fspath(baseline), why)
+    if isinstance(repeats, (str, PathLike, Store)):
+        raise invalid("repeats", "expected a sequence of stores, found a single one")
+    stated = list((limits or {}).items())
+    lost = _native.accept_baseline(folder, fspath(baseline), why, [folder_of(repeat) for repeat in repeats], stated)
     of = open_store(folder)
     for text in [*lost, *unscored(of), *skipped(of), *of_run(of)]:
         warnings.warn(f"{fspath(baseline)}: {text}", stacklevel=2)
