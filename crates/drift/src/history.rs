@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_protocol::Aggregation;
+use atsplat_results::TargetStatus;
 use atsplat_results::statistics::{SelectedTarget, mean_of, score_of, summary_of};
-use atsplat_results::{Results, TargetStatus};
 use serde::{Deserialize, Serialize};
 
 use super::{Baseline, BaselineTarget, Cause, Comparison, DriftReport, DriftVerdict, Finding, FindingKind};
@@ -25,8 +25,12 @@ pub struct AcceptedNumber {
     pub interval: Option<[f64; 2]>,
     /// How far the mean of a later run may change; `None` for a deterministic method, which is compared bit by bit.
     pub limit: Option<f64>,
-    /// Verdict against the previous acceptance; `None` if there was none.
+    /// Verdict against the previous acceptance; `None` if that has no such number.
     pub verdict: Option<DriftVerdict>,
+    /// Mean difference from the previous acceptance over the targets that both have, on which the verdict is; `None` without such
+    /// targets, and in baselines of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub difference: Option<f64>,
 }
 
 /// The history of one number over all acceptances and the current run.
@@ -38,7 +42,8 @@ pub struct NumberHistory {
     pub method: String,
     /// Id of the metric.
     pub metric: String,
-    /// Accepted runs, oldest first, then the current run if it has the number.
+    /// Accepted runs, oldest first, each with the mean over all of its targets; then the current run, with the mean over the targets
+    /// that it is compared on, if there are any.
     pub runs: Vec<HistoricRun>,
     /// Number of acceptances without the number, or from before numbers were recorded.
     pub unknown: usize,
@@ -55,13 +60,12 @@ pub struct HistoricRun {
     pub label: String,
     /// Mean over scenes.
     pub mean: f64,
-    /// Its 95 % interval.
-    pub interval: Option<[f64; 2]>,
-    /// The range of means that the previous baseline allowed.
+    /// The range of means that the previous baseline allowed, around the mean from which this one moved; `None` if that baseline has no
+    /// such number.
     pub limits: Option<[f64; 2]>,
     /// The verdict against that baseline.
     pub verdict: Option<DriftVerdict>,
-    /// Difference from that baseline's mean.
+    /// Mean difference from that baseline over the targets that both have; in baselines of older versions, the difference of both means.
     pub moved: Option<f64>,
     /// Why it was accepted; for the current run, where something changed first, or what else than the number has changed. If the
     /// mean is within its limits but a scene is not, that is said first.
@@ -128,66 +132,73 @@ pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<
         let mut comparisons = report.iter().flat_map(|report| &report.comparisons);
         let compared = comparisons.find(|number| same((&number.preset, &number.method, &number.metric)));
         let verdict = compared.map(|comparison| comparison.verdict);
-        AcceptedNumber { acceptance, preset, method, metric, mean, interval, limit, verdict }
+        let difference = compared.and_then(|comparison| Some(comparison.paired.as_ref()?.difference));
+        AcceptedNumber { acceptance, preset, method, metric, mean, interval, limit, verdict, difference }
     };
     means(&baseline.targets).into_iter().map(number).collect()
 }
 
 /// The history of every number in a report, in its order.
-pub fn histories(baseline: &Baseline, results: &Results, report: &DriftReport) -> Vec<NumberHistory> {
-    let now = means(&results.targets.iter().map(BaselineTarget::from).collect::<Vec<_>>());
-    report.comparisons.iter().map(|comparison| history(baseline, comparison, &now, report)).collect()
+pub fn histories(baseline: &Baseline, report: &DriftReport) -> Vec<NumberHistory> {
+    report.comparisons.iter().map(|comparison| history(baseline, comparison, report)).collect()
 }
 
-fn history(
-    baseline: &Baseline,
-    comparison: &Comparison,
-    now: &BTreeMap<Name, (f64, Option<[f64; 2]>)>,
-    report: &DriftReport,
-) -> NumberHistory {
-    let Comparison { preset, method, metric, .. } = comparison;
+fn history(baseline: &Baseline, comparison: &Comparison, report: &DriftReport) -> NumberHistory {
+    let Comparison { preset, method, metric, limit, .. } = comparison;
     let finding = drifted_finding(comparison, report);
     let verdict = if finding.is_some() { DriftVerdict::Drifted } else { comparison.verdict };
     let is_same =
         |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
-    let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(is_same).collect();
-    let range = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
     let mut runs = Vec::new();
     let mut before: Option<&AcceptedNumber> = None;
-    for number in &numbers {
-        let accepted = baseline.history.get(number.acceptance);
-        let limits = before.map(|before| range(before.mean, before.limit));
-        runs.push(HistoricRun {
-            label: accepted.map_or_else(|| number.acceptance.to_string(), |accepted| accepted.date.clone()),
-            mean: number.mean,
-            interval: number.interval,
-            limits,
-            verdict: number.verdict,
-            moved: before.map(|before| number.mean - before.mean),
-            why: why(
-                is_of_scene(number.verdict, number.mean, limits),
-                accepted.map(|accepted| accepted.reason.clone()),
-            ),
-        });
+    for number in baseline.numbers.iter().filter(is_same) {
+        runs.push(accepted_run(baseline, number, before));
         before = Some(number);
     }
     let unknown = baseline.history.len().saturating_sub(runs.len());
-    if let Some((mean, interval)) = now.get(&(preset.clone(), method.clone(), metric.clone())) {
-        let limits = before.map(|before| range(before.mean, comparison.limit));
+    if let (Some(was), Some(mean), Some(paired)) = (comparison.baseline, comparison.now, &comparison.paired) {
+        let limits = Some(range(was, *limit));
         let cause =
             finding.map(|finding| finding.kind.description()).or_else(|| report.first_change().map(Cause::name));
         runs.push(HistoricRun {
             label: "now".to_owned(),
-            mean: *mean,
-            interval: *interval,
+            mean,
             limits,
             verdict: Some(verdict),
-            moved: before.map(|before| mean - before.mean),
-            why: why(is_of_scene(Some(comparison.verdict), *mean, limits), cause.map(str::to_owned)),
+            moved: Some(paired.difference),
+            why: why(is_of_scene(Some(comparison.verdict), mean, limits), cause.map(str::to_owned)),
         });
     }
     let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());
     NumberHistory { preset, method, metric, runs, unknown, verdict, of_run: report.verdict }
+}
+
+/// A number of an acceptance after that of `before`, which may be of an acceptance before the previous one.
+fn accepted_run(baseline: &Baseline, number: &AcceptedNumber, before: Option<&AcceptedNumber>) -> HistoricRun {
+    let AcceptedNumber { acceptance, mean, verdict, difference, .. } = *number;
+    let accepted = baseline.history.get(acceptance);
+    let was_compared = |before: &&AcceptedNumber| {
+        before.acceptance.checked_add(1) == Some(acceptance) && verdict != Some(DriftVerdict::Nothing)
+    };
+    let previous = before.filter(was_compared);
+    let limits = previous.map(|previous| {
+        // The acceptances may have different targets.
+        let was = difference.map_or(previous.mean, |difference| mean - difference);
+        range(was, previous.limit)
+    });
+    HistoricRun {
+        label: accepted.map_or_else(|| acceptance.to_string(), |accepted| accepted.date.clone()),
+        mean,
+        limits,
+        verdict,
+        moved: previous.map(|previous| difference.unwrap_or(mean - previous.mean)),
+        why: why(is_of_scene(verdict, mean, limits), accepted.map(|accepted| accepted.reason.clone())),
+    }
+}
+
+/// The means that a limit allows around another one; that alone, if numbers are compared bit by bit.
+fn range(mean: f64, limit: Option<f64>) -> [f64; 2] {
+    limit.map_or([mean; 2], |limit| [mean - limit, mean + limit])
 }
 
 /// Whether a number drifted although its mean is within limits: then that of a scene is not.

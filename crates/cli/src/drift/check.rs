@@ -29,7 +29,7 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     if args.github {
         github::tell(&report, baseline_path);
     }
-    let drawn = plot.map_or(Ok(()), |plot| args.history.draw(plot, &baseline, &results, &report));
+    let drawn = plot.map_or(Ok(()), |plot| args.history.draw(plot, &baseline, &report));
     let exit = match report.verdict {
         DriftVerdict::Same | DriftVerdict::Within => Exit::Done,
         DriftVerdict::Nothing => Exit::Failed,

@@ -3,7 +3,6 @@
 use anyhow::Context as _;
 use atsplat_drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::plot_data::drift_plot;
-use atsplat_results::Results;
 use atsplat_results::statistics::is_psnr;
 
 use crate::parse;
@@ -37,14 +36,8 @@ impl HistoryArgs {
     }
 
     /// Draws the requested plot.
-    pub(super) fn draw(
-        &self,
-        plot: PendingPlot,
-        baseline: &Baseline,
-        results: &Results,
-        report: &DriftReport,
-    ) -> anyhow::Result<()> {
-        let histories = histories(baseline, results, report);
+    pub(super) fn draw(&self, plot: PendingPlot, baseline: &Baseline, report: &DriftReport) -> anyhow::Result<()> {
+        let histories = histories(baseline, report);
         let selected = self.selected(&histories).with_context(|| self.not_found(&histories))?;
         let NumberHistory { preset, method, metric, .. } = selected;
         let drawing = drift_plot(selected).with_context(|| format!("unknown metric {metric}"))?;

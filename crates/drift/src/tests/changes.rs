@@ -444,12 +444,12 @@ fn a_history_says_that_scenes_moved_where_the_mean_is_within_limits() {
             row.scores.values_mut().for_each(|score| *score += by);
         }
         let baseline = Baseline::new(&base, &[], acceptance("first"));
-        let found = histories(&baseline, &now, &compare(&now, &baseline)).remove(0);
+        let found = histories(&baseline, &compare(&now, &baseline)).remove(0);
         assert_eq!(found.verdict, DriftVerdict::Drifted);
         let why = found.runs[1].why.as_deref().unwrap();
         assert!(why.starts_with("at least one scene moved"), "{why}");
         let accepted = baseline.accept(&now, &[], acceptance("a fix"));
-        let found = histories(&accepted, &now, &compare(&now, &accepted)).remove(0);
+        let found = histories(&accepted, &compare(&now, &accepted)).remove(0);
         let whys: Vec<_> = found.runs.iter().map(|run| run.why.as_deref()).collect();
         assert_eq!(whys, [Some("first"), Some("at least one scene moved: a fix"), None]);
     }

@@ -224,7 +224,7 @@ fn a_metric_that_is_not_computed_any_more_is_named() {
 fn the_history_of_a_number_shows_what_its_method_lost() {
     let histories_of = |then: &Results, now: &Results| {
         let baseline = Baseline::new(then, &[], acceptance("first"));
-        histories(&baseline, now, &compare(now, &baseline))
+        histories(&baseline, &compare(now, &baseline))
     };
     let mut now = two();
     lose(&mut now, 20);

@@ -15,6 +15,7 @@ mod data;
 mod directions;
 mod github;
 mod grouping;
+mod history;
 mod lost;
 mod machines;
 mod planted;
@@ -312,7 +313,7 @@ fn every_acceptance_records_its_numbers() {
     let third = second.accept(&moved(0.5), &[], acceptance("a new machine"));
     let now = moved(0.25);
     let history = |baseline: &Baseline| {
-        let mut all = histories(baseline, &now, &compare(&now, baseline));
+        let mut all = histories(baseline, &compare(&now, baseline));
         assert_eq!(all.len(), 1);
         all.remove(0)
     };
@@ -352,12 +353,12 @@ fn history_limits_are_those_of_the_previous_baseline() {
     let baseline = Baseline::new(&runs[0], &runs[1..], acceptance("first"));
     let limit = baseline.limits[0].limit;
     let report = compare(&runs[1], &baseline);
-    let found = histories(&baseline, &runs[1], &report).remove(0);
+    let found = histories(&baseline, &report).remove(0);
     let mean = found.runs[0].mean;
     assert_eq!(found.runs[1].limits, Some([mean - limit, mean + limit]));
     assert_eq!(found.runs[1].verdict, Some(DriftVerdict::Within));
     let nothing = Results { targets: Vec::new(), ..runs[1].clone() };
-    let found = histories(&baseline, &nothing, &compare(&nothing, &baseline)).remove(0);
+    let found = histories(&baseline, &compare(&nothing, &baseline)).remove(0);
     assert_eq!(found.runs.len(), 1, "a missing number has no current run");
 }
 

@@ -56,7 +56,6 @@ mod tests {
         let run = |label: &str, mean: f64| HistoricRun {
             label: label.to_owned(),
             mean,
-            interval: Some([mean - 3.7, mean + 3.7]),
             limits: Some([21.88, 22.12]),
             verdict: None,
             moved: None,
