@@ -76,8 +76,9 @@ impl Attribution {
 /// changed independently of the others. The probe is also run from each stage's baseline input to the end: replacing the
 /// baseline's output of one more stage by the current one changes each metric by that stage's effect.
 ///
-/// With `same_machine`, outputs must be bit-identical. Otherwise networks may differ by a thousandth of their largest value,
-/// renders by 1e-4 and metrics by a relative 1e-9; decoding and resizing are integer operations and exact everywhere.
+/// With `same_machine`, outputs must be bit-identical. Otherwise the Gaussians of networks may differ by a thousandth of the largest
+/// value of their means, quaternions, logarithmic scales, opacity logits and harmonics each, renders by 1e-4 and metrics by a
+/// relative 1e-9; decoding and resizing are integer operations and exact everywhere.
 ///
 /// # Errors
 /// [`DriftError::Stage`] naming the stage that fails.
@@ -89,14 +90,14 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     let renders = rendered(stages, &baseline.gaussians, targets(inputs, views)?)?;
     let scores = scored(stages, &baseline.renders, targets(inputs, views)?)?;
     let alone = [
-        of_images(&decoded),
-        of_views(&resized_alone),
+        vec![of_images(&decoded)],
+        vec![of_views(&resized_alone)],
         of_gaussians(&gaussians),
-        of_renders(&renders, &stages.splat(&inputs.limit_scene, &limit_view()?)?),
-        of_scores(&scores),
+        vec![of_renders(&renders, &stages.splat(&inputs.limit_scene, &limit_view()?)?)],
+        vec![of_scores(&scores)],
     ];
     let changes = Stage::PROBED.into_iter().zip(&alone);
-    let changes = changes.map(|(stage, now)| change(stage, &baseline.values(stage), now, same_machine)).collect();
+    let changes = changes.map(|(stage, now)| change(stage, &baseline.parts(stage), now, same_machine)).collect();
 
     let from_gaussians = |gaussians: &Gaussians, views: &[View]| {
         let targets = targets(inputs, views)?;
@@ -122,30 +123,68 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     Ok(Attribution { stages: changes, metrics: then.iter().filter_map(effect).collect() })
 }
 
-fn change(stage: Stage, then: &[f64], now: &[f64], same_machine: bool) -> StageChange {
-    let size = then.iter().fold(0.0, |size: f64, value| size.maximum_of(value.abs()));
-    let tolerance = match stage {
+/// The parts of a stage's output are values of one kind each.
+fn change(stage: Stage, then: &[Vec<f64>], now: &[Vec<f64>], same_machine: bool) -> StageChange {
+    let tolerance = |part: &[f64]| match stage {
         _ if same_machine => Tolerance::EXACT,
         Stage::Data | Stage::Decode | Stage::Resize => Tolerance::EXACT,
-        Stage::Model => Tolerance::absolute(1e-3 * size),
+        Stage::Model => Tolerance::absolute(1e-3 * largest(part.iter().copied())),
         Stage::Renderer => Tolerance::absolute(1e-4),
         Stage::Metric => Tolerance::relative(1e-9),
     };
-    let pairs = || then.iter().zip(now);
-    let verdict = if tolerance.check(now.iter().copied(), then.iter().copied()).is_err() {
+    let parts = || then.iter().zip(now);
+    let is_changed =
+        |(then, now): (&Vec<f64>, &Vec<f64>)| tolerance(then).check(now.iter().copied(), then.iter().copied()).is_err();
+    let [values, values_now] = [then, now].map(|parts| parts.iter().map(Vec::len).sum::<usize>() as u64);
+    let verdict = if parts().any(is_changed) {
         StageVerdict::Changed
-    } else if then.is_empty() {
+    } else if values == 0 {
         StageVerdict::Empty
     } else {
         StageVerdict::Same
     };
+    let pairs = || parts().flat_map(|(then, now)| then.iter().zip(now));
+    let unpaired: usize = parts().map(|(then, now)| then.len().abs_diff(now.len())).sum();
     StageChange {
         stage,
         verdict,
-        differing: pairs().filter(|(a, b)| !Tolerance::EXACT.accepts(**a, **b)).count() as u64
-            + then.len().abs_diff(now.len()) as u64,
-        values: then.len() as u64,
-        values_now: now.len() as u64,
-        largest: pairs().fold(0.0, |largest: f64, (a, b)| largest.maximum_of((a - b).abs())),
+        differing: (pairs().filter(|(a, b)| !Tolerance::EXACT.accepts(**a, **b)).count() + unpaired) as u64,
+        values,
+        values_now,
+        largest: largest(pairs().map(|(a, b)| a - b)),
+    }
+}
+
+/// The largest size of a value; 0 without any, NaN if any is NaN.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |largest: f64, value| largest.maximum_of(value.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Means up to 17.5, and harmonics up to 0.5.
+    #[test]
+    fn each_kind_of_value_has_a_tolerance_of_its_own_size() {
+        let then = [vec![-17.5, 3.0], vec![0.5, 0.25]];
+        let verdict = |mean: f64, harmonic: f64| {
+            let now = [vec![-17.5 + mean, 3.0], vec![0.5, 0.25 + harmonic]];
+            change(Stage::Model, &then, &now, false).verdict
+        };
+        for (mean, harmonic, expected) in [
+            (0.017, 0.0004, StageVerdict::Same),
+            (0.018, 0.0, StageVerdict::Changed),
+            (0.0, -0.0006, StageVerdict::Changed),
+            (0.0, 0.017, StageVerdict::Changed),
+        ] {
+            assert_eq!(verdict(mean, harmonic), expected, "{mean}, {harmonic}");
+        }
+        let fewer = [vec![-17.5, 3.0], vec![0.5]];
+        let found = change(Stage::Model, &then, &fewer, false);
+        assert_eq!((found.verdict, found.differing, found.values, found.values_now), (StageVerdict::Changed, 1, 4, 3));
+        let exact = change(Stage::Model, &then, &then, true);
+        assert_eq!((exact.verdict, exact.differing), (StageVerdict::Same, 0));
+        assert_eq!(change(Stage::Metric, &[Vec::new()], &[Vec::new()], true).verdict, StageVerdict::Empty);
     }
 }

@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{Image, ImageU8};
-use atsplat_splat::Gaussians;
+use atsplat_splat::{GaussianParts, Gaussians};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -114,7 +114,7 @@ impl Outputs {
 
     /// The fingerprint of every stage.
     pub fn fingerprints(&self) -> Vec<Fingerprint> {
-        Stage::PROBED.map(|stage| fingerprint(stage, &self.values(stage))).to_vec()
+        Stage::PROBED.map(|stage| fingerprint(stage, &self.parts(stage).concat())).to_vec()
     }
 
     /// The mean of each score over targets.
@@ -122,15 +122,15 @@ impl Outputs {
         mean_scores(&self.scores)
     }
 
-    /// A stage's output as numbers.
-    pub(super) fn values(&self, stage: Stage) -> Vec<f64> {
+    /// A stage's output as numbers, in parts of one kind each.
+    pub(super) fn parts(&self, stage: Stage) -> Vec<Vec<f64>> {
         match stage {
-            Stage::Data => self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect(),
-            Stage::Decode => of_images(&self.decoded),
-            Stage::Resize => of_views(&self.views),
+            Stage::Data => vec![self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect()],
+            Stage::Decode => vec![of_images(&self.decoded)],
+            Stage::Resize => vec![of_views(&self.views)],
             Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Renderer => of_renders(&self.renders, &self.limit_render),
-            Stage::Metric => of_scores(&self.scores),
+            Stage::Renderer => vec![of_renders(&self.renders, &self.limit_render)],
+            Stage::Metric => vec![of_scores(&self.scores)],
         }
     }
 }
@@ -157,11 +157,17 @@ pub(super) fn of_views(views: &[View]) -> Vec<f64> {
     samples.chain(views.iter().flat_map(k)).collect()
 }
 
-pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
-    let parts = gaussians.parts();
-    let flat = parts.means.as_flattened().iter().chain(parts.quaternions.as_flattened());
-    let flat = flat.chain(parts.log_scales.as_flattened()).chain(&parts.opacity_logits);
-    flat.chain(parts.sh.as_flattened()).map(|&value| f64::from(value)).collect()
+/// Means, quaternions, logarithmic scales, opacity logits and harmonics.
+pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<Vec<f64>> {
+    let GaussianParts { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians.parts();
+    let parts = [
+        means.as_flattened(),
+        quaternions.as_flattened(),
+        log_scales.as_flattened(),
+        opacity_logits.as_slice(),
+        sh.as_flattened(),
+    ];
+    parts.map(|part| part.iter().map(|&value| f64::from(value)).collect::<Vec<f64>>()).into()
 }
 
 pub(super) fn of_renders(renders: &[Image], limit_render: &Image) -> Vec<f64> {
