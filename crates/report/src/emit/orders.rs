@@ -36,12 +36,13 @@ fn section(table: &Table) -> String {
             Outcome::Undecided => "undecided",
         };
         text.push_str(&format!(
-            "| {first} | {second} | {} | {} | {} | {interval} | {} | {one} and {other} | {outcome}{} |\n",
+            "| {first} | {second} | {} | {} | {} | {interval} | {} | {one} and {other} | {outcome}{}{} |\n",
             escaped(order.quantity),
             signed(order.published, 3),
             signed(order.measured, decimals),
             order.scenes,
             if order.inference_only { ", changed at inference only" } else { "" },
+            if order.untrained { ", untrained" } else { "" },
         ));
     }
     text

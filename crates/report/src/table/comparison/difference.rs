@@ -1,10 +1,12 @@
 //! The paired difference of two methods, and which numbers of a table it is comparable with.
 
 use atsplat_metrics::Definition;
+use atsplat_numeric::distinct;
 use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{Leaked, Paired, Seeds, common_scene_means, difference_of_seeds, paired_between};
 
 use crate::definition::TableDefinition;
+use crate::table::rows::weights_of;
 use crate::table::selection::MethodRun;
 use crate::table::{Cell, Column, Value};
 
@@ -45,6 +47,14 @@ pub(in crate::table) fn difference(
     Some(Difference { value: mean, interval, scenes, targets, unpaired: 0 })
 }
 
+/// Whether a metric of these runs is known to have different learned weights.
+pub(in crate::table) fn differ_in_weights<'a>(
+    runs: impl IntoIterator<Item = MethodRun<'a>>,
+    metric: &Definition,
+) -> bool {
+    distinct(runs.into_iter().filter_map(|run| weights_of(run.results(), metric.id))).len() > 1
+}
+
 /// The metric of a column, if it is over all targets of a protocol; the average over bins is taken for it.
 pub(super) fn metric_over_all(
     definition: &TableDefinition,
@@ -56,7 +66,7 @@ pub(super) fn metric_over_all(
 }
 
 /// Why a difference over all targets is none of the numbers in a column: they were not computed, or lack targets outside all bins.
-pub(super) fn why_without_difference(cell: &Cell) -> Option<String> {
+pub(in crate::table) fn why_without_difference(cell: &Cell) -> Option<String> {
     if let (Value::Absent, Some(why)) = (&cell.value, &cell.not_computed) {
         return Some(why.clone());
     }

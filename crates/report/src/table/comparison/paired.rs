@@ -3,10 +3,9 @@
 use atsplat_metrics::Definition;
 use atsplat_results::statistics::{Leaked, MIN_SCENES};
 
-use super::difference::{Difference, difference, metric_over_all, why_without_difference};
+use super::difference::{Difference, differ_in_weights, difference, metric_over_all, why_without_difference};
 use crate::counted;
 use crate::definition::{Quantity, TableDefinition, is_called};
-use crate::table::rows::weights_of;
 use crate::table::selection::{ComparableResults, MethodRun, Part};
 use crate::table::{Cell, CellIndex, Column, Counts, Group, Note, NoteKind, Row, Table, Value};
 
@@ -97,8 +96,8 @@ impl<'a> Reference<'a> {
     fn difference(self, row: &Row, compared: Compared) -> Result<Option<Difference>, String> {
         let Compared { index, metric } = compared;
         let cell = row.cell(index);
-        // Means over trainings have no numbers by bin of overlap.
-        if row.is_over_trainings() && cell.value == Value::Absent {
+        // Means over trainings have no numbers by bin of overlap, without a reason.
+        if row.is_over_trainings() && cell.value == Value::Absent && cell.not_computed.is_none() {
             return Ok(None);
         }
         let runs = self.results.runs_of_group(row, index.group);
@@ -115,10 +114,7 @@ impl<'a> Reference<'a> {
             return Err(why);
         }
         let against = self.against;
-        let weights = |run: MethodRun<'_>| weights_of(run.results(), metric.id);
-        if let (Some(one), Some(other)) = (weights(*first), weights(reference))
-            && one != other
-        {
+        if differ_in_weights(runs.iter().copied().chain([reference]), metric) {
             return Err(format!("the weights of {} are not those of {against}", metric.name));
         }
         let leaked = if row.without_leaked { Leaked::Excluded } else { Leaked::Included };

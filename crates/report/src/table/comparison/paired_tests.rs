@@ -9,7 +9,7 @@ use atsplat_results::{MethodRecord, Results, TargetStatus};
 use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::emit::TableFormat;
 use crate::sample::{SCENES, floor, preset, results_over};
-use crate::table::test_tables::{notes, row_of};
+use crate::table::test_tables::{notes, row_of, trained};
 use crate::table::{Cell, Group, Mark, Mixing, NoteKind, Source, Table, Value, tables};
 
 const PRESET: &str = "rooms-2v-128";
@@ -210,6 +210,29 @@ fn an_average_over_bins_has_no_difference_over_other_targets() {
         results.provenance.presets[0].overlap_estimators = vec!["epipolar-ray".to_owned()];
     });
     assert!(!is_number && !is_named && why.contains("overlaps are measured by epipolar-ray"), "{why}");
+}
+
+/// The weights of the first training's metric are unknown.
+#[test]
+fn a_difference_of_several_trainings_needs_one_metric_for_all() {
+    let why = |second: &str| {
+        let seeded = |seed: &str| {
+            let method = trained(&format!("seed {seed}"), seed, "simulated rooms");
+            results_over(vec![preset(PRESET)], vec![method], 7)
+        };
+        let mut all = [seeded("1"), seeded("2"), store("warp", &[0.0; 7])];
+        for (results, weights) in all.iter_mut().zip([None, Some(second), Some("397923af8e79cdbb")]) {
+            for record in &mut results.provenance.metrics {
+                record.weights_sha256 = weights.map(str::to_owned);
+            }
+        }
+        let stores = [("one", &all[0]), ("two", &all[1]), ("three", &all[2])];
+        let table = compared(&stores, &against("warp"), Mixing::Apart);
+        let mean = table.rows.iter().find(|row| row.is_over_trainings()).unwrap();
+        mean.cells.last().unwrap().last().unwrap().not_computed.clone()
+    };
+    assert_eq!(why("397923af8e79cdbb"), None);
+    assert_eq!(why("0123").as_deref(), Some("the weights of PSNR are not those of warp"));
 }
 
 /// Under `all-images`; the first scene, in which mine is 9 dB better, has one target, the other six have three each.

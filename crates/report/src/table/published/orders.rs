@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
-use crate::table::comparison::difference;
+use crate::table::comparison::{differ_in_weights, difference, why_without_difference};
 use crate::table::selection::{ComparableResults, MethodRun, is_further_training};
 use crate::table::{CellIndex, Row, Table};
 
@@ -30,6 +30,8 @@ pub struct Order {
     pub trainings: [usize; 2],
     /// Whether one of them was changed at inference only, where the paper trains a network.
     pub inference_only: bool,
+    /// Whether one of them has random weights, whose order says nothing about the method.
+    pub untrained: bool,
     /// What the interval says.
     pub outcome: Outcome,
 }
@@ -62,7 +64,9 @@ impl Outcome {
 }
 
 /// The orders of all pairs of published rows that are reproduced under one protocol. They are compared by their first metric
-/// in the last group of columns that has it for both: the average over bins, the largest number of views.
+/// in the last group of columns that has it for both: the average over bins, the largest number of views. Rows whose difference is
+/// none of the table's numbers have no order, nor have those of other protocols in a table that was forced, or with other weights of
+/// the metric.
 pub(in crate::table) fn orders(
     table: &Table,
     definition: &TableDefinition,
@@ -89,32 +93,38 @@ fn order_in(
 ) -> Option<Order> {
     let mut columns = table.groups[group].columns.iter().enumerate();
     let (column, metric) = columns.find_map(|(at, column)| Some((at, column.quantity.metric()?)))?;
-    let number = |row: &Row| row.cell(CellIndex { group, column }).value.number();
+    let index = CellIndex { group, column };
+    let number = |row: &Row| row.cell(index).value.number();
     let published = number(rows[0])? - number(rows[1])?;
-    let is_order = published != 0.0 && definition.groups[group].targets.is_overall();
-    let trainings = rows.map(|row| reproducing_methods(table, definition, results, row, group));
-    let trainings = trainings.each_ref().map(Vec::as_slice);
-    is_order.then(|| compared(results, trainings, metric, published, rows)).flatten()
+    if published == 0.0 || !definition.groups[group].targets.is_overall() {
+        return None;
+    }
+    let [first, second] = rows.map(|row| reproducing_methods(table, definition, results, row, index));
+    compared(results, [&first?, &second?], metric, published, rows)
 }
 
-/// The first method that reproduces a published row, and its other trainings.
+/// The first method that reproduces a published row, and its other trainings; `None` if the difference to one of them is no number of
+/// the table.
 fn reproducing_methods<'a>(
     table: &Table,
     definition: &TableDefinition,
     results: &'a ComparableResults<'a>,
     row: &Row,
-    group: usize,
-) -> Vec<MethodRun<'a>> {
+    index: CellIndex,
+) -> Option<Vec<MethodRun<'a>>> {
     let preset_of_row = definition.row(&row.labels).and_then(|known| known.preset.as_ref());
-    let Some(preset) = preset_of_row.or(definition.groups[group].preset.as_ref()) else { return Vec::new() };
-    let reproducing = table.measured_rows().filter(|other| other.reproduces(row));
+    let preset = preset_of_row.or(definition.groups[index.group].preset.as_ref())?;
     let mut trainings: Vec<MethodRun<'a>> = Vec::new();
-    for run in reproducing.filter_map(|row| results.run_under(preset, row)) {
+    for measured in table.measured_rows().filter(|other| other.reproduces(row)) {
+        let Some(run) = results.run_under(preset, measured) else { continue };
         if is_further_training(&trainings, run) {
+            if why_without_difference(measured.cell(index)).is_some() {
+                return None;
+            }
             trainings.push(run);
         }
     }
-    trainings
+    Some(trainings)
 }
 
 /// The order of two rows with these trainings; `published` is their published difference.
@@ -126,6 +136,11 @@ fn compared(
     rows: [&Row; 2],
 ) -> Option<Order> {
     let both = [*trainings[0].first()?, *trainings[1].first()?];
+    let runs = || trainings.into_iter().flatten().copied();
+    let are_comparable = !results.mixed || runs().all(|run| run.part.is_comparable_with(both[0].part));
+    if !are_comparable || differ_in_weights(runs(), metric) {
+        return None;
+    }
     let found = difference(trainings, metric, Leaked::Included)?;
     Some(Order {
         rows: rows.map(|row| row.names().join(", ")),
@@ -136,6 +151,7 @@ fn compared(
         scenes: found.scenes,
         trainings: trainings.map(<[_]>::len),
         inference_only: both.iter().any(|run| results.is_not_retrained(run.record)),
+        untrained: runs().any(|run| run.record.untrained),
         outcome: Outcome::of(published, found.interval),
     })
 }

@@ -137,6 +137,10 @@ impl TrainingGroup<'_> {
         };
         let cells: Vec<&Cell> = self.rows.iter().map(|row| row.cell(index)).collect();
         let first = cells.first()?;
+        if distinct(cells.iter().filter_map(|cell| cell.metric_weights.as_deref())).len() > 1 {
+            let why = format!("the weights of {} differ between the trainings", metric.name);
+            return Some(Cell { not_computed: Some(why), ..Cell::default() });
+        }
         Some(Cell {
             value: Value::Number(found.mean),
             interval: found.interval,

@@ -5,7 +5,7 @@ use atsplat_results::MethodRecord;
 
 use crate::definition::TableDefinition;
 use crate::sample::{atsplat, floor, preset, random, results, results_over, store};
-use crate::table::test_tables::{measured, notes_as_text, protocols, table_of, trained};
+use crate::table::test_tables::{measured, notes_as_text, protocols, table_of, table_of_stores, trained};
 use crate::table::{Counts, Mixing, NoteKind, Row, Source, Table, tables};
 
 #[test]
@@ -126,4 +126,35 @@ fn stores_without_a_training_record_claim_nothing() {
         table_of("cross_dataset", &results(vec![preset("rooms-to-yards-128")], vec![atsplat("atsplat", |_| ())]));
     assert_eq!(measured(&table).next().unwrap().printed_labels(), ["ATSplat"]);
     assert!(protocols(&store()).iter().all(Table::is_measured));
+}
+
+/// LPIPS under other weights is another metric; unknown weights may be the same.
+#[test]
+fn trainings_with_other_weights_of_a_metric_have_no_mean_of_it() {
+    let mean = |weights: [Option<&str>; 2]| {
+        let of_seed = |(seed, weights): (&str, Option<&str>)| {
+            let method = trained(&format!("seed {seed}"), seed, "simulated rooms");
+            let mut results = results_over(vec![preset("rooms-2v-128")], vec![method], 7);
+            for record in results.provenance.metrics.iter_mut().filter(|record| record.id == "lpips") {
+                (record.weights_sha256, record.absent) = (weights.map(str::to_owned), None);
+            }
+            for row in &mut results.targets {
+                row.not_computed.clear();
+                row.scores.insert("lpips".to_owned(), 0.25);
+            }
+            results
+        };
+        let [first, second] = [("1", weights[0]), ("2", weights[1])].map(of_seed);
+        let table = table_of_stores("re10k", &[&first, &second]);
+        let row = measured(&table).find(|row| row.method.is_none()).unwrap();
+        let numbers = [0, 2].map(|column| row.cells[0][column].value.number().is_some());
+        (numbers, row.cells[0][2].not_computed.clone(), notes_as_text(&table, NoteKind::NotComputed))
+    };
+    let (one, other) = (Some("397923af8e79cdbb"), Some("0123"));
+    for weights in [[one, one], [one, None], [None, other]] {
+        assert_eq!(mean(weights).0, [true, true], "{weights:?}");
+    }
+    let (numbers, why, said) = mean([one, other]);
+    assert_eq!((numbers, why.as_deref()), ([true, false], Some("the weights of LPIPS differ between the trainings")));
+    assert!(said.contains("n/c LPIPS: not computed: the weights of LPIPS differ between the trainings"), "{said}");
 }
