@@ -1,6 +1,6 @@
 //! Which measured rows are ranked together, and what a table says of those that are not.
 
-use atsplat_results::{MethodRecord, Results, TargetRow, TargetStatus, TrialStatus};
+use atsplat_results::{IDENTICAL, MethodRecord, Results, TargetRow, TargetStatus, TrialStatus};
 
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
@@ -138,6 +138,30 @@ fn an_order_that_identical_renders_would_change_is_not_marked() {
     let table = table_of_stores("re10k", &[&first, &second]);
     assert_eq!(marks(&table, PSNR), SECOND_IS_BEST);
     assert!(!row_of(&table, "b").measured_on.as_ref().unwrap().text.contains("identical"));
+}
+
+/// Its renders of its best scene are the truth only as rounded samples: they are scored, and their PSNR is infinite.
+#[test]
+fn an_order_that_renders_with_infinite_psnr_would_change_is_not_marked() {
+    let [first, mut second] = two_stores("re10k-2v-256");
+    for row in &mut second.targets {
+        if row.key.scene == SCENES[0] {
+            row.scores.remove("psnr");
+            row.not_computed.insert("psnr".to_owned(), IDENTICAL.to_owned());
+        } else if let Some(score) = row.scores.get_mut("psnr") {
+            *score -= 0.5;
+        }
+    }
+    let table = table_of_stores("re10k", &[&first, &second]);
+    assert_eq!([PSNR, SSIM].map(|index| marks(&table, index)), [NONE, SECOND_IS_BEST]);
+    assert_eq!(row_of(&table, "b").cell(PSNR).counts.unwrap().identical, 3);
+    let said = notes(&table, NoteKind::Unranked).join(" ");
+    assert!(said.contains("identical to the truth, which means leave out, would change the order: PSNR"), "{said}");
+    // Copies of context views are no merit.
+    second.targets.iter_mut().filter(|row| row.key.scene == SCENES[0]).for_each(|row| row.leaked = true);
+    let table = table_of_stores("re10k", &[&first, &second]);
+    let said = notes(&table, NoteKind::Unranked).join(" ");
+    assert!(!said.contains("identical to the truth"), "{said}");
 }
 
 /// The third method renders the truth of every target: it has no number, and would be first.

@@ -1,11 +1,11 @@
 //! The numbers of a measured row: means, slopes, sizes and times of a method under a preset.
 
+use atsplat_results::Results;
 use atsplat_results::statistics::{
     Binned, Cost, Identical, Leaked, MetricQuery, NoTrend, Summary, Trend, along_distance, along_overlap, by_overlap,
     cost, summary, within_distances,
 };
 use atsplat_results::times::{NOTHING_ENCODED, Times, times};
-use atsplat_results::{Results, TargetStatus};
 
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver, TargetSet};
 use crate::table::selection::MethodRun;
@@ -37,8 +37,10 @@ pub(super) fn cells(run: MethodRun<'_>, group: &ColumnGroup, leaked: Leaked, for
 fn metric_cell(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let GroupSummary { summary, outside_bins } = summary_of_group(run, query, group);
     let capped = MetricQuery { identical: Identical::Capped, ..*query };
-    let changes_with_identical = summary.identical > 0 && has_identical(run);
-    let with_identical = changes_with_identical.then(|| summary_of_group(run, &capped, group).summary.mean).flatten();
+    // A copy of a context view is no merit of a method.
+    let without_leaked = MetricQuery { leaked: Leaked::Excluded, ..*query };
+    let has_identical = summary.identical > 0 && summary_of_group(run, &without_leaked, group).summary.identical > 0;
+    let with_identical = has_identical.then(|| summary_of_group(run, &capped, group).summary.mean).flatten();
     Cell {
         value: summary.mean.map_or(Value::Absent, Value::Number),
         interval: summary.interval,
@@ -77,11 +79,6 @@ fn summary_of_group(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnG
         }
         (TargetSet::Bin(_) | TargetSet::AllBins, None) => over(Summary::default()),
     }
-}
-
-/// Whether a render of a target that is not leaked is identical to the truth.
-fn has_identical(run: MethodRun<'_>) -> bool {
-    run.targets().any(|row| row.status == TargetStatus::Identical && !row.leaked)
 }
 
 /// SHA-256 of the learned weights with which a store computed a metric.
