@@ -122,16 +122,26 @@ fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]
             origin: row.origin,
         })
     };
-    let points: Vec<KPoint> = shown(table).filter_map(point).collect();
+    let drawn: Vec<(&Row, KPoint)> = shown(table).filter_map(|row| Some((row, point(row)?))).collect();
+    let points: Vec<KPoint> = drawn.iter().map(|(_, point)| *point).collect();
     let measured = points.iter().filter(|point| point.origin == Origin::Measured).count();
     // Several trainings of one K are no curve.
     let has_several = points.windows(2).any(|pair| pair[0].k.total_cmp(&pair[1].k).is_ne());
+    let mut notes = Vec::new();
+    notes.extend(shown(table).any(Row::is_over_trainings).then(|| MEANS.to_owned()));
+    let marks: [(&str, fn(&Row) -> bool); 2] =
+        [("Random weights", |row| row.untrained), ("Changed at inference only", |row| row.inference_only)];
+    for (mark, has) in marks {
+        let marked = drawn.iter().filter(|(row, _)| has(row)).filter_map(|(row, _)| k_of(row));
+        let ks: Vec<String> = distinct(marked).into_iter().map(|k| k.to_string()).collect();
+        notes.extend((!ks.is_empty()).then(|| format!("{mark}: K = {}.", ks.join(", "))));
+    }
     let plot = KScaling {
         title: format!("{} against K{}", metric.name, other_setting(table, 0..1)),
         subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
         quality: metric.into(),
         points,
-        note: if shown(table).any(Row::is_over_trainings) { MEANS.to_owned() } else { String::new() },
+        note: notes.join(" "),
     };
     (measured > 1 && has_several).then(|| (table.name.clone(), plot.draw()))
 }
@@ -201,9 +211,11 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
 
 #[cfg(test)]
 mod tests {
+    use atsplat_model::config::Selection;
     use atsplat_results::{MethodRecord, TrainingRecord, TrialKey};
 
     use super::*;
+    use crate::definition::Variant;
     use crate::sample::{SCENES, atsplat, preset, results_over};
     use crate::table::{Mixing, tables};
 
@@ -248,6 +260,35 @@ mod tests {
         renamed.rows.iter_mut().for_each(|row| row.published[0].insert_str(0, "K="));
         assert!(!texts(&definition).is_empty());
         assert_eq!(texts(&renamed), texts(&definition));
+    }
+
+    /// The nano network has 16; one with 8 selects at random by its weights, and one with 32 was not trained.
+    #[test]
+    fn a_plot_over_k_says_which_points_are_of_no_training_of_their_own() {
+        let k = |k| atsplat(&format!("network {k}"), |config| config.head.gaussians_per_token = k);
+        let said = |methods: Vec<MethodRecord>, of_eight: Option<Variant>| {
+            let results = results_over(vec![preset("re10k-2v-256")], methods, 4);
+            let sources = [Source { label: "run", results: &results }];
+            let mut definition = TableDefinition::named("k_scaling").unwrap();
+            let rules = definition.rows.iter_mut().filter_map(|row| row.method.as_mut());
+            rules
+                .filter(|rule| rule.gaussians_per_token == Some(8))
+                .for_each(|rule| rule.variant.clone_from(&of_eight));
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let (_, plot) = table_plots(&definition, &table, &sources).swap_remove(0);
+            assert_eq!(plot.faults(), []);
+            plot.texts().map(str::to_owned).collect::<Vec<_>>().join(" ")
+        };
+        let of_its_own = Some("of its own".to_owned());
+        let changed = atsplat("network 8", |config| {
+            config.head.gaussians_per_token = 8;
+            config.expansion.selection = Selection::Random { seed: 1 };
+        });
+        let random = MethodRecord { untrained: true, weights_sha256: of_its_own.clone(), ..k(32) };
+        let marked = said(vec![atsplat("atsplat", |_| ()), changed, random], Some(Variant::Random));
+        assert!(marked.contains("Random weights: K = 32. Changed at inference only: K = 8."), "{marked}");
+        let trained = said(vec![atsplat("atsplat", |_| ()), MethodRecord { weights_sha256: of_its_own, ..k(8) }], None);
+        assert!(!trained.contains("Random") && !trained.contains("inference"), "{trained}");
     }
 
     /// Eight scenes with two views, three with four.

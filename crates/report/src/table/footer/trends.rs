@@ -13,7 +13,8 @@ use crate::table::selection::{ComparableResults, MethodRun};
 use crate::table::{NoteKind, Row, Table};
 
 impl Notes {
-    /// The slope over the number of Gaussians, in tables whose rows are budgets of one protocol.
+    /// The slope over the number of Gaussians, in tables whose rows are budgets of one protocol; rows with random weights have no part in
+    /// it.
     pub(super) fn trend_over_gaussians(
         &mut self,
         table: &Table,
@@ -53,7 +54,8 @@ fn trend_over_gaussians(
     let has_budgets = matches!(definition.plot, Some(PlotKind::KScaling | PlotKind::BudgetHistogram));
     let preset = definition.groups.first().filter(|_| has_budgets)?.preset.as_deref()?;
     let metric = table.columns().find_map(|(_, column)| column.quantity.metric())?;
-    let settings = table.measured_rows().filter_map(|row| {
+    let (untrained, trained): (Vec<&Row>, Vec<&Row>) = table.measured_rows().partition(|row| row.untrained);
+    let settings = trained.into_iter().filter_map(|row| {
         let run = results.run_under(preset, row)?;
         let gaussians = cost(run.results(), run.preset_name(), run.method_name()).gaussians?;
         let (stored, query) = run.over_all_targets(metric);
@@ -62,12 +64,13 @@ fn trend_over_gaussians(
     let settings: Vec<_> = settings.collect();
     let Trend { slope, interval, scenes } = along_setting(&settings).ok()?;
     Some(format!(
-        "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}",
+        "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}{}",
         metric.name,
         signed(slope, decimals_of(interval, 3)),
         interval_in_words(interval),
         settings.len(),
-        counted(scenes, "scene")
+        counted(scenes, "scene"),
+        if untrained.is_empty() { "" } else { ", without random weights" }
     ))
 }
 

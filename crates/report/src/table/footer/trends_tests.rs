@@ -46,3 +46,28 @@ fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
     let text: Vec<&str> = plots[0].1.texts().collect();
     assert!(text.join(" ").contains("thresholds by quantile 0.8 / 0.8 / 0.9 of its own"), "{text:?}");
 }
+
+/// A third budget has random weights, whose PSNR is 6 dB lower with the most Gaussians.
+#[test]
+fn random_weights_have_no_part_in_a_trend() {
+    let budget = |at: f64, untrained: bool| {
+        let mut method = atsplat(&format!("budget {at}"), |config| *config = config.with_thresholds(&[at; 3]).unwrap());
+        (method.title, method.untrained) = (format!("ATSplat at {at}"), untrained);
+        method
+            .record_threshold_quantiles(&[0.8, 0.8, 0.9], &if untrained { [0.05, 0.05, 0.2] } else { [0.1, 0.1, 0.4] });
+        method
+    };
+    let mut second = budget(0.2, false);
+    second.record_threshold_quantiles(&[0.8, 0.8, 0.9], &[0.01, 0.01, 0.04]);
+    let methods = vec![budget(0.3, false), second, budget(0.1, true)];
+    let counts: Vec<(String, u64)> =
+        methods.iter().map(|method| method.name.clone()).zip([16_384, 4_096, 65_536]).collect();
+    let mut results = results_over(vec![preset("rooms-2v-128")], methods, 8);
+    for trial in &mut results.trials {
+        let count = counts.iter().find(|(name, _)| *name == trial.key.method).unwrap().1;
+        trial.gaussians = Some(count);
+    }
+    let trend = notes_as_text(&table_of("dynamic_budget", &results), NoteKind::Trend);
+    assert!(trend.starts_with("trend: PSNR changes by +1.500 [+1.500, +1.500] per doubling"), "{trend}");
+    assert!(trend.contains("over 2 settings and 7 scenes, without random weights"), "{trend}");
+}
