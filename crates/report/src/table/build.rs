@@ -4,7 +4,7 @@ use atsplat_numeric::distinct;
 
 use super::comparison::{add_differences, rank, undecided_leads};
 use super::footer::footer;
-use super::published::orders;
+use super::published::{differences_to_reference, orders};
 use super::rows::rows;
 use super::selection::{ComparableResults, comparable_groups};
 use super::{Column, Group, Row, Source, Table};
@@ -72,11 +72,14 @@ pub(super) fn table(
         orders: Vec::new(),
         forced: results.is_some_and(|results| results.mixed),
         unranked: Vec::new(),
+        to_reference: Vec::new(),
     };
     let is_published = |row: &Row| row.measured_on.as_ref().is_none_or(|on| on.published_setting);
     let one_ranking = results.is_some_and(|results| !results.mixed) && table.rows.iter().all(is_published);
     let unranked = rank(&mut table, definition.marks, one_ranking);
     table.orders = results.map(|results| orders(&table, definition, results)).unwrap_or_default();
+    table.to_reference =
+        results.map(|results| differences_to_reference(&table, definition, results)).unwrap_or_default();
     let leads = results.and_then(|results| undecided_leads(&table, definition, results));
     let differences = results.map(|results| add_differences(&mut table, definition, results)).unwrap_or_default();
     table.footer = footer(&table, definition, results);

@@ -11,7 +11,7 @@ mod rank;
 mod rank_tests;
 mod unranked_rows;
 
-pub(super) use difference::{differ_in_weights, difference, why_without_difference};
+pub(super) use difference::{Difference, differ_in_weights, difference, why_without_difference};
 pub(super) use leads::undecided_leads;
 pub(super) use paired::add_differences;
 pub(super) use rank::{Incomparable, rank};

@@ -23,7 +23,7 @@ pub(super) use time_scope::was_busy;
 
 use super::comparison::Incomparable;
 use super::published::Order;
-use crate::plot::Origin;
+use crate::plot::{Estimate, Origin};
 
 /// A table, ready to be written in any format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -50,6 +50,9 @@ pub struct Table {
     /// The columns whose measured values do not compare, each with the reason.
     #[serde(skip)]
     pub(in crate::table) unranked: Vec<(CellIndex, Incomparable)>,
+    /// For published rows by their position, how the methods that reproduce them differ from those of the definition's reference row.
+    #[serde(skip)]
+    pub(crate) to_reference: Vec<(usize, Estimate)>,
 }
 
 impl Table {

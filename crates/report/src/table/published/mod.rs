@@ -5,7 +5,9 @@ mod agreement;
 mod orders;
 #[cfg(test)]
 mod orders_tests;
+mod reference;
 
 pub use agreement::{Agreement, Headline, agreement};
 pub(super) use orders::orders;
 pub use orders::{Order, Outcome};
+pub(super) use reference::differences_to_reference;

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
-use crate::table::comparison::{differ_in_weights, difference, why_without_difference};
+use crate::table::comparison::{Difference, differ_in_weights, difference, why_without_difference};
 use crate::table::selection::{ComparableResults, MethodRun, is_further_training};
 use crate::table::{CellIndex, Row, Table};
 
@@ -105,7 +105,7 @@ fn order_in(
 
 /// The first method that reproduces a published row, and its other trainings; `None` if the difference to one of them is no number of
 /// the table.
-fn reproducing_methods<'a>(
+pub(super) fn reproducing_methods<'a>(
     table: &Table,
     definition: &TableDefinition,
     results: &'a ComparableResults<'a>,
@@ -136,12 +136,7 @@ fn compared(
     rows: [&Row; 2],
 ) -> Option<Order> {
     let both = [*trainings[0].first()?, *trainings[1].first()?];
-    let runs = || trainings.into_iter().flatten().copied();
-    let are_comparable = !results.mixed || runs().all(|run| run.part.is_comparable_with(both[0].part));
-    if !are_comparable || differ_in_weights(runs(), metric) {
-        return None;
-    }
-    let found = difference(trainings, metric, Leaked::Included)?;
+    let found = paired_difference(results, trainings, metric)?;
     Some(Order {
         rows: rows.map(|row| row.names().join(", ")),
         quantity: metric.name,
@@ -151,9 +146,25 @@ fn compared(
         scenes: found.scenes,
         trainings: trainings.map(<[_]>::len),
         inference_only: both.iter().any(|run| results.is_not_retrained(run.record)),
-        untrained: runs().any(|run| run.record.untrained),
+        untrained: trainings.into_iter().flatten().any(|run| run.record.untrained),
         outcome: Outcome::of(published, found.interval),
     })
+}
+
+/// The difference of two rows with these trainings; `None` if one has none, if they were mixed from different protocols, or if weights of
+/// the metric differ.
+pub(super) fn paired_difference(
+    results: &ComparableResults<'_>,
+    trainings: [&[MethodRun<'_>]; 2],
+    metric: &'static Definition,
+) -> Option<Difference> {
+    let (first, _) = (trainings[0].first()?, trainings[1].first()?);
+    let runs = || trainings.into_iter().flatten().copied();
+    let are_comparable = !results.mixed || runs().all(|run| run.part.is_comparable_with(first.part));
+    if !are_comparable || differ_in_weights(runs(), metric) {
+        return None;
+    }
+    difference(trainings, metric, Leaked::Included)
 }
 
 #[cfg(test)]
