@@ -15,8 +15,8 @@ use crate::counted;
 use crate::file_names::{plain, unused};
 use crate::page::PlotSection;
 use crate::plot::{Drawing, OptimisationCurves, OptimisationPanel, OptimisationPoint};
-use crate::table::Source;
-use settings::{Panel, PanelPoint, Settings, Study};
+use crate::table::{BUSY, Source};
+use settings::{Network, Panel, PanelPoint, Settings, Study};
 
 /// Kinds of methods that are optimised for each trial, and their curves' names, in the order of the legend.
 const OPTIMISED: [(&str, &str); 4] =
@@ -73,7 +73,8 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     let study = Study { results, metric, aggregation, bins: bins.as_ref() };
     let Settings { placed, untimed, timed, scenes } = study.settings(presets);
     let panels: BTreeSet<&Panel> = placed.iter().map(|setting| &setting.panel).collect();
-    let panels = panels.into_iter().filter_map(|panel| optimisation_panel(&placed, panel));
+    let methods = curve_methods(&placed);
+    let panels = panels.into_iter().filter_map(|panel| optimisation_panel(&placed, &methods, panel));
     let (panels, fewer): (Vec<OptimisationPanel>, Vec<Vec<FewerTargets>>) = panels.unzip();
     if panels.is_empty() {
         return Ok(None);
@@ -91,6 +92,11 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     if !random.is_empty() {
         notes.push(format!("Random weights: {}.", random.join("; ")));
     }
+    let busy = placed.iter().filter(|setting| setting.busy);
+    let busy = distinct(busy.map(|setting| setting.title.as_str()));
+    if !busy.is_empty() {
+        notes.push(format!("{BUSY} {}.", busy.join("; ")));
+    }
     let is_placed = |method: &str| placed.iter().any(|setting| setting.method.name == method);
     let is_shown = |preset: &str, method: &str| presets.iter().any(|known| known.name == preset) && is_placed(method);
     let lacking = unfinished(results, is_shown);
@@ -102,7 +108,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         title: format!("{} against seconds of optimisation", metric.name),
         subtitle: format!("{} ({}); {scenes}{}", first.title, first.preset, timed.in_words()),
         quality: metric.into(),
-        palette: OPTIMISED.iter().map(|(_, label)| (*label).to_owned()).collect(),
+        palette: methods.into_iter().map(|curve| curve.label).collect(),
         panels,
         note: notes.join(" "),
     }))
@@ -113,23 +119,60 @@ fn fit(bins: &OverlapBins, presets: &[&PresetRecord]) -> bool {
     presets.iter().all(|preset| bins.mismatched_estimator(&preset.overlap_estimators).is_none())
 }
 
+/// The methods of a curve: those of a kind, and of one network if they refine one.
+struct CurveMethods<'a> {
+    label: String,
+    kind: &'static str,
+    network: Option<Network<'a>>,
+}
+
+impl CurveMethods<'_> {
+    fn has(&self, setting: &PanelPoint<'_>) -> bool {
+        setting.method.kind == self.kind && self.network.is_none_or(|network| setting.network() == network)
+    }
+
+    /// Whether it is the network that they refine, as far as that is known.
+    fn starts_from(&self, setting: &PanelPoint<'_>) -> bool {
+        let is_same = |network: Network<'_>| network.model.is_some() && setting.network() == network;
+        setting.method.kind == NETWORK && self.network.is_some_and(is_same)
+    }
+}
+
+/// The curves in the order of their colours, which those of further networks do not change. If several networks are refined, each has a
+/// curve with its title.
+fn curve_methods<'a>(placed: &[PanelPoint<'a>]) -> Vec<CurveMethods<'a>> {
+    let [(kind, label), others @ ..] = OPTIMISED;
+    let refined = || placed.iter().filter(|setting| setting.method.kind == kind);
+    let networks = distinct(refined().map(PanelPoint::network));
+    let are_several = networks.len() > 1;
+    let of_network = |network: Network<'a>| {
+        let is_same = |setting: &&PanelPoint<'a>| setting.network() == network;
+        let alone = placed.iter().filter(|setting| setting.method.kind == NETWORK).find(is_same);
+        let name = alone.or_else(|| refined().find(is_same)).filter(|_| are_several);
+        let label = name.map_or_else(|| label.to_owned(), |named| format!("{label}, {}", named.title));
+        CurveMethods { label, kind, network: Some(network) }
+    };
+    let mut of_networks = networks.into_iter().map(of_network);
+    let without = CurveMethods { label: label.to_owned(), kind, network: None };
+    let first = of_networks.next().unwrap_or(without);
+    let others = others.map(|(kind, label)| CurveMethods { label: label.to_owned(), kind, network: None });
+    std::iter::once(first).chain(others).chain(of_networks).collect()
+}
+
 /// The curves of one panel, and the points whose means are over fewer scenes or targets than others of the panel; `None`
 /// without a curve of two points.
-fn optimisation_panel(placed: &[PanelPoint<'_>], panel: &Panel) -> Option<(OptimisationPanel, Vec<FewerTargets>)> {
+fn optimisation_panel(
+    placed: &[PanelPoint<'_>],
+    methods: &[CurveMethods<'_>],
+    panel: &Panel,
+) -> Option<(OptimisationPanel, Vec<FewerTargets>)> {
     let settings = || placed.iter().filter(|setting| setting.panel == *panel);
     let mut curves: Vec<(String, Vec<&PanelPoint<'_>>)> = Vec::new();
-    for (kind, label) in OPTIMISED {
-        let of_kind = || settings().filter(|setting| setting.method.kind == kind);
-        let is_start = |setting: &&PanelPoint<'_>| {
-            let is_refined =
-                || setting.model().is_some() && of_kind().any(|refined| refined.model() == setting.model());
-            kind == REFINEMENT && setting.method.kind == NETWORK && is_refined()
-        };
-        let mut points: Vec<&PanelPoint<'_>> = of_kind().chain(settings().filter(is_start)).collect();
+    for of_curve in methods.iter().filter(|of_curve| settings().any(|setting| of_curve.has(setting))) {
+        let is_drawn = |setting: &&PanelPoint<'_>| of_curve.has(setting) || of_curve.starts_from(setting);
+        let mut points: Vec<&PanelPoint<'_>> = settings().filter(is_drawn).collect();
         points.sort_by(|a, b| a.point.secs.total_cmp(&b.point.secs));
-        if of_kind().next().is_some() {
-            curves.push((label.to_owned(), points));
-        }
+        curves.push((of_curve.label.clone(), points));
     }
     let is_curve = curves.iter().any(|(_, points)| points.len() > 1);
     let drawn = || curves.iter().flat_map(|(_, points)| points);

@@ -5,6 +5,7 @@ use atsplat_protocol::{Aggregation, OverlapBins};
 use atsplat_results::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
 use atsplat_results::times::{GAUSSIANS_UNTIMED, times};
 use atsplat_results::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
+use serde_json::Value;
 
 use super::{NETWORK, OPTIMISED};
 use crate::plot::{Estimate, OptimisationPoint};
@@ -29,12 +30,29 @@ pub(super) struct PanelPoint<'a> {
     pub(super) scenes: u64,
     /// Targets in the mean.
     pub(super) targets: u64,
+    /// Whether the machine was busy while it was timed.
+    pub(super) busy: bool,
+}
+
+/// What tells a network from others: the hashes of its configuration and weights, or how these are generated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Network<'a> {
+    pub(super) model: Option<&'a str>,
+    weights: Option<&'a str>,
+    seed: Option<&'a Value>,
+    backbone: Option<&'a Value>,
 }
 
 impl<'a> PanelPoint<'a> {
-    /// Hash of its network's configuration.
-    pub(super) fn model(&self) -> Option<&'a str> {
-        self.method.model_hash()
+    /// Its network, if it has one.
+    pub(super) fn network(&self) -> Network<'a> {
+        let MethodRecord { weights_sha256, parameters, .. } = self.method;
+        Network {
+            model: self.method.model_hash(),
+            weights: weights_sha256.as_deref(),
+            seed: parameters.get(MethodRecord::WEIGHTS_SEED),
+            backbone: parameters.get(MethodRecord::BACKBONE_SHA256),
+        }
     }
 }
 
@@ -92,6 +110,7 @@ impl<'a> Study<'a> {
             }
         };
         settings.timed.add(&title, &times.machine, times.device.as_deref());
+        settings.timed.trials(&title, [times.trials, times.trials_there]);
         settings.timed.mark(None, times.busy);
         let has_results = |trial: &&&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
         settings.scenes.extend(trials.iter().filter(has_results).map(|trial| trial.key.scene.as_str()));
@@ -110,6 +129,7 @@ impl<'a> Study<'a> {
                 title: title.clone(),
                 scenes: found.scenes,
                 targets: found.targets,
+                busy: times.busy,
                 point: OptimisationPoint {
                     secs: first_image.median,
                     held_out: Estimate { value, interval: found.interval },

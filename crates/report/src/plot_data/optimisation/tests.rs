@@ -159,3 +159,44 @@ fn a_setting_over_fewer_targets_says_so_and_a_device_is_that_of_its_method() {
     let expected = " Random weights: ATSplat (refined 10), untrained. Incomplete: shard 1 of 2 of the run.";
     assert!(curves(&store).note.ends_with(expected), "{}", curves(&store).note);
 }
+
+/// Two trainings of one configuration, each refined with two budgets; the second is timed on a busy machine.
+#[test]
+fn each_network_has_a_curve_from_its_own_start() {
+    let of_network = |network: &str| {
+        ["", " + 10", " + 100"].map(|budget| {
+            let kind = if budget.is_empty() { NETWORK } else { REFINEMENT };
+            let weights_sha256 = Some(format!("weights of {network}"));
+            let name = format!("{network}{budget}");
+            let title = name.clone();
+            let mut record = MethodRecord { kind: kind.to_owned(), weights_sha256, title, ..atsplat(&name, |_| ()) };
+            record.parameters.clear();
+            record.record_model("nano", "1f");
+            record
+        })
+    };
+    let threedgs = MethodRecord { kind: "3dgs".to_owned(), parameters: [].into(), ..atsplat("3dgs", |_| ()) };
+    let plot = |networks: &[&str]| {
+        let methods = networks.iter().flat_map(|network| of_network(network)).chain([threedgs.clone()]).collect();
+        let mut store = results_over(vec![preset("re10k-2v-256")], methods, 4);
+        for timing in &mut store.timings {
+            timing.encode = vec![0.5; 5];
+            if timing.key.method == "b + 10" {
+                timing.load.others = Some(0.4);
+            }
+        }
+        curves(&store, &[&store.provenance.presets[0]]).unwrap().unwrap()
+    };
+    let drawn = |plot: &OptimisationCurves| -> Vec<(String, usize)> {
+        plot.panels[0].curves.iter().map(|(label, points)| (label.clone(), points.len())).collect()
+    };
+    let one = plot(&["a"]);
+    let names = ["ATSplat + refinement", "3DGS", "Mip-Splatting", "3DGS-MCMC"];
+    assert_eq!((one.palette.as_slice(), drawn(&one)[0].1), (&names.map(str::to_owned)[..], 3));
+    assert!(!one.note.contains('§') && one.subtitle.contains("; a + 10: times of 2 of 4 trials"), "{}", one.subtitle);
+    let both = plot(&["a", "b"]);
+    let [first, second] = ["a", "b"].map(|name| format!("ATSplat + refinement, {name}"));
+    assert_eq!(drawn(&both), [(first.clone(), 3), ("3DGS".to_owned(), 1), (second.clone(), 3)]);
+    assert_eq!((&both.palette[0], &both.palette[1..4], &both.palette[4]), (&first, &one.palette[1..], &second));
+    assert!(both.subtitle.contains("; § the machine was busy") && both.note.contains("§ b + 10."), "{}", both.note);
+}
