@@ -1,3 +1,4 @@
+use atsplat_metrics::{Definition, Measure};
 use atsplat_numeric::distinct;
 use atsplat_results::{MethodRecord, Provenance};
 
@@ -19,10 +20,17 @@ pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[Pag
     let cell = row.cell(index);
     let number = cell.value.number().filter(|_| row.origin == Origin::Measured)?;
     let (group, column) = (&table.groups[index.group], table.column(index));
-    let protocols = row.measured(index.group).into_iter();
+    let protocols = match &cell.difference {
+        Some(difference) => difference.row.iter().collect(),
+        None => row.measured(index.group),
+    };
     let measured: Vec<Measured<'_>> =
-        protocols.map(|protocol| Measured::of(protocol, stores)).collect::<Option<_>>()?;
+        protocols.into_iter().map(|protocol| Measured::of(protocol, stores)).collect::<Option<_>>()?;
     let first = *measured.first()?;
+    let reference = match &cell.difference {
+        Some(difference) => Some(Measured::of(&difference.reference, stores)?),
+        None => None,
+    };
     // Without the interval and the marks of its cell: they follow in words.
     let number = match cell.interval {
         Some(interval) => {
@@ -58,16 +66,27 @@ pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[Pag
     } else {
         text.push_str(&method.map(facts).unwrap_or_default());
     }
-    for protocol in distinct(measured.iter().filter_map(|one| one.protocol_in_words())) {
+    if let Some(reference) = reference {
+        text.push_str(&format!("; minus method {}", reference.in_words()));
+    }
+    let all = || measured.iter().chain(&reference);
+    for protocol in distinct(all().filter_map(|one| one.protocol_in_words())) {
         text.push_str(&format!("; {protocol}"));
     }
-    if let Quantity::Metric(metric) = column.quantity {
-        text.push_str(&format!("; {}: {}", metric.id, metric.convention));
+    if let Quantity::Metric(metric) | Quantity::Difference(metric) = column.quantity {
+        text.push_str(&format!("; {}: {}{}", metric.id, metric.convention, weights(metric, cell)));
     }
-    for origin in distinct(measured.iter().map(|one| origin(one.provenance, cell))) {
+    for origin in distinct(all().map(|one| origin(one.provenance, cell))) {
         text.push_str(&format!("; {origin}"));
     }
     Some(text)
+}
+
+/// The learned weights of a metric, and that they are known not to be the published ones.
+fn weights(metric: &Definition, cell: &Cell) -> String {
+    let Some(sha256) = &cell.metric_weights else { return String::new() };
+    let is_other = matches!(metric.measure, Measure::Perceptual { network, .. } if !network.is_published(sha256));
+    format!(", weights {}{}", short(sha256), if is_other { " (not the published ones)" } else { "" })
 }
 
 /// The scenes, targets or repetitions behind a number, and those that it lacks.
@@ -89,6 +108,9 @@ fn behind(cell: &Cell, column: &Column) -> String {
         if counts.outside_bins > 0 {
             text.push_str(&format!(", {} outside all bins of overlap", counts.outside_bins));
         }
+    }
+    if cell.is_stated_count() {
+        text.push_str(", stated, not counted");
     }
     if cell.lacks_trials {
         text.push_str(", without trials that failed or are not applicable");
@@ -124,6 +146,14 @@ impl<'a> Measured<'a> {
 
     fn method(self) -> Option<&'a MethodRecord> {
         self.provenance.method(&self.protocol.method)
+    }
+
+    /// The method with its remarks, weights, renderer and devices.
+    fn in_words(self) -> String {
+        let method = self.method();
+        let name = method.map_or(self.protocol.method.as_str(), |method| method.title.as_str());
+        let remarks: String = self.protocol.remarks.iter().map(|remark| format!(", {remark}")).collect();
+        format!("{name}{remarks}{}", method.map(facts).unwrap_or_default())
     }
 
     /// Preset, index and data, with their hashes.

@@ -7,7 +7,7 @@ use atsplat_results::store::images::image_path;
 use atsplat_results::{MethodRecord, Results, Shard, StatedCost, StatedSeconds, TrainingRecord};
 
 use super::*;
-use crate::definition::{Quantity, TableDefinition};
+use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::plot_data::{store_plots, table_plots};
 use crate::sample::{HOSTILE, atsplat, floor, preset, random, results, results_over, store};
 use crate::table::{CellIndex, Mixing, Row, protocol_tables, tables};
@@ -271,6 +271,79 @@ fn a_citation_of_a_stated_time_claims_no_repetitions() {
     let time = cite::citation(&table, row, index, &[store]).unwrap();
     assert!(time.starts_with("Time (s) 0.250, as stated; method "), "{time}");
     assert!(time.ends_with(", a card (stated, not measured here)"), "{time}");
+}
+
+/// Nobody could count the Gaussians behind images.
+#[test]
+fn a_citation_of_stated_gaussians_says_so() {
+    let mut imported = floor();
+    imported.stated.insert("rooms-2v-128".to_owned(), StatedCost { gaussians: Some(52_000), seconds: None });
+    let results = results_over(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), imported], 7);
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
+    let size = table.columns().find(|(_, column)| column.quantity == Quantity::Gaussians).unwrap().0;
+    let cited = |method: &str| {
+        let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
+        cite::citation(&table, row, size, &[store]).unwrap()
+    };
+    assert!(cited("nearest-view").contains(", stated, not counted; method Nearest view"), "{}", cited("nearest-view"));
+    assert!(!cited("atsplat").contains("stated"), "{}", cited("atsplat"));
+}
+
+/// The second hash is not that of the published file.
+#[test]
+fn a_citation_names_the_learned_weights_of_its_metric() {
+    let cited = |hash: &str| {
+        let mut results = results_over(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ())], 7);
+        for record in results.provenance.metrics.iter_mut().filter(|record| record.id == "lpips") {
+            (record.weights_sha256, record.absent) = (Some(hash.to_owned()), None);
+        }
+        for row in &mut results.targets {
+            row.not_computed.clear();
+            row.scores.insert("lpips".to_owned(), 0.25);
+        }
+        let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+        let table = protocol_tables(&[store.source], Mixing::Apart).unwrap().swap_remove(0);
+        let row = table.rows.iter().find(|row| !row.without_leaked).unwrap();
+        let (lpips, _) = table.columns().find(|(_, column)| column.title == "LPIPS").unwrap();
+        [FIRST, lpips].map(|index| cite::citation(&table, row, index, &[store]).unwrap())
+    };
+    let [psnr, lpips] = cited("397923af8e79cdbb");
+    assert!(lpips.contains(", weights 397923af8e79; ") && !psnr.contains("397923af"), "{lpips}");
+    let [_, other] = cited("0123456789abcdef");
+    assert!(other.contains(", weights 0123456789ab (not the published ones); "), "{other}");
+}
+
+/// The reference is of another store.
+#[test]
+fn a_citation_of_a_difference_names_both_methods() {
+    let [first, mut second] =
+        [atsplat("atsplat", |_| ()), floor()].map(|method| results_over(vec![preset("rooms-2v-128")], vec![method], 7));
+    second.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 1.0));
+    second.provenance.processor = "another processor".to_owned();
+    let store = |(label, results)| PageStore { source: Source { label, results }, folder: None };
+    let stores = [("one", &first), ("two", &second)].map(store);
+    let choice = Choice { against: Some("nearest-view".to_owned()), ..Choice::default() };
+    let definition = TableDefinition::named("re10k").unwrap().with_choice(&choice);
+    let table = tables(&definition, &stores.map(|store| store.source), Mixing::Apart).unwrap().swap_remove(0);
+    let index = CellIndex { group: table.groups.len() - 1, column: 0 };
+    let of = |method: &str| {
+        let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
+        cite::citation(&table, row, index, &stores)
+    };
+    assert_eq!(of("nearest-view"), None, "no difference to itself");
+    let citation = of("atsplat").unwrap();
+    for expected in [
+        "ΔPSNR +1.00 [95 % ",
+        "] over 7 scenes, 21 targets (paired difference to nearest-view); method ATSplat, weights 0123456789ab, ",
+        "; minus method Nearest view; protocol rooms-2v-128@",
+        "; psnr: ",
+        ", a processor, 2 threads; atsplat 0.1.0 at ",
+        ", another processor, 2 threads",
+    ] {
+        assert!(citation.contains(expected), "{expected}: {citation}");
+    }
+    assert_eq!(citation.matches("; protocol ").count(), 1, "one protocol: {citation}");
 }
 
 /// Two trainings in two stores, one from another machine.

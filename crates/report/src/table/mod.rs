@@ -22,8 +22,8 @@ use atsplat_results::Results;
 pub use build::{Mixing, tables};
 pub(crate) use content::BUSY;
 pub use content::{
-    Cell, CellIndex, CellTiming, Column, Counts, Group, Mark, Note, NoteKind, Row, StoreProtocol, Table, TimeScope,
-    Trainings, Value,
+    Cell, CellDifference, CellIndex, CellTiming, Column, Counts, Group, Mark, Note, NoteKind, Row, StoreProtocol,
+    Table, TimeScope, Trainings, Value,
 };
 pub use protocol_tables::{chosen_protocol_tables, protocol_tables};
 pub use published::{Agreement, Headline, Order, Outcome, agreement};

@@ -7,7 +7,7 @@ use super::difference::{Difference, differ_in_weights, difference, metric_over_a
 use crate::counted;
 use crate::definition::{Quantity, TableDefinition, is_called};
 use crate::table::selection::{ComparableResults, MethodRun, Part};
-use crate::table::{Cell, CellIndex, Column, Counts, Group, Note, NoteKind, Row, Table, Value};
+use crate::table::{Cell, CellDifference, CellIndex, Column, Counts, Group, Note, NoteKind, Row, Table, Value};
 
 /// A column of a table whose metric is over all targets.
 #[derive(Clone, Copy)]
@@ -55,25 +55,34 @@ pub(in crate::table) fn add_differences(
     let mut notes = vec![Note { kind: NoteKind::Paired, text }];
     for row in &mut table.rows {
         let found: Vec<_> = compared.iter().map(|compared| reference.difference(row, *compared)).collect();
-        let unpaired = found.iter().filter_map(|found| found.as_ref().ok()?.map(|found| found.unpaired)).max();
+        let unpaired = found.iter().filter_map(|found| Some(found.as_ref().ok()?.as_ref()?.0.unpaired)).max();
         if let Some(unpaired) = unpaired.filter(|unpaired| *unpaired > 0) {
             let (name, targets) = (row.printed_name(), counted(unpaired, "target"));
             let text = format!("{name}: {targets} that only it or {against} has, not in the difference");
             notes.push(Note { kind: NoteKind::Counts, text });
         }
-        row.cells.push(found.into_iter().map(cell).collect());
+        let cells = found.into_iter().zip(&compared).map(|(found, compared)| Cell {
+            metric_weights: row.cell(compared.index).metric_weights.clone(),
+            ..cell(found)
+        });
+        let cells: Vec<Cell> = cells.collect();
+        row.cells.push(cells);
     }
     let title = format!("paired difference to {against}");
     table.groups.push(Group { title, preset: None, measured_on: None, columns });
     notes
 }
 
-fn cell(found: Result<Option<Difference>, String>) -> Cell {
+/// A difference, and what it is between.
+type Found = (Difference, CellDifference);
+
+fn cell(found: Result<Option<Found>, String>) -> Cell {
     match found {
-        Ok(Some(Difference { value, interval, scenes, targets, .. })) => Cell {
+        Ok(Some((Difference { value, interval, scenes, targets, .. }, difference))) => Cell {
             value: Value::Number(value),
             interval,
             counts: Some(Counts { scenes, targets, ..Counts::default() }),
+            difference: Some(Box::new(difference)),
             ..Cell::default()
         },
         Ok(None) => Cell::default(),
@@ -93,7 +102,7 @@ impl<'a> Reference<'a> {
     ///
     /// # Errors
     /// Why the difference cannot be computed.
-    fn difference(self, row: &Row, compared: Compared) -> Result<Option<Difference>, String> {
+    fn difference(self, row: &Row, compared: Compared) -> Result<Option<Found>, String> {
         let Compared { index, metric } = compared;
         let cell = row.cell(index);
         // Means over trainings have no numbers by bin of overlap, without a reason.
@@ -124,7 +133,11 @@ impl<'a> Reference<'a> {
             let scenes = counted(found.scenes, "scene");
             return Err(format!("{scenes} in common with {against}, fewer than {MIN_SCENES}"));
         }
-        Ok(Some(found))
+        let between = CellDifference {
+            row: row.measured(index.group).into_iter().cloned().collect(),
+            reference: reference.store_protocol(self.results.remarks(reference)),
+        };
+        Ok(Some((found, between)))
     }
 
     /// The results of the reference under the protocol of a run and over its data: those of the run's own store, or else of the first

@@ -3,7 +3,7 @@
 use atsplat_results::times::{Machine, Spread};
 use serde::Serialize;
 
-use super::{Column, Counts, TimeScope};
+use super::{Column, Counts, StoreProtocol, TimeScope};
 
 /// A value with its uncertainty and origin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -45,6 +45,18 @@ pub struct Cell {
     /// How it was timed, if it is a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<CellTiming>,
+    /// What was subtracted, if it is a paired difference.
+    #[serde(skip)]
+    pub difference: Option<Box<CellDifference>>,
+}
+
+/// What a paired difference is between.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CellDifference {
+    /// What was measured for the row: one protocol, or that of each training.
+    pub row: Vec<StoreProtocol>,
+    /// What is subtracted from it.
+    pub reference: StoreProtocol,
 }
 
 /// Spread over several trainings of one network.

@@ -11,7 +11,7 @@ mod time_scope;
 use atsplat_numeric::distinct;
 use serde::Serialize;
 
-pub use cell::{Cell, CellTiming, Mark, Trainings, Value};
+pub use cell::{Cell, CellDifference, CellTiming, Mark, Trainings, Value};
 pub use column::{CellIndex, Column, Group};
 pub use counts::Counts;
 pub(super) use counts::is_zero;

@@ -12,7 +12,7 @@ pub(crate) const LEAKED_EXCLUDED: &str = "leaked targets excluded";
 
 impl ComparableResults<'_> {
     /// What the name of a method has to add under a protocol.
-    pub(super) fn remarks(&self, run: MethodRun<'_>) -> Vec<String> {
+    pub(in crate::table) fn remarks(&self, run: MethodRun<'_>) -> Vec<String> {
         let record = run.record;
         let untrained = (record.untrained && !record.title.contains("untrained")).then(|| "untrained".to_owned());
         let zero_shot = zero_shot_note(record, run.part.dataset.as_deref().unwrap_or_default());
