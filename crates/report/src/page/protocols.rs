@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use super::{PageStore, escaped};
-use crate::table::Table;
+use crate::table::{Row, Table};
 
 /// Every protocol with links to its tables and its scenes.
 pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
@@ -28,8 +28,11 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     }
 }
 
-/// Whether a table is of a protocol: its footer names all of them.
+/// Whether a row of a table was measured under a protocol.
 fn is_of(table: &Table, name: &str) -> bool {
-    let named = format!("{name}: ");
-    table.is_measured() && table.footer.iter().any(|note| note.text.starts_with(&named))
+    let measured = |row: &Row| {
+        let mut protocols = row.protocols.iter().flatten().chain(row.trainings.iter().flatten());
+        protocols.any(|protocol| protocol.preset == name)
+    };
+    table.rows.iter().any(measured)
 }

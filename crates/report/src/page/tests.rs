@@ -154,6 +154,21 @@ fn numbers_and_links_are_of_their_own_protocol() {
     assert!(of_second.contains("#table-re10k-2\"") && !of_second.contains("#table-re10k-1\""), "{links}");
 }
 
+/// Notes below the table of the first begin with the name of the method.
+#[test]
+fn a_method_that_is_called_like_a_protocol_is_none() {
+    let method = MethodRecord { title: "rooms-2v-64".to_owned(), ..floor() };
+    let results = results(vec![preset("rooms-2v-128"), preset("rooms-2v-64")], vec![method]);
+    let stores = [PageStore { source: Source { label: LABEL, results: &results }, folder: None }];
+    let tables = tables(&TableDefinition::named("re10k").unwrap(), &[stores[0].source], Mixing::Apart).unwrap();
+    assert!(tables[0].footer.iter().any(|note| note.text.starts_with("rooms-2v-64: ")), "{:?}", tables[0].footer);
+    let links = protocols::write(&tables, &stores);
+    let of = |name: &str| links.split("<li").find(|item| item.contains(&format!("<b>{name}</b>"))).unwrap();
+    let [first, second] = ["rooms-2v-128", "rooms-2v-64"].map(of);
+    assert!(first.contains("#table-re10k-1\"") && !first.contains("#table-re10k-2\""), "{links}");
+    assert!(second.contains("#table-re10k-2\"") && !second.contains("#table-re10k-1\""), "{links}");
+}
+
 /// The interval is printed in the cell too, and the names are longer than a shortened hash.
 #[test]
 fn a_citation_has_its_interval_once_and_whole_names() {
