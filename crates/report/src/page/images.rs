@@ -2,13 +2,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_metrics::{Definition, Direction};
-use atsplat_pixels::{DecodeLimits, decode};
-use atsplat_results::store::images::{image_path, is_image_of};
+use atsplat_results::store::images::image_path;
 use atsplat_results::{Results, TargetRow, TrialKey};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
+use super::image_files::{ImageFiles, Unusable};
 use crate::counted;
 use crate::plot_data::first_metric;
 
@@ -16,8 +14,10 @@ use crate::plot_data::first_metric;
 /// typical of its trials with renders first; a trial adds its context, its truths and the renders of all methods.
 #[derive(Debug, Default)]
 pub(super) struct Album {
-    uris: Vec<String>,
-    known: BTreeMap<String, usize>,
+    /// Positions in [`ImageFiles`], in the page's order.
+    shown: Vec<usize>,
+    /// The reverse.
+    known: BTreeMap<usize, usize>,
     left: usize,
     places: BTreeMap<(usize, TrialKey, u64), [usize; 2]>,
     context: BTreeMap<(usize, TrialKey), Vec<(u64, usize)>>,
@@ -33,7 +33,7 @@ const TRUTH: &str = "truth";
 const CONTEXT: &str = "context";
 
 impl Album {
-    pub(super) fn fill(stores: &[PageStore<'_>], budget: usize) -> Self {
+    pub(super) fn fill(files: &mut ImageFiles, stores: &[PageStore<'_>], budget: usize) -> Self {
         let mut album = Self { left: budget, ..Self::default() };
         for (at, row) in in_turns(stores) {
             let Some(store) = stores.get(at) else { continue };
@@ -41,8 +41,13 @@ impl Album {
             let path = |method: &str, frame| image_path(folder, &row.key.of_method(method), frame);
             let render = path(&row.key.method, row.frame);
             album.found += 1;
-            let truth = uri(&path(TRUTH, row.frame), row.truth_hash.as_deref());
-            let images = match (truth, uri(&render, row.render_hash.as_deref())) {
+            // Of a store with thousands of images, a page shows few.
+            if files.is_too_large(&render, row.render_hash.as_deref(), album.left) {
+                album.over_budget += 1;
+                continue;
+            }
+            let truth = files.position(&path(TRUTH, row.frame), row.truth_hash.as_deref());
+            let images = match (truth, files.position(&render, row.render_hash.as_deref())) {
                 (Ok(truth), Ok(render)) => [truth, render],
                 (Err(Unusable::Replaced), _) | (_, Err(Unusable::Replaced)) => {
                     album.replaced += 1;
@@ -53,7 +58,7 @@ impl Album {
                     continue;
                 }
             };
-            let Some(places) = album.add(images) else {
+            let Some(places) = album.add(files, images) else {
                 album.over_budget += 1;
                 continue;
             };
@@ -66,11 +71,11 @@ impl Album {
                 let ends = frames.iter().enumerate().filter(|(at, _)| *at == 0 || at + 1 == frames.len());
                 let seen = ends.filter_map(|(at, &frame)| {
                     let file = path(CONTEXT, frame);
-                    let added = uri(&file, hash(at)).ok().and_then(|image| album.add([image]));
+                    let added = album.add_file(files, &file, hash(at));
                     if added.is_none() && file.is_file() {
                         album.context_left_out.insert(file);
                     }
-                    Some((frame, added?[0]))
+                    Some((frame, added?))
                 });
                 let seen = seen.collect();
                 album.context.insert(place, seen);
@@ -80,13 +85,8 @@ impl Album {
     }
 
     /// Every image.
-    pub(super) fn uris(&self) -> &[String] {
-        &self.uris
-    }
-
-    /// The bytes that all images take.
-    pub(super) fn bytes(&self) -> usize {
-        self.uris.iter().map(String::len).sum()
+    pub(super) fn uris<'a>(&self, files: &'a ImageFiles) -> Vec<&'a str> {
+        self.shown.iter().map(|image| files.uri(*image)).collect()
     }
 
     /// The positions of truth and render of a target in [`Self::uris`].
@@ -126,14 +126,23 @@ impl Album {
         text
     }
 
-    /// Positions of images, each stored once; `None` if they do not fit.
-    fn add<const N: usize>(&mut self, images: [String; N]) -> Option<[usize; N]> {
-        let new: usize = images.iter().filter(|uri| !self.known.contains_key(*uri)).map(String::len).sum();
-        self.left = self.left.checked_sub(new)?;
-        Some(images.map(|uri| {
-            let next = self.uris.len();
-            *self.known.entry(uri).or_insert_with_key(|uri| {
-                self.uris.push(uri.clone());
+    /// The position of an image file; `None` if it is unusable or does not fit.
+    fn add_file(&mut self, files: &mut ImageFiles, path: &Path, hash: Option<&str>) -> Option<usize> {
+        if files.is_too_large(path, hash, self.left) {
+            return None;
+        }
+        let image = files.position(path, hash).ok()?;
+        self.add(files, [image]).map(|[position]| position)
+    }
+
+    /// Positions of images, each shown once; `None` if they do not fit.
+    fn add<const N: usize>(&mut self, files: &ImageFiles, images: [usize; N]) -> Option<[usize; N]> {
+        let new = images.iter().filter(|image| !self.known.contains_key(*image));
+        self.left = self.left.checked_sub(new.map(|image| files.uri(*image).len()).sum())?;
+        Some(images.map(|image| {
+            let next = self.shown.len();
+            *self.known.entry(image).or_insert_with(|| {
+                self.shown.push(image);
                 next
             })
         }))
@@ -205,25 +214,4 @@ fn quality(rows: &[(usize, &TargetRow)], metric: Option<&Definition>) -> f64 {
         Direction::Higher => mean,
         Direction::Lower => -mean,
     }
-}
-
-/// Why an image is not shown.
-enum Unusable {
-    /// It cannot be read or decoded.
-    Unreadable,
-    /// It belongs to another result.
-    Replaced,
-}
-
-/// The image file of a row with this hash as a data URI. The file must decode within limits, so that nothing but images is
-/// embedded.
-fn uri(path: &Path, hash: Option<&str>) -> Result<String, Unusable> {
-    let Ok(bytes) = atsplat_files::read(path) else { return Err(Unusable::Unreadable) };
-    if !bytes.starts_with(b"\x89PNG") || decode(&bytes, &DecodeLimits::default()).is_err() {
-        return Err(Unusable::Unreadable);
-    }
-    if !is_image_of(&bytes, hash) {
-        return Err(Unusable::Replaced);
-    }
-    Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }

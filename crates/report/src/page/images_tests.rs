@@ -148,8 +148,42 @@ fn context_images_that_are_left_out_are_counted() {
     }
     let source = Source { label: LABEL, results: &sample.results };
     let store = PageStore { source, folder: Some(sample.folder.path()) };
-    let summary = || images::Album::fill(&[store], usize::MAX).summary();
+    let summary = || images::Album::fill(&mut ImageFiles::default(), &[store], usize::MAX).summary();
     assert!(summary().starts_with("66 of 66 images") && !summary().contains("context"), "{}", summary());
     std::fs::write(&paths[1], "no image").unwrap();
     assert!(summary().contains(" 1 context image left out"), "{}", summary());
+}
+
+/// A page is written several times until it is small enough.
+#[test]
+fn a_page_that_is_written_again_reads_no_image_again() {
+    let sample = Sample::new();
+    let source = Source { label: LABEL, results: &sample.results };
+    let store = PageStore { source, folder: Some(sample.folder.path()) };
+    let row = &sample.results.targets[0];
+    let render = image_path(sample.folder.path(), &row.key, row.frame);
+    let mut files = ImageFiles::default();
+    let filled = |files: &mut ImageFiles| {
+        let album = images::Album::fill(files, &[store], usize::MAX);
+        let uris: Vec<String> = album.uris(files).into_iter().map(str::to_owned).collect();
+        (album.summary(), uris)
+    };
+    let first = filled(&mut files);
+    std::fs::write(&render, "no image").unwrap();
+    assert!(filled(&mut files) == first && first.0.starts_with("66 of 66 images"), "{}", first.0);
+    let anew = filled(&mut ImageFiles::default());
+    assert!(anew.0.contains(" 1 cannot be read."), "{}", anew.0);
+}
+
+/// A megabyte that is none, on a page of half of it.
+#[test]
+fn an_image_that_does_not_fit_is_not_read() {
+    let sample = Sample::new();
+    let row = &sample.results.targets[0];
+    std::fs::write(image_path(sample.folder.path(), &row.key, row.frame), vec![7; 1_000_000]).unwrap();
+    let source = Source { label: LABEL, results: &sample.results };
+    let store = PageStore { source, folder: Some(sample.folder.path()) };
+    let summary = |budget| images::Album::fill(&mut ImageFiles::default(), &[store], budget).summary();
+    assert!(summary(usize::MAX).contains(" 1 cannot be read."), "{}", summary(usize::MAX));
+    assert!(summary(500_000).ends_with(" 1 would make it too large."), "{}", summary(500_000));
 }

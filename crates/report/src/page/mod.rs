@@ -7,6 +7,7 @@ mod browser_tests;
 mod cite;
 mod facts;
 mod film;
+mod image_files;
 mod images;
 #[cfg(test)]
 mod images_tests;
@@ -33,6 +34,7 @@ use crate::emit::TableFormat;
 use crate::plot::Drawing;
 use crate::plot::drawing::svg::escaped_except;
 use crate::table::{Source, Table};
+use image_files::ImageFiles;
 
 /// The contents of a page.
 #[derive(Debug)]
@@ -95,17 +97,21 @@ impl Page<'_> {
     /// Like [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
         let plots = [self.sections(true)?, figures(self.plots)?, self.sections(false)?, live::section(self.live)?];
-        fitted(self.max_bytes, |budget| self.with_images(budget, &plots, extra))
+        let mut files = ImageFiles::default();
+        fitted(self.max_bytes, |budget| self.with_images(&mut files, budget, &plots, extra))
     }
 
     /// The page with at most `budget` bytes of trials' images, and how many bytes they have.
     fn with_images(
         &self,
+        files: &mut ImageFiles,
         budget: usize,
         [leading, plots, sections, live]: &[String; 4],
         extra: Option<&str>,
     ) -> Result<(String, usize), ReportError> {
-        let images = images::Album::fill(self.stores, budget);
+        let images = images::Album::fill(files, self.stores, budget);
+        let uris = images.uris(files);
+        let bytes = uris.iter().map(|uri| uri.len()).sum();
         let mut texts = serde_json::Map::new();
         for table in self.tables {
             let formats =
@@ -118,7 +124,7 @@ impl Page<'_> {
             "texts": texts,
             "metrics": scenes::metrics(self.stores),
             "runs": scenes::runs(self.stores, &images),
-            "images": images.uris(),
+            "images": uris,
             "live": live::data(self.live),
         });
         let of_live: &[&str] = if self.live.is_empty() { &[] } else { &LIVE };
@@ -143,7 +149,7 @@ impl Page<'_> {
             ("data", safe_json(&data)?),
             ("scripts", scripts.iter().map(|script| format!("<script>{script}</script>\n")).collect()),
         ];
-        Ok((filled(PAGE, &slots), images.bytes()))
+        Ok((filled(PAGE, &slots), bytes))
     }
 
     /// The sections with plots before the tables, or those after them.
