@@ -8,8 +8,9 @@ pub(super) fn score(metric: &str, value: f64) -> String {
     with_unit(format!("{value:.decimals$}"), unit)
 }
 
-/// A change with its sign: one decimal more than scores, or two significant digits if it is smaller than that.
-pub(super) fn change(metric: &str, value: f64) -> String {
+/// A change of a score with its sign and unit: one decimal more than papers print, or two significant digits if it is smaller than
+/// that. Unlike a difference in a table, a change of any size counts: `-0.125 dB`, `+3.6e-15 dB`.
+pub fn change(metric: &str, value: f64) -> String {
     let (decimals, unit) = style(metric);
     with_unit(signed(value, decimals + 1), unit)
 }

@@ -39,6 +39,7 @@ pub use change::{Cause, Change};
 pub use compare::compare;
 pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;
+pub use format::change as signed_change;
 pub use history::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use limits::{Limit, LimitOrigin, least_limit, metric_bound, scene_limit};
 pub use provenance::{Difference, Setting, same_machine};

@@ -1,4 +1,6 @@
-//! Reports: tables, plots and one HTML page from results stores. This crate only presents numbers; it computes none.
+//! Reports: tables, plots and one HTML page from results stores. Means, intervals, slopes and paired differences are those of
+//! [`atsplat_results::statistics`]. Computed here are which numbers compare, ranks, the agreement with published numbers, mean sizes over
+//! several trainings, the mean PSNR of context views, histograms, and the error maps of single trials.
 //!
 //! A [`definition::TableDefinition`] describes a table of the paper; [`table::tables`] fills it from stores, with measured
 //! rows below the published rows they reproduce; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings,

@@ -6,6 +6,7 @@ use super::drawing::scale::Scale;
 use super::drawing::series::{Estimate, QualityMetric, bars, level_whisker, note, number_axis, sentences};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{COLOURS, GREY, INK};
+use crate::numbers::{signed, with_minus_sign};
 
 /// The cost of each change relative to the full method, measured next to published: differences are comparable even if
 /// absolute values are not.
@@ -88,7 +89,7 @@ impl Ablation {
                     drawing.with(Role::Frame, |drawing| interval(drawing, &axes, gap, y));
                 }
                 let numbers = |value: f64| match gap {
-                    Some(gap) => format!("{} ({})", self.quality.print(value), signed(self.quality, gap.value)),
+                    Some(gap) => format!("{} ({})", self.quality.print(value), change(self.quality, gap.value)),
                     None => self.quality.print(value),
                 };
                 let text = match (at, &row.published) {
@@ -127,7 +128,19 @@ fn interval(drawing: &mut Drawing, axes: &Axes, gap: Estimate, y: f64) {
     level_whisker(drawing, y, ends.map(|value| axes.x_of(value)), Stroke::new(INK, 1.5));
 }
 
-fn signed(quality: QualityMetric, gap: f64) -> String {
-    let sign = if gap < 0.0 { "−" } else { "+" };
-    format!("{sign}{}", quality.print(gap.abs()))
+fn change(quality: QualityMetric, gap: f64) -> String {
+    with_minus_sign(&signed(gap, quality.decimals))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::definition;
+
+    use super::*;
+
+    #[test]
+    fn a_difference_that_prints_as_zero_has_no_sign() {
+        let psnr: QualityMetric = definition("psnr").unwrap().into();
+        assert_eq!([-0.004, 0.004, -0.006, 0.126].map(|gap| change(psnr, gap)), ["0.00", "0.00", "−0.01", "+0.13"]);
+    }
 }

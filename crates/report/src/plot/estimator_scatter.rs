@@ -6,6 +6,7 @@ use super::drawing::scale::Scale;
 use super::drawing::series::number_axis;
 use super::drawing::shape::{Drawing, Extent, Fill, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{GREY, GRID, MUTED, colour};
+use crate::numbers::{fixed, with_minus_sign};
 
 /// Estimates against the truth, both in [0, 1], with a panel per estimator.
 #[derive(Clone, Debug)]
@@ -127,7 +128,7 @@ impl EstimatorScatter {
         for (kind, name) in self.kinds.iter().enumerate() {
             let count = panel.points.iter().filter(|point| point.kind == kind).count();
             let rank = panel.rank_correlations.get(kind).copied().flatten();
-            let rank = rank.map_or("-".to_owned(), |rank| format!("{rank:.3}").replace('-', "−"));
+            let rank = rank.map_or("-".to_owned(), |rank| with_minus_sign(&fixed(rank, 3)));
             let caption = format!("{name}: rank correlation {rank} of {count} pairs");
             let text = TextLine::new(caption, [left + 15.0, 0.0]).small().within(SIDE - 16.0).below(y);
             drawing.key(name, |drawing| {

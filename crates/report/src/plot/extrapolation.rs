@@ -7,6 +7,7 @@ use super::drawing::series::{
 };
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN};
 use super::drawing::theme::{GRID, colour};
+use crate::numbers::{signed, with_minus_sign};
 
 /// Quality against the distance from the window of context frames.
 #[derive(Clone, Debug)]
@@ -49,9 +50,7 @@ impl ExtrapolationDecay {
         drawing.rectangle(Extent { left: window[0], right: window[1], ..axes.inside }, Fill::solid(GRID));
         names_above(&mut drawing, top - 12.0, &[("window of the context frames".to_owned(), window)], [MARGIN, 660.0]);
         axes.draw_y_below(&mut drawing, &number_axis(&self.quality.title()), 26.0);
-        let label = |value: f64, _: &[f64]| {
-            if value > 0.0 { format!("+{value:.0}") } else { format!("{value:.0}").replace('-', "−") }
-        };
+        let label = |value: f64, _: &[f64]| with_minus_sign(&signed(value, 0));
         let ticks: Vec<f64> = axes.x.ticks(9).into_iter().filter(|tick| tick.fract() == 0.0).collect();
         let title = "frames before (−) and after (+) the window";
         let bottom = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &ticks);
@@ -64,7 +63,7 @@ impl ExtrapolationDecay {
         let joined = |a: f64, b: f64| b - a < 1.5 * step && (a * b > 0.0 || step <= 1.0);
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
         let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
-        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond, self.quality)]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

@@ -4,6 +4,7 @@ use super::drawing::axes::{Axes, AxisText};
 use super::drawing::scale::{Scale, label};
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Stroke, TextLine};
 use super::drawing::theme::colour;
+use crate::numbers::{to_three_digits, with_minus_sign};
 
 /// Groups compared by several measures: a small histogram per measure, with the first group filled, the others
 /// outlined, and groups of few values as single points.
@@ -69,7 +70,7 @@ impl Histograms {
         let mut y = top;
         for (group, name) in self.groups.iter().enumerate() {
             let values = Self::of(panel, group);
-            let median = median(values.iter().copied()).map_or("-".to_owned(), three_digits);
+            let median = median(values.iter().copied()).map_or("-".to_owned(), median_label);
             let caption = format!("{name}: median {median} of {}", values.len());
             let text = TextLine::new(caption, [left + 18.0, 0.0]).small().within(WIDTH - 18.0).below(y);
             y = text.extent().bottom + LINE - 12.0;
@@ -154,14 +155,8 @@ fn finite(values: &[f64]) -> Vec<f64> {
     values.iter().copied().filter(|value| value.is_finite()).collect()
 }
 
-fn three_digits(value: f64) -> String {
-    let decimals = match value.abs() {
-        size if size >= 99.95 => 0,
-        size if size >= 9.995 => 1,
-        size if size >= 0.9995 => 2,
-        _ => 3,
-    };
-    format!("{value:.decimals$}").replace('-', "−")
+fn median_label(value: f64) -> String {
+    with_minus_sign(&to_three_digits(value))
 }
 
 #[cfg(test)]
@@ -174,6 +169,7 @@ mod tests {
     fn shares_of_a_group_sum_to_one_without_nan() {
         let shares = shares(&[0.0, 0.1, 13.0, 14.0, f64::NAN], Scale::linear(0.0, 14.0));
         Tolerance::F64.assert([shares[0], shares[13], shares.iter().sum()], [0.5, 0.5, 1.0], "shares");
-        assert_eq!([0.0471, 0.4166, 5.82, 15.243, 178.0].map(three_digits), ["0.047", "0.417", "5.82", "15.2", "178"]);
+        let medians = [0.0471, 0.59, -5.82, 15.243, 178.0];
+        assert_eq!(medians.map(median_label), ["0.047", "0.590", "−5.82", "15.2", "178"]);
     }
 }

@@ -80,7 +80,7 @@ impl OverlapCurves {
         let joined = |a: f64, b: f64| self.edges.iter().filter(|edge| (a..b).contains(*edge)).count() < 2;
         let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
         let intervals = bars("Bars and bands", points().map(|(_, mean)| mean), false);
-        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond)]));
+        let bottom = note(&mut drawing, bottom, &sentences([&*intervals, &*beyond_note(&beyond, self.quality)]));
         drawing.end_at(bottom + 14.0);
         drawing
     }

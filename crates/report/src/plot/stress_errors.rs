@@ -4,6 +4,7 @@ use super::drawing::axes::{Axes, AxisText};
 use super::drawing::scale::Scale;
 use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::drawing::theme::{GRID, INK, colour};
+use crate::numbers::{fixed, with_minus_sign};
 
 /// Errors of renderers on hard cases: a row per case, a dot per renderer next to its bound, failures crossed out.
 #[derive(Debug)]
@@ -82,7 +83,7 @@ impl StressErrors<'_> {
             let axes = Axes { inside, x: Scale::linear(LOWEST, HIGHEST), y: Scale::linear(0.0, 1.0) };
             let powers: Vec<f64> = (-9..=0).map(f64::from).collect();
             axes.draw_x_grid(&mut drawing, &powers);
-            let label = |power: f64, _: &[f64]| format!("{power:.0}").replace('-', "−");
+            let label = |power: f64, _: &[f64]| with_minus_sign(&fixed(power, 0));
             let edge = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &powers);
             below = below.maximum_of(edge);
             for error in self.errors.iter().filter(|error| error.kind == kind) {

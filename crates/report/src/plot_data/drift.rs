@@ -1,7 +1,8 @@
-use atsplat_drift::{DriftVerdict, HistoricRun, NumberHistory};
+use atsplat_drift::{DriftVerdict, HistoricRun, NumberHistory, signed_change};
 use atsplat_metrics::definition;
 
 use crate::counted;
+use crate::numbers::with_minus_sign;
 use crate::plot::{Drawing, DriftHistory, DriftRun, QualityMetric};
 
 /// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
@@ -24,19 +25,14 @@ pub fn drift_plot(history: &NumberHistory) -> Option<Drawing> {
         title: format!("{} over accepted runs", quality.name),
         subtitle: format!("{method} on {preset}; {count}; now: {verdict}{gap}"),
         quality,
-        runs: runs.iter().map(|run| drift_run(run, quality)).collect(),
+        runs: runs.iter().map(|run| drift_run(run, metric)).collect(),
     };
     Some(plot.draw())
 }
 
-fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
-    let moved = |by: f64| {
-        let sign = if by < 0.0 { "−" } else { "+" };
-        let digits = if by.abs() < 0.005 { format!("{:.1e}", by.abs()) } else { format!("{:.3}", by.abs()) };
-        format!("{sign}{digits} {}", quality.unit).trim_end().to_owned()
-    };
+fn drift_run(run: &HistoricRun, metric: &str) -> DriftRun {
     let drifted = run.verdict == Some(DriftVerdict::Drifted);
-    let moved = run.moved.filter(|by| by.abs() > 0.0).map(moved);
+    let moved = run.moved.filter(|by| by.abs() > 0.0).map(|by| with_minus_sign(&signed_change(metric, by)));
     let reasons: Vec<String> = [moved, run.why.clone()].into_iter().flatten().collect();
     DriftRun {
         label: run.label.clone(),
@@ -49,6 +45,25 @@ fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn changes_are_printed_as_in_reports_of_drift() {
+        let label = |metric: &str, by: f64| {
+            let run = HistoricRun {
+                label: "now".to_owned(),
+                mean: 20.0,
+                limits: None,
+                verdict: Some(DriftVerdict::Drifted),
+                moved: Some(by),
+                why: Some("a fix".to_owned()),
+            };
+            drift_run(&run, metric).drift.unwrap()
+        };
+        assert_eq!(label("psnr", -0.25), "−0.250 dB: a fix");
+        assert_eq!(label("psnr", 0.0012), "+0.0012 dB: a fix");
+        assert_eq!(label("ssim", -0.03), "−0.0300: a fix");
+        assert_eq!(label("psnr", 0.0), "a fix");
+    }
 
     /// Scenes differ by 7 dB, and means may by 0.24.
     #[test]

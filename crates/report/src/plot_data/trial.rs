@@ -6,6 +6,7 @@ use atsplat_numeric::quantile;
 use atsplat_pixels::{ImageU8, Rounding};
 
 use crate::ReportError;
+use crate::numbers::significant_digits;
 use crate::page::LiveImage;
 
 /// Share of the pixels that may be brighter than the brightest colour of a map.
@@ -57,7 +58,8 @@ fn map(title: &str, what: &str, [width, height]: [u32; 2], values: &[f64]) -> Re
     let scale = if brightest > 0.0 { brightest } else { 1.0 };
     let colours = values.iter().flat_map(|value| ColourMap::Viridis.colour(value / scale));
     let image = ImageU8::new(width, height, colours.map(|share| (share * 255.0).round() as u8).collect())?;
-    Ok(LiveImage { title: title.to_owned(), note: format!("{what}; yellow from {brightest:.2}"), image })
+    let brightest = significant_digits(brightest);
+    Ok(LiveImage { title: title.to_owned(), note: format!("{what}; yellow from {brightest}"), image })
 }
 
 #[cfg(test)]
@@ -72,6 +74,8 @@ mod tests {
         assert_eq!(shown.image.pixel(19, 9), Some([253, 231, 37]), "brighter than one per cent");
         assert!(shown.note.starts_with("of a test; yellow from 1.99"), "{}", shown.note);
         assert!(map("error", "of a wrong size", [20, 11], &values).is_err());
+        let dark = map("error", "of a good render", [2, 1], &[0.0041, 0.0041]).unwrap();
+        assert_eq!(dark.note, "of a good render; yellow from 0.00410");
         let same = map("error", "none", [2, 1], &[0.0, 0.0]).unwrap();
         assert_eq!(same.image.pixel(1, 0), Some([68, 1, 84]));
     }

@@ -1,6 +1,6 @@
 use atsplat_numeric::{Extremes as _, quantile};
 
-use crate::numbers::three_digits;
+use crate::numbers::{fixed, three_digits, with_minus_sign};
 
 /// Maps values to positions along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,7 +162,7 @@ pub(in crate::plot) fn label(value: f64, ticks: &[f64]) -> String {
         ticks.iter().all(|tick| (tick * power - (tick * power).round()).abs() < 1e-6 * power.sqrt())
     };
     let decimals = (0..MOST).find(|decimals| whole(*decimals)).unwrap_or(MOST);
-    format!("{value:.decimals$}").replace('-', "−")
+    with_minus_sign(&fixed(value, decimals))
 }
 
 /// The unit in which all ticks of a time axis are written: its name, and its length in seconds.

@@ -135,13 +135,13 @@ fn name_of(name: &str) -> TextLine {
 
 /// Draws curves with marks, the bands of their intervals, and names on the right. Lines and bands only join points that
 /// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. A point at the place of another is a ring
-/// around it. Returns what is beyond the scale, as text.
+/// around it. Returns the labels and means of points beyond the scale.
 pub(in crate::plot) fn draw_curves(
     drawing: &mut Drawing,
     axes: &Axes,
     curves: &[Curve<'_>],
     joined: impl Fn(f64, f64) -> bool,
-) -> Vec<String> {
+) -> Vec<(String, f64)> {
     let Extent { right, top, bottom, .. } = axes.inside;
     let kept = |y: f64| y.clamp(top, bottom);
     let is_shown = |mean: f64| (top - 0.5..=bottom + 0.5).contains(&axes.y_of(mean));
@@ -171,7 +171,7 @@ pub(in crate::plot) fn draw_curves(
                 let tip = if at[1] <= top { -7.0 } else { 7.0 };
                 let corners = [[at[0] - 5.0, at[1] - tip], [at[0], at[1]], [at[0] + 5.0, at[1] - tip]];
                 drawing.data(label, |drawing| drawing.area(corners, Fill::solid(*colour)));
-                beyond.push(format!("{label} {:.1}", mean.value));
+                beyond.push(((*label).to_owned(), mean.value));
             }
         }
     }
@@ -247,8 +247,12 @@ pub(in crate::plot) fn scale_of<'a>(curves: impl Iterator<Item = &'a Estimate> +
 }
 
 /// Where the means are that [`draw_curves`] could only point to.
-pub(in crate::plot) fn beyond_note(beyond: &[String]) -> String {
-    if beyond.is_empty() { String::new() } else { format!("▲▼ beyond the scale: {}.", beyond.join(", ")) }
+pub(in crate::plot) fn beyond_note(beyond: &[(String, f64)], quality: QualityMetric) -> String {
+    if beyond.is_empty() {
+        return String::new();
+    }
+    let means: Vec<String> = beyond.iter().map(|(label, mean)| format!("{label} {}", quality.print(*mean))).collect();
+    format!("▲▼ beyond the scale: {}.", means.join(", "))
 }
 
 /// What error bars mean: those of `means`, which the plot calls `what`, and horizontal ones of times. Empty for those that are
@@ -282,5 +286,22 @@ pub(in crate::plot) fn mark(drawing: &mut Drawing, at: [f64; 2], origin: Origin,
     match origin {
         Origin::Published => drawing.ring(at, 4.5, Stroke::new(colour, 2.0)),
         Origin::Measured => drawing.disc(at, 5.0, Fill::solid(colour)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::definition;
+
+    use super::*;
+
+    #[test]
+    fn means_beyond_the_scale_have_the_digits_of_their_metric() {
+        let note = |metric: &str, mean: f64| {
+            beyond_note(&[("a".to_owned(), mean), ("b".to_owned(), 2.0 * mean)], definition(metric).unwrap().into())
+        };
+        assert_eq!(note("ssim", 0.0412), "▲▼ beyond the scale: a 0.041, b 0.082.");
+        assert_eq!(note("psnr", 12.345), "▲▼ beyond the scale: a 12.35, b 24.69.");
+        assert_eq!(beyond_note(&[], definition("psnr").unwrap().into()), "");
     }
 }

@@ -13,7 +13,7 @@ use atsplat_results::{MethodRecord, PresetRecord, RecordKind, Results, TargetSta
 use super::first_metric;
 use super::subject::{leaked_targets, scenes_of_trials, subject_over, title_of, unfinished};
 use crate::file_names::plain;
-use crate::numbers::{decimals_of, signed};
+use crate::numbers::{decimals_of, signed, with_minus_sign};
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, ScatterPanel, ScatterPoint, SceneScatter,
 };
@@ -139,7 +139,7 @@ impl<'a> ProtocolResults<'a> {
             let queries = [first, other].map(|method| self.query(&method.name, metric));
             let pair = paired(self.results, &queries[0], &queries[1], aggregation)?;
             let decimals = decimals_of(pair.interval, metric.scale.decimals());
-            let signed = |value: f64| signed(value, decimals).replace('-', "−");
+            let signed = |value: f64| with_minus_sign(&signed(value, decimals));
             let interval = pair.interval.map(|ends| ends.map(signed));
             let interval = interval.map_or_else(String::new, |[low, high]| format!(" [{low}, {high}]"));
             let x = self.title(other);
