@@ -189,7 +189,8 @@ impl Baseline {
     /// # Errors
     /// [`DriftError::Invalid`] if no such method has a score of the metric, and for a limit that is not positive and finite.
     pub fn with_limit(mut self, metric: &str, limit: f64) -> Result<Self, DriftError> {
-        if !(limit > 0.0 && limit.is_finite()) {
+        let is_valid = limit > 0.0 && limit.is_finite();
+        if !is_valid {
             return Err(DriftError::invalid("limit", format!("a positive change of {metric}"), limit));
         }
         if Limit::state(&mut self.limits, metric, limit) {

@@ -63,8 +63,8 @@ pub(super) fn lacking_scores(run: &Results, repeats: &[Results]) -> Vec<String> 
             if let Some((scene, entry, target)) = lacking.first() {
                 let ((preset, method, metric), lacking, all) = (number, lacking.len(), of_run.len());
                 lines.push(format!(
-                    "repetition {position} has no {metric} for {lacking} of {all} targets of {method} under {preset}, such as target {target} \
-                     of scene {scene}, entry {entry}: the limit is from the others"
+                    "repetition {position} has no {metric} for {lacking} of {all} targets of {method} under {preset}, such as target \
+                     {target} of scene {scene}, entry {entry}: the limit is from the others"
                 ));
             }
         }

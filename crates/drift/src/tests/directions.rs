@@ -117,7 +117,7 @@ fn a_scene_that_is_destroyed_is_drift_whatever_the_others_do() {
     );
     let of = |metric: &str, limit: f64, runs: u64, scene: Option<f64>, scenes: u64| {
         let [preset, method, metric] = ["p", "m", metric].map(str::to_owned);
-        let known = Limit { preset, method, metric, limit, runs, scene };
+        let known = Limit { preset, method, metric, limit, origin: runs.into(), scene };
         scene_limit(&known.metric, Some(&known), scenes)
     };
     let estimated = [of("psnr", 0.5, 2, None, 16), of("psnr", 0.02, 2, None, 16), of("ssim", 0.01, 2, None, 9)];
