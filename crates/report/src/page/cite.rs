@@ -1,4 +1,4 @@
-use atsplat_metrics::{Definition, Measure};
+use atsplat_metrics::Definition;
 use atsplat_numeric::distinct;
 use atsplat_results::{MethodRecord, Provenance};
 
@@ -85,7 +85,7 @@ pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[Pag
 /// The learned weights of a metric, and that they are known not to be the published ones.
 fn weights(metric: &Definition, cell: &Cell) -> String {
     let Some(sha256) = &cell.metric_weights else { return String::new() };
-    let is_other = matches!(metric.measure, Measure::Perceptual { network, .. } if !network.is_published(sha256));
+    let is_other = metric.network().is_some_and(|network| !network.is_published(sha256));
     format!(", weights {}{}", short(sha256), if is_other { " (not the published ones)" } else { "" })
 }
 

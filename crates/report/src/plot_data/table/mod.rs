@@ -129,13 +129,13 @@ fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]
     let has_several = points.windows(2).any(|pair| pair[0].k.total_cmp(&pair[1].k).is_ne());
     let mut notes = Vec::new();
     notes.extend(shown(table).any(Row::is_over_trainings).then(|| MEANS.to_owned()));
-    let marks: [(&str, fn(&Row) -> bool); 2] =
-        [("Random weights", |row| row.untrained), ("Changed at inference only", |row| row.inference_only)];
-    for (mark, has) in marks {
+    let mut mark = |what: &str, has: fn(&Row) -> bool| {
         let marked = drawn.iter().filter(|(row, _)| has(row)).filter_map(|(row, _)| k_of(row));
         let ks: Vec<String> = distinct(marked).into_iter().map(|k| k.to_string()).collect();
-        notes.extend((!ks.is_empty()).then(|| format!("{mark}: K = {}.", ks.join(", "))));
-    }
+        notes.extend((!ks.is_empty()).then(|| format!("{what}: K = {}.", ks.join(", "))));
+    };
+    mark("Random weights", |row| row.untrained);
+    mark("Changed at inference only", |row| row.inference_only);
     let plot = KScaling {
         title: format!("{} against K{}", metric.name, other_setting(table, 0..1)),
         subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
