@@ -77,4 +77,18 @@ mod tests {
         assert!(both.mirrored().distances[0].is_infinite());
         Tolerance::relative(1e-6).assert([f64::from(both.scaled(3.0).distances[0])], [6.0 * 1.5f64.sqrt()], "scaled");
     }
+
+    /// Four patches of 2 × 2 pixels, each at another depth; rays from the upper left corner have the slopes ½, 3⁄2, 5⁄2, 7⁄2 in x
+    /// and half of these in y.
+    #[test]
+    fn patches_are_those_of_their_rows_and_columns() {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.25, 0.5, 0.0, 0.0).unwrap());
+        let depth = [[2.0, 2.0, 3.0, 3.0], [2.0, 2.0, 3.0, 3.0], [5.0, 5.0, 7.0, 7.0], [5.0, 5.0, 7.0, 7.0]];
+        let found = of_view(&camera, ImageSize { width: 4, height: 4 }, depth.as_flattened(), 2);
+        // The second shortest of each patch's rays, as (½, ¾) of the first.
+        let rays = [(2.0, 0.5, 0.75), (3.0, 2.5, 0.75), (5.0, 0.5, 1.75), (7.0, 2.5, 1.75)];
+        let expected = rays.map(|(depth, x, y)| depth * DVec3::new(x, y, 1.0).length());
+        Tolerance::relative(1e-6).assert(found.into_iter().map(f64::from), expected, "distances");
+    }
 }

@@ -13,6 +13,9 @@ use crate::common::{Noise, SIZE, config, sample, trainer};
 /// Values of an image.
 const LENGTH: usize = SIZE.height * SIZE.width * 3;
 
+/// For each target of a sample, at x = -0.3 and 0.4, the nearest of the context views, at x = -1 and 1.
+const NEAREST: [usize; 2] = [0, 1];
+
 fn network() -> Network {
     let model = config("").model.config().unwrap();
     let parameters = Parameters::fresh(&model, 5, StoredTensors::default());
@@ -26,11 +29,16 @@ fn evaluate(sample: Sample) -> Result<EvaluationRecord, TrainError> {
 /// The first `count` of two targets are their nearest context views.
 fn with_copies(count: usize) -> Sample {
     let mut sample = sample(2);
-    for (target, nearest) in sample.nearest().into_iter().enumerate().take(count) {
+    for (target, nearest) in NEAREST.into_iter().enumerate().take(count) {
         let copy = sample.context.image(nearest).to_vec();
         sample.targets.images[target * LENGTH..(target + 1) * LENGTH].copy_from_slice(&copy);
     }
     sample
+}
+
+#[test]
+fn the_baseline_copies_the_context_view_with_the_nearest_camera() {
+    assert_eq!(sample(2).nearest(), NEAREST);
 }
 
 #[test]
@@ -81,6 +89,23 @@ fn an_evaluation_that_does_not_fit_into_memory_is_an_error() {
     let error = open(1_000_000_000_000).unwrap_err().to_string();
     assert!(error.contains("evaluation.samples: expected at most 174762: "), "{error}");
     assert!(error.contains("4 views of 32x32") && error.ends_with("found 1000000000000"), "{error}");
+}
+
+/// Context frames are three frames apart at the first step, and six from the ninth on.
+#[test]
+fn an_evaluation_draws_as_at_the_end_of_the_curriculum() {
+    let text = "scenes-of = 'rooms'\nscenes = 2\nsize = [32, 32]\nsamples = 1\nstride = 10\n\
+                views = { context = [2, 2], targets = 1, inset = 1, \
+                gaps = { min = 6, max = 6, initial-min = 3, initial-max = 3, warm-up-steps = 9 } }";
+    let source = RoomsSource::new(toml::from_str::<RoomsConfig>(text).unwrap(), config("").pose_normalisation);
+    let evaluation = Evaluation::new(&source, 3, 4, [0.0; 3]).unwrap();
+    assert_eq!(evaluation.samples().len(), 4);
+    for Sample { name, .. } in evaluation.samples() {
+        // As `rooms-train-00000001, frames [2, 8] to [5]`.
+        let (context, _) = name.split_once(" frames [").unwrap().1.split_once(']').unwrap();
+        let frames: Vec<usize> = context.split(", ").map(|frame| frame.parse().unwrap()).collect();
+        assert_eq!(frames[1] - frames[0], 6, "{name}");
+    }
 }
 
 #[test]

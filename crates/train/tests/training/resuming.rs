@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use atsplat_files::Sha256Digest;
 use atsplat_model::weights::{ModelWeights, TensorFile};
+use atsplat_train::logs::{self, StepRecord};
 use atsplat_train::{Event, Limits, Start, TrainError, Trainer};
 use tempfile::tempdir;
 
@@ -104,6 +106,30 @@ fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
         assert!(text.contains(expected), "{text}");
     }
     assert_eq!(files(), before);
+}
+
+/// Of two samples each, the latest eight of twelve steps are drawn again.
+#[test]
+fn a_resumed_run_compares_the_samples_of_its_latest_steps() {
+    let folder = tempdir().unwrap();
+    run(folder.path(), &Start::Fresh, 12);
+    let log = folder.path().join("steps.jsonl");
+    let recorded: Vec<StepRecord> = logs::read(&log).unwrap();
+    let resume_with_another = |step: usize| {
+        let mut records = recorded.clone();
+        records[step].samples_sha256 = Some(Sha256Digest::of(b"other samples"));
+        let lines = records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n");
+        std::fs::write(&log, lines.collect::<String>()).unwrap();
+        resume(folder.path()).map(|trainer| trainer.state().step).map_err(|error| error.to_string())
+    };
+    for step in [0, 3] {
+        assert_eq!(resume_with_another(step), Ok(12));
+    }
+    for step in [4, 11] {
+        let error = resume_with_another(step).unwrap_err();
+        let expected = format!("training data: samples of step {step}: expected those that steps.jsonl records");
+        assert!(error.starts_with(&expected), "{error}");
+    }
 }
 
 /// A log of an earlier version is another case: it has records, without hashes.

@@ -48,6 +48,10 @@ fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
         assert!(length > 2.0 * config.clip, "step {step} is clipped: {length}");
         let records: Vec<StepRecord> = logs::read(&folder.path().join("steps.jsonl")).unwrap();
         Tolerance::relative(1e-5).assert(records[at_step].gradient_norm, [length], "norm of the mean gradient");
+        for (at, (name, found)) in records[at_step].terms.unwrap().named().into_iter().enumerate() {
+            let sum: f64 = batch.iter().map(|sample| sample.terms[0].named()[at].1).sum();
+            Tolerance::relative(1e-6).assert([found], [sum / batch.len() as f64], name);
+        }
         // Warm-up over three steps.
         let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][at_step];
         Tolerance::relative(1e-12).assert([records[at_step].rate], [rate], "rate");
