@@ -69,7 +69,8 @@ impl Gaussians {
     }
 }
 
-fn rotation(wxyz: &[f32; 4]) -> DMat3 {
+/// The rotation of a Gaussian, by its quaternion of any length but 0.
+pub(crate) fn rotation(wxyz: &[f32; 4]) -> DMat3 {
     let [w, x, y, z] = wxyz.map(f64::from);
     DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize())
 }
