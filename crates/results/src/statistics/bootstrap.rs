@@ -69,3 +69,14 @@ pub(super) fn interval_of<const N: usize>(
     let interval = [quantile(&values, tail)?, quantile(&values, 1.0 - tail)?];
     interval.iter().all(|end| end.is_finite()).then_some(interval)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten million draws in all, by 2,000 to 10,000 resamples.
+    #[test]
+    fn many_clusters_have_fewer_resamples() {
+        assert_eq!([0, 8, 1000, 2000, 5601].map(resamples), [10_000, 10_000, 10_000, 5000, 2000]);
+    }
+}

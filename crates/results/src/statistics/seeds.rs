@@ -145,16 +145,13 @@ mod tests {
 
     use super::*;
 
+    fn scene(name: &str, weight: f64, mean: f64) -> SceneMean {
+        SceneMean { scene: name.to_owned(), mean, weight, targets: 1, identical: 0 }
+    }
+
     /// A scene with three entries at 10 dB and one with a single entry at 30 dB: 15, as the protocol averages them, not 20.
     #[test]
     fn a_scene_counts_as_in_the_protocols_mean() {
-        let scene = |name: &str, weight: f64, mean: f64| SceneMean {
-            scene: name.to_owned(),
-            mean,
-            weight,
-            targets: 1,
-            identical: 0,
-        };
         let training = |offset: f64| vec![scene("a", 3.0, 10.0 + offset), scene("b", 1.0, 30.0 - offset)];
         let found = of_seeds(&[training(-1.0), training(1.0)]).unwrap();
         Tolerance::F64.assert([found.mean, found.training_deviation], [15.0, 0.5f64.sqrt()], "14.5 and 15.5");
@@ -162,5 +159,22 @@ mod tests {
         Tolerance::F64.assert([found.scene_deviation], [2.0f64.sqrt() * 7.5], "scenes");
         let found = difference_of_seeds(&[training(2.0)], &[training(0.0)]).unwrap();
         Tolerance::F64.assert([found.mean], [1.0], "3/4 · 2 − 1/4 · 2");
+    }
+
+    /// Three trainings against two, whose scenes differ by half a decibel more.
+    #[test]
+    fn a_difference_has_the_variances_of_its_scenes_and_of_both_networks_trainings() {
+        let training = |step: f64, offset: f64| -> Vec<SceneMean> {
+            (0..6u8).map(|at| scene(&at.to_string(), 1.0, 20.0 + step * f64::from(at) + offset)).collect()
+        };
+        let (three, two) = ([-0.3, 0.0, 0.3].map(|by| training(2.0, by)), [1.0, 1.4].map(|by| training(2.5, by)));
+        let found = difference_of_seeds(&three, &two).unwrap();
+        let expected = [-2.45, 0.17f64.sqrt(), 0.875f64.sqrt()];
+        let numbers = [found.mean, found.training_deviation, found.scene_deviation];
+        Tolerance::relative(1e-9).assert(numbers, expected, "mean and deviations");
+        assert_eq!((found.seeds, found.scenes), (5, 6));
+        // 0.875/6 of scenes, 0.09/3 and 0.08/2 of trainings; Satterthwaite: 7.39 degrees of freedom, so 7.
+        let half = 2.364_624_251_592_785 * (0.875 / 6.0 + 0.03 + 0.04f64).sqrt();
+        Tolerance::relative(1e-9).assert(found.interval.unwrap(), [-2.45 - half, -2.45 + half], "interval");
     }
 }

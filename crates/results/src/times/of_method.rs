@@ -249,6 +249,7 @@ mod tests {
     use super::*;
     use crate::StatedCost;
     use crate::sample_rows::{PRESET, results, timing};
+    use crate::times::Load;
 
     #[test]
     fn times_come_from_one_machine_and_the_last_pass_on_each_trial() {
@@ -273,6 +274,22 @@ mod tests {
         let earlier = times(&store, PRESET, "a").unwrap();
         assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));
         Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
+    }
+
+    /// Fewest repetitions and warm-ups, most memory and load, whichever trial has them.
+    #[test]
+    fn trials_that_differ_are_joined_by_their_extremes() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        let busy = Load { others: Some(0.4), ..Load::default() };
+        let short = timing("a", "x", &[1.0; 3], &[0.25; 3]);
+        let long = timing("a", "y", &[1.0; 5], &[0.25; 5]);
+        store.timings = vec![
+            TimingRow { warm_up: 2, trials_there: 7, load: busy, ..short },
+            TimingRow { peak_bytes: Some(2 << 20), ..long },
+        ];
+        let found = times(&store, PRESET, "a").unwrap();
+        assert_eq!((found.repetitions, found.warm_up, found.trials_there), (3, 1, 7));
+        assert_eq!((found.peak_bytes, found.others, found.busy), (Some(2 << 20), Some(0.4), true));
     }
 
     /// Two scenes by a limit, which was extended later without timing.

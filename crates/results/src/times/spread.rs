@@ -89,6 +89,14 @@ mod tests {
     }
 
     #[test]
+    fn consecutive_times_are_added_and_their_errors_are_independent() {
+        let encode = Spread { median: 1.0, mad: 0.25, quartiles: [0.5, 2.0], samples: 5, error: 3.0 };
+        let render = Spread { median: 10.0, mad: 0.125, quartiles: [8.0, 16.0], samples: 3, error: 4.0 };
+        let both = Spread { median: 11.0, mad: 0.375, quartiles: [8.5, 18.0], samples: 3, error: 5.0 };
+        assert_eq!([encode.plus(render), render.plus(encode)], [both; 2]);
+    }
+
+    #[test]
     fn a_spread_is_averaged_over_trials() {
         let spread = Spread::of([&[1.0, 6.0, 2.0][..], &[100.0, 3.0][..], &[][..]].into_iter()).unwrap();
         // Medians 2 and 51.5, MADs 1 and 48.5.

@@ -182,6 +182,20 @@ fn a_straight_or_sagging_frontier_has_no_knee() {
     assert_eq!(knee(23.5).as_deref(), Some("b"));
 }
 
+/// The line runs from 20 to 26 over the logarithm of the seconds: its height is 20.9 at 2 s, 23 at 10 s and 24.4 at 30 s.
+#[test]
+fn the_knee_is_the_point_farthest_above_the_line() {
+    let knee = |points: &[(f64, f64)]| {
+        let ends = [(1.0, 20.0), (100.0, 26.0)];
+        let points = points.iter().chain(&ends).map(|(secs, quality)| sample(&format!("{secs} s"), *quality, *secs));
+        frontier(&points.collect::<Vec<_>>(), Direction::Higher, Axis::Seconds, 0.1).knee
+    };
+    assert_eq!(knee(&[(2.0, 22.5), (30.0, 24.2)]).as_deref(), Some("2 s"));
+    assert_eq!(knee(&[(30.0, 22.0)]), None);
+    assert_eq!(knee(&[(2.0, 21.5), (10.0, 25.0)]).as_deref(), Some("10 s"));
+    assert_eq!(knee(&[(2.0, 24.0), (10.0, 25.0)]).as_deref(), Some("2 s"));
+}
+
 proptest! {
     /// The definition of a Pareto frontier, for every order of the samples.
     #[test]
