@@ -253,6 +253,26 @@ mod tests {
         );
     }
 
+    /// Without its right half, a view has features in about half of the cells, and all of them are in the whole view.
+    #[test]
+    fn the_overlap_is_the_smaller_of_both_directions() {
+        let whole = view(0.0, 0.0);
+        let mut samples = whole.1.clone().into_samples();
+        for row in samples.chunks_mut(3 * SIZE as usize) {
+            let middle = row.len() / 2;
+            row[middle..].fill(90);
+        }
+        let half = (whole.0, ImageU8::new(SIZE, SIZE, samples).unwrap());
+        let coverage = FeatureCoverage::default().coverage((&half.0, &half.1), (&whole.0, &whole.1)).unwrap();
+        assert!(coverage.second_in_first < coverage.first_in_second - 0.1, "{coverage:?}");
+        Tolerance::absolute(0.15).assert([coverage.second_in_first], [0.5], "of the whole view's cells");
+        Tolerance::EXACT.assert(
+            [overlap(&half, &whole), overlap(&whole, &half)],
+            [coverage.second_in_first; 2],
+            "overlap",
+        );
+    }
+
     /// A pixel of the smaller image is two of the larger one: the same offsets agree, whichever comes first.
     #[test]
     fn agreement_does_not_depend_on_the_order_of_images_of_two_sizes() {

@@ -189,6 +189,9 @@ mod tests {
             let exact = exact_fraction(a, b);
             assert!((0.2..0.97).contains(&exact), "a trivial case: {exact}");
             outline.assert([found], [exact], "co-visible pixels");
+            // 0.46 and 0.62 of the first and the last view, 0.31 and 0.21 of the last two.
+            let smaller = exact.minimum_of(exact_fraction(b, a));
+            outline.assert([overlap((a, &maps.0), (b, &maps.1)).unwrap()], [smaller], "the smaller of both directions");
         }
     }
 

@@ -201,6 +201,8 @@ impl Bounded {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use proptest::prelude::*;
 
     use super::*;
@@ -288,8 +290,31 @@ mod tests {
             let context = with(9, seed).unwrap().remove(0).context;
             context[1] - context[0]
         });
-        assert_eq!(widths.collect::<std::collections::BTreeSet<_>>(), [7, 8, 9].into());
+        assert_eq!(widths.collect::<BTreeSet<_>>(), [7, 8, 9].into());
         assert_eq!(with(6, 1), Err(NoEntry::GapsTooSmall { needed: 7, most: 6 }));
+    }
+
+    /// Places of the targets from the first context frame, which the last one follows by six frames.
+    #[test]
+    fn targets_reach_as_far_as_they_may_and_no_farther() {
+        let cameras = along((0..40).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+        let gaps = GapSchedule { min: 6, max: 6, initial_min: 0, initial_max: 0, warm_up_steps: 0 };
+        let reached = |outside: usize, inset: usize| -> BTreeSet<i32> {
+            let drawn = (0..500).map(|seed| {
+                let bounds = Bounded { max_distance_outside: outside, min_distance_to_context: inset, ..bounded() };
+                let scene = SceneViews { key: "long", cameras: &cameras };
+                Bounded { gaps, seed, ..bounds }.sample(&scene).unwrap().remove(0)
+            });
+            let places = drawn.map(|IndexEntry { context, target, .. }| {
+                let frame = |frame: usize| i32::try_from(frame).unwrap();
+                target.into_iter().map(|target| frame(target) - frame(context[0])).collect::<Vec<_>>()
+            });
+            places.flatten().collect()
+        };
+        assert_eq!(reached(0, 0), (0..=6).collect::<BTreeSet<_>>());
+        assert_eq!(reached(3, 0), (-3..=9).collect::<BTreeSet<_>>());
+        assert_eq!(reached(0, 2), (2..=4).collect::<BTreeSet<_>>());
+        assert_eq!(reached(3, 1), (-2..=8).collect::<BTreeSet<_>>());
     }
 
     proptest! {

@@ -168,6 +168,8 @@ impl PairTargets {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use atsplat_numeric::Tolerance;
     use glam::{DMat3, DVec3};
     use proptest::prelude::*;
@@ -280,6 +282,20 @@ mod tests {
         let partners = sampler.partners(&SceneViews { key: "still", cameras: &cameras }, 140).unwrap();
         assert_eq!((partners.iter().min(), partners.iter().max()), (Some(&4), Some(&276)));
         assert_eq!(partners.len(), 2 * (136 - 45 + 1));
+    }
+
+    /// Also at the first and the last of a scene's 30 frames.
+    #[test]
+    fn every_frame_of_the_side_is_drawn_as_a_target() {
+        let drawn = |targets: PairTargets, [left, right]: [usize; 2]| -> BTreeSet<usize> {
+            let mut random = SplitMix64::new(1);
+            (0..300).flat_map(|_| targets.draw(left, right, 30, &mut random).unwrap()).collect()
+        };
+        let outside = PairTargets::Outside { count: THREE, reach: 5 };
+        assert_eq!(drawn(PairTargets::Inside { count: THREE }, [12, 16]), (12..=16).collect::<BTreeSet<_>>());
+        assert_eq!(drawn(outside, [12, 16]), (7..12).chain(17..=21).collect::<BTreeSet<_>>());
+        assert_eq!(drawn(outside, [2, 6]), (0..2).chain(7..=11).collect::<BTreeSet<_>>());
+        assert_eq!(drawn(outside, [22, 26]), (17..22).chain(27..30).collect::<BTreeSet<_>>());
     }
 
     proptest! {
