@@ -86,4 +86,19 @@ mod tests {
         let composited = headers(&scene.composited_over([255; 3]));
         assert_eq!(composited, [ImageHeader { has_alpha: false, ..stored }, opaque]);
     }
+
+    #[test]
+    fn images_over_two_colours_have_two_fingerprints() {
+        let image = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures/images/colour6_16.png");
+        let over = |background: [u8; 3]| {
+            let mut scene = wandering_scene("a", 1);
+            scene.frames[0].image = FrameImage::File(image.into());
+            match &scene.composited_over(background).frames[0].image {
+                FrameImage::Generated(image) => image.fingerprint(),
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(over([255, 0, 0]), over([255, 0, 0]));
+        assert_ne!(over([255, 0, 0]), over([0, 0, 255]));
+    }
 }

@@ -101,11 +101,18 @@ mod tests {
         assert_eq!(reported(square, &[Distortion::None, fits, barrel(0.4)]), [""; 0]);
     }
 
-    /// The principal point is left of and above the centre.
+    /// The corner farthest from the principal point, which is left of or right of the centre, and above or below it.
     #[test]
     fn the_corner_beyond_is_named() {
-        let found = reported([1.0, 1.0, 0.45, 0.45], &[barrel(-0.29)]);
-        assert!(found[0].contains("before the lower right corner"), "{found:?}");
+        for (cx, cy, corner) in [
+            (0.45, 0.45, "lower right"),
+            (0.45, 0.55, "upper right"),
+            (0.55, 0.45, "lower left"),
+            (0.55, 0.55, "upper left"),
+        ] {
+            let found = reported([1.0, 1.0, cx, cy], &[barrel(-0.29)]);
+            assert!(found[0].contains(&format!("before the {corner} corner")), "{found:?}");
+        }
         let fisheye = Distortion::Fisheye { k: [-0.3, 0.0, 0.0, 0.0] };
         assert_eq!(reported([1.2, 1.2, 0.5, 0.5], &[fisheye]), [""; 0], "up to 60.4°, at 0.703 > 0.59");
         assert_eq!(reported([1.0, 1.0, 0.5, 0.5], &[fisheye]).len(), 1, "0.703 < 0.707");

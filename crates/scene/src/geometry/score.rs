@@ -72,6 +72,7 @@ mod tests {
     use crate::geometry::synthetic::{matched, view};
     use atsplat_camera::Distortion;
     use atsplat_numeric::Tolerance;
+    use glam::DVec2;
 
     fn of(scores: &[ConventionScore], convention: Convention) -> Option<ConventionScore> {
         scores.iter().find(|score| score.convention == convention).copied()
@@ -141,6 +142,28 @@ mod tests {
         let undistorted = MatchedPair { first: distorted(pinhole.first), second: distorted(pinhole.second), ..pinhole };
         let scores = score_conventions(&[undistorted]);
         assert!(Tolerance::absolute(1e-9).accepts(of(&scores, Convention::NoDistortion).unwrap().median_px, 0.0));
+    }
+
+    /// With half the focal lengths, the lens ends at a radius of 0.61 of the declared image plane, whose corners are at 0.78.
+    #[test]
+    fn an_interpretation_that_measures_fewer_than_half_of_the_matches_is_omitted() {
+        let distorted = |mut view: View| {
+            view.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+            view
+        };
+        let pinhole = turning_pair();
+        let [first, second] = [pinhole.first, pinhole.second].map(distorted);
+        let measured = |central: usize, at_corner: usize| {
+            let at = |x: f64, y: f64| PointMatch { first: DVec2::new(x, y), second: DVec2::new(x + 5.0, y) };
+            let central = (0..central).map(|place| at(300.0 + place as f64, 200.0));
+            let at_corner = (0..at_corner).map(|place| at(2.0 + place as f64, 2.0));
+            let pair = MatchedPair { first, second, matches: central.chain(at_corner).collect() };
+            let scores = score_conventions(&[pair]);
+            [Convention::Declared, Convention::FocalHalved].map(|which| of(&scores, which).map(|score| score.matches))
+        };
+        assert_eq!(measured(4, 6), [Some(10), None]);
+        assert_eq!(measured(5, 5), [Some(10), Some(5)]);
+        assert_eq!(measured(6, 4), [Some(10), Some(6)]);
     }
 
     #[test]
