@@ -190,5 +190,9 @@ mod tests {
         let found = of(&[expanded(&[[0.03, -0.04], [-0.03, 0.04]])]).unwrap();
         Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [5.0, 0.0], "around the parent");
         assert_eq!(of(&[expanded(&[[0.1, 0.1]])]), None);
+        // Spreads of 1, 9 and 2 pixels around 20, 4 and 3.
+        let three = [[0.19, 0.21], [-0.05, 0.13], [0.01, 0.05]].map(|[a, b]| expanded(&[[a, 0.0], [b, 0.0]]));
+        let found = of(&three).unwrap();
+        Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [2.0, 4.0], "medians");
     }
 }
