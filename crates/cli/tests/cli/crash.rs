@@ -122,3 +122,46 @@ fn one_process_at_a_time_accepts_a_baseline() {
     drop(lock);
     succeed(here, &accept);
 }
+
+/// Exit code of a run, for a shell, that is sent what Ctrl-C sends when the first results of its trials are there. The caller of the
+/// tests may ignore that, and processes inherit it.
+#[cfg(target_os = "linux")]
+fn interrupted(here: &Path, out: &str) -> i32 {
+    let run = command(here, out);
+    let mut shell = Command::new("sh");
+    shell.args(["-c", "env --default-signal=INT \"$0\" \"$@\"; exit $?"]).arg(run.get_program()).args(run.get_args());
+    let mut shell = shell.current_dir(here).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let store = here.join(out);
+    let is_there = |part: &Path| part.extension().is_some_and(|extension| extension == "json");
+    let has_part =
+        || store.join("parts").read_dir().is_ok_and(|mut parts| parts.any(|part| is_there(&part.unwrap().path())));
+    while !has_part() && shell.try_wait().unwrap().is_none() {
+        sleep(Duration::from_millis(1));
+    }
+    if let Ok(holder) = std::fs::read(store.join("run.json")) {
+        let holder: serde_json::Value = serde_json::from_slice(&holder).unwrap();
+        // It may have ended meanwhile.
+        Command::new("kill").args(["-s", "INT", &holder["pid"].to_string()]).stderr(Stdio::null()).status().unwrap();
+    }
+    shell.wait().unwrap().code().unwrap()
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn an_interrupted_run_resumes_with_the_same_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 16);
+    let expected = finished(here, "undisturbed");
+    let stopped = (0..10).map(|round| format!("store-{round}")).find(|out| {
+        let code = interrupted(here, out);
+        assert!([0, 130].contains(&code), "{code}");
+        code == 130 && (1..32).contains(&Results::read(&here.join(out)).unwrap().trials.len())
+    });
+    let out = stopped.expect("one of ten runs is interrupted before it ends");
+    // As of a run that was just writing a table.
+    let partial = here.join(&out).join(".AbC123.partial");
+    std::fs::write(&partial, "half a table").unwrap();
+    assert_eq!(bare(&finished(here, &out)), bare(&expected));
+    assert!(!partial.exists() && !here.join(&out).join("parts").exists());
+}

@@ -10,6 +10,7 @@ mod crash;
 mod data;
 mod device;
 mod drift;
+mod environment;
 mod evaluation;
 mod exec;
 mod findings;
