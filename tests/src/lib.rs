@@ -1,11 +1,22 @@
-//! What tests need that a machine may lack: real data, a graphics adapter, a browser. A test that skips says so where it
-//! is seen, and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test at its end.
+//! What the tests of several crates need: threads, and what a machine may lack, such as real data, a graphics adapter or a browser. A
+//! test that skips says so where it is seen, and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test
+//! at its end.
 
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::fs::OpenOptions;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+
+/// Runs `work` in a pool of this many threads.
+///
+/// # Panics
+/// Where the system gives no threads.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    #[expect(clippy::expect_used, reason = "a test fails by panicking")]
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads of the system");
+    pool.install(work)
+}
 
 /// The folder of real data: `$ATSPLAT_SHARED_DATA`, or `../shared/data` beside the checkout. Where there is none the test
 /// is skipped and returns.

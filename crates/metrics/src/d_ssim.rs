@@ -326,6 +326,7 @@ fn sum(values: &[f32]) -> f64 {
 mod tests {
     use atsplat_numeric::{Extremes as _, Tolerance};
     use atsplat_pixels::Image;
+    use atsplat_tests::on_threads;
 
     use super::*;
     use crate::{Pair, Ssim, Values, ssim, ssim_map};
@@ -452,14 +453,11 @@ mod tests {
     #[test]
     fn same_bits_on_any_number_of_threads() {
         let [render, truth] = images(0.5, 0.4);
-        let on = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let (mut loss, mut gradient) = (DSsim::default(), Vec::new());
-                let sum = loss.evaluate(&render, &truth, SIZE, &mut gradient);
-                (sum.to_bits(), gradient, loss.values)
-            })
+        let evaluated = || {
+            let (mut loss, mut gradient) = (DSsim::default(), Vec::new());
+            let sum = loss.evaluate(&render, &truth, SIZE, &mut gradient);
+            (sum.to_bits(), gradient, loss.values)
         };
-        assert_eq!(on(1), on(3));
+        assert_eq!(on_threads(1, evaluated), on_threads(3, evaluated));
     }
 }

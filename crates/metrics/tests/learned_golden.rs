@@ -15,8 +15,8 @@ use atsplat_metrics::{Definition, MetricError, Networks, NotComputed, Score, Sui
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_tensors::{StoredTensor, StoredTensors, TensorFile};
-use atsplat_tests::{shared_data, skip};
-use common::{on_threads, seeded, uniform};
+use atsplat_tests::{on_threads, shared_data, skip};
+use common::{seeded, uniform};
 
 /// For values of about 0.01, of f32 networks with different summation orders.
 const SEEDED: Tolerance = Tolerance::absolute(1e-7);

@@ -10,7 +10,8 @@ use atsplat_metrics::{
 };
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{Image, Rounding};
-use common::{on_threads, seeded};
+use atsplat_tests::on_threads;
+use common::seeded;
 use proptest::prelude::*;
 
 const CONVENTIONS: [Ssim; 5] =

@@ -193,6 +193,7 @@ impl Search<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use atsplat_tests::on_threads;
     use proptest::prelude::*;
 
     fn by_brute_force(points: &[[f32; 3]], count: usize) -> Vec<u32> {
@@ -236,10 +237,7 @@ mod tests {
         #[expect(clippy::cast_possible_truncation, reason = "f32 coordinates")]
         let points: Vec<[f32; 3]> =
             (0..3000u64).map(|point| [0, 1, 2].map(|axis| stream.signed_unit(3 * point + axis) as f32)).collect();
-        let with = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| nearest_neighbours(&points, 16).unwrap())
-        };
+        let with = |threads| on_threads(threads, || nearest_neighbours(&points, 16).unwrap());
         assert_eq!(with(1), with(7));
         assert_eq!(with(1).indices, by_brute_force(&points, 16));
     }

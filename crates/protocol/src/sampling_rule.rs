@@ -232,6 +232,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use atsplat_scene::SharedBytes;
+    use atsplat_tests::on_threads;
 
     use super::*;
     use crate::test_source::{MemorySource, scene};
@@ -264,10 +265,7 @@ mod tests {
 
     #[test]
     fn the_index_does_not_depend_on_the_number_of_threads() {
-        let build = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| rule(FARTHEST).build(&source(), &|| (), &mut Warnings::new()))
-        };
+        let build = |threads| on_threads(threads, || rule(FARTHEST).build(&source(), &|| (), &mut Warnings::new()));
         let one = build(1);
         assert!(one.index.scenes["e"][0].target != one.index.scenes["a"][0].target, "each scene has its own stream");
         for threads in [2, 3, 8] {

@@ -8,6 +8,7 @@ use atsplat_rooms::{
     EffectChoice, EffectKind, GENERATION, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed,
     Simulation, Split,
 };
+use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 use sha2::{Digest, Sha256};
 
@@ -37,10 +38,7 @@ fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
     for kind in SceneKind::ALL {
         for effects in [EffectChoice::Auto, EffectChoice::All] {
             let request = Request { effects, ..request(kind, 3) };
-            let on = |threads: usize| {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| digest(&Simulation::new(request.clone()).unwrap(), &[0, 40]))
-            };
+            let on = |threads| on_threads(threads, || digest(&Simulation::new(request.clone()).unwrap(), &[0, 40]));
             let one = on(1);
             assert_eq!([on(2), on(5)], [one, one], "{kind} {:?}", request.effects);
             let other = Simulation::new(request.clone()).unwrap();

@@ -75,6 +75,8 @@ mod tests {
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
     use std::time::Duration;
 
+    use atsplat_tests::on_threads;
+
     use super::*;
 
     #[test]
@@ -117,8 +119,7 @@ mod tests {
 
     #[test]
     fn a_pool_thread_does_not_wait_for_itself() {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        let refused = pool.install(|| {
+        let refused = on_threads(1, || {
             let _evaluating = evaluating();
             exclusive().map(drop)
         });

@@ -19,6 +19,7 @@ use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_results::{Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_splat::files::{Encoding, Output, write};
 use atsplat_splat::{GaussianParts, Gaussians};
+use atsplat_tests::on_threads;
 
 fn results_of(scenes: usize, method: Arc<dyn Method>) -> Results {
     let folder = tempfile::tempdir().unwrap();
@@ -28,8 +29,7 @@ fn results_of(scenes: usize, method: Arc<dyn Method>) -> Results {
 /// The error of a run that stops, and what its store has then.
 fn stopped(here: &Path, scenes: usize, method: Arc<dyn Method>) -> (String, Results) {
     let store = here.join("stopped");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let error = pool.install(|| run_of(scenes, method).run(&store)).map(drop).unwrap_err();
+    let error = on_threads(1, || run_of(scenes, method).run(&store)).map(drop).unwrap_err();
     assert!(matches!(error, EvalError::Io(_)), "{error:?}");
     (error.to_string(), Results::read(&store).unwrap())
 }
@@ -403,8 +403,7 @@ fn two_processes_answer_at_once_with_the_same_results() {
         cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
     let command = script(here, "images", body);
     let method = Arc::new(Exec::start(ExecSettings { processes: 2, ..settings(&command) }).unwrap());
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    let found = pool.install(|| results_of(6, method));
+    let found = on_threads(2, || results_of(6, method));
     assert_eq!(outcomes(&found), outcomes(&expected));
     let numbers = fs::read_to_string(here.join("numbers")).unwrap();
     assert_eq!(numbers.lines().collect::<BTreeSet<_>>(), BTreeSet::from(["0", "1"]));

@@ -7,6 +7,7 @@ use std::fs;
 use crate::common::shell::{exec, run_of, script, write_images};
 use atsplat_eval::EvalError;
 use atsplat_results::TrialStatus;
+use atsplat_tests::on_threads;
 
 /// What a method writes names files in a folder whose name is random, and seconds that it measured: here the number of a process.
 #[test]
@@ -51,10 +52,7 @@ fn files_for_a_method_that_cannot_be_written_stop_the_run() {
           answer '"not_applicable": "the first"'; continue
         fi
         cp -r warp/$scene-0 "$folder/out"; answer '"images": "out"'"#;
-    let run = || {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        pool.install(|| run_of(3, exec(&script(here, "images", body))).run(&here.join("stopped")))
-    };
+    let run = || on_threads(1, || run_of(3, exec(&script(here, "images", body))).run(&here.join("stopped")));
     let error = run().map(drop).unwrap_err();
     fs::remove_file(fs::read_to_string(here.join("broken")).unwrap().trim()).ok();
     assert!(matches!(error, EvalError::Io(_)), "{error:?}");

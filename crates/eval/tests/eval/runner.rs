@@ -14,6 +14,7 @@ use atsplat_results::{
     Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, RunWarning, Shard, TargetStatus, TrialKey, TrialStatus,
 };
 use atsplat_scene::Warnings;
+use atsplat_tests::on_threads;
 
 /// Fails in a different way in each of the first scenes, and counts its calls.
 #[derive(Debug, Default)]
@@ -265,8 +266,7 @@ fn merged_shards_equal_one_run_on_any_number_of_threads() {
         let mut run = settings(Walls::new(7, 8), baselines());
         run.selection.shard = Some(Shard { number, count: 3 });
         let folder = tempfile::tempdir().unwrap();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(number as usize).build().unwrap();
-        pool.install(|| run.run(folder.path())).unwrap().0
+        on_threads(number as usize, || run.run(folder.path())).unwrap().0
     };
     let merged = Results::merge([2, 3, 1].map(shard).to_vec()).unwrap();
     assert_eq!(merged.missing_shards, [] as [u32; 0]);

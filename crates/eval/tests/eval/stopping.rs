@@ -10,6 +10,7 @@ use atsplat_eval::runner::{Selection, current_provenance, evaluate_trial, run_un
 use atsplat_eval::timing::TimingPlan;
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use atsplat_results::{MethodRecord, Results, Store};
+use atsplat_tests::on_threads;
 
 /// The plane warp, which counts its calls and knows one at which it was interrupted.
 #[derive(Debug)]
@@ -44,8 +45,7 @@ fn a_stopped_run_keeps_what_was_finished_and_resumes() {
     let store =
         Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
     let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
-    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let stopped = one_thread.install(|| run_until(&plan, store, &|_| (), &stop)).unwrap_err();
+    let stopped = on_threads(1, || run_until(&plan, store, &|_| (), &stop)).unwrap_err();
     assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
     let kept = Results::read(folder.path()).unwrap();
     assert_eq!(kept.trials.len(), 3, "three were finished, and the interrupted one has no row");

@@ -14,6 +14,7 @@ use atsplat_protocol::trial::Trial;
 use atsplat_results::times::{Load, TimingRow, times};
 use atsplat_results::{MethodRecord, Results, Store, TrialStatus};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use atsplat_tests::on_threads;
 use rayon::prelude::*;
 
 /// A method of known cost: it sleeps, and yields once inside rayon as a parallel loop does while it waits for its last part.
@@ -104,8 +105,7 @@ fn keep_busy(stop: &AtomicBool) {
 #[test]
 fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let threads = rayon::current_num_threads();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let alone = pool.install(|| median((0..9).map(|_| secs_of(encode)))).unwrap();
+    let alone = on_threads(threads, || median((0..9).map(|_| secs_of(encode)))).unwrap();
     let image = median((0..9).map(|_| secs_of(|| std::thread::sleep(IMAGE)))).unwrap();
     let (stop, folders) = (AtomicBool::new(false), [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()]);
     let (shared, results) = std::thread::scope(|scope| {

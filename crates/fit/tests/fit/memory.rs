@@ -1,6 +1,7 @@
 //! The limit on memory.
 
 use atsplat_fit::{Fit, FitConfig, Strategy, TrainingView, TrainingViews};
+use atsplat_tests::on_threads;
 
 use crate::common::{config, run, start, view, views};
 
@@ -19,8 +20,7 @@ fn memory_is_bounded() {
     assert!(checked(601).unwrap_err().starts_with("max-gaussians: expected at least the 601 initial Gaussians"));
     assert!(checked(usize::MAX).unwrap_err().starts_with("memory-limit: expected at least"));
     // Growth by a twentieth would give 420 Gaussians. On one thread, because each thread of the renderer needs memory.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    pool.install(|| {
+    on_threads(1, || {
         let large = views().0.into_iter().take(2).zip([0.0, 0.4]).map(|(small, angle)| {
             let view = view(angle, 128);
             TrainingView { rgb: vec![[0.5; 3]; view.pixels()], view, ..small }

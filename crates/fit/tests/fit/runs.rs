@@ -7,6 +7,7 @@ use atsplat_fit::{Background, Fit, FitConfig, FitDevice, FitError, Rates, StopRe
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
+use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 
 use crate::common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views};
@@ -136,11 +137,8 @@ fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
         for (at, threads) in
             [(1, 1), (16, 2), (50, 3), (99, 1), (100, 2), (101, 1), (199, 3), (200, 2), (201, 1), (249, 2)]
         {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let steps = at - killed.step_count();
-                run(&mut killed, steps);
-            });
+            let steps = at - killed.step_count();
+            on_threads(threads, || run(&mut killed, steps));
             killed.checkpoint(&path).unwrap();
             // What comes after the checkpoint is lost.
             killed.step().unwrap();

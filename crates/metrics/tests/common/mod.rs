@@ -60,8 +60,3 @@ pub(crate) fn seeded(width: u32, height: u32, seed: u64) -> Image {
     let samples = uniform(seed, (width * height * 3) as usize, 0.5).into_iter().map(|v| v + 0.5).collect();
     Image::new(width, height, samples).unwrap()
 }
-
-/// Runs `work` on this many threads.
-pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_numeric::Tolerance;
+use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 
 use super::*;
@@ -177,8 +178,7 @@ fn a_scene_does_not_depend_on_its_batch_or_on_threads() {
     let alone = network.forward(std::slice::from_ref(&views), 0).unwrap();
     let together = network.forward(&[other, views.clone()], 0).unwrap();
     assert_eq!(together.gaussians.scene(1).unwrap(), alone.gaussians.scene(0).unwrap());
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let single = pool.install(|| network.forward(&[views], 0).unwrap());
+    let single = on_threads(1, || network.forward(&[views], 0).unwrap());
     assert_eq!(single.gaussians.scene(0).unwrap(), alone.gaussians.scene(0).unwrap());
 }
 

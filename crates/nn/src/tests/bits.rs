@@ -1,15 +1,11 @@
+use atsplat_tests::on_threads;
 use burn::Tensor;
 use burn::tensor::{Device, Int, TensorData};
 use proptest::prelude::*;
-use rayon::ThreadPoolBuilder;
 
 use super::{bits, random};
 use crate::layers::{AttentionConfig, Block, BlockConfig};
 use crate::{MatmulPrecision, NormKind, ops};
-
-fn in_pool<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}
 
 fn block(width: usize, heads: usize, device: &Device) -> Block {
     device.seed(7);
@@ -44,9 +40,9 @@ fn threads_do_not_change_bits() {
     let x = Tensor::from_inner(random([3, 130, 48], 5));
     for precision in [MatmulPrecision::F32, MatmulPrecision::Bf16] {
         let run = || precision.scope(|| trained(&block, &x));
-        let alone = in_pool(1, run);
+        let alone = on_threads(1, run);
         for threads in [2, 3, 7] {
-            assert_eq!(alone, in_pool(threads, run), "{precision:?}, {threads} threads");
+            assert_eq!(alone, on_threads(threads, run), "{precision:?}, {threads} threads");
         }
     }
 }
@@ -149,7 +145,7 @@ fn gradients_of_gathered_rows_do_not_depend_on_threads() {
     let numbers = Tensor::<3, Int>::from_data(TensorData::new(rows, [4, 100, 3]), &device);
     let gradient = |threads| {
         let x = Tensor::<3>::from_inner(random([4, 11, 9], 1)).require_grad();
-        in_pool(threads, || {
+        on_threads(threads, || {
             let out = ops::gather_max(x.clone(), numbers.clone());
             let gathered = ops::gather_rows(x.clone(), numbers.clone().reshape([4, 300]));
             bits(x.grad(&((out.clone() * out).sum() + gathered.exp().sum()).backward()).unwrap())

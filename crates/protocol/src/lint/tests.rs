@@ -6,6 +6,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_files::Malformed;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
@@ -111,8 +112,7 @@ fn dataset_report(threads: usize) -> (LintReport, Warnings) {
     let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
     let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
     let mut warnings = Warnings::new();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let report = pool.install(|| lint(&index, &options, &mut warnings));
+    let report = on_threads(threads, || lint(&index, &options, &mut warnings));
     (report, warnings)
 }
 

@@ -33,6 +33,7 @@ impl<T: Clone> LazyValue<T> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_tests::on_threads;
     use rayon::prelude::*;
 
     use super::*;
@@ -45,12 +46,14 @@ mod tests {
 
     #[test]
     fn computations_that_use_rayon_do_not_deadlock() {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-        for _ in 0..50 {
-            let value = LazyValue::new();
-            let compute = || (0..64u64).into_par_iter().map(|n| (0..2000).fold(n, |sum, k| sum ^ (k * n))).sum::<u64>();
-            let all: Vec<u64> = pool.install(|| (0..16).into_par_iter().map(|_| value.get(compute)).collect());
-            assert!(all.iter().all(|one| *one == all[0]));
-        }
+        on_threads(2, || {
+            for _ in 0..50 {
+                let value = LazyValue::new();
+                let compute =
+                    || (0..64u64).into_par_iter().map(|n| (0..2000).fold(n, |sum, k| sum ^ (k * n))).sum::<u64>();
+                let all: Vec<u64> = (0..16).into_par_iter().map(|_| value.get(compute)).collect();
+                assert!(all.iter().all(|one| *one == all[0]));
+            }
+        });
     }
 }

@@ -185,16 +185,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use super::*;
+    use atsplat_tests::on_threads;
 
-    fn in_pool<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-    }
+    use super::*;
 
     #[test]
     fn results_are_in_order_for_any_number_of_threads() {
         for threads in [1, 2, 7] {
-            let taken = in_pool(threads, || {
+            let taken = on_threads(threads, || {
                 let mut ordered = OrderedJobs::new();
                 for number in 0..50u64 {
                     let job = move || {
@@ -222,7 +220,7 @@ mod tests {
     #[test]
     fn dropping_cancels_jobs_that_have_not_started() {
         let started = Arc::new(AtomicUsize::new(0));
-        in_pool(1, || {
+        on_threads(1, || {
             let mut ordered = OrderedJobs::new();
             for _ in 0..10 {
                 let started = Arc::clone(&started);

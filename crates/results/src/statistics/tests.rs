@@ -4,6 +4,7 @@ mod trend;
 use atsplat_metrics::DECIBEL_CAP;
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
+use atsplat_tests::on_threads;
 use serde::Deserialize;
 
 use super::bootstrap::interval_of_resamples;
@@ -313,11 +314,8 @@ fn intervals_need_two_scenes_and_finite_numbers() {
 fn intervals_do_not_depend_on_threads() {
     let mut random = SplitMix64::new(3);
     let clusters: Vec<[f64; 2]> = (0..50).map(|_| [20.0 + 10.0 * random.unit(), 1.0]).collect();
-    let of_threads = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| interval_of_mean(&clusters).unwrap())
-    };
-    Tolerance::EXACT.assert(of_threads(1), of_threads(7), "threads");
+    let interval = || interval_of_mean(&clusters).unwrap();
+    Tolerance::EXACT.assert(on_threads(1, interval), on_threads(7, interval), "threads");
 }
 
 /// Coverage of 95 % intervals over samples of normal and of skewed scenes.

@@ -3,6 +3,7 @@ use std::io::Cursor;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use arrow_array::RecordBatch;
+use atsplat_tests::on_threads;
 use polars::prelude::*;
 
 use super::writer::polars_from_batch;
@@ -172,10 +173,7 @@ fn without_a_readable_scene_the_old_file_stays() {
 fn bytes_do_not_depend_on_the_number_of_threads() {
     let source = dataset();
     for format in [ExportFormat::Parquet, ExportFormat::ArrowIpc, ExportFormat::Csv] {
-        let on = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| exported(&source, format).0)
-        };
+        let on = |threads| on_threads(threads, || exported(&source, format).0);
         assert_eq!(on(1), on(7), "{format:?}");
     }
 }

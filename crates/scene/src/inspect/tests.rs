@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
+use atsplat_tests::on_threads;
 
 use super::*;
 use crate::checks::cut_short::PNG_END;
@@ -424,9 +425,8 @@ fn the_report_does_not_depend_on_the_number_of_threads() {
     let scenes = (0..600).map(|n| wandering_scene(&format!("{n:03}"), 2 + n % 17));
     let source = TestSource::new(scenes).with_unreadable("300");
     let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let options = InspectOptions { per_scene: true, ..InspectOptions::default() };
-        pool.install(|| serde_json::to_string(&inspected(&source, options).0).unwrap())
+        on_threads(threads, || serde_json::to_string(&inspected(&source, options).0).unwrap())
     };
     assert_eq!(on(1), on(5));
 }

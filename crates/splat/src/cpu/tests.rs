@@ -1,4 +1,5 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion};
+use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 
 use super::*;
@@ -109,10 +110,9 @@ fn tiles_threads_and_instruction_sets_do_not_change_images() {
     let expected = rendered(&gaussians, &view, &everything(), CpuOptions::default());
     for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
         for threads in [1, 3] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             for simd in SimdLevel::with_fma() {
                 let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
-                let actual = pool.install(|| rendered(&gaussians, &view, &everything(), cpu));
+                let actual = on_threads(threads, || rendered(&gaussians, &view, &everything(), cpu));
                 assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
             }
         }
@@ -191,9 +191,8 @@ fn threads_and_tiles_do_not_change_gradients() {
     let (gaussians, view) = (cloud(2000, 1, 23), view(90, 70));
     let images = narrow(&image_gradients(&view));
     let of = |threads: usize, tile| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut renderer = CpuRenderer::new(CpuOptions { tile, ..CpuOptions::default() });
-        pool.install(|| renderer.backward(&gaussians, &view, &everything(), &images).unwrap())
+        on_threads(threads, || renderer.backward(&gaussians, &view, &everything(), &images).unwrap())
     };
     let expected = of(1, TileSize::Pixels32);
     assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);

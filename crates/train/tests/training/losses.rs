@@ -2,6 +2,7 @@
 
 use atsplat_model::network::f32_values;
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_tests::on_threads;
 use atsplat_train::losses::{Stack, d_ssim, graph, log_distance, mse, uncertainty};
 use atsplat_train::optimiser::{AdamW, Moments, Schedule, Update, clip, norm};
 use burn::Tensor;
@@ -184,8 +185,7 @@ proptest! {
             let alone = d_ssim(&render[part.clone()], &truth[part.clone()], one);
             prop_assert_eq!(&alone.map[..], &together.map[view * one.pixels()..(view + 1) * one.pixels()]);
         }
-        let pool = rayon_pool(1);
-        prop_assert_eq!(pool.install(|| d_ssim(&render, &truth, stack)), together);
+        prop_assert_eq!(on_threads(1, || d_ssim(&render, &truth, stack)), together);
     }
 
     #[test]
@@ -194,10 +194,6 @@ proptest! {
         let scale = clip(length, most);
         prop_assert!(scale <= 1.0 && length * scale <= most * (1.0 + 1e-12));
     }
-}
-
-fn rayon_pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
 }
 
 #[derive(Deserialize)]

@@ -8,6 +8,7 @@ use crate::common::{Noise, bits, config, trainer};
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Precision, TensorFile};
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_tests::on_threads;
 use atsplat_train::logs::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Event, Limits, Start, TrainConfig, TrainError, Trainer};
 use tempfile::tempdir;
@@ -61,10 +62,7 @@ fn resuming_gives_identical_weights() {
 #[test]
 fn a_hundred_steps_are_identical_on_any_number_of_threads() {
     let config = TrainConfig { steps: NonZeroU64::new(100).unwrap(), ..config("") };
-    let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| whole(&config, Noise::CLEAN))
-    };
+    let on = |threads| on_threads(threads, || whole(&config, Noise::CLEAN));
     let one = on(1);
     for threads in [2, 3] {
         assert!(on(threads) == one, "{threads} threads");

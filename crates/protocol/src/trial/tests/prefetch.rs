@@ -1,5 +1,7 @@
 //! Trials that are prepared ahead.
 
+use atsplat_tests::on_threads;
+
 use super::*;
 
 fn many_scenes() -> (Vec<Scene>, EvaluationIndex) {
@@ -17,8 +19,7 @@ fn many_scenes() -> (Vec<Scene>, EvaluationIndex) {
 /// Everything a consumer can observe, in order.
 fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64) {
     let (scenes, index) = many_scenes();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| {
+    on_threads(threads, || {
         let mut trials = Trials::new(Arc::new(MemorySource::new(scenes)), &index, recipe(), prefetch);
         let seen = trials.by_ref().map(|outcome| match outcome {
             Ok((trial, images)) => {
@@ -63,8 +64,7 @@ fn loads_no_more_scenes_ahead_than_the_bound() {
         scenes: scenes.iter().map(|scene| (scene.key.clone(), vec![entry(&[0, 6], &[3])])).collect(),
     };
     let source = Arc::new(MemorySource::new(scenes));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
-    let taken = pool.install(|| {
+    let taken = on_threads(4, || {
         let prefetch = Prefetch { trials: 3, ..Prefetch::default() };
         let trials =
             Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &each_once, recipe(), prefetch);
