@@ -382,8 +382,7 @@ mod tests {
             (1.0 - ssim(&pair, Values::AsRendered, Ssim::INRIA).unwrap()) * gradient.len() as f64
         };
         let step = 1.0 / 1024.0;
-        let largest = gradient.iter().map(|value| f64::from(value.abs())).fold(0.0, |a, b| if b > a { b } else { a });
-        let close = Tolerance { absolute: 2e-3 * largest, relative: 0.0 };
+        let close = Tolerance::of_largest(2e-3, gradient.iter().copied().map(f64::from));
         let last = render.len() - 1;
         for at in [0, 1, 3 * SIZE[0] - 1, 5 * 3 * SIZE[0] + 17, 12 * 3 * SIZE[0] + 50, last - 40, last] {
             let slope = (total(at, step) - total(at, -step)) / (2.0 * f64::from(step));

@@ -1,5 +1,7 @@
 use std::fmt;
 
+use crate::Extremes as _;
+
 /// The allowed difference of two floats: `|actual − expected| ≤ absolute + relative · |expected|`, as in NumPy's
 /// `isclose`.
 ///
@@ -34,6 +36,12 @@ impl Tolerance {
     /// A tolerance of `relative · |expected|`.
     pub const fn relative(relative: f64) -> Self {
         Self { absolute: 0.0, relative }
+    }
+
+    /// A tolerance of `share` times the largest absolute value, such as that of a gradient's numbers, most of which are small by
+    /// cancellation. With NaN among the values, it accepts only equal numbers.
+    pub fn of_largest(share: f64, values: impl IntoIterator<Item = f64>) -> Self {
+        Self::absolute(share * values.into_iter().fold(0.0, |largest: f64, value| largest.maximum_of(value.abs())))
     }
 
     /// Whether `actual` is within this tolerance of `expected`.
@@ -138,6 +146,14 @@ mod tests {
         let tolerance = Tolerance { absolute: 0.5, relative: 0.1 };
         assert!(tolerance.accepts(11.5, 10.0));
         assert!(!tolerance.accepts(11.6, 10.0));
+    }
+
+    #[test]
+    fn a_share_of_the_largest_is_of_its_absolute_value() {
+        assert_eq!(Tolerance::of_largest(0.5, [1.0, -20.0, 3.0]), Tolerance::absolute(10.0));
+        assert_eq!(Tolerance::of_largest(0.5, []), Tolerance::EXACT);
+        let of_nan = Tolerance::of_largest(0.5, [20.0, f64::NAN, 30.0]);
+        assert!(of_nan.accepts(1.0, 1.0) && !of_nan.accepts(1.0, 1.5));
     }
 
     #[test]

@@ -1,4 +1,5 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion};
+use atsplat_numeric::Tolerance;
 use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 
@@ -176,13 +177,8 @@ fn gradients_match_the_reference() {
 
 fn assert_gradients_close(actual: &Gradients<f32>, expected: &Gradients<f64>, what: &str) {
     for ((name, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
-        let size =
-            expected.iter().fold(0.0f64, |largest, value| if value.abs() > largest { value.abs() } else { largest });
-        assert_eq!(actual.len(), expected.len());
-        for (actual, expected) in actual.iter().zip(expected) {
-            let difference = (f64::from(*actual) - expected).abs();
-            assert!(difference <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
-        }
+        let (actual, expected) = (actual.iter().copied().map(f64::from), || expected.iter().copied());
+        Tolerance::of_largest(1e-3, expected()).assert(actual, expected(), &format!("{what} {name}"));
     }
 }
 

@@ -143,9 +143,9 @@ fn absolute_gradients_and_drawn_gaussians_match_the_cpu() {
         assert!(gradients == signed, "{absolute}: the signed gradients change");
         assert_eq!(screen.drawn, drawn, "{absolute}");
         let expected: Vec<f64> = expected.as_flattened().iter().copied().map(f64::from).collect();
-        let size = expected.iter().fold(0.0f64, |most, value| most.maximum_of(*value));
+        let of_largest = Tolerance::of_largest(1e-6, expected.iter().copied());
         let found = screen.absolute_2d.as_flattened().iter().copied().map(f64::from);
-        Tolerance { absolute: 1e-6 * size, relative: 1e-4 }.assert(found, expected, "absolute gradients");
+        Tolerance { relative: 1e-4, ..of_largest }.assert(found, expected, "absolute gradients");
     }
 }
 

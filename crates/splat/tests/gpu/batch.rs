@@ -1,7 +1,7 @@
 //! Batches against the same views one by one.
 
 use atsplat_camera::Distortion;
-use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
     GpuCounts, GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
 };
@@ -142,8 +142,7 @@ fn a_batch_equals_its_views_one_by_one() {
         .map(|(at, (view, images))| gpu.backward(&scenes[at / 2], view, &everything(), images).unwrap().pose)
         .collect();
     let sums: Vec<f64> = (0..6).map(|axis| poses.iter().map(|pose| f64::from(pose[axis])).sum()).collect();
-    let largest = sums.iter().fold(0.0, |most: f64, sum| most.maximum_of(sum.abs()));
-    Tolerance::absolute(1e-5 * largest).assert(found.pose.map(f64::from), sums, "pose");
+    Tolerance::of_largest(1e-5, sums.iter().copied()).assert(found.pose.map(f64::from), sums, "pose");
 }
 
 /// Kernels are launched once for the whole batch; only passes of sorts and levels of sums grow, with logarithms.

@@ -1,3 +1,4 @@
+use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded};
 use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
@@ -56,12 +57,12 @@ fn subgroups_change_only_the_rounding_of_gradients() {
         let [Some(trees), Some(again), Some(in_parts), Some(by_index)] = gradients else { return };
         assert!(trees == again && trees == in_parts, "{threads:?}");
         assert!(trees != by_index, "{threads:?}: both kernels add in the same order");
-        let means = |gradients: &Gradients<f32>| gradients.means.as_flattened().to_vec();
-        let [trees, by_index] = [means(&trees), means(&by_index)];
-        let greatest = by_index.iter().fold(0.0_f32, |most, value| if value.abs() > most { value.abs() } else { most });
-        for (tree, value) in trees.iter().zip(&by_index) {
-            assert!((tree - value).abs() <= 1e-4 * greatest, "{threads:?}: {tree} and {value} of up to {greatest}");
-        }
+        let means = |gradients: &Gradients<f32>| -> Vec<f64> {
+            gradients.means.as_flattened().iter().copied().map(f64::from).collect()
+        };
+        let by_index = means(&by_index);
+        let within = Tolerance::of_largest(1e-4, by_index.iter().copied());
+        within.assert(means(&trees), by_index, &format!("{threads:?}: means"));
     }
 }
 

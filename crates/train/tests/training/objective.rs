@@ -4,7 +4,7 @@ use crate::common::{config, sample};
 use atsplat_model::ImageSize;
 use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
-use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_numeric::Tolerance;
 use atsplat_train::samples::{PatchDistances, Sample};
 use atsplat_train::{Evaluation, FailureReason, GroupGradients, GroupInput, LossConfig, Objective, Parameters, Terms};
 
@@ -204,8 +204,8 @@ fn samples_together_have_their_terms_and_the_sum_of_their_gradients() {
     for (name, found) in &together.gradients {
         let sums =
             (0..found.len()).map(|at| alone.iter().map(|group| f64::from(group.gradients[name][at])).sum::<f64>());
-        let largest = found.iter().fold(0.0f64, |most, value| most.maximum_of(f64::from(value.abs())));
-        Tolerance::absolute(2e-5 * largest).assert(found.iter().copied().map(f64::from), sums, name);
+        let found = || found.iter().copied().map(f64::from);
+        Tolerance::of_largest(2e-5, found()).assert(found(), sums, name);
     }
     let mut broken = samples;
     broken[1].targets.images[3] = f32::NAN;
@@ -251,9 +251,9 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
     assert_ne!(outside.terms[0], outside.terms[1]);
     assert_eq!(named.gradients.keys().collect::<Vec<_>>(), outside.gradients.keys().collect::<Vec<_>>());
     for (name, expected) in &outside.gradients {
-        let largest = expected.iter().map(|value| f64::from(value.abs())).fold(0.0, f64::maximum_of);
+        let expected = || expected.iter().copied().map(f64::from);
         let found = named.gradients[name].iter().copied().map(f64::from);
-        Tolerance::absolute(1e-4 * largest).assert(found, expected.iter().copied().map(f64::from), name);
+        Tolerance::of_largest(1e-4, expected()).assert(found, expected(), name);
     }
     let flat = inside.flat_gradient(&network, &input).unwrap();
     let squares = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
