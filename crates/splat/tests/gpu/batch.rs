@@ -2,13 +2,11 @@
 
 use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{
-    GpuCounts, GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
-};
+use atsplat_splat::gpu::{GpuCounts, GpuError, GpuGaussians, GpuOptions, GpuPart, GpuRenderer};
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Renderer, SplatError, View};
 use glam::{DMat3, DVec3};
 
-use crate::scenes::{cloud, everything, external_device, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{cloud, everything, external_device, gpu, image_gradients, narrow, on_device, open, view};
 
 /// Each from elsewhere, through another lens.
 fn views(count: usize, width: u32, height: u32) -> Vec<View> {
@@ -50,35 +48,6 @@ fn joined(scenes: &[Gaussians]) -> Gaussians {
     Gaussians::new(all).unwrap()
 }
 
-/// Image gradients of images below each other, on the device.
-fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradients {
-    let buffer = |values: Vec<[f32; 4]>| {
-        let bytes: Vec<u8> = values.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
-        let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: bytes.len() as u64,
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        gpu.queue().write_buffer(&buffer, 0, &bytes);
-        buffer
-    };
-    let pixels = |gradients: &ImageGradients<f32>| 0..gradients.rgb.len();
-    let colour = |gradients: &ImageGradients<f32>, at: usize| {
-        let [red, green, blue] = gradients.rgb[at];
-        [red, green, blue, gradients.alpha.as_ref().unwrap()[at]]
-    };
-    let extra = |gradients: &ImageGradients<f32>, at: usize| {
-        [gradients.depth.as_ref().unwrap()[at], gradients.scalar.as_ref().unwrap()[at], 0.0, 0.0]
-    };
-    let colours =
-        images.iter().flat_map(|gradients| pixels(gradients).map(|at| colour(gradients, at)).collect::<Vec<_>>());
-    let extras =
-        images.iter().flat_map(|gradients| pixels(gradients).map(|at| extra(gradients, at)).collect::<Vec<_>>());
-    let strip = GpuStripGradients { colours: buffer(colours.collect()), extras: Some(buffer(extras.collect())) };
-    GpuImageGradients { strips: vec![strip] }
-}
-
 type Field = fn(&Gradients<f32>) -> &[f32];
 
 /// Three scenes with two views each: images, and gradients summed over the views of each scene.
@@ -114,7 +83,7 @@ fn a_batch_equals_its_views_one_by_one() {
         gradients
     };
     let images: Vec<ImageGradients<f32>> = (0..6).map(phases).collect();
-    let by_images = uploaded(&gpu, &images);
+    let by_images = on_device(&gpu, &images);
     let pending = gpu.backward_batch(&resident, 3, &views, &everything(), &by_images).unwrap();
     let found = gpu.read_gradients(&pending, &joined).unwrap();
     for (scene, gaussians) in scenes.iter().enumerate() {
@@ -153,7 +122,7 @@ fn launches_do_not_grow_with_the_batch() {
         let views = views(2 * count as usize, 64, 64);
         let resident = gpu.upload(&joined(&scenes(count, 1500))).unwrap();
         let images: Vec<_> = views.iter().map(|view| narrow(&image_gradients(view))).collect();
-        let by_images = uploaded(&gpu, &images);
+        let by_images = on_device(&gpu, &images);
         let render = |gpu: &mut GpuRenderer| {
             let pending = gpu.render_batch(&resident, count, &views, &everything()).unwrap();
             gpu.settle(&pending).unwrap();

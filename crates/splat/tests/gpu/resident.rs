@@ -4,7 +4,9 @@ use atsplat_splat::gpu::{
 };
 use atsplat_splat::{Exposure, Gaussians, ImageGradients, RenderOptions, Renderer, SplatError, StoppedGradients};
 
-use crate::scenes::{cloud, everything, external_device, filtered, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{
+    as_gradients, cloud, everything, external_device, filtered, gpu, image_gradients, narrow, on_device, open, view,
+};
 
 /// Results on the device equal those that pass through the host.
 #[test]
@@ -18,13 +20,7 @@ fn resident_results_equal_host_results() {
     assert!(gpu.read(&rendering).unwrap() == through_host);
 
     let images = narrow(&image_gradients(&view));
-    let strips = GpuImageGradients {
-        strips: vec![GpuStripGradients {
-            colours: rendering.unsettled().strips[0].colours.clone(),
-            extras: rendering.unsettled().strips[0].extras.clone(),
-        }],
-    };
-    // Uses the image as its own gradient, that of half its sum of squares.
+    let strips = as_gradients(&rendering.unsettled().strips);
     let gradients = gpu.backward_resident(&resident, &view, &everything(), &strips).unwrap();
     let by_image = ImageGradients {
         rgb: through_host.rgb,
@@ -64,19 +60,6 @@ fn reports_stage_timings() {
     assert!(gpu.name().starts_with("gpu, ") && gpu.name().contains(gpu.adapter()));
 }
 
-/// Gradients of a single strip on the device, from each pixel's red, green, blue and alpha, and its depth and scalar.
-fn on_device(gpu: &GpuRenderer, colours: &[[f32; 4]], extras: &[[f32; 4]]) -> GpuImageGradients {
-    let put = |values: &[[f32; 4]]| {
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-        let size = 16 * values.len() as u64;
-        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
-        let buffer = gpu.device().create_buffer(&descriptor);
-        gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
-        buffer
-    };
-    GpuImageGradients { strips: vec![GpuStripGradients { colours: put(colours), extras: Some(put(extras)) }] }
-}
-
 /// One gradient that is not a number, of the scalar's image: here only the gradient of the Gaussian's scalar depends on it.
 #[test]
 fn a_gradient_that_is_not_a_number_is_read_as_such() {
@@ -87,11 +70,16 @@ fn a_gradient_that_is_not_a_number_is_read_as_such() {
     let gradients = StoppedGradients { scalar_stops: true, directions_stop: false };
     let options = RenderOptions { gradients, ..everything() };
     let resident = gpu.upload(&gaussians).unwrap();
-    let (colours, mut extras) =
-        (vec![[1.0, -0.5, 0.25, 0.5]; view.pixels()], vec![[0.5, 0.25, 0.0, 0.0]; view.pixels()]);
+    let mut scalar = vec![0.25; view.pixels()];
     for (value, not_finite) in [(0.75, 0), (f32::NAN, 1)] {
-        extras[7 * 21 + 10][1] = value;
-        let images = on_device(&gpu, &colours, &extras);
+        scalar[7 * 21 + 10] = value;
+        let images = ImageGradients {
+            rgb: vec![[1.0, -0.5, 0.25]; view.pixels()],
+            alpha: Some(vec![0.5; view.pixels()]),
+            depth: Some(vec![0.5; view.pixels()]),
+            scalar: Some(scalar.clone()),
+        };
+        let images = on_device(&gpu, &[images]);
         let gradients = gpu.backward_resident(&resident, &view, &options, &images).unwrap();
         let found = gpu.read_gradients(&gradients, &gaussians).unwrap();
         assert_eq!(found.non_finite(), not_finite, "{value}: {found:?}");
@@ -108,16 +96,7 @@ fn gradients_pass_the_exposure_on_the_device() {
     let options = RenderOptions { exposure: Some(Exposure { matrix, offset: [-0.2, 0.1, 0.05] }), ..everything() };
     let images = narrow(&image_gradients(&view));
     let expected = gpu.backward(&gaussians, &view, &options, &images).unwrap();
-    let plane = |image: &Option<Vec<f32>>, pixel: usize| image.as_ref().map_or(0.0, |image| image[pixel]);
-    let colours: Vec<[f32; 4]> = images
-        .rgb
-        .iter()
-        .enumerate()
-        .map(|(pixel, [red, green, blue])| [*red, *green, *blue, plane(&images.alpha, pixel)])
-        .collect();
-    let extras: Vec<[f32; 4]> =
-        (0..view.pixels()).map(|pixel| [plane(&images.depth, pixel), plane(&images.scalar, pixel), 0.0, 0.0]).collect();
-    let images = on_device(&gpu, &colours, &extras);
+    let images = on_device(&gpu, &[images]);
     let resident = gpu.upload(&gaussians).unwrap();
     let gradients = gpu.backward_resident(&resident, &view, &options, &images).unwrap();
     let found = gpu.read_gradients(&gradients, &gaussians).unwrap().map(f64::from);

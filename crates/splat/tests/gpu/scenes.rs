@@ -4,8 +4,10 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, select};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, View};
+use atsplat_splat::gpu::{
+    AdapterChoice, GpuError, GpuImageGradients, GpuOptions, GpuRenderer, GpuStrip, GpuStripGradients, select,
+};
+use atsplat_splat::{Gaussians, ImageGradients, RenderOptions, Renderer, Rendering, View};
 use atsplat_tests::{skip, skip_without_graphics};
 use glam::{DMat3, DVec3};
 
@@ -52,6 +54,33 @@ pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(
     let required_features = adapter.features() & wgpu::Features::SUBGROUP;
     let descriptor = wgpu::DeviceDescriptor { required_limits, required_features, ..wgpu::DeviceDescriptor::default() };
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
+}
+
+/// Gradients of images below each other, on the device in one strip; zeros for images that have none.
+pub(crate) fn on_device(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradients {
+    let plane = |image: &Option<Vec<f32>>, pixel: usize| image.as_ref().map_or(0.0, |image| image[pixel]);
+    let (mut colours, mut extras) = (Vec::new(), Vec::new());
+    for image in images {
+        for (pixel, [red, green, blue]) in image.rgb.iter().enumerate() {
+            colours.push([*red, *green, *blue, plane(&image.alpha, pixel)]);
+            extras.push([plane(&image.depth, pixel), plane(&image.scalar, pixel), 0.0, 0.0]);
+        }
+    }
+    let put = |values: &[[f32; 4]]| {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+        let size = 16 * values.len() as u64;
+        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+        let buffer = gpu.device().create_buffer(&descriptor);
+        gpu.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(values));
+        buffer
+    };
+    GpuImageGradients { strips: vec![GpuStripGradients { colours: put(&colours), extras: Some(put(&extras)) }] }
+}
+
+/// An image as its own gradient, that of half its sum of squares.
+pub(crate) fn as_gradients(strips: &[GpuStrip]) -> GpuImageGradients {
+    let of = |strip: &GpuStrip| GpuStripGradients { colours: strip.colours.clone(), extras: strip.extras.clone() };
+    GpuImageGradients { strips: strips.iter().map(of).collect() }
 }
 
 /// The same with a 3D filter.

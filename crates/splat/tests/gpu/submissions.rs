@@ -1,12 +1,10 @@
 //! What passes between the host and the device: submissions, waits and bytes, and renderings repeated with longer lists.
 
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{
-    GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, ImageFormat, ImageNumbers,
-};
+use atsplat_splat::gpu::{GpuCounts, GpuOptions, GpuRenderer, ImageFormat, ImageNumbers};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
-use crate::scenes::{assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{as_gradients, assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
 
 /// What `work` added to the counts.
 fn counted<T>(gpu: &mut GpuRenderer, work: impl FnOnce(&mut GpuRenderer) -> T) -> (T, GpuCounts) {
@@ -36,10 +34,7 @@ fn a_resident_image_is_one_submission_and_reading_it_one_wait() {
     let (of_gaussians, counts) = counted(&mut gpu, |gpu| gpu.settle(&image).unwrap().counts);
     assert_eq!((requests(counts), of_gaussians), ([0, 0, 0], expected.counts), "known from reading");
 
-    let strip = &image.unsettled().strips[0];
-    let images = GpuImageGradients {
-        strips: vec![GpuStripGradients { colours: strip.colours.clone(), extras: strip.extras.clone() }],
-    };
+    let images = as_gradients(&image.unsettled().strips);
     let backward = |gpu: &mut GpuRenderer| gpu.backward_resident(&resident, &view, &everything(), &images).unwrap();
     let first = backward(&mut gpu);
     gpu.settle(&first).unwrap();
