@@ -2,7 +2,7 @@ use atsplat_camera::ImageSize;
 use atsplat_splat::gpu::{GpuError, GpuOptions, GpuRenderer};
 use atsplat_splat::{Renderer, SplatError, View};
 
-use crate::scenes::{assert_identical, cloud, everything, external_device, gpu, open, view};
+use crate::scenes::{assert_identical, cloud, everything, external_device, gpu, open_untested, view};
 
 /// The buffers of an image, and of the gradients, each fit the device, but not together.
 #[test]
@@ -63,7 +63,7 @@ fn rejects_strips_of_invalid_sizes() {
 /// An error by another user of the device is reported once, and the renderer continues to work.
 #[test]
 fn errors_of_other_users_are_reported_once() {
-    let Some(mut gpu) = open(GpuOptions::default()) else { return };
+    let Some(mut gpu) = open_untested() else { return };
     let mut render = || gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
     let expected = render().unwrap();
     let invalid = wgpu::BufferDescriptor {

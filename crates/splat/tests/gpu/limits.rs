@@ -4,7 +4,8 @@ use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, Renderer
 use atsplat_tests::skip;
 
 use crate::scenes::{
-    assert_bound, assert_identical, cloud, dust, everything, gpu, image_gradients, narrow as narrow_images, open, view,
+    assert_bound, assert_identical, beside, cloud, dust, everything, gpu, image_gradients, narrow as narrow_images,
+    open, open_untested, view,
 };
 
 /// Parts of 640 Gaussians, strips of two tile rows, dispatches in two dimensions.
@@ -45,16 +46,17 @@ fn subgroups_change_only_the_rounding_of_gradients() {
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     let images = narrow_images(&image_gradients(&view));
     for threads in [Threads::Many, Threads::Few] {
-        let gradients =
-            [(true, u32::MAX), (true, u32::MAX), (true, 37), (false, u32::MAX)].map(|(subgroups, entries_limit)| {
-                let mut gpu = open(GpuOptions { threads, subgroups, entries_limit, ..GpuOptions::default() })?;
-                if subgroups && !gpu.device().features().contains(wgpu::Features::SUBGROUP) {
-                    skip("subgroups_change_only_the_rounding_of_gradients", "the adapter has no subgroups");
-                    return None;
-                }
-                Some(gpu.backward(&gaussians, &view, &everything(), &images).unwrap())
-            });
-        let [Some(trees), Some(again), Some(in_parts), Some(by_index)] = gradients else { return };
+        let whole = GpuOptions { threads, ..GpuOptions::default() };
+        let Some(trees) = open(whole) else { return };
+        if !trees.device().features().contains(wgpu::Features::SUBGROUP) {
+            skip("subgroups_change_only_the_rounding_of_gradients", "the adapter has no subgroups");
+            return;
+        }
+        let again = beside(&trees, whole);
+        let others = [GpuOptions { entries_limit: 37, ..whole }, GpuOptions { subgroups: false, ..whole }].map(open);
+        let [Some(in_parts), Some(by_index)] = others else { return };
+        let [trees, again, in_parts, by_index] = [trees, again, in_parts, by_index]
+            .map(|mut gpu| gpu.backward(&gaussians, &view, &everything(), &images).unwrap());
         assert!(trees == again && trees == in_parts, "{threads:?}");
         assert!(trees != by_index, "{threads:?}: both kernels add in the same order");
         let means = |gradients: &Gradients<f32>| -> Vec<f64> {
@@ -85,17 +87,15 @@ fn opengl_is_within_the_bound() {
 fn exceeding_a_limit_is_a_typed_error() {
     let Some(mut gpu) = gpu() else { return };
     let tiny = GpuOptions { memory_limit: 100_000, ..GpuOptions::default() };
-    let outcome = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), tiny);
-    let outcome = outcome.unwrap().render(&cloud(2000, 0, 1), &view(64, 64), &everything());
+    let outcome = beside(&gpu, tiny).render(&cloud(2000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 100_000, .. })), "{outcome:?}");
     let narrow = GpuOptions { binding_limit: 16 << 10, ..GpuOptions::default() };
-    let outcome = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), narrow);
-    let outcome = outcome.unwrap().render(&cloud(2000, 0, 1), &view(64, 64), &everything());
+    let outcome = beside(&gpu, narrow).render(&cloud(2000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
     // Windows are halved down to a single tile, whose pairs still do not fit 48 bytes each.
     let (gaussians, view_of_tiles) = (cloud(1000, 0, 1), view(32, 40));
     let images = narrow_images(&image_gradients(&view_of_tiles));
-    let mut limited = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), narrow).unwrap();
+    let mut limited = beside(&gpu, narrow);
     let outcome = limited.backward(&gaussians, &view_of_tiles, &everything(), &images);
     assert!(
         matches!(
@@ -121,8 +121,7 @@ fn a_limit_without_room_for_lists_is_rejected_at_once() {
     let (gaussians, view) = (dust(4000), view(320, 240));
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
     let within = |memory_limit| {
-        let options = GpuOptions { memory_limit, ..GpuOptions::default() };
-        let mut limited = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), options).unwrap();
+        let mut limited = beside(&gpu, GpuOptions { memory_limit, ..GpuOptions::default() });
         let outcome = limited.render(&gaussians, &view, &everything());
         (outcome, limited.counts().repeats)
     };
@@ -147,7 +146,7 @@ fn an_adapter_that_cannot_be_used_is_an_error() {
 /// A destroyed device is an error, not a panic.
 #[test]
 fn a_lost_device_is_a_typed_error() {
-    let Some(mut gpu) = open(GpuOptions::default()) else { return };
+    let Some(mut gpu) = open_untested() else { return };
     gpu.device().destroy();
     let outcome = gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
     assert!(matches!(outcome, Err(SplatError::Gpu(_))), "{outcome:?}");

@@ -5,7 +5,7 @@ use atsplat_splat::gpu::{GpuOptions, Threads};
 use atsplat_splat::{RenderOptions, Renderer, reference};
 
 use crate::scenes::{
-    assert_bound, assert_identical, cloud, everything, gpu, image_gradients, narrow, needles, open, specks, straight,
+    assert_bound, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, needles, specks, straight,
     view,
 };
 
@@ -13,7 +13,8 @@ use crate::scenes::{
 #[test]
 fn splitting_lists_gives_identical_results() {
     let few = GpuOptions { entries_limit: 37, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(few)) else { return };
+    let Some(mut gpu) = gpu() else { return };
+    let mut limited = beside(&gpu, few);
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     for options in [everything(), RenderOptions::default()] {
         assert_identical(&mut limited, &mut gpu, &gaussians, &view, &options);
@@ -45,8 +46,9 @@ fn renders_needles_across_a_whole_tile() {
     assert_eq!(expected.counts.drawn, 4000);
     assert!(expected.alpha.iter().all(|alpha| *alpha < 0.999), "{:?}", expected.alpha);
     let gradients = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
+    let Some(shared) = gpu() else { return };
     for threads in [Threads::Few, Threads::Many] {
-        let Some(mut gpu) = open(GpuOptions { threads, ..GpuOptions::default() }) else { return };
+        let mut gpu = beside(&shared, GpuOptions { threads, ..GpuOptions::default() });
         assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, &format!("{threads:?}"));
         let actual = gpu.backward(&gaussians, &view, &everything(), &narrow(&images)).unwrap().map(f64::from);
         for ((name, actual), (_, expected)) in actual.fields().into_iter().zip(gradients.fields()) {

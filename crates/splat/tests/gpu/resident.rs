@@ -5,7 +5,7 @@ use atsplat_splat::gpu::{
 use atsplat_splat::{Exposure, Gaussians, ImageGradients, RenderOptions, Renderer, SplatError, StoppedGradients};
 
 use crate::scenes::{
-    as_gradients, cloud, everything, external_device, filtered, gpu, image_gradients, narrow, on_device, open, view,
+    as_gradients, beside, cloud, everything, external_device, filtered, gpu, image_gradients, narrow, on_device, view,
 };
 
 /// Results on the device equal those that pass through the host.
@@ -111,7 +111,8 @@ fn gradients_pass_the_exposure_on_the_device() {
 #[test]
 fn splitting_into_parts_and_strips_changes_nothing() {
     let small = GpuOptions { binding_limit: 128 << 10, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(small)) else { return };
+    let Some(mut gpu) = gpu() else { return };
+    let mut limited = beside(&gpu, small);
     let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
     let resident = limited.upload(&gaussians).unwrap();
     let rendering = limited.render_resident(&resident, &view, &everything()).unwrap();
@@ -280,10 +281,7 @@ fn resident_gaussians_count_towards_the_limit() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(2000, 4, 19), view(30, 20));
     let resident = gpu.upload(&gaussians).unwrap();
-    let limited = |limit: u64| {
-        let options = GpuOptions { memory_limit: limit, ..GpuOptions::default() };
-        GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), options).unwrap()
-    };
+    let limited = |limit: u64| beside(&gpu, GpuOptions { memory_limit: limit, ..GpuOptions::default() });
     let outcome = limited(600_000).render_resident(&resident, &view, &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
     limited(1_600_000).render_resident(&resident, &view, &everything()).unwrap();

@@ -5,7 +5,8 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
-    AdapterChoice, GpuError, GpuImageGradients, GpuOptions, GpuRenderer, GpuStrip, GpuStripGradients, select,
+    AdapterChoice, GpuError, GpuImageGradients, GpuOptions, GpuRenderer, GpuStrip, GpuStripGradients, SelfTestKey,
+    SelfTestObserver, SelfTestResult, select,
 };
 use atsplat_splat::{Gaussians, ImageGradients, RenderOptions, Renderer, Rendering, View};
 use atsplat_tests::{skip, skip_without_graphics};
@@ -13,9 +14,30 @@ use glam::{DMat3, DVec3};
 
 pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
 
-/// Opens a renderer; `None` if there is no adapter and none is required.
+/// Opens a renderer on a device of its own, which passes the self-test with these options; `None` if there is no adapter and none is
+/// required.
 pub(crate) fn open(options: GpuOptions) -> Option<GpuRenderer> {
-    match GpuRenderer::new(&AdapterChoice::Automatic, options) {
+    observed(options, &())
+}
+
+/// As [`open`] with the default options, without their self-test, which [`gpu`] has passed.
+pub(crate) fn open_untested() -> Option<GpuRenderer> {
+    struct Passed;
+    impl SelfTestObserver for Passed {
+        fn cached(&self, _key: &SelfTestKey) -> Option<SelfTestResult> {
+            Some(SelfTestResult { fault: None })
+        }
+    }
+    observed(GpuOptions::default(), &Passed)
+}
+
+/// Another renderer on the device of one, without a self-test: for tests that compare it with a renderer that has passed its own.
+pub(crate) fn beside(gpu: &GpuRenderer, options: GpuOptions) -> GpuRenderer {
+    GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), options).unwrap()
+}
+
+fn observed(options: GpuOptions, observer: &dyn SelfTestObserver) -> Option<GpuRenderer> {
+    match GpuRenderer::observed(&AdapterChoice::Automatic, options, observer) {
         Ok(renderer) => Some(renderer),
         Err(error @ GpuError::NoAdapter { .. }) => {
             skip_without_graphics("splat gpu", error);

@@ -4,7 +4,9 @@ use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{GpuCounts, GpuOptions, GpuRenderer, ImageFormat, ImageNumbers};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
-use crate::scenes::{as_gradients, assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{
+    as_gradients, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, open, view,
+};
 
 /// What `work` added to the counts.
 fn counted<T>(gpu: &mut GpuRenderer, work: impl FnOnce(&mut GpuRenderer) -> T) -> (T, GpuCounts) {
@@ -74,7 +76,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     let short = GpuOptions { first_pairs: 100, ..GpuOptions::default() };
     // 4096 entries are composited at first: fewer than a list has if one dispatch takes a single entry of it.
     for options in [short, GpuOptions { first_pairs: 0, entries_limit: 37, ..short }] {
-        let Some(mut short) = open(options) else { return };
+        let mut short = beside(&gpu, options);
         let (read, counts) = counted(&mut short, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
         assert_eq!(requests(counts), [2, 2, 1], "{counts:?}");
         assert!(read == expected);
@@ -83,7 +85,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
         assert!(short.backward(&gaussians, &view, &everything(), &images).unwrap() == gradients);
     }
 
-    let Some(mut short) = open(short) else { return };
+    let mut short = beside(&gpu, short);
     let resident = short.upload(&gaussians).unwrap();
     let (images, counts) =
         counted(&mut short, |gpu| [(); 2].map(|()| gpu.render_resident(&resident, &view, &everything()).unwrap()));
@@ -122,7 +124,8 @@ fn an_image_that_was_repeated_when_it_was_read_says_so() {
 #[test]
 fn images_are_read_in_the_requested_format() {
     let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(short)) else { return };
+    let Some(mut gpu) = gpu() else { return };
+    let mut limited = beside(&gpu, short);
     let mut parts = cloud(2000, 0, 7).into_parts();
     parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| 6.0 * value));
     let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(97, 71));
@@ -180,7 +183,8 @@ fn half(bits: u16) -> f64 {
 #[test]
 fn windows_are_learnt() {
     let small = GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(small)) else { return };
+    let Some(mut gpu) = gpu() else { return };
+    let mut limited = beside(&gpu, small);
     let (gaussians, view) = (cloud(3000, 0, 7), view(97, 71));
     assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
     let images = narrow(&image_gradients(&view));
