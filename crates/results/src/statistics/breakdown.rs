@@ -27,12 +27,20 @@ pub struct Binned {
 
 /// The protocol's means by bin of overlap, as the protocol of `bins` defines them.
 pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins, aggregation: Aggregation) -> Binned {
-    let selected = select(results, query);
+    binned(&select(results, query), bins, |chosen| to_publish(chosen, aggregation))
+}
+
+/// Any number by bin of overlap, of targets that are already selected and ordered.
+pub(super) fn binned(
+    selected: &[SelectedTarget<'_>],
+    bins: &OverlapBins,
+    summary_of: impl Fn(&[SelectedTarget<'_>]) -> Summary,
+) -> Binned {
     let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
     let summary = |is_included: &dyn Fn(Option<&str>) -> bool| {
         let chosen: Vec<SelectedTarget> =
             selected.iter().filter(|target| is_included(bin_of(target))).copied().collect();
-        to_publish(&chosen, aggregation)
+        summary_of(&chosen)
     };
     Binned {
         bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
