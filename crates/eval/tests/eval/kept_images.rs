@@ -1,35 +1,21 @@
 //! Which renders a run keeps.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::common::{Run, SIZE, Walls, dataset, entry, grey, record};
-use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput};
+use crate::common::methods::method;
+use crate::common::{Run, SIZE, Walls, dataset, entry, grey};
+use atsplat_eval::method::{Prediction, Rendered};
 use atsplat_eval::runner::KeepImages;
 use atsplat_pixels::Image;
-use atsplat_results::MethodRecord;
 use atsplat_results::store::images::image_path;
 
 /// Renders its second target differently each time.
-#[derive(Debug)]
-struct Unsteady;
-
 #[derive(Default)]
-struct UnsteadyPrediction {
+struct Unsteady {
     renders: AtomicUsize,
 }
 
-impl Method for Unsteady {
-    fn record(&self) -> MethodRecord {
-        record("unsteady")
-    }
-
-    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(UnsteadyPrediction::default()))
-    }
-}
-
-impl Prediction for UnsteadyPrediction {
+impl Prediction for Unsteady {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |target: &usize| {
             let mut rendered = grey();
@@ -48,7 +34,8 @@ impl Prediction for UnsteadyPrediction {
 fn an_image_that_is_rendered_again_is_kept_only_if_it_is_the_scored_one() {
     let folder = tempfile::tempdir().unwrap();
     let datasets = vec![dataset(Walls::new(1, 8), &[entry(&[0, 4], &[2, 3, 6])])];
-    let run = Run { images: KeepImages::Worst, ..Run::new(datasets, vec![Arc::new(Unsteady)]) };
+    let unsteady = method("unsteady", |_| Ok(Box::new(Unsteady::default())));
+    let run = Run { images: KeepImages::Worst, ..Run::new(datasets, vec![unsteady]) };
     let (results, _) = run.run(folder.path()).unwrap();
     let key = results.trials[0].key.clone();
     let kept = [2, 3, 6].map(|frame| image_path(folder.path(), &key, frame).is_file());

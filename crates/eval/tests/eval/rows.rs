@@ -4,6 +4,7 @@ use crate::common;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::common::methods::{Grey, method};
 use crate::common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
 use atsplat_camera::PoseNormalisation;
 use atsplat_eval::EvalError;
@@ -63,7 +64,7 @@ fn a_new_method_on_changed_data_is_rejected_until_the_others_run_too() {
     assert_eq!((summary.evaluated, summary.resumed), (4, 2));
     assert_eq!(rows(&both), rows(&evaluate(fresh.path(), replaced(4), baselines()).unwrap().0));
     // With unchanged data a new method can be added.
-    let (_, joined) = evaluate(fresh.path(), replaced(4), vec![Arc::new(FixedCount(2))]).unwrap();
+    let (_, joined) = evaluate(fresh.path(), replaced(4), vec![gives(2)]).unwrap();
     assert_eq!(joined.evaluated, 3);
 }
 
@@ -241,19 +242,8 @@ fn results_whose_data_are_missing_are_named() {
     assert!(error.contains("scene \"wall-2\"") && error.contains("no longer in the data"), "{error}");
 }
 
-/// Returns this many images whatever the number of targets.
-#[derive(Debug)]
+/// This many images, whatever the number of targets.
 struct FixedCount(usize);
-
-impl Method for FixedCount {
-    fn record(&self) -> MethodRecord {
-        record(&format!("gives {}", self.0))
-    }
-
-    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(FixedCount(self.0)))
-    }
-}
 
 impl Prediction for FixedCount {
     fn render(&self, _targets: &[usize]) -> Vec<Result<Rendered, String>> {
@@ -261,11 +251,15 @@ impl Prediction for FixedCount {
     }
 }
 
+fn gives(count: usize) -> Arc<dyn Method> {
+    method(&format!("gives {count}"), move |_| Ok(Box::new(FixedCount(count))))
+}
+
 #[test]
 fn a_wrong_number_of_images_fails_the_trial_with_both_numbers() {
     for given in [0, 1, 3] {
         let store = tempfile::tempdir().unwrap();
-        let (results, summary) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(FixedCount(given))]).unwrap();
+        let (results, summary) = evaluate(store.path(), Walls::new(1, 8), vec![gives(given)]).unwrap();
         assert_eq!((results.trials[0].status, summary.incomplete), (TrialStatus::Failed, 1));
         let message = format!("expected an image for each of 2 targets, the method returned {given}");
         assert_eq!(results.trials[0].detail.as_deref(), Some(message.as_str()));
@@ -275,38 +269,19 @@ fn a_wrong_number_of_images_fails_the_trial_with_both_numbers() {
         );
     }
     let store = tempfile::tempdir().unwrap();
-    let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(FixedCount(2))]).unwrap();
+    let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![gives(2)]).unwrap();
     assert_eq!(results.gaps(), []);
 }
 
 /// A method whose optimisation reproduces the context views.
-#[derive(Debug)]
-struct Exact;
-
-impl Method for Exact {
-    fn record(&self) -> MethodRecord {
-        record("exact")
-    }
-
-    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(Exact))
-    }
-}
-
-impl Prediction for Exact {
-    fn cost(&self) -> Cost {
-        Cost { context_psnr: Some(f64::INFINITY), ..Cost::default() }
-    }
-
-    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        targets.iter().map(|_| Ok(grey())).collect()
-    }
-}
-
 #[test]
 fn an_infinite_psnr_on_the_context_views_is_a_note() {
     let store = tempfile::tempdir().unwrap();
-    let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(Exact)]).unwrap();
+    let exact = method("exact", |_| {
+        let cost = Cost { context_psnr: Some(f64::INFINITY), ..Cost::default() };
+        Ok(Box::new(Grey { cost, ..Grey::default() }))
+    });
+    let (results, _) = evaluate(store.path(), Walls::new(1, 8), vec![exact]).unwrap();
     let trial = &results.trials[0];
     assert_eq!((trial.status, trial.context_psnr), (TrialStatus::Done, None));
     assert!(trial.notes.iter().any(|note| note == "the PSNR on the context views is inf"), "{:?}", trial.notes);

@@ -3,40 +3,29 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite, write_zero_weights};
-use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
+use crate::common::methods::{counted_method, method};
+use crate::common::{Run, SIZE, Walls, baselines, dataset, entry, rows, suite, write_zero_weights};
+use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, Warp};
 use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, Selection, current_provenance};
 use atsplat_metrics::learned::Network;
 use atsplat_pixels::Image;
 use atsplat_protocol::{KnownIndex, SamplingRule};
 use atsplat_results::store::images::image_path;
 use atsplat_results::{
-    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, RunWarning, Shard, TargetStatus, TrialKey, TrialStatus,
+    Gap, GapKind, IDENTICAL, Results, RunReport, RunWarning, Shard, TargetStatus, TrialKey, TrialStatus,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::on_threads;
 
 /// Fails in a different way in each of the first scenes, and counts its calls.
-#[derive(Debug, Default)]
-struct Faulty {
-    calls: AtomicUsize,
-}
-
-impl Method for Faulty {
-    fn record(&self) -> MethodRecord {
-        record("faulty")
-    }
-
-    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        self.calls.fetch_add(1, Ordering::Relaxed);
-        match input.trial.scene() {
-            "wall-0" => Err(MethodError::NotApplicable("two views are too few".to_owned())),
-            "wall-1" => Err(MethodError::Failed("out of memory".to_owned())),
-            #[expect(clippy::panic, reason = "the test covers panics in methods")]
-            "wall-2" => panic!("a bug"),
-            scene => Ok(Box::new(FaultyPrediction(scene.to_owned()))),
-        }
-    }
+fn faulty() -> (Arc<dyn Method>, Arc<AtomicUsize>) {
+    counted_method("faulty", |input| match input.trial.scene() {
+        "wall-0" => Err(MethodError::NotApplicable("two views are too few".to_owned())),
+        "wall-1" => Err(MethodError::Failed("out of memory".to_owned())),
+        #[expect(clippy::panic, reason = "the test covers panics in methods")]
+        "wall-2" => panic!("a bug"),
+        scene => Ok(Box::new(FaultyPrediction(scene.to_owned()))),
+    })
 }
 
 struct FaultyPrediction(String);
@@ -57,17 +46,12 @@ impl Prediction for FaultyPrediction {
 }
 
 /// Renders of one grey value each, in which this many Gaussians are drawn; `None` for one that fails.
-#[derive(Debug)]
-struct Plain([Option<(f32, Option<u64>)>; 3]);
+type Greys = [Option<(f32, Option<u64>)>; 3];
 
-impl Method for Plain {
-    fn record(&self) -> MethodRecord {
-        record("plain")
-    }
+struct Plain(Greys);
 
-    fn predict<'a>(&'a self, _: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(Self(self.0)))
-    }
+fn plain(renders: Greys) -> Arc<dyn Method> {
+    method("plain", move |_| Ok(Box::new(Plain(renders))))
 }
 
 impl Prediction for Plain {
@@ -120,7 +104,7 @@ fn baselines_have_complete_rows() {
 fn every_outcome_is_a_row() {
     let walls = Walls { damaged: Some((6, 0)), ..Walls::new(8, 8) };
     let folder = tempfile::tempdir().unwrap();
-    let (results, summary) = settings(walls, vec![Arc::new(Faulty::default())]).run(folder.path()).unwrap();
+    let (results, summary) = settings(walls, vec![faulty().0]).run(folder.path()).unwrap();
     let trial = |scene: usize| &results.trials[scene];
     let expected = [
         (TrialStatus::NotApplicable, "two views are too few"),
@@ -153,7 +137,7 @@ fn every_outcome_is_a_row() {
 fn what_a_method_does_not_support_is_not_a_failure() {
     let run_on = |scenes| {
         let folder = tempfile::tempdir().unwrap();
-        let run = settings(Walls::new(scenes, 8), vec![Arc::new(Faulty::default())]);
+        let run = settings(Walls::new(scenes, 8), vec![faulty().0]);
         let (results, summary) = run.run(folder.path()).unwrap();
         let text = RunReport::of(&results, Some(summary), folder.path()).to_string();
         (text, summary, results.gaps().len(), run.plan().nothing_evaluated(&results))
@@ -178,7 +162,7 @@ fn what_a_method_does_not_support_is_not_a_failure() {
 fn renders_without_gaussians_or_colour_are_noted() {
     let notes = |renders| {
         let folder = tempfile::tempdir().unwrap();
-        let (results, _) = settings(Walls::new(1, 8), vec![Arc::new(Plain(renders))]).run(folder.path()).unwrap();
+        let (results, _) = settings(Walls::new(1, 8), vec![plain(renders)]).run(folder.path()).unwrap();
         let scored = results.targets.iter().filter(|row| row.status == TargetStatus::Scored).count();
         assert_eq!(scored, renders.iter().flatten().count());
         results.trials[0].notes.clone()
@@ -194,7 +178,7 @@ fn renders_without_gaussians_or_colour_are_noted() {
 fn targets_without_a_score_are_not_evaluated() {
     let nothing = |renders| {
         let folder = tempfile::tempdir().unwrap();
-        let run = settings(Walls::new(2, 8), vec![Arc::new(Plain(renders))]);
+        let run = settings(Walls::new(2, 8), vec![plain(renders)]);
         let (results, _) = run.run(folder.path()).unwrap();
         run.plan().nothing_evaluated(&results)
     };
@@ -224,20 +208,20 @@ fn a_damaged_ground_truth_is_a_failed_target() {
 #[test]
 fn existing_results_are_not_recomputed() {
     let folder = tempfile::tempdir().unwrap();
-    let faulty = Arc::new(Faulty::default());
-    let run = settings(Walls::new(8, 8), vec![Arc::clone(&faulty) as Arc<dyn Method>]);
+    let (faulty, calls) = faulty();
+    let run = settings(Walls::new(8, 8), vec![Arc::clone(&faulty)]);
     let first = run.run(folder.path()).unwrap();
-    let calls = faulty.calls.load(Ordering::Relaxed);
+    assert_eq!(calls.load(Ordering::Relaxed), 8);
     let second = run.run(folder.path()).unwrap();
-    assert_eq!((faulty.calls.load(Ordering::Relaxed), calls), (8, 8));
+    assert_eq!(calls.load(Ordering::Relaxed), 8);
     assert_eq!(rows(&first.0), rows(&second.0));
     assert_eq!((second.1.resumed, second.1.evaluated), (8, 0));
     // Another method is added to the same store.
     let mut more = settings(Walls::new(8, 8), baselines());
-    more.methods.push(faulty.clone());
+    more.methods.push(faulty);
     let (joined, summary) = more.run(folder.path()).unwrap();
     assert_eq!((summary.resumed, summary.evaluated, joined.provenance.methods.len()), (8, 16, 3));
-    assert_eq!(faulty.calls.load(Ordering::Relaxed), 8);
+    assert_eq!(calls.load(Ordering::Relaxed), 8);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Scenes of a painted wall, whose images are known in closed form, and runs on them.
 
+pub(crate) mod methods;
 pub(crate) mod shell;
 
 use std::path::{Path, PathBuf};
