@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::common::{Run, Walls, dataset, entry, grey, record};
-use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Timed, TrialInput};
+use crate::common::methods::{Grey, Predicted, counted_method, grey_after, method, timed_method};
+use crate::common::{Run, Walls, dataset, entry, record};
+use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Timed, TrialInput};
 use atsplat_eval::runner::{Dataset, KeepImages};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_numeric::median;
@@ -17,54 +19,33 @@ use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 use atsplat_tests::on_threads;
 use rayon::prelude::*;
 
-/// A method of known cost: it sleeps, and yields once inside rayon as a parallel loop does while it waits for its last part.
+/// Times of an encoding and of an image. A pass repeats work until a quarter of a second has passed: with these it needs two
+/// repetitions.
+const COST: Duration = Duration::from_millis(70);
+const IMAGE: Duration = Duration::from_millis(60);
+
+/// As [`COST`] and [`IMAGE`], for tests that count calls: with the five repetitions of the default plan, a pass needs no more.
+const SHORT_COST: Duration = Duration::from_millis(34);
+const SHORT_IMAGE: Duration = Duration::from_millis(20);
+
+/// Work of known cost: it sleeps, and yields once inside rayon as a parallel loop does while it waits for its last part.
 ///
 /// Sleeping takes the same time on a busy processor as on an idle one, but a thread that waits inside rayon steals other work
 /// if there is some.
-#[derive(Debug, Default)]
-struct SleepingMethod {
-    calls: AtomicUsize,
-    /// The number of a call that takes longer than others, as when a model is loaded.
-    cold: Option<usize>,
-}
-
-const COST: Duration = Duration::from_millis(100);
-const IMAGE: Duration = Duration::from_millis(60);
-
-impl Method for SleepingMethod {
-    fn record(&self) -> MethodRecord {
-        record("sleeper")
-    }
-
-    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        if Some(self.calls.fetch_add(1, Ordering::Relaxed)) == self.cold {
-            std::thread::sleep(2 * COST);
-        }
-        encode();
-        let stages = [("sleep".to_owned(), COST.as_secs_f64())].into();
-        Ok(Box::new(SleepingPrediction(Cost { stages, ..Cost::default() })))
-    }
-}
-
-fn encode() {
-    std::thread::sleep(COST);
+fn encode(cost: Duration) {
+    sleep(cost);
     rayon::yield_now();
 }
 
-struct SleepingPrediction(Cost);
+/// What a method of known cost predicts.
+fn slept(cost: Duration, image: Duration) -> Predicted {
+    encode(cost);
+    let stages = [("sleep".to_owned(), cost.as_secs_f64())].into();
+    Ok(Box::new(Grey { wait: image, cost: Cost { stages, ..Cost::default() } }))
+}
 
-impl Prediction for SleepingPrediction {
-    fn cost(&self) -> Cost {
-        self.0.clone()
-    }
-
-    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        let one = |_: &usize| {
-            std::thread::sleep(IMAGE);
-            Ok(grey())
-        };
-        targets.iter().map(one).collect()
-    }
+fn rejecting() -> Arc<dyn Method> {
+    method("rejecting", |_| Err(MethodError::NotApplicable("three views are too many".to_owned())))
 }
 
 fn timed_run(
@@ -98,24 +79,25 @@ fn secs_of(work: impl FnOnce()) -> f64 {
 /// Keeps rayon's global pool busy until `stop` is set.
 fn keep_busy(stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
-        rayon::scope(|scope| (0..2 * rayon::current_num_threads()).for_each(|_| scope.spawn(|_| encode())));
+        rayon::scope(|scope| (0..2 * rayon::current_num_threads()).for_each(|_| scope.spawn(|_| encode(COST))));
     }
 }
 
 #[test]
 fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let threads = rayon::current_num_threads();
-    let alone = on_threads(threads, || median((0..9).map(|_| secs_of(encode)))).unwrap();
-    let image = median((0..9).map(|_| secs_of(|| std::thread::sleep(IMAGE)))).unwrap();
+    let sleeper = [method("sleeper", |_| slept(COST, IMAGE))];
+    let alone = on_threads(threads, || median((0..5).map(|_| secs_of(|| encode(COST))))).unwrap();
+    let image = median((0..5).map(|_| secs_of(|| sleep(IMAGE)))).unwrap();
     let (stop, folders) = (AtomicBool::new(false), [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()]);
     let (shared, results) = std::thread::scope(|scope| {
         scope.spawn(|| keep_busy(&stop));
         // A clock around the same work while trials share the pool, as in an evaluation.
-        let shared: Vec<f64> = (0..4 * threads).into_par_iter().map(|_| secs_of(encode)).collect();
+        let shared: Vec<f64> = (0..4 * threads).into_par_iter().map(|_| secs_of(|| encode(COST))).collect();
         // Another evaluation in the same process.
-        scope.spawn(|| timed_run(folders[0].path(), walls(6), &[Arc::new(SleepingMethod::default())], None));
-        let timing = Some(TimingPlan::default());
-        let results = timed_run(folders[1].path(), walls(4), &[Arc::new(SleepingMethod::default())], timing);
+        scope.spawn(|| timed_run(folders[0].path(), walls(5), &sleeper, None));
+        let timing = Some(TimingPlan { trials: 2, ..TimingPlan::default() });
+        let results = timed_run(folders[1].path(), walls(3), &sleeper, timing);
         stop.store(true, Ordering::Relaxed);
         (median(shared).unwrap(), results)
     });
@@ -125,22 +107,29 @@ fn a_known_cost_is_measured_within_15_percent_under_contention() {
     assert!((encoding.median / alone - 1.0).abs() <= 0.15, "{} s, and {alone} s alone", encoding.median);
     let render = found.render.unwrap().median;
     assert!((render / image - 1.0).abs() <= 0.15, "{render} s for an image");
-    assert_eq!((found.trials, found.trials_there, found.repetitions, found.warm_up), (3, 4, 5, 1));
-    assert_eq!((encoding.samples, found.stages["sleep"].samples), (15, 15));
+    assert_eq!((found.trials, found.trials_there, found.repetitions, found.warm_up), (2, 3, 5, 1));
+    assert_eq!((encoding.samples, found.stages["sleep"].samples), (10, 10));
     assert!(encoding.quartiles[0] <= encoding.median && encoding.median <= encoding.quartiles[1], "{encoding:?}");
 }
 
 #[test]
 fn long_work_needs_no_warm_up_and_two_repetitions() {
     let runs = |warm_up_until, long, cold| {
-        let method = Arc::new(SleepingMethod { cold, ..SleepingMethod::default() });
+        let calls = Arc::new(AtomicUsize::new(0));
+        let counter = Arc::clone(&calls);
+        let sleeper = method("sleeper", move |_| {
+            // A call that takes longer than others, as when a model is loaded.
+            if Some(counter.fetch_add(1, Ordering::Relaxed)) == cold {
+                sleep(COST);
+            }
+            slept(COST, IMAGE)
+        });
         let folder = tempfile::tempdir().unwrap();
         let plan = TimingPlan { trials: 1, warm_up_until, repetitions: 3, long, ..TimingPlan::default() };
-        let found =
-            times(&timed_run(folder.path(), walls(1), &[Arc::clone(&method) as _], Some(plan)), "walls", "sleeper");
-        let found = found.unwrap();
+        let results = timed_run(folder.path(), walls(1), &[sleeper], Some(plan));
+        let found = times(&results, "walls", "sleeper").unwrap();
         // Without the evaluation itself.
-        let calls = method.calls.load(Ordering::Relaxed) - 1;
+        let calls = calls.load(Ordering::Relaxed) - 1;
         (found.warm_up, found.repetitions, found.encode.unwrap().samples, calls)
     };
     let (one, never) = (COST + IMAGE, Duration::MAX);
@@ -152,79 +141,34 @@ fn long_work_needs_no_warm_up_and_two_repetitions() {
     assert_eq!(runs(4 * one, one, None), (1, 2, 2, 3));
 }
 
-/// Encodes like [`SleepingMethod`], which is not timed.
-#[derive(Debug)]
-struct Reading(SleepingMethod);
-
-impl Method for Reading {
-    fn record(&self) -> MethodRecord {
-        record("reading")
-    }
-
-    fn timed(&self) -> Timed {
-        Timed::RENDERING
-    }
-
-    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        self.0.predict(input)
-    }
-}
-
-/// Reading and rendering take 160 ms, rendering alone 60 ms.
+/// Reading and rendering take 130 ms, rendering alone 60 ms.
 #[test]
 fn work_that_is_not_timed_does_not_make_a_warm_up_a_repetition() {
     let folder = tempfile::tempdir().unwrap();
     let plan = TimingPlan { trials: 1, warm_up_until: COST + IMAGE, repetitions: 2, ..TimingPlan::default() };
-    let results = timed_run(folder.path(), walls(1), &[Arc::new(Reading(SleepingMethod::default()))], Some(plan));
+    let reading = timed_method("reading", Timed::RENDERING, |_| slept(COST, IMAGE));
+    let results = timed_run(folder.path(), walls(1), &[reading], Some(plan));
     let found = times(&results, "walls", "reading").unwrap();
     assert_eq!((found.warm_up, found.repetitions), (1, 2));
 }
 
 /// Allocates 64 MiB while it encodes; rejects one scene.
-#[derive(Debug)]
-struct Allocating;
-
-impl Method for Allocating {
-    fn record(&self) -> MethodRecord {
-        record("allocating")
-    }
-
-    fn timed(&self) -> Timed {
-        Timed { encoding: true, rendering: false }
-    }
-
-    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+fn allocating() -> Arc<dyn Method> {
+    timed_method("allocating", Timed { encoding: true, rendering: false }, |input| {
         let held = vec![1u8; 64 << 20];
         match input.trial.scene() {
             "wall-1" => Err(MethodError::NotApplicable("not this one".to_owned())),
-            _ if held.iter().map(|byte| u64::from(*byte)).sum::<u64>() == 64 << 20 => {
-                Ok(Box::new(SleepingPrediction(Cost::default())))
-            }
+            _ if held.iter().map(|byte| u64::from(*byte)).sum::<u64>() == 64 << 20 => grey_after(Duration::ZERO),
             _ => Err(MethodError::Failed("forgetful".to_owned())),
         }
-    }
-}
-
-/// Rejects every trial, or panics if it is called `broken`.
-#[derive(Debug)]
-struct Rejecting(&'static str);
-
-impl Method for Rejecting {
-    fn record(&self) -> MethodRecord {
-        record(self.0)
-    }
-
-    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        assert!(self.0 != "broken", "a bug");
-        Err(MethodError::NotApplicable("three views are too many".to_owned()))
-    }
+    })
 }
 
 #[test]
 fn untimed_methods_have_a_reason() {
     let folder = tempfile::tempdir().unwrap();
-    let methods: [Arc<dyn Method>; 4] =
-        [Arc::new(NearestView), Arc::new(Allocating), Arc::new(Rejecting("rejecting")), Arc::new(Rejecting("broken"))];
+    let broken = method("broken", |_| panic!("a bug"));
+    let methods: [Arc<dyn Method>; 4] = [Arc::new(NearestView), allocating(), rejecting(), broken];
     let results = timed_run(folder.path(), walls(3), &methods, Some(TimingPlan::default()));
     let nearest = times(&results, "walls", "nearest-view").unwrap();
     assert!(nearest.encode.is_none() && nearest.render == nearest.first_image, "it does no work on its context");
@@ -251,9 +195,9 @@ fn untimed_methods_have_a_reason() {
 #[test]
 fn undisturbed_times_are_not_measured_again() {
     let folder = tempfile::tempdir().unwrap();
-    let sleeping = Arc::new(SleepingMethod::default());
-    let methods = [Arc::clone(&sleeping) as Arc<dyn Method>];
-    let calls = || sleeping.calls.swap(0, Ordering::Relaxed);
+    let (sleeper, counter) = counted_method("sleeper", |_| slept(SHORT_COST, SHORT_IMAGE));
+    let methods = [sleeper];
+    let calls = || counter.swap(0, Ordering::Relaxed);
     let untimed = timed_run(folder.path(), walls(2), &methods, None);
     assert_eq!((calls(), untimed.timings.len()), (2, 0));
     let timed = timed_run(folder.path(), walls(2), &methods, Some(TimingPlan::default()));
@@ -305,7 +249,7 @@ impl SceneSource for Counting {
 fn trials_that_are_timed_are_not_prepared_again() {
     let folder = tempfile::tempdir().unwrap();
     let loads = Arc::new(AtomicUsize::new(0));
-    let methods: [Arc<dyn Method>; 2] = [Arc::new(NearestView), Arc::new(Rejecting("rejecting"))];
+    let methods: [Arc<dyn Method>; 2] = [Arc::new(NearestView), rejecting()];
     let run = |timing| {
         let mut datasets = walls(4);
         datasets[0].source = Arc::new(Counting(Walls::new(4, 8), Arc::clone(&loads)));
@@ -342,15 +286,7 @@ impl Method for Imported {
     }
 
     fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(Grey))
-    }
-}
-
-struct Grey;
-
-impl Prediction for Grey {
-    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        targets.iter().map(|_| Ok(grey())).collect()
+        grey_after(Duration::ZERO)
     }
 }
 
@@ -387,62 +323,30 @@ fn times_of_replaced_files_are_dropped_and_measured_again() {
     assert_eq!((summary.evaluated, with_images.timings), (4, again.timings));
 }
 
+/// The sleeper, with other work on every processor during one of its trials.
 #[test]
-fn a_pass_on_a_busy_machine_is_marked() {
+fn a_burst_marks_the_trial_that_it_disturbs_and_the_times_of_the_method() {
     if !Path::new("/proc/stat").exists() {
         return;
     }
-    let folder = tempfile::tempdir().unwrap();
-    let stop = AtomicBool::new(false);
-    let results = std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().unwrap().get() {
-            scope.spawn(|| {
-                while !stop.load(Ordering::Relaxed) {
-                    std::hint::spin_loop();
-                }
-            });
-        }
-        let results =
-            timed_run(folder.path(), walls(3), &[Arc::new(SleepingMethod::default())], Some(TimingPlan::default()));
-        stop.store(true, Ordering::Relaxed);
-        results
-    });
-    let found = times(&results, "walls", "sleeper").unwrap();
-    assert!(found.busy && found.others.unwrap() > 0.5, "{:?}", found.others);
-}
-
-/// The sleeper, with other work on every processor during one of its trials.
-#[derive(Debug, Default)]
-struct Disturbed(SleepingMethod);
-
-impl Method for Disturbed {
-    fn record(&self) -> MethodRecord {
-        record("disturbed")
-    }
-
-    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+    let disturbed = method("disturbed", |input| {
         if input.trial.scene() == "wall-1" {
             let begin = Instant::now();
             std::thread::scope(|scope| {
                 for _ in 0..std::thread::available_parallelism().unwrap().get() {
-                    scope.spawn(|| while begin.elapsed() < 2 * COST {});
+                    scope.spawn(|| while begin.elapsed() < 2 * SHORT_COST {});
                 }
             });
         }
-        self.0.predict(input)
-    }
-}
-
-#[test]
-fn a_burst_marks_the_trial_that_it_disturbs_alone() {
-    if !Path::new("/proc/stat").exists() {
-        return;
-    }
+        slept(SHORT_COST, SHORT_IMAGE)
+    });
     let folder = tempfile::tempdir().unwrap();
-    let results = timed_run(folder.path(), walls(3), &[Arc::new(Disturbed::default())], Some(TimingPlan::default()));
+    let results = timed_run(folder.path(), walls(3), &[disturbed], Some(TimingPlan::default()));
     let load = |scene: &str| results.timings.iter().find(|row| row.key.scene == scene).unwrap().load;
     let [before, burst, after] = ["wall-0", "wall-1", "wall-2"].map(load);
     assert!(burst.is_busy() && burst.others.unwrap() > 0.3, "{burst:?}");
     // Other tests may run at the same time, but the load is measured for each row.
     assert!(before != burst && after != burst, "{before:?} {after:?}");
+    let found = times(&results, "walls", "disturbed").unwrap();
+    assert!(found.busy && found.others >= burst.others, "{:?}", found.others);
 }
