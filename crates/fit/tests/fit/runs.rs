@@ -10,7 +10,7 @@ use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
 use atsplat_tests::on_threads;
 use glam::{DMat3, DVec3};
 
-use crate::common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views};
+use crate::common::{config, held_out, random, rewrite_metadata, run, start, truth, view, views, views_of};
 
 #[test]
 fn every_strategy_learns_views_that_it_does_not_see() {
@@ -481,7 +481,8 @@ fn initial_gaussians_have_the_colours_of_their_points() {
 /// The published code computes it until a hundred steps before the end.
 #[test]
 fn the_3d_filter_follows_the_gaussians_until_shortly_before_the_end() {
-    let mut fit = Fit::new(config(Strategy::MipSplatting, 500), views().0, &start(Strategy::MipSplatting, 60)).unwrap();
+    let start = start(Strategy::MipSplatting, 60);
+    let mut fit = Fit::new(config(Strategy::MipSplatting, 500), views_of(20).0, &start).unwrap();
     let filters = |fit: &mut Fit, until: u64| {
         let steps = until - fit.step_count();
         run(fit, steps);

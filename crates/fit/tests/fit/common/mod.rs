@@ -44,9 +44,14 @@ pub(crate) fn view(angle: f64, side: u32) -> View {
 
 /// Training views, and two that are held out.
 pub(crate) fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
+    views_of(40)
+}
+
+/// [`views`] with images of this many pixels a side.
+pub(crate) fn views_of(side: u32) -> (Vec<TrainingView>, Vec<TrainingView>) {
     let mut renderer = CpuRenderer::default();
     let image = |number: u32| {
-        let view = view(f64::from(number) * 0.4, 40);
+        let view = view(f64::from(number) * 0.4, side);
         let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
         let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
         TrainingView { name: format!("view {number}"), view, rgb }
