@@ -124,8 +124,9 @@ fn test_scenes_are_excluded_by_the_hash_of_their_index() {
 
 #[test]
 fn every_setting_does_two_steps_on_images_of_its_shape() {
+    let data = tempdir().unwrap();
     for name in SETTINGS {
-        do_two_steps(name, None);
+        do_two_steps(name, None, data.path());
     }
 }
 
@@ -134,14 +135,16 @@ fn every_setting_does_two_steps_on_images_of_its_shape() {
 fn every_other_row_does_two_steps_on_smaller_images() {
     let others: Vec<String> = names().into_iter().filter(|name| !SETTINGS.contains(&name.as_str())).collect();
     assert_eq!(others.len(), 18);
+    let data = tempdir().unwrap();
     for name in others {
-        do_two_steps(&name, Some(("rooms-2v-64", "resolution = [64, 64]")));
+        do_two_steps(&name, Some(("rooms-2v-64", "resolution = [64, 64]")), data.path());
     }
 }
 
 /// With a network that a test has time for; under another protocol than its own, and with a change of the network for it, if given.
+/// Datasets are in the folder `data`.
 #[expect(clippy::panic, reason = "a helper of tests")]
-fn do_two_steps(name: &str, smaller: Option<(&str, &str)>) {
+fn do_two_steps(name: &str, smaller: Option<(&str, &str)>, data: &Path) {
     let folder = tempdir().unwrap();
     let mut stand_in = config(name);
     let changes = "transformer = { dim = 32, head-dim = 16 }\nbackbone = { kind = 'patch', layers = 0 }\n\
@@ -154,12 +157,12 @@ fn do_two_steps(name: &str, smaller: Option<(&str, &str)>) {
     // No given weights fit this network.
     (stand_in.model.init, stand_in.model.fresh) = (false, Vec::new());
     stand_in.batch = 1.try_into().unwrap();
-    for (number, data) in stand_in.data.iter_mut().enumerate() {
-        let SourceConfig::Dataset(dataset) = &mut data.source else { panic!("{name}: not a dataset") };
+    for source in &mut stand_in.data {
+        let SourceConfig::Dataset(dataset) = &mut source.source else { panic!("{name}: not a dataset") };
         if let Some((protocol, _)) = smaller {
             protocol.clone_into(&mut dataset.preset);
         }
-        simulate(dataset, &folder.path().join(number.to_string()));
+        simulate(dataset, data);
     }
     let mut trainer = Trainer::new(stand_in, &folder.path().join("run"), &Start::Fresh)
         .unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -172,17 +175,23 @@ fn do_two_steps(name: &str, smaller: Option<(&str, &str)>) {
     assert!(trainer.state().parameters.values() != before, "{name}");
 }
 
-/// Two scenes of the images that the protocol takes, one of them excluded; windows and targets as small as a test's clips.
-fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
+/// Two scenes of the images that the protocol takes, one of them excluded, in a folder of `data` for images of this size; windows and
+/// targets as small as a test's clips.
+fn simulate(dataset: &mut DatasetConfig, data: &Path) {
     let size = Preset::resolve(&dataset.preset).unwrap().preprocessing.expected_size.unwrap();
-    let request = |number| {
-        let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
-        request.size = ImageSize { width: size.width, height: size.height };
-        (request.samples, request.frames) = (1, FRAMES);
-        request
-    };
-    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
-    write_dataset(folder, vec![request(0), request(1)], &options, &mut Warnings::new(), |_, _| ()).unwrap();
+    let folder = data.join(format!("{}x{}", size.width, size.height));
+    if !folder.exists() {
+        let request = |(number, frames)| {
+            let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
+            request.size = ImageSize { width: size.width, height: size.height };
+            (request.samples, request.frames) = (1, frames);
+            request
+        };
+        let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
+        // Of the excluded one, no frame is read.
+        let scenes = [(0, FRAMES), (1, 2)].map(request);
+        write_dataset(&folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
+    }
     let index = folder.join("index.json");
     let json = r#"{"rooms-train-00000001": {"context": [0, 3], "target": [1]}}"#;
     std::fs::write(&index, json).unwrap();
