@@ -1,7 +1,6 @@
 //! Whole runs: identical bits however they are interrupted, and never a silent NaN.
 
 use std::collections::BTreeMap;
-use std::num::NonZeroU64;
 use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
@@ -60,8 +59,8 @@ fn resuming_gives_identical_weights() {
 }
 
 #[test]
-fn a_hundred_steps_are_identical_on_any_number_of_threads() {
-    let config = TrainConfig { steps: NonZeroU64::new(100).unwrap(), ..config("") };
+fn a_run_is_identical_on_any_number_of_threads() {
+    let config = config("");
     let on = |threads| on_threads(threads, || whole(&config, Noise::CLEAN));
     let one = on(1);
     for threads in [2, 3] {
