@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
@@ -81,6 +82,29 @@ fn tests_without_real_data_are_counted_and_other_skips_must_be_expected() {
         "SKIPPED third: it says no real data (at its end)",
     ] {
         assert_eq!(skips(line, ""), (false, format!("NOT EXPECTED: {line}\n")));
+    }
+}
+
+/// `.ci/run` leaves them out where it checks what features change.
+#[test]
+fn packages_that_features_do_not_change_use_no_others() {
+    let script = fs::read_to_string(file(".ci/run")).unwrap();
+    let list = script.lines().find_map(|line| line.strip_prefix("without_features=(")?.strip_suffix(')')).unwrap();
+    let listed: BTreeSet<&str> = list.split(' ').collect();
+    for name in &listed {
+        let manifest = fs::read_to_string(file(&format!("crates/{name}/Cargo.toml"))).unwrap();
+        let manifest: toml::Table = toml::from_str(&manifest).unwrap();
+        let keys =
+            |table: &str| manifest.get(table).and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::keys);
+        let used =
+            keys("dependencies").chain(keys("dev-dependencies")).filter_map(|name| name.strip_prefix("atsplat-"));
+        let others: Vec<&str> = used.filter(|used| !listed.contains(used) && *used != "tests").collect();
+        assert!(others.is_empty(), "{name} uses {others:?}");
+        // What is on by default is on everywhere.
+        let of_default = manifest.get("features").and_then(|features| features.get("default")?.as_array());
+        let is_on = |feature: &str| of_default.is_some_and(|on| on.iter().any(|on| on.as_str() == Some(feature)));
+        let to_choose: Vec<&String> = keys("features").filter(|name| *name != "default" && !is_on(name)).collect();
+        assert!(to_choose.is_empty(), "{name} has the features {to_choose:?}");
     }
 }
 
