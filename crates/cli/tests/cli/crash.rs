@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use crate::common::{atsplat, succeed};
-use crate::evaluation::{FRAMES, bare, write_noise};
+use crate::evaluation::{FRAMES, bare, write_index, write_noise};
 use atsplat_files::FileLock;
 use atsplat_results::Results;
 
@@ -24,6 +24,14 @@ fn finished(here: &Path, out: &str) -> Results {
     Results::read(&here.join(out)).unwrap()
 }
 
+/// Noise scenes with two targets each: the plane warp takes milliseconds for a target.
+fn write_scenes(here: &Path, scenes: u8) {
+    write_noise(here, scenes);
+    let keys: Vec<String> = (0..scenes).map(|scene| format!("scene-{scene:02}")).collect();
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    write_index(&here.join("data"), &keys, "[0, 20]", "[1, 9]");
+}
+
 /// `child.kill()` is kill −9.
 fn killed_after(here: &Path, out: &str, delay: Duration) {
     let mut child = command(here, out).spawn().unwrap();
@@ -36,7 +44,7 @@ fn killed_after(here: &Path, out: &str, delay: Duration) {
 fn a_run_killed_at_twenty_moments_resumes_to_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 16);
+    write_scenes(here, 16);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
@@ -60,7 +68,7 @@ fn a_run_killed_at_twenty_moments_resumes_to_the_same_results() {
 fn a_run_killed_repeatedly_resumes_to_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 12);
+    write_scenes(here, 12);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
