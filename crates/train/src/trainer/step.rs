@@ -236,12 +236,14 @@ fn complete(
 
 #[cfg(test)]
 mod tests {
+    use atsplat_tests::on_threads;
+
     use super::*;
 
     /// 2.1 million numbers are `nano`'s, 167 million the paper's.
     #[test]
     fn few_gradients_of_a_large_network_wait() {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-        assert_eq!(pool.install(|| [1, 2_100_000, 167_000_000].map(waiting)), [1 << 26, 31, 3]);
+        let of_numbers = on_threads(3, || [1, 2_100_000, 167_000_000].map(waiting));
+        assert_eq!(of_numbers, [1 << 26, 31, 3]);
     }
 }
