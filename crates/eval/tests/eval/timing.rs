@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::common::methods::{Grey, Predicted, counted_method, grey_after, method, timed_method};
+use crate::common::methods::{Grey, counted_method, grey_after, method, timed_method};
 use crate::common::{Run, Walls, dataset, entry, record};
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Timed, TrialInput};
 use atsplat_eval::runner::{Dataset, KeepImages};
@@ -38,10 +38,10 @@ fn encode(cost: Duration) {
 }
 
 /// What a method of known cost predicts.
-fn slept(cost: Duration, image: Duration) -> Predicted {
+fn slept(cost: Duration, image: Duration) -> Box<dyn Prediction> {
     encode(cost);
     let stages = [("sleep".to_owned(), cost.as_secs_f64())].into();
-    Ok(Box::new(Grey { wait: image, cost: Cost { stages, ..Cost::default() } }))
+    Box::new(Grey { wait: image, cost: Cost { stages, ..Cost::default() } })
 }
 
 fn rejecting() -> Arc<dyn Method> {
@@ -86,7 +86,7 @@ fn keep_busy(stop: &AtomicBool) {
 #[test]
 fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let threads = rayon::current_num_threads();
-    let sleeper = [method("sleeper", |_| slept(COST, IMAGE))];
+    let sleeper = [method("sleeper", |_| Ok(slept(COST, IMAGE)))];
     let alone = on_threads(threads, || median((0..5).map(|_| secs_of(|| encode(COST))))).unwrap();
     let image = median((0..5).map(|_| secs_of(|| sleep(IMAGE)))).unwrap();
     let (stop, folders) = (AtomicBool::new(false), [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()]);
@@ -122,7 +122,7 @@ fn long_work_needs_no_warm_up_and_two_repetitions() {
             if Some(counter.fetch_add(1, Ordering::Relaxed)) == cold {
                 sleep(COST);
             }
-            slept(COST, IMAGE)
+            Ok(slept(COST, IMAGE))
         });
         let folder = tempfile::tempdir().unwrap();
         let plan = TimingPlan { trials: 1, warm_up_until, repetitions: 3, long, ..TimingPlan::default() };
@@ -146,7 +146,7 @@ fn long_work_needs_no_warm_up_and_two_repetitions() {
 fn work_that_is_not_timed_does_not_make_a_warm_up_a_repetition() {
     let folder = tempfile::tempdir().unwrap();
     let plan = TimingPlan { trials: 1, warm_up_until: COST + IMAGE, repetitions: 2, ..TimingPlan::default() };
-    let reading = timed_method("reading", Timed::RENDERING, |_| slept(COST, IMAGE));
+    let reading = timed_method("reading", Timed::RENDERING, |_| Ok(slept(COST, IMAGE)));
     let results = timed_run(folder.path(), walls(1), &[reading], Some(plan));
     let found = times(&results, "walls", "reading").unwrap();
     assert_eq!((found.warm_up, found.repetitions), (1, 2));
@@ -158,7 +158,7 @@ fn allocating() -> Arc<dyn Method> {
         let held = vec![1u8; 64 << 20];
         match input.trial.scene() {
             "wall-1" => Err(MethodError::NotApplicable("not this one".to_owned())),
-            _ if held.iter().map(|byte| u64::from(*byte)).sum::<u64>() == 64 << 20 => grey_after(Duration::ZERO),
+            _ if held.iter().map(|byte| u64::from(*byte)).sum::<u64>() == 64 << 20 => Ok(grey_after(Duration::ZERO)),
             _ => Err(MethodError::Failed("forgetful".to_owned())),
         }
     })
@@ -195,7 +195,7 @@ fn untimed_methods_have_a_reason() {
 #[test]
 fn undisturbed_times_are_not_measured_again() {
     let folder = tempfile::tempdir().unwrap();
-    let (sleeper, counter) = counted_method("sleeper", |_| slept(SHORT_COST, SHORT_IMAGE));
+    let (sleeper, counter) = counted_method("sleeper", |_| Ok(slept(SHORT_COST, SHORT_IMAGE)));
     let methods = [sleeper];
     let calls = || counter.swap(0, Ordering::Relaxed);
     let untimed = timed_run(folder.path(), walls(2), &methods, None);
@@ -286,7 +286,7 @@ impl Method for Imported {
     }
 
     fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        grey_after(Duration::ZERO)
+        Ok(grey_after(Duration::ZERO))
     }
 }
 
@@ -338,7 +338,7 @@ fn a_burst_marks_the_trial_that_it_disturbs_and_the_times_of_the_method() {
                 }
             });
         }
-        slept(SHORT_COST, SHORT_IMAGE)
+        Ok(slept(SHORT_COST, SHORT_IMAGE))
     });
     let folder = tempfile::tempdir().unwrap();
     let results = timed_run(folder.path(), walls(3), &[disturbed], Some(TimingPlan::default()));

@@ -17,7 +17,7 @@ use atsplat_results::{Results, Store};
 fn picky() -> (Arc<dyn Method>, Arc<AtomicUsize>) {
     counted_method("picky", |input| match input.trial.scene() {
         "wall-0" => Err(MethodError::NotApplicable("not this one".to_owned())),
-        _ => grey_after(Duration::ZERO),
+        _ => Ok(grey_after(Duration::ZERO)),
     })
 }
 
@@ -82,7 +82,7 @@ fn a_method_that_was_tried_on_every_trial_is_not_tried_again() {
 /// Fails on every trial, until it is mended.
 fn mended(is_mended: bool) -> Arc<dyn Method> {
     method("mended", move |_| {
-        if is_mended { grey_after(Duration::ZERO) } else { Err(MethodError::Failed("out of memory".to_owned())) }
+        if is_mended { Ok(grey_after(Duration::ZERO)) } else { Err(MethodError::Failed("out of memory".to_owned())) }
     })
 }
 
@@ -113,7 +113,7 @@ fn the_times_of_a_method_are_stored_before_the_next_one_is_timed() {
     let looking = method("looking", move |_| {
         let known = Results::read(&store).map_err(|error| MethodError::Failed(error.to_string()))?;
         seen.fetch_max(known.timings.len(), Ordering::Relaxed);
-        grey_after(Duration::from_millis(100))
+        Ok(grey_after(Duration::from_millis(100)))
     });
     let results = run(folder.path(), 3, &[picky().0, looking], SHORT);
     assert_eq!((most.load(Ordering::Relaxed), results.timings.len()), (3, 6));
@@ -124,7 +124,7 @@ fn the_times_of_a_method_are_stored_before_the_next_one_is_timed() {
 fn repetitions_are_not_images() {
     let folder = tempfile::tempdir().unwrap();
     // What was made elsewhere is rendered.
-    let methods = [timed_method("rendering", Timed::RENDERING, |_| grey_after(Duration::from_millis(30)))];
+    let methods = [timed_method("rendering", Timed::RENDERING, |_| Ok(grey_after(Duration::from_millis(30))))];
     let timed = |repetitions| {
         let results = run(folder.path(), 1, &methods, TimingPlan { trials: 1, repetitions, ..SHORT });
         (times(&results, "walls", "rendering").unwrap().repetitions, results.timings[0].render.len())

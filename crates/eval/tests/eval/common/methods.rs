@@ -96,6 +96,6 @@ impl Prediction for Grey {
 }
 
 /// Grey images, each of which takes this long.
-pub(crate) fn grey_after(wait: Duration) -> Predicted {
-    Ok(Box::new(Grey { wait, ..Grey::default() }))
+pub(crate) fn grey_after(wait: Duration) -> Box<dyn Prediction> {
+    Box::new(Grey { wait, ..Grey::default() })
 }
