@@ -243,6 +243,35 @@ const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
 const YARDS: [(&str, u64, u64); 3] =
     [("yards-2v-128x224", 12, 48), ("yards-4v-128x224", 12, 48), ("yards-6v-128x224", 12, 48)];
 
+/// Selection on yards, where images have more detail, and more views of the same targets.
+#[test]
+fn lines_on_yards_and_on_views_are_those_of_the_stores() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let [yards, views] =
+        ["expansion-yards", "views"].map(|name| Results::read(&folder().join(name).join("store")).unwrap());
+    let on_yards = |above, below| {
+        let rows = [(&yards, above), (&yards, below)];
+        difference_under(("yards-2v-64", 200, 600), rows, "psnr", 3).replacen(" [", " dB [", 1)
+    };
+    let of_views = |[more, fewer]: [(&'static str, u64, u64); 2]| {
+        let [more, fewer] = [more, fewer].map(|(preset, ..)| query(preset, "atsplat", "psnr"));
+        let found = paired_between((&views, &more), (&views, &fewer), Aggregation::SceneMeans).unwrap();
+        assert_eq!((found.scenes, found.targets, found.unpaired), (12, 48, 0));
+        let [low, high] = found.interval.unwrap();
+        format!("{:+.2} [{low:+.2}, {high:+.2}]", found.difference).replace('-', "−")
+    };
+    require_lines(
+        vec![
+            on_yards("yards-1", "yards-random-1"),
+            on_yards("yards-1", "yards-none-k11-1"),
+            on_yards("yards-random-1", "yards-none-k11-1"),
+            of_views([YARDS[1], YARDS[0]]),
+            of_views([YARDS[2], YARDS[1]]),
+        ],
+        |number| readme.contains(number),
+    );
+}
+
 /// One network for all settings against one for each, and networks on scenes that they never saw.
 #[test]
 fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {

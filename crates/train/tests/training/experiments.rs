@@ -106,7 +106,7 @@ fn rows_of_claims_start_from_the_embedded_weights() {
             continue;
         }
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-        if name == "unified" || name.starts_with("separate-") {
+        if name == "unified" || name.starts_with("separate-") || name.starts_with("yards") {
             continue;
         }
         let row = read(&name);
@@ -151,6 +151,27 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     assert_eq!((gaussians("sparsest-none-k3"), gaussians("k-1")), (384, 360));
     for name in ["anchor-ray-depth", "anchor-direct-xyz", "anchor-learnable", "anchor-offset"] {
         assert_eq!(model(name).head.frame, HeadFrame::World, "{name}: without anchors there is no frame of a patch");
+    }
+}
+
+/// The rows on yards are those of rooms with other samples and twice the learning rate.
+#[test]
+fn rows_on_yards_differ_from_those_on_rooms_in_samples_and_rate() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/claims");
+    let read = |name: &str| TrainConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
+    let yards = read("yards");
+    for (row, on_rooms) in [("yards", "k-4"), ("yards-random", "sparse-random"), ("yards-none-k11", "sparse-none-k11")]
+    {
+        let (row, on_rooms) = (read(row), read(on_rooms));
+        let name = on_rooms.model.config().unwrap().name;
+        let model = atsplat_model::ModelConfig { name, ..row.model.config().unwrap() };
+        assert_eq!(model, on_rooms.model.config().unwrap());
+        assert_eq!(row.model.fresh, on_rooms.model.fresh);
+        assert_eq!(row.data, yards.data);
+        Tolerance::F64.assert([row.schedule.learning_rate], [2.0 * on_rooms.schedule.learning_rate], "rate");
+        let (title, notes, data) = (on_rooms.title.clone(), on_rooms.notes.clone(), on_rooms.data.clone());
+        let (model, schedule) = (on_rooms.model.clone(), on_rooms.schedule);
+        assert_eq!(TrainConfig { title, notes, data, model, schedule, ..row }, on_rooms);
     }
 }
 
