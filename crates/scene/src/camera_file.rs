@@ -11,10 +11,9 @@ use serde_json::Value;
 use crate::checks::cameras::count_and_first;
 use crate::checks::intrinsics_unit::wrong_unit;
 use crate::files::last_name;
-use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
 use crate::trained_camera::trained_camera;
-use crate::{SceneError, SceneSource as _, TimestampSource, WarningKind, Warnings, json, poses};
+use crate::{SceneError, SceneSource as _, WarningKind, Warnings, json, poses};
 
 /// Why cameras cannot be read from a file.
 #[derive(Debug, thiserror::Error)]
@@ -280,8 +279,7 @@ fn cameras_of_dataset(
     let scene = dataset.load(key, warnings)?;
     // Leaving out a frame would change the positions of others.
     scene.frames.iter().enumerate().try_for_each(|(at, frame)| frame.require_pose(key, at))?;
-    let numbers: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
-    let has_times = dataset.times() == TimestampSource::Given && can_be_micros(&numbers);
+    let has_times = scene.has_times(dataset.times());
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // The size of the image file, because it may be a downscaled copy; if it cannot be read or does not fit, the
         // stated size.

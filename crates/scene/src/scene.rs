@@ -186,7 +186,7 @@ pub enum TimestampSource {
 }
 
 /// Whether numbers can be times in microseconds: captures number their frames consecutively.
-pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
+fn can_be_micros(numbers: &[i64]) -> bool {
     const MIN_STEP_MICROS: u64 = 1000;
     // Those of a chunk are any numbers.
     let span = numbers.iter().max().zip(numbers.iter().min()).map_or(0, |(last, first)| last.abs_diff(*first));

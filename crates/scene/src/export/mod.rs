@@ -12,7 +12,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::columns::CameraTable;
-use crate::{SceneSource, TimestampSource, Warnings, load_scenes};
+use crate::{SceneSource, Warnings, load_scenes};
 
 pub use error::ExportError;
 pub use format::ExportFormat;
@@ -56,7 +56,7 @@ pub fn export(
         source.check_fetched()?;
         summary.skipped += (keys.len() - scenes.len()) as u64;
         for mut scene in scenes {
-            if source.times() == TimestampSource::FromNames {
+            if !scene.has_times(source.times()) {
                 scene.frames.iter_mut().for_each(|frame| frame.timestamp_micros = None);
             }
             table.push_scene(&scene, |batch| writer.write(&batch))?;

@@ -11,7 +11,7 @@ use super::*;
 use crate::columns::schema;
 use crate::columns::tests::batches_from_scene;
 use crate::test_source::{TestSource, wandering_scene};
-use crate::{Scene, SceneError, WarningKind};
+use crate::{Scene, SceneError, TimestampSource, WarningKind};
 
 fn exported(source: &TestSource, format: ExportFormat) -> (Vec<u8>, ExportSummary, Warnings) {
     let folder = tempfile::tempdir().unwrap();

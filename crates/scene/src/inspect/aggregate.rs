@@ -15,6 +15,8 @@ const EXAMPLES: usize = 3;
 /// The measurements of all scenes: counts are summed, numbers collected in columns.
 #[derive(Default)]
 pub(super) struct Aggregate {
+    /// [`Inspection::repeated_numbers`].
+    pub(super) repeated_numbers: u64,
     scenes: Vec<SceneSummary>,
     images: ImageCounts,
     lenses: LensCounts,
@@ -82,6 +84,7 @@ impl Aggregate {
                 path_length: of_scenes(|scene| Some(scene.path_length)),
             },
             problems: problems(warnings),
+            repeated_numbers: self.repeated_numbers,
             per_scene: if per_scene { self.scenes } else { Vec::new() },
         }
     }

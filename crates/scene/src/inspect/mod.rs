@@ -69,7 +69,12 @@ pub fn inspect(
             .map(|key| {
                 let mut warnings = Warnings::new();
                 let scene = source.load(key, &mut warnings);
-                let measure = scene.map(|scene| SceneMeasure::of(&scene, options.sizes, &mut warnings));
+                let measure = scene.map(|scene| {
+                    // Chunks of captures have the numbers of images in place of timestamps.
+                    let is_numbered = format == Format::TorchChunks && !scene.has_times(source.times());
+                    let repeated = if is_numbered { warnings.count(WarningKind::DuplicateTimestamp) } else { 0 };
+                    (SceneMeasure::of(&scene, options.sizes, &mut warnings), repeated)
+                });
                 progress();
                 (key, measure, warnings)
             })
@@ -77,7 +82,10 @@ pub fn inspect(
         for (key, measure, of_scene) in measured {
             warnings.merge(of_scene);
             match measure {
-                Ok(measure) => aggregate.push(measure),
+                Ok((measure, repeated)) => {
+                    aggregate.push(measure);
+                    aggregate.repeated_numbers += repeated;
+                }
                 Err(error) => warnings.push(WarningKind::UnreadableScene, key.as_str(), error.to_string()),
             }
         }

@@ -29,6 +29,10 @@ pub struct Inspection {
     pub baselines: Baselines,
     /// Problems by kind.
     pub problems: Vec<Problem>,
+    /// How many of the [`WarningKind::DuplicateTimestamp`] are about numbers of images, which cameras of a rig share, in chunks of
+    /// captures.
+    #[serde(skip)]
+    pub repeated_numbers: u64,
     /// One entry per scene, if requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_scene: Vec<SceneSummary>,
@@ -43,14 +47,15 @@ impl Inspection {
         let all_scenes = unreadable == 0 && left_out == 0;
         let all_images =
             [missing, empty, unposed, headers_unreadable, cut_short, unfit].iter().all(|count| *count == 0);
-        all_scenes && all_images && !self.problems.iter().any(|problem| self.has_lost_rows(problem.kind))
+        all_scenes && all_images && !self.problems.iter().any(|problem| self.has_lost_rows(problem))
     }
 
-    /// Whether a problem of this kind means that rows are lost or not what they should be, although every listed scene was read.
-    fn has_lost_rows(&self, kind: WarningKind) -> bool {
-        match kind {
+    /// Whether such a problem means that rows are lost or not what they should be, although every listed scene was read.
+    fn has_lost_rows(&self, problem: &Problem) -> bool {
+        match problem.kind {
             WarningKind::ImplausibleIntrinsics => true,
-            WarningKind::UnlistedImage | WarningKind::DuplicateTimestamp => !self.format.is_of_captures(),
+            WarningKind::UnlistedImage => !self.format.is_of_captures(),
+            WarningKind::DuplicateTimestamp => !self.format.is_of_captures() && problem.count > self.repeated_numbers,
             _ => false,
         }
     }

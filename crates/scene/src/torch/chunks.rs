@@ -260,7 +260,8 @@ impl SceneSource for TorchChunks {
         let record = parsed.chunk.record(key)?;
         record.report_radial(warnings);
         let scene = record.to_scene(path)?;
-        report_cameras(&scene, TimestampSource::Given, warnings);
+        let has_times = scene.has_times(self.times());
+        report_cameras(&scene, if has_times { self.times() } else { TimestampSource::FromNames }, warnings);
         Ok(scene)
     }
 }

@@ -4,6 +4,7 @@
 
 mod chunks;
 mod fixtures;
+mod frame_numbers;
 mod hostile;
 mod long_keys;
 mod partial_index;
