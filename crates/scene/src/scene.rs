@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
-use atsplat_pixels::{DecodeLimits, ImageFormat, ImageU8, Orientation, PixelError};
+use atsplat_pixels::{DecodeLimits, ImageFormat, ImageU8, Orientation, PixelError, png_chunks};
 
 use crate::checks::unposed::no_pose;
 use crate::files::{read_file, read_start};
@@ -334,13 +334,24 @@ pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneE
 fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageHeader, SceneError> {
     let action = "reading an image's header";
     let start = read_start(action, path, LIKELY_HEADER)?;
-    // WebP stores EXIF at the end.
-    let suffices = ImageFormat::sniff(&start) != Some(ImageFormat::WebP);
-    if suffices && let Ok(header) = header_of(&start) {
+    if reaches_pixels(&start)
+        && let Ok(header) = header_of(&start)
+    {
         return Ok(header);
     }
     // Colour profiles and previews can precede a JPEG's size, so no fixed length suffices.
     header_of(&read_file(action, path)?).map_err(error)
+}
+
+/// Whether nothing of an image's header can follow its start, if its size is there.
+fn reaches_pixels(start: &[u8]) -> bool {
+    match ImageFormat::sniff(start) {
+        // It stores EXIF at the end.
+        Some(ImageFormat::WebP) => false,
+        // A colour profile or text of any length can precede a transparent colour.
+        Some(ImageFormat::Png) => png_chunks(start).any(|(name, _)| name == b"IDAT"),
+        _ => true,
+    }
 }
 
 fn header_of(bytes: &[u8]) -> Result<ImageHeader, PixelError> {
@@ -362,5 +373,22 @@ mod tests {
         assert!(can_be_micros(&[]) && can_be_micros(&[7]));
         assert!(can_be_micros(&[0, 1_500, 2_000]) && !can_be_micros(&[0, 1_500, 1_999]));
         assert!(can_be_micros(&[5, i64::MIN, i64::MAX]), "a span beyond 63 bits");
+    }
+
+    #[test]
+    fn a_transparent_colour_after_long_text_is_found() {
+        let png = atsplat_pixels::encode_png(&ImageU8::new(2, 1, vec![5; 6]).unwrap()).unwrap();
+        let (start, pixels) = png.split_at(33);
+        let text = [&70_000_u32.to_be_bytes()[..], b"tEXt", &b"a".repeat(70_000), b"crc."].concat();
+        let transparent = &b"\0\0\0\x06tRNS\0\x05\0\x05\0\x05crc."[..];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let has_alpha = |parts: &[&[u8]]| {
+            std::fs::write(&path, parts.concat()).unwrap();
+            header_of_file(&path, in_frame("a", 0, &FrameImage::Absent)).unwrap().has_alpha
+        };
+        assert!(has_alpha(&[start, &text, transparent, pixels]));
+        assert!(!has_alpha(&[start, &text, pixels]));
+        assert!(!has_alpha(&[start, pixels, transparent, &text]), "after the pixels it says nothing");
     }
 }
