@@ -51,6 +51,12 @@ pub(crate) fn not_utf8(folder: &Path) -> Result<Vec<(PathBuf, bool)>, SceneError
     Ok(others.map(|(name, kind)| (folder.join(name), kind == Kind::Folder)).collect())
 }
 
+/// Entries of a folder that are not folders themselves, sorted, with links that lead nowhere.
+pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let files = entries(folder)?.into_iter().filter(|(_, kind)| *kind != Kind::Folder);
+    Ok(files.map(|(name, _)| folder.join(name)).collect())
+}
+
 /// What an entry of a folder is, or the link leads to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {

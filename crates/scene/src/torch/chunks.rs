@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{Chunk, INDEX, STAGES, is_named_chunk};
 use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
-use crate::files::read_file;
+use crate::files::{files_in, read_file};
 use crate::json;
 use crate::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
 
@@ -339,20 +339,9 @@ fn indexes_a_file(folder: &Path) -> Result<bool, SceneError> {
     }
 }
 
-/// The `.torch` files of a folder, sorted by name.
-fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let list = || -> std::io::Result<Vec<PathBuf>> {
-        let mut chunks = Vec::new();
-        for entry in std::fs::read_dir(folder)? {
-            let path = entry?.path();
-            if is_named_chunk(&path) {
-                chunks.push(path);
-            }
-        }
-        chunks.sort();
-        Ok(chunks)
-    };
-    list().map_err(SceneError::io("listing chunks", folder))
+/// The `.torch` files of a folder, sorted by name. Folders may be named like them.
+pub(super) fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    Ok(files_in(folder)?.into_iter().filter(|path| is_named_chunk(path)).collect())
 }
 
 fn read_index(path: &Path) -> Result<IndexMap<String, String>, SceneError> {

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use super::chunks::chunks_in;
 use super::{INDEX, STAGES, TorchChunks, is_named_chunk};
 use crate::SceneError;
-use crate::files::list;
 use crate::format::{FormatReader, ImagePlace};
 
 pub(crate) static READER: FormatReader = FormatReader {
@@ -38,21 +38,18 @@ fn is_chunk(start: &[u8]) -> bool {
 /// Whether there are chunks in the folder, or in that of a stage.
 fn has_chunks(folder: &Path) -> Result<bool, SceneError> {
     for stage in std::iter::once("").chain(STAGES).map(|stage| folder.join(stage)) {
-        if stage.is_dir() && contains_chunk(&stage)? {
+        if stage.is_dir() && !chunks_in(&stage)?.is_empty() {
             return Ok(true);
         }
     }
     Ok(false)
 }
 
-fn contains_chunk(folder: &Path) -> Result<bool, SceneError> {
-    Ok(list(folder)?.iter().any(|(name, is_folder)| !is_folder && is_named_chunk(Path::new(name))))
-}
-
 /// Whether a file is the index of the chunks next to it.
 fn is_index(path: &Path) -> bool {
     let is_named_so = path.file_name().is_some_and(|name| name == INDEX);
-    is_named_so && path.parent().is_some_and(|folder| contains_chunk(folder).unwrap_or(false))
+    let contains_chunk = |folder: &Path| chunks_in(folder).is_ok_and(|chunks| !chunks.is_empty());
+    is_named_so && path.parent().is_some_and(contains_chunk)
 }
 
 #[cfg(test)]

@@ -125,6 +125,14 @@ fn an_index_that_names_no_chunk_does_not_hide_the_chunks_below() {
 }
 
 #[test]
+fn a_folder_named_like_a_chunk_does_not_hide_the_chunks_below() {
+    let folder = folder(&[("old.torch/notes.txt", b""), ("test/000000.torch", &fixture_bytes("zip.torch"))]);
+    let (source, warnings) = open(folder.path());
+    assert_eq!((source.unwrap().keys(), warnings.total()), (&KEYS.map(str::to_owned)[..], 0));
+    assert_eq!(open_to_fetch(folder.path()).0.unwrap().keys(), KEYS);
+}
+
+#[test]
 fn a_single_chunk_is_a_dataset() {
     let (source, warnings) = open(&fixture("legacy.torch"));
     assert_eq!(source.unwrap().keys(), KEYS);
