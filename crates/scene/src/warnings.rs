@@ -5,8 +5,8 @@ use serde::Serialize;
 
 /// A kind of problem with part of a dataset that leaves the rest usable.
 ///
-/// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about
-/// one frame count frames; all others count scenes, or the chunks or files that contain them.
+/// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about one
+/// image count images; all others, also those about cameras, count scenes, or the chunks or files that contain them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "kebab-case")]
@@ -24,7 +24,8 @@ pub enum WarningKind {
     UnlistedImage,
     /// Two frames of a scene have the same image.
     DuplicateImage,
-    /// A frame's pose or intrinsics are unusable.
+    /// Frames have a pose that is not finite or no rotation, or a camera whose centre overflows. Unusable intrinsics make their scene
+    /// [`Self::UnreadableScene`].
     BadCamera,
     /// A camera is implausibly far from the origin.
     DistantCamera,
