@@ -56,6 +56,21 @@ pub(super) const SOURCES: &[(&str, &str)] = sources!(
     "work.rs"
 );
 
+/// Sources of the reference, with which results are compared.
+pub(super) const REFERENCE: &[(&str, &str)] = sources!(
+    "../constants.rs",
+    "../options.rs",
+    "../reach.rs",
+    "../reference/composite.rs",
+    "../reference/composite_backward.rs",
+    "../reference/mod.rs",
+    "../reference/project.rs",
+    "../reference/project_backward.rs",
+    "../rendering.rs",
+    "../sh.rs",
+    "../view.rs"
+);
+
 /// Compares an image and its gradients with the reference, and a batch with its views one by one.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
@@ -171,21 +186,32 @@ pub(super) fn relative_difference(actual: &[f64], expected: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::SOURCES;
+    use super::{REFERENCE, SOURCES};
 
     /// They choose adapters, count, describe errors, cache results, or serve what the self-test does not call.
     const OTHERS: [&str; 7] =
         ["adapters.rs", "counts.rs", "error.rs", "panics.rs", "image.rs", "self_test_cache.rs", "tests.rs"];
 
-    /// A cached result would outlive changes of a file that is in neither list.
-    #[test]
-    fn every_file_determines_results_or_is_known_not_to() {
-        let folder = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")).unwrap();
+    /// What the self-test does not call.
+    const OTHERS_OF_REFERENCE: [&str; 2] = ["jumps.rs", "tests.rs"];
+
+    fn files_in(folder: &str) -> Vec<String> {
+        let folder = std::fs::read_dir(format!("{}/src/{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap();
         let paths = folder.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
         let mut found: Vec<String> = paths.map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect();
         found.sort();
+        found
+    }
+
+    /// A cached result would outlive changes of a file that is in neither list.
+    #[test]
+    fn every_file_determines_results_or_is_known_not_to() {
         let mut known: Vec<&str> = SOURCES.iter().map(|(name, _)| *name).chain(OTHERS).collect();
         known.sort_unstable();
-        assert_eq!(found, known);
+        assert_eq!(files_in("gpu"), known);
+        let of_folder = REFERENCE.iter().filter_map(|(name, _)| name.strip_prefix("../reference/"));
+        let mut known: Vec<&str> = of_folder.chain(OTHERS_OF_REFERENCE).collect();
+        known.sort_unstable();
+        assert_eq!(files_in("reference"), known);
     }
 }

@@ -5,7 +5,7 @@ use super::kernels::Kernel;
 use super::layout::shared_constants;
 use super::{GpuError, self_test};
 
-/// Key of a self-test's result, which is valid until the adapter, its driver, wgpu, the kernels or the test change.
+/// Key of a self-test's result, which is valid until the adapter, its driver, wgpu, the kernels, the test or its reference change.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct SelfTestKey {
@@ -15,7 +15,7 @@ pub struct SelfTestKey {
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// Hash of the kernels, the test, and the versions of wgpu and its parts.
+    /// Hash of the kernels, the test, the reference, and the versions of wgpu and its parts.
     pub version: String,
 }
 
@@ -112,9 +112,9 @@ impl SelfTestResult {
 const LIBRARIES: [(&str, &str); 4] =
     [("naga", "30.0.1"), ("wgpu", "30.0.1"), ("wgpu-core", "30.0.1"), ("wgpu-hal", "30.0.1")];
 
-/// FNV-1a over the sources of the kernels and the test, and these libraries, to detect changes.
+/// FNV-1a over the sources of the kernels, the test and its reference, and these libraries, to detect changes.
 fn version(libraries: &[(&'static str, &'static str)]) -> String {
-    let sources = self_test::SOURCES.iter().map(|(_, text)| *text);
+    let sources = self_test::SOURCES.iter().chain(self_test::REFERENCE).map(|(_, text)| *text);
     let libraries = libraries.iter().flat_map(|(name, version)| [*name, *version]);
     let texts = Kernel::ALL.iter().map(|kernel| kernel.source()).chain(sources).chain(libraries);
     let hash = texts
