@@ -33,8 +33,11 @@ pub struct SelfTestResult {
 pub struct WrongResult {
     /// The image or gradient.
     pub what: String,
-    /// Largest difference found; `None` for NaN.
+    /// Largest difference found; `None` for NaN and infinity.
     pub difference: Option<f64>,
+    /// Whether it is infinite.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_infinite: bool,
     /// Largest difference allowed.
     pub bound: f64,
 }
@@ -86,8 +89,9 @@ impl SelfTestResult {
         match outcome {
             Ok(()) => Some(Self { fault: None }),
             Err(GpuError::SelfTest { what, difference, bound, .. }) => {
+                let (what, is_infinite, bound) = (what.clone(), difference.is_infinite(), *bound);
                 let difference = difference.is_finite().then_some(*difference);
-                Some(Self { fault: Some(WrongResult { what: what.clone(), difference, bound: *bound }) })
+                Some(Self { fault: Some(WrongResult { what, difference, is_infinite, bound }) })
             }
             Err(_) => None,
         }
@@ -98,11 +102,11 @@ impl SelfTestResult {
     /// # Errors
     /// [`GpuError::SelfTest`].
     pub fn outcome(&self, adapter: &str) -> Result<(), GpuError> {
-        let Some(WrongResult { what, difference, bound }) = &self.fault else { return Ok(()) };
+        let Some(WrongResult { what, difference, is_infinite, bound }) = &self.fault else { return Ok(()) };
         Err(GpuError::SelfTest {
             adapter: adapter.to_owned(),
             what: what.clone(),
-            difference: difference.unwrap_or(f64::NAN),
+            difference: difference.unwrap_or(if *is_infinite { f64::INFINITY } else { f64::NAN }),
             bound: *bound,
         })
     }
@@ -134,11 +138,17 @@ mod tests {
             let (adapter, what) = ("a".to_owned(), "depth".to_owned());
             Err(GpuError::SelfTest { adapter, what, difference, bound: 1e-4 })
         };
-        for outcome in [Ok(()), wrong(0.5)] {
-            assert_eq!(SelfTestResult::of(&outcome).unwrap().outcome("a"), outcome);
+        let cached = |outcome: &Result<(), GpuError>| {
+            let text = serde_json::to_string(&SelfTestResult::of(outcome).unwrap()).unwrap();
+            let result: SelfTestResult = serde_json::from_str(&text).unwrap();
+            (result.outcome("a"), text)
+        };
+        for outcome in [Ok(()), wrong(0.5), wrong(f64::INFINITY)] {
+            assert_eq!(cached(&outcome).0, outcome);
         }
-        let nan = SelfTestResult::of(&wrong(f64::NAN)).unwrap().outcome("a").unwrap_err().to_string();
-        assert!(nan.contains("depth differs by NaN"), "{nan}");
+        let (nan, text) = cached(&wrong(f64::NAN));
+        assert!(nan.unwrap_err().to_string().contains("depth differs by NaN"), "{text}");
+        assert!(!text.contains("infinite"), "as before infinities were stored: {text}");
         let lost = Err(GpuError::Device { adapter: "a".to_owned(), reason: "lost".to_owned() });
         assert_eq!(SelfTestResult::of(&lost), None, "it may be there next time");
     }
