@@ -45,7 +45,8 @@ pub struct ErrorBounds {
     /// For a sample of an image, apart from jumps at thresholds: relative to the image's largest magnitude, or to 1 if
     /// that is larger.
     pub image: f64,
-    /// For a gradient, relative to the largest of its field.
+    /// For a gradient, relative to the largest of its field or, for log-scales, logits, SH coefficients and scalars, to a
+    /// thousandth of the largest of these fields if that is larger.
     pub gradient: f64,
     /// Relative error of an alpha: pixels where such an error may cross a threshold are allowed to jump accordingly
     /// (see [`crate::reference::jumps`]).

@@ -68,8 +68,10 @@ impl fmt::Display for StressReport {
         }
         writeln!(
             f,
-            "{} of {} rows failed. Errors are against the reference in f64: of samples relative to the image's range, \
-             of gradients relative to the largest in their field.",
+            "{} of {} rows failed. Errors are against the reference in f64: of samples relative to the largest magnitude \
+             in their image, or to 1 if that is larger; of gradients relative to the largest in their field or, for \
+             log-scales, logits, SH coefficients and scalars, to a thousandth of the largest in these fields if that is \
+             larger.",
             self.failed,
             self.rows.len()
         )?;
