@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use atsplat_camera::ImageSize;
-use atsplat_pixels::{ImageU8, Rounding};
+use atsplat_pixels::{DecodeLimits, ImageU8, Rounding};
 use atsplat_scene::{Frame, FrameImage, GeneratedImage, Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 
@@ -90,11 +90,12 @@ impl GeneratedImage for SimulatedImage {
         self.simulation.request().size
     }
 
-    fn fingerprint(&self) -> String {
-        fingerprint(self.frame, self.request_text.get_or_init(|| format!("{:?}", self.simulation.request())))
+    fn fingerprint(&self) -> Option<String> {
+        let request = self.request_text.get_or_init(|| format!("{:?}", self.simulation.request()));
+        Some(fingerprint(self.frame, request))
     }
 
-    fn make(&self) -> Result<ImageU8, SceneError> {
+    fn make(&self, _: &DecodeLimits) -> Result<ImageU8, SceneError> {
         if let Some(image) = self.cache.get(self.frame) {
             return Ok(image);
         }
@@ -182,7 +183,7 @@ mod tests {
         for (at, frame) in scene.frames.iter().enumerate() {
             assert_eq!(frame.camera, simulation.camera(at).unwrap());
             let FrameImage::Generated(generated) = &frame.image else { panic!("not rendered: {:?}", frame.image) };
-            assert_eq!(generated.fingerprint(), fingerprint(at, &format!("{:?}", request())));
+            assert_eq!(generated.fingerprint().unwrap(), fingerprint(at, &format!("{:?}", request())));
             let image = scene.decode(at, &DecodeLimits::default()).unwrap();
             assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         }

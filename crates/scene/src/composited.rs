@@ -29,16 +29,15 @@ impl GeneratedImage for Composited {
         self.header
     }
 
-    fn fingerprint(&self) -> String {
-        let bytes = self.frame.bytes(&self.scene, self.position);
-        let bytes = bytes.map_or_else(|error| error.to_string(), |bytes| Sha256Digest::of(&bytes).to_string());
-        format!("{bytes} over {:?}", self.background)
+    fn fingerprint(&self) -> Option<String> {
+        let bytes = self.frame.bytes(&self.scene, self.position).ok()?;
+        Some(format!("{} over {:?}", Sha256Digest::of(&bytes), self.background))
     }
 
-    fn make(&self) -> Result<ImageU8, SceneError> {
+    fn make(&self, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         let Self { frame, scene, position, background, .. } = self;
         let bytes = frame.bytes(scene, *position)?;
-        let decoded = decode_over(&bytes, &DecodeLimits::default(), *background);
+        let decoded = decode_over(&bytes, limits, *background);
         decoded.map_err(in_frame(scene, *position, &frame.image))
     }
 }
@@ -67,6 +66,8 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
     use crate::test_source::wandering_scene;
 
@@ -87,18 +88,46 @@ mod tests {
         assert_eq!(composited, [ImageHeader { has_alpha: false, ..stored }, opaque]);
     }
 
+    const WITH_ALPHA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures/images/colour6_16.png");
+
+    fn composited(image: &Path, background: [u8; 3]) -> Scene {
+        let mut scene = wandering_scene("a", 1);
+        scene.frames[0].image = FrameImage::File(image.to_owned());
+        scene.composited_over(background)
+    }
+
+    fn fingerprint(scene: &Scene) -> Option<String> {
+        match &scene.frames[0].image {
+            FrameImage::Generated(image) => image.fingerprint(),
+            other => panic!("{other:?}"),
+        }
+    }
+
     #[test]
     fn images_over_two_colours_have_two_fingerprints() {
-        let image = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures/images/colour6_16.png");
-        let over = |background: [u8; 3]| {
-            let mut scene = wandering_scene("a", 1);
-            scene.frames[0].image = FrameImage::File(image.into());
-            match &scene.composited_over(background).frames[0].image {
-                FrameImage::Generated(image) => image.fingerprint(),
-                other => panic!("{other:?}"),
-            }
-        };
+        let over = |background: [u8; 3]| fingerprint(&composited(WITH_ALPHA.as_ref(), background)).unwrap();
         assert_eq!(over([255, 0, 0]), over([255, 0, 0]));
         assert_ne!(over([255, 0, 0]), over([0, 0, 255]));
+    }
+
+    /// Of two of them, the messages could be the same.
+    #[test]
+    fn an_image_that_is_gone_has_no_fingerprint() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        std::fs::copy(WITH_ALPHA, &path).unwrap();
+        let scene = composited(&path, [255; 3]);
+        assert!(fingerprint(&scene).is_some());
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(fingerprint(&scene), None);
+    }
+
+    #[test]
+    fn the_limits_of_decoding_hold() {
+        let scene = composited(WITH_ALPHA.as_ref(), [255; 3]);
+        assert!(scene.decode_any_shape(0, &DecodeLimits::default()).is_ok());
+        let narrow = DecodeLimits { max_width: 1, ..DecodeLimits::default() };
+        let refused = scene.decode_any_shape(0, &narrow);
+        assert!(matches!(refused, Err(SceneError::Pixels { .. })), "{refused:?}");
     }
 }

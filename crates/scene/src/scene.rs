@@ -96,14 +96,15 @@ pub trait GeneratedImage: fmt::Debug + Send + Sync {
         ImageHeader::upright(self.size())
     }
 
-    /// Everything that the image depends on, as text, so that equal texts mean equal images; without generating it.
-    fn fingerprint(&self) -> String;
+    /// Everything that the image depends on, as text, so that equal texts mean equal images; without generating it. `None` if it
+    /// depends on an image that cannot be read.
+    fn fingerprint(&self) -> Option<String>;
 
-    /// Generates the image, the same each time.
+    /// Generates the image, the same each time. `limits` are those of an image that has to be decoded for it.
     ///
     /// # Errors
-    /// [`SceneError::Generating`].
-    fn make(&self) -> Result<ImageU8, SceneError>;
+    /// [`SceneError::Generating`]; if it depends on an image, those of [`Frame::decode_any_shape`].
+    fn make(&self, limits: &DecodeLimits) -> Result<ImageU8, SceneError>;
 }
 
 /// The header of an encoded image.
@@ -250,7 +251,7 @@ impl Frame {
     /// Those of [`Self::decode`] except [`SceneError::ImageMismatch`].
     pub fn decode_any_shape(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         if let FrameImage::Generated(image) = &self.image {
-            return image.make();
+            return image.make(limits);
         }
         self.decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
     }
@@ -269,7 +270,7 @@ impl Frame {
         atsplat_pixels::decode(bytes, limits).map_err(self.in_frame(scene, position))
     }
 
-    /// The encoded image: read from its file, borrowed from its chunk, or generated and encoded as PNG.
+    /// The encoded image: read from its file, borrowed from its chunk, or generated within the default limits and encoded as PNG.
     ///
     /// # Errors
     /// [`SceneError::NoImage`], [`SceneError::NoPose`], [`SceneError::Io`], [`SceneError::Damaged`],
@@ -287,7 +288,8 @@ impl Frame {
                 Ok(Cow::Borrowed(bytes))
             }
             FrameImage::Generated(image) => {
-                atsplat_pixels::encode_png(&image.make()?).map(Cow::Owned).map_err(self.in_frame(scene, position))
+                let image = image.make(&DecodeLimits::default())?;
+                atsplat_pixels::encode_png(&image).map(Cow::Owned).map_err(self.in_frame(scene, position))
             }
             FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
             FrameImage::Missing(path) => Err(no_image(format!("the file is missing ({})", path.display()))),
