@@ -20,7 +20,8 @@ pub struct Displacement {
 }
 
 /// Compares the cameras of the model in `folder`, moved by what was `applied` to the scene's, with those of frames of the same
-/// name. `None` if the model has no images, if fewer than two of them are frames, or if these frames' cameras are all in one place.
+/// name: with its folder or, if no other image of the model has that name, without. `None` if the model has no images, if fewer
+/// than two of them are frames, or if these frames' cameras are all in one place.
 ///
 /// # Errors
 /// [`SceneError::Io`] and the errors of [`parse_images`].
@@ -40,13 +41,17 @@ pub fn displacement(
         let centre = frame.camera.camera_from_world.inverse().centre();
         centres.entry(&frame.name).and_modify(|known| *known = None).or_insert(Some(centre));
     }
+    let mut images_named: HashMap<&str, usize> = HashMap::new();
+    for image in &images {
+        *images_named.entry(path_and_name(&image.name).1).or_default() += 1;
+    }
     let pairs: Vec<(DVec3, DVec3)> = images
         .iter()
         .filter_map(|image| {
             // Frames of a COLMAP model have their folder in their name, those of nerfstudio only where names repeat.
-            let path = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
-            let name = path.rsplit('/').next().unwrap_or(path);
-            let frame = (*centres.get(path).or_else(|| centres.get(name))?)?;
+            let (path, name) = path_and_name(&image.name);
+            let by_name = || centres.get(name).filter(|_| images_named.get(name) == Some(&1));
+            let frame = (*centres.get(path).or_else(by_name)?)?;
             let centre = image.camera_from_world.as_ref().ok()?.inverse().centre();
             Some((applied.map_or(centre, |applied| applied.saved_point(centre)), frame))
         })
@@ -60,6 +65,12 @@ pub fn displacement(
     }
     let distance = median(pairs.iter().map(|(image, frame)| image.distance(*frame) / extent));
     Ok(distance.map(|distance| Displacement { images: pairs.len(), distance }))
+}
+
+/// An image's path without its extension, and the last part of that.
+fn path_and_name(image: &str) -> (&str, &str) {
+    let path = split_image_name(image).map_or(image, |(stem, _)| stem);
+    (path, path.rsplit('/').next().unwrap_or(path))
 }
 
 #[cfg(test)]
@@ -135,6 +146,24 @@ mod tests {
                       3 1 0 0 0 0 0 -2 1 top/frame_7.png\n\n";
         let found = displacement(model(images).path(), &scene, None).unwrap();
         assert_eq!(found, Some(Displacement { images: 3, distance: 0.0 }));
+    }
+
+    /// Of a rig, the file has the frames of one camera; which one, their names do not say.
+    #[test]
+    fn images_of_other_cameras_with_a_frames_name_are_not_compared() {
+        let (scene, _) = saved([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 1.0);
+        let rig = |names: [&str; 4]| {
+            let [a, b, c, d] = names;
+            let images = format!(
+                "1 1 0 0 0 -1 0 0 1 {a}.png\n\n2 1 0 0 0 0 -2 0 1 {b}.png\n\n\
+                 3 1 0 0 0 -9 0 0 1 {c}.png\n\n4 1 0 0 0 0 -9 0 1 {d}.png\n\n"
+            );
+            displacement(model(&images).path(), &scene, None).unwrap()
+        };
+        assert_eq!(rig(["left/a", "left/b", "right/a", "right/b"]), None);
+        let found = Some(Displacement { images: 2, distance: 0.0 });
+        assert_eq!(rig(["left/a", "left/b", "right/c", "right/d"]), found);
+        assert_eq!(rig(["a", "b", "right/a", "right/b"]), found, "with their folder, none");
     }
 
     #[test]
