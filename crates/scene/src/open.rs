@@ -122,7 +122,7 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 /// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
 /// the format requires. If a folder has the files of several, the order is chunks, `transforms.json`, a COLMAP model,
 /// trajectories; scenes of the others, and images without cameras, are counted as [`WarningKind::IgnoredScene`]. No
-/// scene is read.
+/// scene is read; of chunks, their lists of scenes are, or the index alone if they are still to be fetched.
 ///
 /// [`WarningKind::IgnoredScene`]: crate::WarningKind::IgnoredScene
 ///
