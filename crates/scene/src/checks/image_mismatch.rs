@@ -138,7 +138,7 @@ pub fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
         |length: u32, other: u32, stated_other: u32| f64::from(length) * f64::from(other) / f64::from(stated_other);
     let width = side(stated.width, size.height, stated.height);
     let height = side(stated.height, size.width, stated.width);
-    // Either side may have been rounded; a rounding of the shorter one moves the longer one by more than a pixel.
+    // Either side may have been rounded, or truncated; that of the shorter one moves the longer one by more than a pixel.
     (width - f64::from(size.width)).abs() <= 1.0 || (height - f64::from(size.height)).abs() <= 1.0
 }
 
@@ -167,6 +167,7 @@ mod tests {
         assert!(is_scaled_copy(size(480, 270), size(3840, 2160)));
         assert!(is_scaled_copy(size(455, 256), size(640, 360)), "455.1 columns");
         assert!(is_scaled_copy(size(239, 135), size(3818, 2160)), "238.6 columns");
+        assert!(is_scaled_copy(size(1000, 250), size(4000, 1003)), "250.75 rows, truncated");
         assert!(!is_scaled_copy(size(256, 256), size(640, 360)), "a crop");
         assert!(!is_scaled_copy(size(270, 480), size(480, 270)), "rotated");
     }
