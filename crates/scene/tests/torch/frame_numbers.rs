@@ -27,8 +27,8 @@ fn found(timestamps: [i64; 3]) -> (Vec<Option<i64>>, bool) {
     let table = folder.path().join("cameras.csv");
     export(&source, &table, ExportFormat::Csv, &mut Warnings::new(), &|| ()).unwrap();
     let rows = fs::read_to_string(table).unwrap();
-    let exported = rows.lines().skip(1).map(|row| row.split(',').nth(4).unwrap().parse().ok());
-    assert_eq!(exported.collect::<Vec<Option<i64>>>(), times, "{rows}");
+    let exported = rows.lines().skip(1).map(|row| row.split(',').nth(4).unwrap().parse::<i64>().ok());
+    assert_eq!(exported.collect::<Vec<_>>(), times, "{rows}");
     (times, report.is_complete())
 }
 
