@@ -45,7 +45,8 @@ pub(super) fn resamples(clusters: usize) -> usize {
     MAX_DRAWS.checked_div(clusters).unwrap_or(MAX_RESAMPLES).clamp(MIN_RESAMPLES, MAX_RESAMPLES)
 }
 
-/// Like [`interval_of_mean`], of any statistic of the sums over clusters.
+/// Like [`interval_of_mean`], of any statistic of the sums over clusters. Resamples without one, where it is NaN, are left out; `None`
+/// if they are more than those beyond an end of the interval.
 pub(super) fn interval_of<const N: usize>(
     clusters: &[[f64; N]],
     resamples: usize,
@@ -62,10 +63,14 @@ pub(super) fn interval_of<const N: usize>(
             statistic(drawn.fold([0.0; N], |sums, cluster| std::array::from_fn(|at| sums[at] + cluster[at])))
         })
         .collect();
+    values.retain(|value| !value.is_nan());
     values.sort_by(f64::total_cmp);
     let count = clusters.len() as f64;
     let student = student_quantile(f64::midpoint(1.0, CONFIDENCE), last);
     let tail = normal_tail((count / (count - 1.0)).sqrt() * student);
+    if (resamples - values.len()) as f64 > tail * resamples as f64 {
+        return None;
+    }
     let interval = [quantile(&values, tail)?, quantile(&values, 1.0 - tail)?];
     interval.iter().all(|end| end.is_finite()).then_some(interval)
 }

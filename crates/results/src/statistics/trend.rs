@@ -17,8 +17,8 @@ use crate::Results;
 pub struct Trend {
     /// Change of the metric per unit.
     pub slope: f64,
-    /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` if resamples have no slope, as those
-    /// that draw scenes of one overlap.
+    /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does. Resamples that draw scenes of one overlap have no
+    /// slope and are left out; `None` if they are more than those beyond an end of the interval.
     pub interval: Option<[f64; 2]>,
     /// Scenes that the slope rests on: those with scores, and for lines within scenes only those with two different values of the
     /// property. At least [`MIN_SCENES`].
@@ -137,7 +137,7 @@ pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Result<Trend, NoTren
 /// Sums of a scene from which a slope follows: count, x, y, x², xy.
 type Sums = [f64; 5];
 
-/// Spread below which all values of the property are the same, in the square of its unit.
+/// Spread up to which all values of the property are the same, in the square of its unit, for each 1 of the count.
 const LEAST_SPREAD: f64 = 1e-12;
 /// Smallest difference of overlaps that a slope is measured over: the unit in which tables print it.
 const LEAST_RANGE: f64 = 0.1;
@@ -173,9 +173,11 @@ fn spread([n, sx, _, sxx, _]: Sums) -> f64 {
     sxx - sx * sx / n
 }
 
+/// NaN if all values of the property are the same, whose spread is what rounding leaves.
 fn slope(sums: Sums) -> f64 {
     let [n, sx, sy, _, sxy] = sums;
-    (sxy - sx * sy / n) / spread(sums)
+    let spread = spread(sums);
+    if spread > LEAST_SPREAD * n { (sxy - sx * sy / n) / spread } else { f64::NAN }
 }
 
 /// A line through few scenes is no trend, as their mean has no interval.

@@ -71,6 +71,31 @@ fn overlaps_that_differ_by_less_than_a_tenth_have_no_slope_per_tenth() {
     Tolerance::relative(1e-9).assert([over(0.1 / 6.0).unwrap().slope], [60.0], "a tenth, but for rounding");
 }
 
+/// Six scenes with three targets each: a third of the resamples draw only scenes of the first overlap, whose spread is what rounding
+/// leaves. With four other scenes among twenty it is 1 in 87 of them, fewer than lie beyond an end of the interval.
+#[test]
+fn resamples_of_one_overlap_have_no_slope() {
+    let over = |scenes: u32, others: u32| {
+        let names: Vec<String> = (0..scenes).map(|at| format!("{at:02}")).collect();
+        let is_other = |at: u32| at >= scenes - others;
+        let scores = |at: u32| {
+            let height = 20.0 + f64::from(at * at % 7) + if is_other(at) { 5.0 } else { 0.0 };
+            vec![height, height + 0.7, height - 0.4]
+        };
+        let scored: Vec<_> = names.iter().zip(0..).map(|(name, at)| (name.as_str(), 0, scores(at))).collect();
+        let mut store = psnr(&scored);
+        for (row, at) in store.targets.iter_mut().zip((0..scenes).flat_map(|at| [at; 3])) {
+            row.overlap = Some(if is_other(at) { 0.55 } else { 0.3 });
+        }
+        along_overlap(&store, &query("m")).unwrap()
+    };
+    let few = over(6, 1);
+    assert!(few.slope.is_finite() && few.interval.is_none(), "{few:?}");
+    let many = over(20, 4);
+    let [low, high] = many.interval.unwrap();
+    assert!(0.0 < low && low < many.slope && many.slope < high && high < 60.0, "{many:?}");
+}
+
 /// Nine scenes, of which only some have two distances: the others must neither narrow the interval nor be counted.
 #[test]
 fn scenes_without_two_distances_are_no_evidence_for_a_slope() {
