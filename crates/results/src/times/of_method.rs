@@ -35,7 +35,7 @@ pub struct Times {
     pub warm_up: u32,
     /// Seconds from context images to Gaussians.
     pub encode: Option<Spread>,
-    /// Seconds per rendered image.
+    /// Seconds per rendered image, a repetition's images averaged ([`TimingRow::secs_per_image`]).
     pub render: Option<Spread>,
     /// Seconds from context images to the first rendered image: the sum of both, or the only one of them. `None` for Gaussians of
     /// which only the rendering was timed ([`GAUSSIANS_UNTIMED`]).
@@ -141,7 +141,8 @@ impl Times {
             Some((name.clone(), Spread::of(samples)?))
         };
         let encode = Spread::of(rows.iter().map(|row| row.encode.as_slice()));
-        let render = Spread::of(rows.iter().map(|row| row.render.as_slice()));
+        let per_image: Vec<Vec<f64>> = timed.iter().map(|(row, trial)| row.secs_per_image(trial.targets)).collect();
+        let render = Spread::of(per_image.iter().map(Vec::as_slice));
         let has_gaussians = timed.iter().any(|(_, trial)| trial.gaussians.is_some());
         let repetitions = timed.iter().map(|(row, trial)| row.repetitions(trial.targets) as u64);
         let device = |row: &&TimingRow| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref());
@@ -274,6 +275,24 @@ mod tests {
         let earlier = times(&store, PRESET, "a").unwrap();
         assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));
         Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
+    }
+
+    /// Images of 10, 20 and 60 ms, in the second repetition 6 ms slower and in the third one 3 ms.
+    #[test]
+    fn images_of_one_repetition_are_no_repetitions() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0; 4])]);
+        let repetition = |slower: f64| [0.01, 0.02, 0.06].map(|secs| secs + slower);
+        store.timings = vec![timing("a", "x", &[], &[0.0, 0.006, 0.003].map(repetition).concat())];
+        let found = times(&store, PRESET, "a").unwrap();
+        let render = found.render.unwrap();
+        Tolerance::F64.assert(
+            [render.median, render.mad],
+            [0.033, 0.003],
+            "the mean of three images, and its repetitions",
+        );
+        Tolerance::F64.assert(render.quartiles, [0.0315, 0.0345], "quartiles");
+        assert_eq!((render.samples, found.repetitions), (3, 3));
+        assert!(render.error < 0.01, "{} s", render.error);
     }
 
     /// Fewest repetitions and warm-ups, most memory and load, whichever trial has them.

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use atsplat_numeric::spread;
+use atsplat_numeric::{mean, spread};
 use serde::{Deserialize, Serialize};
 
 use super::{Load, Machine};
@@ -39,7 +39,7 @@ pub struct TimingRow {
     pub warm_up: u32,
     /// Seconds from context images to Gaussians, one per repetition; empty if the method encodes nothing.
     pub encode: Vec<f64>,
-    /// Seconds per rendered image, repetition by repetition; empty if the method imports finished images.
+    /// Seconds of each rendered image, repetition by repetition; empty if the method imports finished images.
     pub render: Vec<f64>,
     /// Seconds of each encoding stage by name, one per repetition.
     pub stages: BTreeMap<String, Vec<f64>>,
@@ -63,6 +63,13 @@ impl TimingRow {
     pub fn repetitions(&self, targets: u32) -> usize {
         let images = rendered_targets(targets as usize).len();
         if self.encode.is_empty() { self.render.len().checked_div(images).unwrap_or(0) } else { self.encode.len() }
+    }
+
+    /// Seconds per image of each repetition, averaged over those that it renders of a trial with this many targets: they are
+    /// different images, whose times differ without any repetition being slower.
+    pub fn secs_per_image(&self, targets: u32) -> Vec<f64> {
+        let images = rendered_targets(targets as usize).len().max(1);
+        self.render.chunks(images).filter_map(|secs| mean(secs.iter().copied())).collect()
     }
 
     /// # Errors
