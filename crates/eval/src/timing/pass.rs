@@ -15,7 +15,7 @@ use super::load::{CountedTime, LoadMonitor};
 use super::samples::{PreparedTrial, Samples};
 use super::this_machine;
 use crate::EvalError;
-use crate::method::{Method, MethodError};
+use crate::method::{Method, MethodError, Timed};
 use crate::runner::{Dataset, Plan, Step, groups, key_of, recipe};
 
 /// How many trials are timed, and how often.
@@ -132,7 +132,9 @@ impl Pass<'_> {
             let rows = self.method(dataset, &mut trials, method.as_ref())?;
             // At once, because a pass over many methods takes hours and may be killed.
             if !rows.is_empty() {
-                self.store.add_timings(rows)?;
+                for TimingRow { key, detail, .. } in self.store.add_timings(rows)? {
+                    tracing::warn!(result = %key, why = detail.as_deref(), "not timed again: its earlier times stay");
+                }
             }
             (self.step)(Step::Done);
         }
@@ -165,17 +167,24 @@ impl Pass<'_> {
     }
 
     /// On how many trials the known rows have what this pass would measure, and on how many the method was tried: those and the
-    /// ones that it rejected.
+    /// ones that it rejected. It did not reject a trial whose images it made when it was evaluated: it lacked memory, for instance.
     fn known_trials(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method) -> (usize, usize) {
         let name = method.record().name;
         let is_of_pass = |row: &&TimingRow| row.key.is_of(&dataset.name, &name) && row.machine == self.machine;
-        let (timed, rejected): (Vec<_>, Vec<_>) = known.iter().filter(is_of_pass).partition(|row| row.is_timed());
+        let (timed, mut rejected): (Vec<_>, Vec<_>) = known.iter().filter(is_of_pass).partition(|row| row.is_timed());
         let valid = |rows: &[&TimingRow]| rows.iter().filter(|row| self.is_valid(row)).count();
+        rejected.retain(|row| method.timed() == Timed::NOTHING || !self.is_evaluated(row));
         match (valid(&timed), valid(&rejected)) {
             // Of a method that rejects every trial, only the first one has a row.
             (0, 1..) if timed.is_empty() => (0, usize::MAX),
             (timed, rejected) => (timed, timed + rejected),
         }
+    }
+
+    /// Whether the evaluation has scores of all targets of the row's trial.
+    fn is_evaluated(&self, row: &TimingRow) -> bool {
+        let known = self.store.known();
+        known.trial(&row.key).is_some_and(|(_, targets)| known.scored(&row.key) == targets as usize)
     }
 
     /// Whether a row is of the trial as it is now, on a machine without other work, with as many repetitions as this pass makes.
@@ -186,8 +195,8 @@ impl Pass<'_> {
         trial == row.trial_hash && !row.load.is_busy() && is_enough
     }
 
-    /// The rows of one method: the requested number of timed trials and those that it rejected on the way, with the reason; the
-    /// first of these alone if it rejects all.
+    /// The rows of one method: the requested number of timed trials and those that it rejected on the way, with the reason; if
+    /// it rejects all, only the first that failed, or else the first.
     fn method(
         &self,
         dataset: &Dataset,
@@ -195,7 +204,7 @@ impl Pass<'_> {
         method: &dyn Method,
     ) -> Result<Vec<TimingRow>, EvalError> {
         let (requested, available) = (self.timing.trials as usize, trials.len());
-        let (mut rows, mut rejected) = (Vec::new(), Vec::new());
+        let (mut rows, mut rejected, mut first_failure) = (Vec::new(), Vec::new(), None);
         let timed = method.timed();
         for position in 0..requested + SPARE {
             self.check_stop()?;
@@ -215,6 +224,9 @@ impl Pass<'_> {
                 }
                 Err(MethodError::Io(error)) => return Err(error.into()),
                 Err(why) => {
+                    if matches!(why, MethodError::Failed(_)) {
+                        first_failure.get_or_insert(rejected.len());
+                    }
                     row.detail = Some(why.to_string());
                     rejected.push(row);
                 }
@@ -223,8 +235,9 @@ impl Pass<'_> {
                 break;
             }
         }
-        rejected.truncate(if rows.is_empty() { 1 } else { rejected.len() });
-        rows.extend(rejected);
+        // One row says why there are no times: a failure, if any, because it may pass.
+        let (from, count) = if rows.is_empty() { (first_failure.unwrap_or(0), 1) } else { (0, rejected.len()) };
+        rows.extend(rejected.into_iter().skip(from).take(count));
         Ok(rows)
     }
 

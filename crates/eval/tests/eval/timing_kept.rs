@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use crate::common::methods::{counted_method, grey_after, method, timed_method};
@@ -101,6 +101,35 @@ fn a_result_that_is_tried_again_is_timed_again() {
     let store = Store::resume(folder.path(), provenance).unwrap().retry_failed();
     let (results, _) = runner::run(&plan, store, &|_| ()).unwrap();
     assert_eq!(are_timed(&results), [true; 2]);
+}
+
+/// The memory of a card is full while its times are measured again, or for the first time.
+#[test]
+fn a_passing_failure_costs_no_times_and_is_tried_again() {
+    let (folder, is_full) = (tempfile::tempdir().unwrap(), Arc::new(AtomicBool::new(false)));
+    let full = Arc::clone(&is_full);
+    let methods = [method("card", move |_| {
+        let is_full = full.load(Ordering::Relaxed);
+        if is_full { Err(MethodError::Failed("out of memory".to_owned())) } else { Ok(grey_after(Duration::ZERO)) }
+    })];
+    let run_when = |folder: &Path, full: bool| {
+        is_full.store(full, Ordering::Relaxed);
+        run(folder, 3, &methods, SHORT).timings
+    };
+    let are_timed = |rows: &[TimingRow]| rows.iter().map(TimingRow::is_timed).collect::<Vec<_>>();
+    assert_eq!(are_timed(&run_when(folder.path(), false)), [true; 3]);
+    disturb(folder.path(), Some("wall-1"));
+    let disturbed = Store::open(folder.path()).unwrap().timings().unwrap();
+    assert_eq!(run_when(folder.path(), true), disturbed, "a busy machine's times are better than none");
+    let again = run_when(folder.path(), false);
+    assert!(are_timed(&again) == [true; 3] && again[1].encode != disturbed[1].encode, "{again:?}");
+
+    let fresh = tempfile::tempdir().unwrap();
+    let datasets = vec![dataset(Walls::new(3, 8), &[entry(&[0, 4], &[1, 2, 3, 5])])];
+    Run::new(datasets, methods.to_vec()).run(fresh.path()).unwrap();
+    assert_eq!(are_timed(&run_when(fresh.path(), true)), [false]);
+    disturb(fresh.path(), None);
+    assert_eq!(are_timed(&run_when(fresh.path(), false)), [true; 3], "the evaluation had images of all targets");
 }
 
 /// As they are if the run is killed then.

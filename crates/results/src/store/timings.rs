@@ -28,20 +28,33 @@ impl Store {
         read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
     }
 
-    /// Adds timing rows, which replace those of the same methods on the same machine.
+    /// Adds timing rows, which replace those of the same methods on the same machine. Times stay where the new row of the trial has
+    /// none, and where none of the method's new rows has any: what failed may have lacked memory for a while. Returns the rows that
+    /// were left out for that.
     ///
     /// # Errors
     /// [`ResultsError::NotFinite`] before anything is written, [`ResultsError::Io`].
-    pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<(), ResultsError> {
+    pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<Vec<TimingRow>, ResultsError> {
         let subject = |row: &TimingRow| (row.key.preset.clone(), row.key.method.clone(), row.machine.clone());
         let replaced: BTreeSet<_> = rows.iter().map(subject).collect();
+        let timed: BTreeSet<_> = rows.iter().filter(|row| row.is_timed()).map(subject).collect();
+        let is_failure_of = |row: &TimingRow, known: &TimingRow| {
+            let trial = |row: &TimingRow| (row.key.clone(), row.trial_hash.clone(), row.machine.clone());
+            !row.is_timed() && known.is_timed() && trial(row) == trial(known)
+        };
         let mut all = self.timings()?;
-        all.retain(|row| !replaced.contains(&subject(row)));
-        all.extend(rows);
+        all.retain(|known| {
+            let stays = || !timed.contains(&subject(known)) || rows.iter().any(|row| is_failure_of(row, known));
+            !replaced.contains(&subject(known)) || (known.is_timed() && stays())
+        });
+        let (left_out, added): (Vec<_>, Vec<_>) =
+            rows.into_iter().partition(|row| all.iter().any(|known| is_failure_of(row, known)));
+        all.extend(added);
         let all = merged(all)?;
         all.iter().try_for_each(TimingRow::check)?;
         self.record_command()?;
-        write(&self.folder, &all)
+        write(&self.folder, &all)?;
+        Ok(left_out)
     }
 
     /// Removes the times of one result, on every machine. Not to be called by two threads at once.
