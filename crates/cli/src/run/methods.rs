@@ -198,7 +198,8 @@ impl MethodArgs {
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.splatting_without_mode(device)?;
                 let method = Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?;
-                Ok(Arc::new(method.with_training(record.training(), record.trained_under())))
+                let method = method.with_training(record.training(), record.trained_under());
+                Ok(Arc::new(method.with_high_resolution(source.high_resolution().cloned())?))
             }
             MethodKind::Optimised(strategy, budget) => {
                 let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);

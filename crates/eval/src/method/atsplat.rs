@@ -25,10 +25,34 @@ pub struct AtSplat {
 
 /// The same weights under the configuration for large images.
 #[derive(Debug)]
-struct LargeImages {
+pub(super) struct LargeImages {
     config: ModelConfig,
     /// Made for the first such image.
     network: OnceLock<Network>,
+}
+
+impl LargeImages {
+    /// States the configuration in the method's record.
+    pub(super) fn recorded(config: ModelConfig, record: &mut MethodRecord) -> Result<Self, EvalError> {
+        record.parameters.insert("high-resolution".to_owned(), as_json(&config)?);
+        Ok(Self { config, network: OnceLock::new() })
+    }
+
+    /// The network for images of this size: `network`, unless they are large for it and it has another one for these.
+    pub(super) fn network_for<'a>(
+        large_images: Option<&'a Self>,
+        network: &'a Network,
+        size: ImageSize,
+    ) -> Result<&'a Network, ModelError> {
+        let is_large = |trained_at| network.config().has_high_resolution(size, trained_at);
+        let large_images = large_images.filter(|_| network.trained_size().is_some_and(is_large));
+        let Some(Self { config, network: known }) = large_images else { return Ok(network) };
+        if let Some(known) = known.get() {
+            return Ok(known);
+        }
+        let made = Network::new(config, &network.device())?.with_weights(&network.weights()?)?;
+        Ok(known.get_or_init(|| made))
+    }
 }
 
 /// Where a network's weights came from.
@@ -115,10 +139,7 @@ impl AtSplat {
     /// # Errors
     /// [`EvalError::Settings`] for a configuration that JSON cannot represent.
     pub fn with_high_resolution(mut self, config: Option<ModelConfig>) -> Result<Self, EvalError> {
-        if let Some(config) = config {
-            self.record.parameters.insert("high-resolution".to_owned(), as_json(&config)?);
-            self.large_images = Some(LargeImages { config, network: OnceLock::new() });
-        }
+        self.large_images = config.map(|config| LargeImages::recorded(config, &mut self.record)).transpose()?;
         Ok(self)
     }
 
@@ -188,14 +209,7 @@ impl AtSplat {
 
     /// Large images use the configuration for high resolution.
     fn network_for(&self, size: ImageSize) -> Result<&Network, ModelError> {
-        let is_large = |trained_at| self.network.config().has_high_resolution(size, trained_at);
-        let large_images = self.large_images.as_ref().filter(|_| self.network.trained_size().is_some_and(is_large));
-        let Some(LargeImages { config, network }) = large_images else { return Ok(&self.network) };
-        if let Some(network) = network.get() {
-            return Ok(network);
-        }
-        let made = Network::new(config, &self.network.device())?.with_weights(&self.network.weights()?)?;
-        Ok(network.get_or_init(|| made))
+        LargeImages::network_for(self.large_images.as_ref(), &self.network, size)
     }
 }
 

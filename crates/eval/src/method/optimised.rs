@@ -3,11 +3,12 @@ use std::time::Instant;
 use atsplat_camera::{CentreSpread, WorldFromCamera};
 use atsplat_fit::start::in_frustums;
 use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, LastSteps, Strategy, TrainingView, TrainingViews};
+use atsplat_model::ModelConfig;
 use atsplat_model::network::Network;
 use atsplat_results::{MethodRecord, TrainingRecord, TrialNote};
 use atsplat_splat::Gaussians;
 
-use super::atsplat::{context_views, method_error};
+use super::atsplat::{LargeImages, context_views, method_error};
 use super::splatting::{Splatting, broken_start_note, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrainedUnder, TrialInput, WeightsSource, trial_seed};
 use crate::fitting::training_view;
@@ -33,6 +34,8 @@ pub struct Optimised {
     limit: Option<usize>,
     /// Makes the Gaussians to start from.
     network: Option<Network>,
+    /// Used instead of `network` for large images.
+    large_images: Option<LargeImages>,
     splatting: Splatting,
     record: MethodRecord,
     /// Of the network, if it is known.
@@ -78,8 +81,8 @@ impl Optimised {
             title: format!("{title} ({budget})"),
             ..MethodRecord::default()
         };
-        let (limit, trained_under) = (Some(limit), TrainedUnder::default());
-        Self { strategy, budget, seed, limit, network: None, splatting, record, trained_under }.described()
+        let (limit, network, large_images, trained_under) = (Some(limit), None, None, TrainedUnder::default());
+        Self { strategy, budget, seed, limit, network, large_images, splatting, record, trained_under }.described()
     }
 
     /// Refinement of a network's Gaussians, without changing their number.
@@ -104,9 +107,18 @@ impl Optimised {
             ..MethodRecord::default()
         };
         weights.describe(&network, &mut record)?;
-        let network = Some(network);
-        let (strategy, limit, trained_under) = (Strategy::Fixed, None, TrainedUnder::default());
-        Ok(Self { strategy, budget, seed, limit, network, splatting, record, trained_under }.described())
+        let (strategy, network, trained_under) = (Strategy::Fixed, Some(network), TrainedUnder::default());
+        let (limit, large_images) = (None, None);
+        Ok(Self { strategy, budget, seed, limit, network, large_images, splatting, record, trained_under }.described())
+    }
+
+    /// Adds the network's configuration for large images, as [`super::AtSplat::with_high_resolution`].
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a configuration that JSON cannot represent.
+    pub fn with_high_resolution(mut self, config: Option<ModelConfig>) -> Result<Self, EvalError> {
+        self.large_images = config.map(|config| LargeImages::recorded(config, &mut self.record)).transpose()?;
+        Ok(self)
     }
 
     /// Records how the network's weights were trained, as [`super::AtSplat::with_training`].
@@ -169,7 +181,10 @@ impl Optimised {
             return in_frustums(views, points, None, near, config.seed, self.strategy).map_err(failed);
         };
         cost.notes.extend(self.trained_under.notes(input, self.setting(), &self.splatting));
-        let made = network.reconstruct(&context_views(input)?, config.seed).map_err(|error| method_error(&error))?;
+        let given = context_views(input)?;
+        let made = LargeImages::network_for(self.large_images.as_ref(), network, given.size())
+            .and_then(|network| network.reconstruct(&given, config.seed))
+            .map_err(|error| method_error(&error))?;
         cost.initial_tokens = Some(made.budget.initial_tokens as u64);
         cost.final_tokens = Some(made.budget.final_tokens as u64);
         cost.stages.extend(made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs)));
@@ -231,10 +246,10 @@ fn failed(error: FitError) -> MethodError {
 mod tests {
     use std::sync::{Arc, Mutex};
 
+    use atsplat_model::ImageSize;
     use atsplat_model::network::Device;
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
-    use atsplat_model::{ImageSize, ModelConfig};
     use atsplat_pixels::ImageU8;
     use atsplat_protocol::Preset;
     use atsplat_results::{AdapterRecord, RecordKind};

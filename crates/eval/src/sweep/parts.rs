@@ -117,16 +117,17 @@ impl SweepBase {
         };
         let precision = overrides.matmul_precision(&network)?;
         let is_resizing = network.trained_size().is_some();
+        let large_images =
+            high_resolution.filter(|_| is_resizing).map(|config| overrides.model(&config)).transpose()?;
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         if let Some(budget) = budget {
             let method = Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?;
-            return Ok(Arc::new(method.with_training(training, trained_under)));
+            let method = method.with_training(training, trained_under);
+            return Ok(Arc::new(method.with_high_resolution(large_images)?));
         }
         let method = AtSplat::new(name, network, &weights, seed, splatting)?
             .with_training(training, trained_under)
             .with_matmul_precision(precision);
-        let large_images =
-            high_resolution.filter(|_| is_resizing).map(|config| overrides.model(&config)).transpose()?;
         Ok(Arc::new(method.with_high_resolution(large_images)?))
     }
 

@@ -61,8 +61,7 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration, or its setting for large images is not valid.
     pub fn methods(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let large_images = self.config.for_high_resolution()?;
-        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(large_images)?;
+        let atsplat = self.method("atsplat", &self.config)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 
@@ -70,11 +69,12 @@ impl TrainedNetwork {
     /// this network's Gaussians.
     ///
     /// # Errors
-    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    /// [`EvalError::Model`] if the weights do not fit the configuration, or its setting for large images is not valid.
     pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let network = self.network_for(&self.config)?;
         let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?
-            .with_training(self.training.clone(), self.trained_under.clone());
+            .with_training(self.training.clone(), self.trained_under.clone())
+            .with_high_resolution(self.config.for_high_resolution()?)?;
         let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
         for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
             let splatting = self.device.splatting();
@@ -86,7 +86,7 @@ impl TrainedNetwork {
     /// This network under another name in the rows, with `variant` in its title.
     ///
     /// # Errors
-    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    /// [`EvalError::Model`] if the weights do not fit the configuration, or its setting for large images is not valid.
     pub fn as_variant(&self, variant: &str) -> Result<Arc<dyn Method>, EvalError> {
         let method = self.method(&format!("atsplat {variant}"), &self.config)?.with_variant_title(variant);
         // All other variants can be read from the configuration.
@@ -132,7 +132,7 @@ impl TrainedNetwork {
     /// The same weights without token expansion.
     ///
     /// # Errors
-    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    /// [`EvalError::Model`] if the weights do not fit the configuration, or its setting for large images is not valid.
     pub fn without_expansion(&self) -> Result<Arc<dyn Method>, EvalError> {
         Ok(Arc::new(self.variant("no expansion", &self.config.with_expansion_in_first(0))?))
     }
@@ -147,8 +147,10 @@ impl TrainedNetwork {
         Ok(self.method(&format!("atsplat {name}"), config)?.with_variant_title(name))
     }
 
+    /// With the configuration's own one for large images.
     fn method(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
-        let method = AtSplat::new(name, self.network_for(config)?, &self.weights, 0, self.device.splatting())?;
+        let method = AtSplat::new(name, self.network_for(config)?, &self.weights, 0, self.device.splatting())?
+            .with_high_resolution(config.for_high_resolution()?)?;
         Ok(method.with_training(self.training.clone(), self.trained_under.clone()))
     }
 
@@ -191,5 +193,12 @@ mod tests {
         let data = |method: &Arc<dyn Method>| method.record().training.map(|training| training.data);
         let found: Vec<_> = optimised.iter().map(data).collect();
         assert_eq!(found, [Some("yards".to_owned()), None, None, None], "only the refinement has weights");
+        let large = |method: &Arc<dyn Method>| method.record().parameters.get("high-resolution").cloned();
+        let large_of = |config: &ModelConfig| serde_json::to_value(config.for_high_resolution().unwrap()).ok();
+        let [full, none] = [3, 0].map(|blocks| large_of(&trained.config.with_expansion_in_first(blocks)));
+        assert!(full.is_some() && full != none, "{full:?}");
+        assert_eq!(optimised.iter().map(large).collect::<Vec<_>>(), [full.clone(), None, None, None]);
+        assert_eq!(large(&trained.as_variant("unified").unwrap()), full);
+        assert_eq!(large(&trained.without_expansion().unwrap()), none);
     }
 }
