@@ -57,13 +57,15 @@ pub fn run_until(
     let findings = findings.with_earlier(plan, store.provenance());
     store.set_findings(findings.warnings, findings.skipped);
     let folder = store.folder().to_owned();
-    let results = store.finish()?;
-    summary.add_totals(&results);
-    if plan.images == KeepImages::Worst {
-        for dataset in plan.datasets {
-            prune(&folder, dataset, &results)?;
+    let results = store.finish_and(|results| -> Result<(), EvalError> {
+        if plan.images == KeepImages::Worst {
+            for dataset in plan.datasets {
+                prune(&folder, dataset, results)?;
+            }
         }
-    }
+        Ok(())
+    })?;
+    summary.add_totals(&results);
     Ok((results, summary))
 }
 

@@ -302,7 +302,24 @@ impl Store {
     ///
     /// # Errors
     /// Those of [`Results::read`], and [`ResultsError::Io`].
-    pub fn finish(mut self) -> Result<Results, ResultsError> {
+    pub fn finish(self) -> Result<Results, ResultsError> {
+        self.finish_and(|_results| Ok(()))
+    }
+
+    /// As [`Self::finish`], with more work on the folder before another process can write to it.
+    ///
+    /// # Errors
+    /// Those of [`Self::finish`] and of the work.
+    pub fn finish_and<E: From<ResultsError>>(
+        mut self,
+        work: impl FnOnce(&Results) -> Result<(), E>,
+    ) -> Result<Results, E> {
+        let results = self.write_all()?;
+        work(&results)?;
+        Ok(results)
+    }
+
+    fn write_all(&mut self) -> Result<Results, ResultsError> {
         self.digests.save()?;
         let content = Content::read(&self.folder)?;
         let parts = content.parts.clone();

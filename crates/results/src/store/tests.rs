@@ -373,7 +373,15 @@ fn a_second_writer_is_rejected_with_the_first_ones_identity() {
     assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "reading needs no lock");
     store.append(&trial("b"), &targets("b")).unwrap();
     assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 2);
-    assert_eq!(store.finish().unwrap().trials.len(), 2);
+    let last = store.finish_and(|results| -> Result<(), ResultsError> {
+        assert_eq!(results.trials.len(), 2);
+        assert!(
+            matches!(Store::open(folder.path()).unwrap_err(), ResultsError::InUse { .. }),
+            "until the last work is done"
+        );
+        Ok(())
+    });
+    last.unwrap();
     // Files left behind by a killed process lock nothing.
     fs::write(folder.path().join("run.json"), r#"{"pid":1,"host":"elsewhere","since":0}"#).unwrap();
     drop(Store::open(folder.path()).unwrap());
