@@ -226,17 +226,19 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
 }
 
 /// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped. Those that are
-/// not the scored ones are left out, and counted in a note.
-fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<Option<String>, Failure> {
+/// not the scored ones, or fail this time, are left out and counted in a note: the trial has its scores.
+fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<Option<String>, EvalError> {
     let positions: Vec<usize> = (0..rows.len()).collect();
     let mut others = 0_usize;
     for batch in positions.chunks(BATCH) {
-        for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
-            let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) else { continue };
-            if row.render_hash.as_ref().is_some_and(|scored| *scored != hash_of(&rendered.image)) {
-                others += 1;
-            } else {
-                images::write_render(store, row, &rendered.image).map_err(EvalError::from)?;
+        let rendered = catch_unwind(AssertUnwindSafe(|| render_all(prediction, batch)));
+        let mut rendered = rendered.ok().and_then(Result::ok).into_iter().flatten();
+        for row in batch.iter().filter_map(|position| rows.get(*position)) {
+            let is_scored =
+                |rendered: &Rendered| row.render_hash.as_ref().is_none_or(|scored| *scored == hash_of(&rendered.image));
+            match rendered.next().and_then(Result::ok).filter(is_scored) {
+                Some(rendered) => images::write_render(store, row, &rendered.image)?,
+                None => others += usize::from(row.render_hash.is_some()),
             }
         }
     }
