@@ -8,8 +8,8 @@ mod spread;
 
 pub use load::Load;
 pub use machine::{Machine, platform};
-pub(crate) use of_method::times_on;
 pub use of_method::{GAUSSIANS_UNTIMED, NOTHING_ENCODED, Times, machine_of, times};
+pub(crate) use of_method::{timed_trials, times_on};
 pub use row::{TimingRow, rendered_targets};
 pub use spread::Spread;
 

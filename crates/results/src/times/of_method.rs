@@ -204,9 +204,18 @@ pub fn machine_of(results: &Results, preset: &str) -> Option<Machine> {
     measured_on(results, preset).or_else(|| stated_on(results, preset))
 }
 
+/// The trials of all protocols that were timed, each once for every machine on which it was.
+pub(crate) fn timed_trials(results: &Results) -> BTreeSet<(&TrialKey, &Machine)> {
+    // Other images make a trial another one, whose times are not used.
+    let trials: BTreeSet<(&TrialKey, &str)> =
+        results.trials.iter().map(|trial| (&trial.key, trial.trial_hash.as_str())).collect();
+    let is_of_trial = |row: &&TimingRow| row.is_timed() && trials.contains(&(&row.key, row.trial_hash.as_str()));
+    results.timings.iter().filter(is_of_trial).map(|row| (&row.key, &row.machine)).collect()
+}
+
 fn measured_on(results: &Results, preset: &str) -> Option<Machine> {
-    let timed = results.timings.iter().filter(|row| row.is_timed() && row.key.preset == preset);
-    most_frequent(timed.map(|row| row.machine.clone()))
+    let timed = timed_trials(results).into_iter().filter(|(key, _)| key.preset == preset);
+    most_frequent(timed.map(|(_, machine)| machine.clone()))
 }
 
 fn stated_on(results: &Results, preset: &str) -> Option<Machine> {
@@ -275,6 +284,29 @@ mod tests {
         let earlier = times(&store, PRESET, "a").unwrap();
         assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));
         Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
+    }
+
+    /// Three passes on one trial, and two on a trial that has other images now, against one on each of two.
+    #[test]
+    fn the_machine_is_that_of_most_trials_not_of_most_rows() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        let on = |name: &str, scene: &str, started| {
+            let mut row = timing("a", scene, &[1.0], &[0.25]);
+            row.machine.processor = name.to_owned();
+            TimingRow { started, ..row }
+        };
+        let outdated = |started| TimingRow { trial_hash: "another".to_owned(), ..on("a card", "y", started) };
+        store.timings = vec![on("two cards", "x", 1), on("two cards", "y", 1)];
+        store.timings.extend([
+            on("a card", "x", 1),
+            on("a card", "x", 2),
+            on("a card", "x", 3),
+            outdated(1),
+            outdated(2),
+        ]);
+        assert_eq!(machine_of(&store, PRESET).unwrap().processor, "two cards");
+        store.trials.clear();
+        assert_eq!(machine_of(&store, PRESET), None, "no row is of a trial");
     }
 
     /// Images of 10, 20 and 60 ms, in the second repetition 6 ms slower and in the third one 3 ms.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::scored::{Scored, notes, pair_gaussians, scored};
 use super::{Axis, Counts, Frontier, Sample, Seconds, frontier};
 use crate::statistics::{Leaked, SelectedTarget, contrast, direction};
-use crate::times::{Machine, TimingRow, machine_of};
+use crate::times::{Machine, machine_of, timed_trials};
 use crate::{PresetRecord, Results, ResultsError, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
@@ -135,12 +135,8 @@ const DIFFERENT_AGGREGATIONS: &str =
 /// The machine on which methods of different protocols are compared: the one on which most protocols were timed, or without any the
 /// one for which most protocols state times; of those the one with the most timed trials or methods, the first in order if tied.
 fn common_machine(results: &Results) -> Option<Machine> {
-    // Other images make a trial another one, whose times are not used.
-    let trials: BTreeSet<(&TrialKey, &str)> =
-        results.trials.iter().map(|trial| (&trial.key, trial.trial_hash.as_str())).collect();
-    let is_of_trial = |row: &&TimingRow| trials.contains(&(&row.key, row.trial_hash.as_str()));
-    let timed = results.timings.iter().filter(|row| row.is_timed()).filter(is_of_trial);
-    let measured = most_common(timed.map(|row| (row.machine.clone(), row.key.preset.as_str())));
+    let timed = timed_trials(results).into_iter();
+    let measured = most_common(timed.map(|(key, machine)| (machine.clone(), key.preset.as_str())));
     let stated = results.provenance.methods.iter().flat_map(|method| {
         let of_method = method.stated.iter().map(|(preset, cost)| (preset.as_str(), &cost.seconds));
         let has_trials = move |preset: &str| results.trials_of(preset, &method.name).next().is_some();
