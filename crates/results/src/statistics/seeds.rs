@@ -30,7 +30,8 @@ pub struct Seeds {
 /// scenes.
 ///
 /// The interval is Student's, with the variances of scenes and of trainings added and Satterthwaite's degrees of freedom:
-/// two or three trainings are too few to be resampled.
+/// two or three trainings are too few to be resampled. Both variances contain the part of each score that is of its scene in this
+/// training alone, so that the interval is rather too wide.
 pub fn of_seeds(trainings: &[Vec<SceneMean>]) -> Option<Seeds> {
     let Matrix { table, weights } = matrix(trainings)?;
     let scenes = over_scenes(&table);
@@ -75,6 +76,9 @@ fn weighted_spread(values: &[f64], weights: &[f64]) -> Option<Spread> {
     Some(Spread { mean, variance, count })
 }
 
+/// What degrees of freedom may lose by rounding, as a share.
+const ROUNDING: f64 = 1e-9;
+
 fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
     let parts: Vec<(f64, usize)> = std::iter::once(&scenes)
         .chain(trainings)
@@ -85,7 +89,8 @@ fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
     // Satterthwaite's degrees of freedom are between the smallest of the parts' and their sum.
     let least = parts.iter().map(|(_, freedom)| *freedom).min().unwrap_or(1);
     let most: usize = parts.iter().map(|(_, freedom)| freedom).sum();
-    let freedom = (least..=most).rev().find(|freedom| *freedom as f64 * squares <= variance.powi(2)).unwrap_or(least);
+    let is_within = |freedom: &usize| *freedom as f64 * squares <= variance.powi(2) * (1.0 + ROUNDING);
+    let freedom = (least..=most).rev().find(is_within).unwrap_or(least);
     let half = student_quantile(f64::midpoint(1.0, CONFIDENCE), freedom) * variance.sqrt();
     let enough = scenes.count as u64 >= MIN_SCENES;
     let mean_variance = trainings.iter().map(|spread| spread.variance).sum::<f64>();
@@ -159,6 +164,25 @@ mod tests {
         Tolerance::F64.assert([found.scene_deviation], [2.0f64.sqrt() * 7.5], "scenes");
         let found = difference_of_seeds(&[training(2.0)], &[training(0.0)]).unwrap();
         Tolerance::F64.assert([found.mean], [1.0], "3/4 · 2 − 1/4 · 2");
+    }
+
+    /// Six and seven scenes with five and six degrees of freedom, which do not differ between trainings.
+    #[test]
+    fn trainings_that_do_not_vary_leave_the_scenes_degrees_of_freedom() {
+        for (count, quantile) in [(6u8, 2.570_581_835_636_314), (7, 2.446_911_851_144_969)] {
+            for step in [0.1, 0.3, 0.7, 1.1, 1.9, 2.3] {
+                let training: Vec<SceneMean> =
+                    (0..count).map(|at| scene(&at.to_string(), 1.0, 20.0 + step * f64::from(at))).collect();
+                let found = of_seeds(&[training.clone(), training]).unwrap();
+                let half = quantile * found.scene_deviation / f64::from(count).sqrt();
+                let interval = [found.mean - half, found.mean + half];
+                Tolerance::relative(1e-9).assert(
+                    found.interval.unwrap(),
+                    interval,
+                    &format!("{count} scenes, {step} dB apart"),
+                );
+            }
+        }
     }
 
     /// Three trainings against two, whose scenes differ by half a decibel more.
