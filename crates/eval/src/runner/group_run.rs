@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use atsplat_files::Sha256Digest;
@@ -36,8 +36,18 @@ pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Ar
     groups
 }
 
-pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
-    TrialRecipe::of(&dataset.preset, methods.first().map_or(Preset::OWN_METHOD, |method| method.setting()))
+/// The trials of a part of a dataset's index under the methods of a group, given the positions of all
+/// ([`EvaluationIndex::first_positions`]).
+pub(crate) fn trials_of(
+    dataset: &Dataset,
+    part: &EvaluationIndex,
+    positions: &BTreeMap<&str, usize>,
+    methods: &[Arc<dyn Method>],
+    prefetch: Prefetch,
+) -> Trials {
+    let setting = methods.first().map_or(Preset::OWN_METHOD, |method| method.setting());
+    let recipe = TrialRecipe::of(&dataset.preset, setting);
+    Trials::new(Arc::clone(&dataset.source), part, recipe, prefetch).at_positions(positions).requiring_targets()
 }
 
 pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
@@ -228,9 +238,7 @@ impl GroupRun<'_> {
     }
 
     fn trials(&self, index: &EvaluationIndex, prefetch: Prefetch) -> Trials {
-        let trials =
-            Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch);
-        trials.at_positions(&self.dataset.index.index.first_positions()).requiring_targets()
+        trials_of(self.dataset, index, &self.dataset.index.index.first_positions(), &self.methods, prefetch)
     }
 
     /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run, has no

@@ -38,4 +38,4 @@ pub use run::{Step, run, run_until};
 pub use selection::Selection;
 pub use single::evaluate_trial;
 
-pub(crate) use group_run::{groups, key_of, recipe};
+pub(crate) use group_run::{groups, key_of, trials_of};

@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, Trials};
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, Skipped, Trial};
 use atsplat_results::{Moved, ResultsError, Store, TrialKey};
 
-use super::group_run::{groups, input_hash, key_of, recipe, trial_id};
+use super::group_run::{groups, input_hash, key_of, trial_id, trials_of};
 use super::plan::{Dataset, Plan};
 use crate::EvalError;
 use crate::method::Method;
@@ -23,13 +23,20 @@ pub(super) fn check_moved(plan: &Plan<'_>, store: &Store, stop: &(dyn Fn() -> bo
     for dataset in plan.datasets {
         let (mut index, known) = (plan.selected(dataset).index, store.known().scenes(&dataset.name));
         index.scenes.retain(|scene, _| known.contains(scene.as_str()));
+        let positions = dataset.index.index.first_positions();
         for methods in groups(&dataset.preset, plan.methods) {
             let ahead = Prefetch { decode: DecodeAhead::Nothing, ..plan.prefetch };
-            let trials = Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, &methods), ahead);
-            for (trial, targets) in trials.flatten() {
+            for outcome in trials_of(dataset, &index, &positions, &methods, ahead) {
                 if stop() {
                     return Err(EvalError::Stopped);
                 }
+                let (trial, targets) = match outcome {
+                    Ok(trial) => trial,
+                    Err(skipped) => {
+                        check_skipped(&moved, dataset, store, &skipped, &methods)?;
+                        continue;
+                    }
+                };
                 let data = trial.data_hash(&targets, store.digests()).to_string();
                 check_data(&moved, dataset, store, &trial, &data)?;
                 check_files(&moved, dataset, store, &trial, &methods)?;
@@ -39,6 +46,24 @@ pub(super) fn check_moved(plan: &Plan<'_>, store: &Store, stop: &(dyn Fn() -> bo
     Ok(())
 }
 
+/// An entry that the data in the other place cannot fill has other contents there.
+fn check_skipped(
+    moved: &Moved,
+    dataset: &Dataset,
+    store: &Store,
+    skipped: &Skipped,
+    methods: &[Arc<dyn Method>],
+) -> Result<(), ResultsError> {
+    let Some(places) = moved.data.get(&dataset.name) else { return Ok(()) };
+    let key = |method: &Arc<dyn Method>| key_of(dataset, method.as_ref(), &skipped.scene, skipped.entry_number);
+    match methods.iter().map(key).find(|key| store.known().scored(key) > 0) {
+        Some(key) => Err(other_contents("data", places, &key, ADVICE_OF_DATA)),
+        None => Ok(()),
+    }
+}
+
+const ADVICE_OF_DATA: &str = "; choose another folder for the results of other data";
+
 /// Of all methods: the record of the data is theirs too.
 fn check_data(
     moved: &Moved,
@@ -47,13 +72,12 @@ fn check_data(
     trial: &Trial,
     data_hash: &str,
 ) -> Result<(), ResultsError> {
-    const ADVICE: &str = "; choose another folder for the results of other data";
     let Some(places) = moved.data.get(&dataset.name) else { return Ok(()) };
     let known = store.known();
     let id = trial_id(&dataset.name, trial.scene(), trial.entry_number());
     let has_scores = |method: &&str| known.scored(&id.of_method(method)) > 0;
     match known.outdated(&id, data_hash).find(has_scores) {
-        Some(method) => Err(other_contents("data", places, &id.of_method(method), ADVICE)),
+        Some(method) => Err(other_contents("data", places, &id.of_method(method), ADVICE_OF_DATA)),
         None => Ok(()),
     }
 }

@@ -16,7 +16,7 @@ use super::samples::{PreparedTrial, Samples};
 use super::this_machine;
 use crate::EvalError;
 use crate::method::{Method, MethodError, Timed};
-use crate::runner::{Dataset, Plan, Step, groups, key_of, recipe};
+use crate::runner::{Dataset, Plan, Step, groups, key_of, trials_of};
 
 /// How many trials are timed, and how often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -296,8 +296,7 @@ impl TimingTrials {
         let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
             let index = EvaluationIndex { scenes: [((*key).clone(), (*entries).clone())].into_iter().collect() };
-            let trials = Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), Prefetch::NONE);
-            trials.at_positions(&positions).requiring_targets()
+            trials_of(dataset, &index, &positions, methods, Prefetch::NONE)
         };
         let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
         Self { scenes, prepared: Vec::new(), available: index.entries().count() }

@@ -61,6 +61,9 @@ fn what_moved_is_known_by_its_contents_and_other_contents_are_rejected() {
         data.contains("data of the two runs differ: expected the contents of scratch, found others in elsewhere"),
         "{data}"
     );
+    // Without the second target's frame, the entry is skipped.
+    let lacking = score("elsewhere", Walls::new(1, 6), Path::new(&second.to_string())).unwrap_err().to_string();
+    assert_eq!(lacking, data, "those lack what the results were made from");
     assert_eq!(Results::read(store.path()).unwrap(), changed, "nothing was replaced, and no place either");
 }
 
