@@ -145,8 +145,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.ply");
         fs::write(&file, "abc").unwrap();
-        note_copy(Path::new("/nowhere/trees/33/data"), "s3://b/data3");
-        write_record(&BTreeMap::from([("warnings", ["no /nowhere/trees/33/data/0.png"])]), &file).unwrap();
+        note_copy(Path::new("/nowhere/trees/44/data"), "s3://b/data3");
+        write_record(&BTreeMap::from([("warnings", ["no /nowhere/trees/44/data/0.png"])]), &file).unwrap();
         let record = fs::read_to_string(folder.path().join("a.ply.json")).unwrap();
         let record: serde_json::Value = serde_json::from_str(&record).unwrap();
         let hash = Sha256Digest::of(b"abc").to_string();
