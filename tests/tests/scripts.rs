@@ -120,7 +120,7 @@ fn an_interrupted_simulation_of_the_claims_is_repeated_and_a_whole_one_kept() {
     let (_, calls) = stage.run(&file("eval/experiments/claims/run"), &["atsplat", "out"], simulate);
     let simulated: Vec<&str> =
         calls.iter().filter_map(|call| call.strip_prefix("atsplat data simulate ")?.split(' ').next()).collect();
-    assert_eq!(simulated, ["data/rooms-64", "data/test-rooms-64"]);
+    assert_eq!(simulated, ["data/rooms-64", "data/test-rooms-64", "data/yards-64", "data/test-yards-64"]);
     let tests = |call: &&String| call.starts_with("atsplat data simulate data/test-");
     assert!(calls.iter().filter(tests).all(|call| call.ends_with(" --layout nerfstudio")), "lenses: {calls:?}");
     assert!(!stage.path("data/rooms-64/train").exists(), "the simulation begins from the start");

@@ -194,10 +194,6 @@ mod tests {
         let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
         for entry in files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")) {
             let name = format!("claims/{}", entry.file_stem().unwrap().to_str().unwrap());
-            // The protocol and the sampling rule of rows on yards.
-            if name.starts_with("claims/yards-2v-") {
-                continue;
-            }
             let found = of(&rooms, &experiment(&name));
             assert!(found.len() <= 2 && found.iter().all(|text| text.len() < 300), "{name}: {found:?}");
         }
