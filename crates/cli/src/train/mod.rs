@@ -1,5 +1,6 @@
 //! `atsplat train`: trains a network from a configuration.
 
+mod freed_memory;
 mod report;
 
 use std::path::PathBuf;
@@ -61,6 +62,7 @@ fn hours(text: &str) -> Result<Duration, String> {
 
 /// Trains until the last step or a limit.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    freed_memory::keep();
     args.device.check_networks()?;
     let config = TrainConfig::read(&args.config)?;
     let start = match (&args.init, args.resume) {

@@ -53,3 +53,34 @@ fn tables_on_a_terminal_have_no_escape_sequences_if_no_color_is_not_empty() {
         assert_eq!(text.contains('\u{1b}'), is_styled, "{value:?}: {text}");
     }
 }
+
+/// How long the allocator of a training keeps freed memory: for ever, unless the caller says otherwise. Its process is that which was started.
+#[cfg(target_os = "linux")]
+#[test]
+fn trainings_keep_freed_memory_unless_the_environment_says_how_long() {
+    use std::time::{Duration, Instant};
+
+    const DELAY: &str = "MIMALLOC_PURGE_DELAY";
+    for (given, expected) in [(None, "-1"), (Some("700"), "700")] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut training = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+        let experiment = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/experiments/overfit-room.toml");
+        training.args(["train", "--config", experiment, "--out", "run"]).current_dir(folder.path()).env_remove(DELAY);
+        if let Some(given) = given {
+            training.env(DELAY, given);
+        }
+        let mut training = training.stderr(std::process::Stdio::null()).spawn().unwrap();
+        // It is past its start once its folder is there.
+        let (began, is_there) = (Instant::now(), || folder.path().join("run").exists());
+        while !is_there() && began.elapsed() < Duration::from_secs(60) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert!(is_there(), "the training has not begun");
+        let environment = std::fs::read(format!("/proc/{}/environ", training.id())).unwrap();
+        training.kill().unwrap();
+        training.wait().unwrap();
+        let environment = String::from_utf8_lossy(&environment);
+        let found: Vec<&str> = environment.split('\0').filter_map(|line| line.strip_prefix(DELAY)).collect();
+        assert_eq!(found, [format!("={expected}")]);
+    }
+}
