@@ -19,7 +19,7 @@ pub(super) fn keep() {
         |error| error,
         |program| Command::new(program).args(std::env::args_os().skip(1)).env(DELAY, "-1").exec(),
     );
-    tracing::warn!(%error, "freed memory is returned to the system, which makes steps longer");
+    crate::print::note(&format!("freed memory is returned to the system, which makes steps longer: {error}"));
 }
 
 #[cfg(not(unix))]

@@ -72,7 +72,7 @@ fn trainings_keep_freed_memory_unless_the_environment_says_how_long() {
         let mut training = training.stderr(std::process::Stdio::null()).spawn().unwrap();
         // It is past its start once its folder is there.
         let (began, is_there) = (Instant::now(), || folder.path().join("run").exists());
-        while !is_there() && began.elapsed() < Duration::from_secs(60) {
+        while !is_there() && began.elapsed() < Duration::from_mins(1) {
             std::thread::sleep(Duration::from_millis(20));
         }
         assert!(is_there(), "the training has not begun");
