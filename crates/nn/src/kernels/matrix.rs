@@ -108,33 +108,6 @@ pub(crate) fn multiply(
     }
 }
 
-/// `left · right` as a new matrix, row by row, to the bits of [`multiply`].
-///
-/// # Panics
-/// If the shapes do not fit together.
-#[expect(unsafe_code, reason = "memory that a library fills")]
-pub(crate) fn product(
-    left: Matrix<'_>,
-    right: Matrix<'_>,
-    (threads, precision): (Threads, MatmulPrecision),
-) -> Vec<f32> {
-    assert_eq!(left.columns, right.rows, "inner sizes of a product");
-    let (rows, columns) = (left.rows, right.columns);
-    let mut out = Vec::with_capacity(rows * columns);
-    if precision != MatmulPrecision::Bf16 && left.columns <= LONGEST_SUM && ordered_by_gemm(left, right) {
-        // SAFETY: nothing else has the vector's memory, which holds the matrix without gaps between its rows. A call that does not add
-        // reads none of it, and writes every element.
-        unsafe {
-            call_gemm((out.as_mut_ptr(), columns), left, right, false, threads);
-            out.set_len(rows * columns);
-        }
-        return out;
-    }
-    out.resize(rows * columns, 0.0);
-    multiply(Output::new(&mut out, rows, columns, columns), left, right, Write::Set, (threads, precision));
-    out
-}
-
 /// A factor of several products, brought once into the form that its precision multiplies.
 #[derive(Debug)]
 pub(crate) enum Factor<'a> {
@@ -181,7 +154,6 @@ pub(super) fn multiply_factors(out: Output<'_>, left: &Factor<'_>, right: &Facto
 ///
 /// # Panics
 /// If the shapes do not fit together.
-#[expect(unsafe_code, reason = "the call of a library that takes pointers")]
 pub(super) fn multiply_f32(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
     assert_eq!(left.columns, right.rows, "inner sizes of a product");
     assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
@@ -199,9 +171,8 @@ pub(super) fn multiply_f32(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<
         let count = part.min(terms - first);
         let add = write == Write::Add || first > 0;
         let (left, right) = (left.columns_from(first, count), right.rows_from(first, count));
-        if ordered_by_gemm(left, right) {
-            // SAFETY: [`Output::new`] checked that the rows lie inside the slice, whose mutable borrow excludes aliasing.
-            unsafe { call_gemm((out.data.as_mut_ptr(), out.row_stride), left, right, add, threads) };
+        if ordered_by_gemm(&out, left, right) {
+            call_gemm(&mut out, left, right, add, threads);
         } else {
             multiply_thin(&mut out, left, right, add);
         }
@@ -210,38 +181,28 @@ pub(super) fn multiply_f32(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<
 
 /// Whether `gemm` sums in the order documented at [`multiply`]. It has other kernels for vectors, for sums of one or two
 /// terms, and for few elements with contiguous terms.
-fn ordered_by_gemm(left: Matrix<'_>, right: Matrix<'_>) -> bool {
-    let few = left.rows * right.columns <= 256 && left.strides[1] == 1 && right.strides[0] == 1;
-    left.rows > 1 && right.columns > 1 && left.columns > 2 && !few
+fn ordered_by_gemm(out: &Output<'_>, left: Matrix<'_>, right: Matrix<'_>) -> bool {
+    let few = out.rows * out.columns <= 256 && left.strides[1] == 1 && right.strides[0] == 1;
+    out.rows > 1 && out.columns > 1 && left.columns > 2 && !few
 }
 
-/// Writes `left · right` from `out` on, rows `row_stride` elements apart, or adds it to what is there.
-///
-/// # Safety
-/// All of these rows must be in memory that nothing else uses, and initialised if they are added to.
 #[expect(unsafe_code, reason = "the matrix product of a library that takes pointers")]
-unsafe fn call_gemm(
-    (out, row_stride): (*mut f32, usize),
-    left: Matrix<'_>,
-    right: Matrix<'_>,
-    add: bool,
-    threads: Threads,
-) {
+fn call_gemm(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: bool, threads: Threads) {
     let stride = usize::cast_signed;
     let parallelism = match threads {
         Threads::One => Parallelism::None,
         Threads::All => Parallelism::Rayon(0),
     };
-    // SAFETY: the constructor of `Matrix` checked that every element lies inside its slice, and parts of a matrix lie inside the matrix;
-    // the caller vouches for `out`.
+    // SAFETY: the constructors of `Matrix` and `Output` checked that every element lies inside its slice, and parts of a
+    // matrix lie inside the matrix; the mutable borrow of `out` excludes aliasing.
     unsafe {
         gemm::gemm::<f32>(
-            left.rows,
-            right.columns,
+            out.rows,
+            out.columns,
             left.columns,
-            out,
+            out.data.as_mut_ptr(),
             1,
-            stride(row_stride),
+            stride(out.row_stride),
             add,
             left.data.as_ptr(),
             stride(left.strides[1]),
