@@ -211,7 +211,7 @@ fn errors_name_git_lfs_pointers_of_any_format() {
 
 fn hostile_chunk(folder: &Path) {
     let mut writer = ChunkWriter::create(folder, u64::MAX).unwrap();
-    let camera = [0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let camera = [0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     for key in ["../../escaped", "/tmp/escaped", "plain"] {
         let scene = ChunkScene {
             key: key.to_owned(),
