@@ -231,7 +231,7 @@ fn is_writable(name: &str) -> bool {
 /// Decodes every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
 ///
 /// The image is the layer's data window; its position in the display window is ignored, as are other layers. Channels may have any
-/// distinct names, such as Blender's `View Layer.Noise`, also those that [`write`] does not accept.
+/// distinct names, such as Blender's `View Layer.Noise`, also those that [`write()`] does not accept.
 ///
 /// # Errors
 /// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
