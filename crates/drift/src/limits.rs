@@ -169,11 +169,16 @@ pub(super) type Number<'a> = (&'a str, &'a str, &'a str);
 
 /// Those with scores by a method that is not deterministic.
 pub(super) fn random_numbers(results: &Results) -> BTreeSet<Number<'_>> {
-    let methods = results.provenance.methods.iter().filter(|method| !method.deterministic);
-    let random: BTreeSet<&str> = methods.map(|method| method.name.as_str()).collect();
-    let rows = results.targets.iter().filter(|row| random.contains(row.key.method.as_str()));
-    rows.flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
+    random_targets(results)
+        .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
         .collect()
+}
+
+/// The targets of methods that are not deterministic.
+pub(super) fn random_targets(results: &Results) -> impl Iterator<Item = &TargetRow> {
+    let is_random =
+        move |row: &&TargetRow| results.provenance.method(&row.key.method).is_some_and(|method| !method.deterministic);
+    results.targets.iter().filter(is_random)
 }
 
 /// Scores by scene, entry and target.

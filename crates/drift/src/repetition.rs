@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_results::statistics::score_of;
 use atsplat_results::{Results, TargetRow, TrialKey};
 
-use super::limits::{Number, random_numbers};
+use super::limits::{Number, random_numbers, random_targets};
 use super::provenance::differences;
 use super::{Difference, DriftError, Setting, acceptable};
 
@@ -91,13 +91,11 @@ fn is_copy(run: &Results, other: &Results) -> bool {
 
 /// The bits of the scores of methods that are not deterministic, by trial, target and metric.
 fn random_scores(results: &Results) -> BTreeMap<(&TrialKey, u32, &str), u64> {
-    let is_random =
-        |row: &&TargetRow| results.provenance.method(&row.key.method).is_some_and(|method| !method.deterministic);
-    let rows = results.targets.iter().filter(is_random);
-    rows.flat_map(|row| {
-        row.scores.iter().map(move |(id, score)| ((&row.key, row.target, id.as_str()), score.to_bits()))
-    })
-    .collect()
+    random_targets(results)
+        .flat_map(|row| {
+            row.scores.iter().map(move |(id, score)| ((&row.key, row.target, id.as_str()), score.to_bits()))
+        })
+        .collect()
 }
 
 /// Whether a difference is one of the program, protocols, methods or metrics; the same data may be elsewhere, and so may the files
