@@ -7,6 +7,7 @@ use atsplat_numeric::distinct;
 use atsplat_results::statistics::{SceneMean, of_seeds, weighted_scene_means};
 
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, TableDefinition, TargetSet};
+use crate::table::comparison::differ_in_weights;
 use crate::table::selection::{ComparableResults, MethodRun, is_further_training};
 use crate::table::{Cell, CellIndex, Counts, MeasuredOn, Row, Trainings, Value};
 
@@ -137,7 +138,7 @@ impl TrainingGroup<'_> {
         };
         let cells: Vec<&Cell> = self.rows.iter().map(|row| row.cell(index)).collect();
         let first = cells.first()?;
-        if distinct(cells.iter().filter_map(|cell| cell.metric_weights.as_deref())).len() > 1 {
+        if differ_in_weights(methods.iter().copied(), metric) {
             let why = format!("the weights of {} differ between the trainings", metric.name);
             return Some(Cell { not_computed: Some(why), ..Cell::default() });
         }
