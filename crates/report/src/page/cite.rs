@@ -47,24 +47,22 @@ pub(super) fn citation(table: &Table, row: &Row, index: CellIndex, stores: &[Pag
     if !group.title.is_empty() {
         text.push_str(&format!(" ({})", group.title));
     }
-    let method = first.method().filter(|_| !row.is_over_trainings());
-    let name = method.map_or_else(|| row.labels.join(" "), |method| method.title.clone());
-    text.push_str(&format!("; method {name}"));
-    // A size over several trainings has no counts that would number them.
-    if row.is_over_trainings() && cell.trainings.is_none() {
-        text.push_str(&format!(", mean of {} trainings", measured.len()));
-    }
-    for remark in distinct(measured.iter().flat_map(|one| &one.protocol.remarks)) {
-        text.push_str(&format!(", {remark}"));
-    }
     if row.is_over_trainings() {
+        text.push_str(&format!("; method {}", row.labels.join(" ")));
+        // A size over several trainings has no counts that would number them.
+        if cell.trainings.is_none() {
+            text.push_str(&format!(", mean of {} trainings", measured.len()));
+        }
+        for remark in distinct(measured.iter().flat_map(|one| &one.protocol.remarks)) {
+            text.push_str(&format!(", {remark}"));
+        }
         for training in &measured {
             let StoreProtocol { method, store, .. } = training.protocol;
             let facts = training.method().map(facts).unwrap_or_default();
             text.push_str(&format!("; training {method} of store {store}{facts}"));
         }
     } else {
-        text.push_str(&method.map(facts).unwrap_or_default());
+        text.push_str(&format!("; method {}", first.in_words()));
     }
     if let Some(reference) = reference {
         text.push_str(&format!("; minus method {}", reference.in_words()));
