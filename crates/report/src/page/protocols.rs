@@ -30,9 +30,5 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
 
 /// Whether a row of a table was measured under a protocol.
 fn is_of(table: &Table, name: &str) -> bool {
-    let measured = |row: &Row| {
-        let mut protocols = row.protocols.iter().flatten().chain(row.trainings.iter().flatten());
-        protocols.any(|protocol| protocol.preset == name)
-    };
-    table.rows.iter().any(measured)
+    table.rows.iter().flat_map(Row::all_measured).any(|protocol| protocol.preset == name)
 }

@@ -76,6 +76,11 @@ impl Row {
         trainings.unwrap_or_else(|| self.protocol(group).into_iter().collect())
     }
 
+    /// What was measured for all groups of columns: the protocols, and those of each training.
+    pub(crate) fn all_measured(&self) -> impl Iterator<Item = &StoreProtocol> {
+        self.protocols.iter().flatten().chain(self.trainings.iter().flatten())
+    }
+
     /// Whether it is or reproduces the published row that `published` is.
     pub(crate) fn reproduces(&self, published: &Self) -> bool {
         self.published_row.is_some() && self.published_row == published.published_row

@@ -30,12 +30,11 @@ impl ComparableResults<'_> {
 
     /// The place of a row's method, or the last of those of its trainings.
     fn place_of_row(&self, row: &Row) -> Option<usize> {
-        let measured = row.protocols.iter().flatten().chain(row.trainings.iter().flatten());
         let place = |protocol: &StoreProtocol| {
             let run = self.run_of(protocol)?;
             self.place_of(StoreMethod { store: run.part.source.label, record: run.record })
         };
-        measured.filter_map(place).max()
+        row.all_measured().filter_map(place).max()
     }
 
     /// A note on what the choice left out of a table; `None` if nothing.
