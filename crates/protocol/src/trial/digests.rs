@@ -71,7 +71,8 @@ impl ImageDigests {
             read_if_exists(file).map_err(FileError::during::<ProtocolError>("reading hashes of images", file))?;
         let text = String::from_utf8_lossy(&bytes.unwrap_or_default()).into_owned();
         if !is_cache(&text) {
-            let expected = "four fields: SHA-256 of a path, size, time, SHA-256 (if the file is not yours, remove it)";
+            let expected =
+                "six fields: SHA-256 of a path, size, time, inode, time, SHA-256 (if the file is not yours, remove it)";
             let found = format!("{:?}", text.lines().next().unwrap_or_default());
             return Err(Malformed::new("hashes of images", "line 1", expected, found).in_file(file).into());
         }
@@ -365,6 +366,7 @@ mod tests {
         fs::write(&file, format!("{digest}  photo.png\n")).unwrap();
         let error = ImageDigests::open(&file, false).unwrap_err().to_string();
         assert!(error.contains("line 1") && error.contains("digests.txt"), "{error}");
+        assert!(error.contains("six fields: "), "{error}");
         assert!(ImageDigests::open(&file, true).is_err());
         let line = format!("{digest} 12 1700000000000000000 77 1700000000000000009 {digest}\n");
         let earlier = format!("{digest} 12 1700000000000000000 {digest}\n");
