@@ -58,8 +58,7 @@ impl Results {
     /// into it. None for other methods, and for rows of older versions.
     pub fn optimised_on(&self, preset: &str, method: &str) -> BTreeSet<&str> {
         let notes = self.trials_of(preset, method).flat_map(|trial| &trial.notes);
-        let notes = notes.filter_map(|note| TrialNote::of(note));
-        let machines = notes.filter_map(|note| match note {
+        let machines = notes.filter_map(|note| match TrialNote::of(note)? {
             TrialNote::StepsTaken { machine, .. } => machine,
             TrialNote::SawResized { .. } => None,
         });
