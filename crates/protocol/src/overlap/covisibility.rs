@@ -75,8 +75,7 @@ fn pixel(at: f64, side: u32) -> usize {
 /// [`ProtocolError::Overlap`] if a view has no pixel of known depth, if a pixel of known depth has no ray through the lens, or if
 /// the cameras' values overflow f64.
 pub(super) fn overlap(a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
-    let (of_a, of_b) = (fraction(a, b)?, fraction(b, a)?);
-    Ok(if of_b < of_a { of_b } else { of_a })
+    Ok(fraction(a, b)?.minimum_of(fraction(b, a)?))
 }
 
 /// Of one view's pixels with known depth, the fraction in [0, 1] whose surface point projects into the other view's image and is

@@ -1,4 +1,5 @@
 use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Extremes as _;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -51,8 +52,7 @@ impl EpipolarRays {
     /// # Errors
     /// [`ProtocolError::Overlap`] for an empty grid or crop, or for cameras whose values overflow f64.
     pub fn overlap(&self, a: &Camera, b: &Camera) -> Result<f64, ProtocolError> {
-        let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
-        Ok(if of_b < of_a { of_b } else { of_a })
+        Ok(self.fraction(a, b)?.minimum_of(self.fraction(b, a)?))
     }
 
     /// Fraction of `from`'s rays that project into `into`'s image, in [0, 1].
