@@ -206,11 +206,13 @@ pub fn machine_of(results: &Results, preset: &str) -> Option<Machine> {
 
 /// The trials of all protocols that were timed, each once for every machine on which it was.
 pub(crate) fn timed_trials(results: &Results) -> BTreeSet<(&TrialKey, &Machine)> {
-    // Other images make a trial another one, whose times are not used.
-    let trials: BTreeSet<(&TrialKey, &str)> =
-        results.trials.iter().map(|trial| (&trial.key, trial.trial_hash.as_str())).collect();
-    let is_of_trial = |row: &&TimingRow| row.is_timed() && trials.contains(&(&row.key, row.trial_hash.as_str()));
-    results.timings.iter().filter(is_of_trial).map(|row| (&row.key, &row.machine)).collect()
+    let timed = || results.timings.iter().filter(|row| row.is_timed());
+    let hashes: BTreeSet<(&TrialKey, &str)> = timed().map(|row| (&row.key, row.trial_hash.as_str())).collect();
+    // Other images make a trial another one, whose times are not used. Few of many trials are timed.
+    let trials = results.trials.iter().map(|trial| (&trial.key, trial.trial_hash.as_str()));
+    let there: BTreeSet<(&TrialKey, &str)> = trials.filter(|trial| hashes.contains(trial)).collect();
+    let rows = timed().filter(|row| there.contains(&(&row.key, row.trial_hash.as_str())));
+    rows.map(|row| (&row.key, &row.machine)).collect()
 }
 
 fn measured_on(results: &Results, preset: &str) -> Option<Machine> {
