@@ -32,7 +32,7 @@ pub use image_size::ImageSize;
 pub use intrinsics::{CropRect, FieldOfView, NormalizedIntrinsics, PixelIntrinsics, PrincipalPointRule};
 pub use no_fields::no_fields;
 pub use normalise::{Fallback, MeanCameraScale, Normalised, PoseNormalisation, normalise};
-pub use pose::{CameraFromWorld, ROTATION_RESIDUAL_LIMIT, WorldFromCamera};
+pub use pose::{CameraFromWorld, ROTATION_RESIDUAL_LIMIT, WorldFromCamera, orthonormality_residual};
 pub use projection::{Projected, Projector};
 pub use rays::{DirectionScale, PixelRays, Ray};
 pub use similarity::Similarity;

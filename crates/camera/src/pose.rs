@@ -7,6 +7,12 @@ use crate::error::{finite, positive};
 /// Largest entry of `R Rᵀ − I` that poses accept as the rounding of a rotation.
 pub const ROTATION_RESIDUAL_LIMIT: f64 = 1e-2;
 
+/// Largest absolute entry of `R Rᵀ − I`: how far a 3×3 matrix is from a rotation. NaN if an entry is.
+pub fn orthonormality_residual(rotation: DMat3) -> f64 {
+    let deviation = rotation * rotation.transpose() - DMat3::IDENTITY;
+    deviation.to_cols_array().iter().fold(0.0, |worst: f64, entry| worst.maximum_of(entry.abs()))
+}
+
 /// The 3×4 matrix `[R | t]` of both pose types.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rigid {
@@ -25,8 +31,7 @@ impl Rigid {
     }
 
     fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
-        let rigid = Self { rotation, translation };
-        let (determinant, residual) = (rotation.determinant(), rigid.residual());
+        let (determinant, residual) = (rotation.determinant(), orthonormality_residual(rotation));
         let is_rotation = residual <= ROTATION_RESIDUAL_LIMIT && determinant > 0.0;
         if !is_rotation {
             return Err(CameraError::NotARotation { determinant, residual });
@@ -36,12 +41,7 @@ impl Rigid {
         {
             finite(field, value)?;
         }
-        Ok(rigid)
-    }
-
-    fn residual(&self) -> f64 {
-        let deviation = self.rotation * self.rotation.transpose() - DMat3::IDENTITY;
-        deviation.to_cols_array().iter().fold(0.0, |worst: f64, entry| worst.maximum_of(entry.abs()))
+        Ok(Self { rotation, translation })
     }
 
     fn rows(&self) -> [f64; 12] {
@@ -135,7 +135,7 @@ macro_rules! pose_methods {
 
             /// Largest absolute entry of `R Rᵀ − I`: how far the 3×3 part is from a rotation.
             pub fn orthonormality_residual(&self) -> f64 {
-                self.0.residual()
+                orthonormality_residual(self.0.rotation)
             }
         }
     };

@@ -1,5 +1,4 @@
-use atsplat_camera::{ROTATION_RESIDUAL_LIMIT, Similarity};
-use atsplat_numeric::Extremes as _;
+use atsplat_camera::{ROTATION_RESIDUAL_LIMIT, Similarity, orthonormality_residual};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::sh_rotation::ShRotation;
@@ -31,8 +30,7 @@ impl Gaussians {
         if !(similarity.scale > 0.0 && similarity.scale.is_finite()) {
             return invalid("scale", "a positive number", similarity.scale);
         }
-        let off = (similarity.rotation * similarity.rotation.transpose() - DMat3::IDENTITY).to_cols_array();
-        let off = off.into_iter().map(f64::abs).fold(0.0, f64::maximum_of);
+        let off = orthonormality_residual(similarity.rotation);
         if !(off <= ROTATION_LIMIT) {
             return invalid("largest deviation of the rotation from orthonormality", "almost 0", off);
         }
