@@ -295,7 +295,7 @@ impl ChunkCache {
 }
 
 /// The folders that may contain chunks, in order of preference.
-fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
+pub(super) fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
     let below = STAGES.map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
     std::iter::once(root.to_owned()).chain(below)
 }

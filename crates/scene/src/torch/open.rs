@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::chunks::chunks_in;
-use super::{INDEX, STAGES, TorchChunks, is_named_chunk};
+use super::chunks::{chunks_in, stages};
+use super::{INDEX, TorchChunks, is_named_chunk};
 use crate::SceneError;
 use crate::format::{FormatReader, ImagePlace};
 
@@ -37,8 +37,8 @@ fn is_chunk(start: &[u8]) -> bool {
 
 /// Whether there are chunks in the folder, or in that of a stage.
 fn has_chunks(folder: &Path) -> Result<bool, SceneError> {
-    for stage in std::iter::once("").chain(STAGES).map(|stage| folder.join(stage)) {
-        if stage.is_dir() && !chunks_in(&stage)?.is_empty() {
+    for stage in stages(folder) {
+        if !chunks_in(&stage)?.is_empty() {
             return Ok(true);
         }
     }
