@@ -28,8 +28,9 @@ pub fn write(image: &ImageU8) -> Vec<u8> {
     header.push('\n');
     let mut bytes = MAGIC.to_vec();
     bytes.extend([1, 0]);
-    // Two sizes of ten digits: the header is far below the 65535 bytes of version 1.
-    bytes.extend((header.len() as u64).to_le_bytes().into_iter().take(2));
+    #[expect(clippy::expect_used, reason = "two sizes have at most twenty digits")]
+    let length = u16::try_from(header.len()).expect("a header far below the 65535 bytes of version 1");
+    bytes.extend(length.to_le_bytes());
     bytes.extend(header.into_bytes());
     bytes.extend(image.samples());
     bytes
@@ -54,10 +55,10 @@ pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError
         return Err(invalid(format!("the shape {}", text(&shape)), text(&found)));
     }
     let descr = field("descr")?;
-    let (bytes_each, sample): (usize, fn(&[u8]) -> f32) = match descr.trim_matches(['\'', '"']) {
-        "|u1" => (1, |bytes| if let [byte] = bytes { f32::from(*byte) / 255.0 } else { f32::NAN }),
-        "<f4" => (4, |bytes| bytes.try_into().map_or(f32::NAN, f32::from_le_bytes)),
-        "<f8" => (8, |bytes| bytes.try_into().map_or(f32::NAN, |bytes| narrowed(f64::from_le_bytes(bytes)))),
+    let (bytes_each, samples): (usize, fn(&[u8]) -> Vec<f32>) = match descr.trim_matches(['\'', '"']) {
+        "|u1" => (1, |data| data.iter().map(|byte| f32::from(*byte) / 255.0).collect()),
+        "<f4" => (4, |data| data.as_chunks().0.iter().map(|value| f32::from_le_bytes(*value)).collect()),
+        "<f8" => (8, |data| data.as_chunks().0.iter().map(|value| narrowed(f64::from_le_bytes(*value))).collect()),
         _ => return Err(invalid("the type <f4, <f8 or |u1", descr)),
     };
     let [count, height, width, _] = shape;
@@ -68,7 +69,7 @@ pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError
     let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&shape));
     let [width, height] = [width, height].map(|side| u32::try_from(side).ok().ok_or_else(too_many));
     let (width, height) = (width?, height?);
-    let image = |part: &[u8]| Image::new(width, height, part.chunks_exact(bytes_each).map(sample).collect());
+    let image = |part: &[u8]| Image::new(width, height, samples(part));
     let images = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<Vec<_>, _>>()?;
     Ok(NpyImages { images, bytes: (bytes_each == 1).then_some(data) })
 }
