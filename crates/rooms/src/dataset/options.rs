@@ -2,10 +2,11 @@ use std::str::FromStr;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::InvalidText;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Layout of a dataset on disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
     /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Stores no lens.
