@@ -38,8 +38,7 @@ fn accepts_buffers_and_devices_of_the_caller() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
     let uploaded = gpu.upload(&gaussians).unwrap();
-    let mut external =
-        GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), GpuOptions::default()).unwrap();
+    let mut external = beside(&gpu, GpuOptions::default());
     let wrapped = GpuGaussians::from_parts(uploaded.parts().to_vec(), 1).unwrap();
     let rendering = external.render_resident(&wrapped, &view, &everything()).unwrap();
     assert!(external.read(&rendering).unwrap() == gpu.render(&gaussians, &view, &everything()).unwrap());
