@@ -8,9 +8,8 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::rendering::RENDER_RECORD;
-use atsplat_files::{FileError, is_toml_path};
-use atsplat_scene::nerfstudio::AppliedTransform;
-use atsplat_scene::{Format, Frame, Scene, SceneError, SceneSource, TimestampSource, Warnings, is_image_name};
+use atsplat_files::is_toml_path;
+use atsplat_scene::{Format, Frame, Scene, SceneError, SceneSource, Warnings, is_image_name};
 
 use crate::paths::canonical_path;
 
@@ -142,24 +141,8 @@ impl SceneSource for WatchedPhotos<'_> {
         Ok(scene)
     }
 
-    fn times(&self) -> TimestampSource {
-        self.source.times()
-    }
-
-    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.source.files(key)
-    }
-
-    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.source.images_for_sizes(key)
-    }
-
-    fn check_fetched(&self) -> Result<(), FileError> {
-        self.source.check_fetched()
-    }
-
-    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
-        self.source.applied_transform(key)
+    fn inner(&self) -> Option<&dyn SceneSource> {
+        Some(self.source)
     }
 }
 

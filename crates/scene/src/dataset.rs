@@ -22,10 +22,14 @@ pub trait SceneSource: Send + Sync {
     /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 
-    /// What [`crate::Frame::timestamp_micros`] is in this dataset; a source that passes on the scenes of another also passes on
-    /// this.
+    /// The source whose scenes this one changes as it loads them, if it does: by default, the methods below then say what that one says.
+    fn inner(&self) -> Option<&dyn SceneSource> {
+        None
+    }
+
+    /// What [`crate::Frame::timestamp_micros`] is in this dataset.
     fn times(&self) -> TimestampSource {
-        TimestampSource::Given
+        self.inner().map_or(TimestampSource::Given, SceneSource::times)
     }
 
     /// Files and folders that [`SceneSource::load`] reads for a scene, except the images of its frames; none if scenes
@@ -33,16 +37,16 @@ pub trait SceneSource: Send + Sync {
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`], [`SceneError::Io`].
-    fn files(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        Ok(Vec::new())
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.inner().map_or_else(|| Ok(Vec::new()), |inner| inner.files(key))
     }
 
     /// Images whose size [`SceneSource::load`] reads, found by reading [`SceneSource::files`].
     ///
     /// # Errors
     /// As [`SceneSource::load`].
-    fn images_for_sizes(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        Ok(Vec::new())
+    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.inner().map_or_else(|| Ok(Vec::new()), |inner| inner.images_for_sizes(key))
     }
 
     /// Fails if files of a scene could not be fetched: scenes that could not be loaded may be fine. To be asked before a result
@@ -51,7 +55,7 @@ pub trait SceneSource: Send + Sync {
     /// # Errors
     /// Why fetching failed first.
     fn check_fetched(&self) -> Result<(), FileError> {
-        Ok(())
+        self.inner().map_or(Ok(()), SceneSource::check_fetched)
     }
 
     /// How a scene's cameras were moved away from the world of structure from motion, if its files say so: COLMAP's
@@ -59,8 +63,8 @@ pub trait SceneSource: Send + Sync {
     ///
     /// # Errors
     /// As [`SceneSource::load`]; [`SceneError::Camera`] for a transform that is not rigid.
-    fn applied_transform(&self, _key: &str) -> Result<Option<AppliedTransform>, SceneError> {
-        Ok(None)
+    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        self.inner().map_or(Ok(None), |inner| inner.applied_transform(key))
     }
 }
 

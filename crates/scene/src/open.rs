@@ -84,16 +84,8 @@ impl SceneSource for Dataset {
         Ok(scene)
     }
 
-    fn times(&self) -> crate::TimestampSource {
-        self.source.times()
-    }
-
-    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.source.files(key)
-    }
-
-    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.source.images_for_sizes(key)
+    fn inner(&self) -> Option<&dyn SceneSource> {
+        Some(self.source.as_ref())
     }
 
     fn check_fetched(&self) -> Result<(), FileError> {

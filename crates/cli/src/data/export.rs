@@ -3,11 +3,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
-use atsplat_files::FileError;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::inspect::left_out;
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, STAGES, export_chunks};
-use atsplat_scene::{Dataset, FrameImage, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use atsplat_scene::{Dataset, FrameImage, Scene, SceneError, SceneSource, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
@@ -82,18 +81,16 @@ impl SceneSource for NamedByUrls<'_> {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.0.load(key, warnings)?;
-        for frame in scene.frames.iter_mut().filter(|_| has_copies()) {
-            name_by_url(&mut frame.image);
+        if has_copies() {
+            for frame in &mut scene.frames {
+                name_by_url(&mut frame.image);
+            }
         }
         Ok(scene)
     }
 
-    fn times(&self) -> TimestampSource {
-        self.0.times()
-    }
-
-    fn check_fetched(&self) -> Result<(), FileError> {
-        self.0.check_fetched()
+    fn inner(&self) -> Option<&dyn SceneSource> {
+        Some(self.0)
     }
 }
 

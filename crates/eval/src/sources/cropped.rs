@@ -1,13 +1,10 @@
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
-use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
-use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings, ratio_of_focal_lengths};
+use atsplat_scene::{Scene, SceneError, SceneSource, WarningKind, Warnings, ratio_of_focal_lengths};
 
 /// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K and DL3DV are distributed as crops,
 /// either with the official cameras of the whole images, which are cropped here, or with cameras that are already cropped, which are
@@ -72,24 +69,8 @@ impl SceneSource for AlreadyCropped {
         Ok(scene)
     }
 
-    fn times(&self) -> TimestampSource {
-        self.inner.times()
-    }
-
-    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.inner.files(key)
-    }
-
-    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
-        self.inner.images_for_sizes(key)
-    }
-
-    fn check_fetched(&self) -> Result<(), FileError> {
-        self.inner.check_fetched()
-    }
-
-    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
-        self.inner.applied_transform(key)
+    fn inner(&self) -> Option<&dyn SceneSource> {
+        Some(self.inner.as_ref())
     }
 }
 
@@ -126,9 +107,13 @@ impl std::fmt::Debug for AlreadyCropped {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_files::FileError;
     use atsplat_pixels::{ImageU8, encode_png};
-    use atsplat_scene::{Frame, SharedBytes};
+    use atsplat_scene::nerfstudio::AppliedTransform;
+    use atsplat_scene::{Frame, SharedBytes, TimestampSource};
 
     use super::*;
 
