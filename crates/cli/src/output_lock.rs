@@ -1,7 +1,7 @@
 //! The exclusive right to write a command's output: to its folder, or to single files.
 
 use std::io::Result as IoResult;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use atsplat_files::{FileLock, FolderLock, remove_abandoned};
@@ -15,7 +15,6 @@ use crate::print::note;
 #[derive(Debug)]
 pub(crate) struct OutputLock {
     lock: Option<FolderLock>,
-    folder: PathBuf,
     /// After the lock, which is a file in them.
     _folders: NewFolders,
 }
@@ -27,7 +26,7 @@ impl OutputLock {
     /// If another process writes to it, or it cannot be written to.
     pub(crate) fn of(folder: &Path) -> anyhow::Result<Self> {
         let folders = NewFolders::of(folder)?;
-        let lock = Self { lock: Some(FolderLock::of(folder)?), folder: folder.to_owned(), _folders: folders };
+        let lock = Self { lock: Some(FolderLock::of(folder)?), _folders: folders };
         let shown = folder.display();
         let removed = remove_abandoned(folder).with_context(|| format!("removing unfinished files in {shown}"))?;
         if removed > 0 {
@@ -53,7 +52,7 @@ impl OutputLock {
 
 impl Drop for OutputLock {
     fn drop(&mut self) {
-        if let Some(lock) = self.lock.take().filter(|_| Self::is_alone(&self.folder, &[]).unwrap_or(false)) {
+        if let Some(lock) = self.lock.take().filter(|lock| Self::is_alone(lock.folder(), &[]).unwrap_or(false)) {
             lock.remove();
         }
     }
