@@ -58,8 +58,6 @@ fn tables_on_a_terminal_have_no_escape_sequences_if_no_color_is_not_empty() {
 #[cfg(target_os = "linux")]
 #[test]
 fn trainings_keep_freed_memory_unless_the_environment_says_how_long() {
-    use std::time::{Duration, Instant};
-
     const DELAY: &str = "MIMALLOC_PURGE_DELAY";
     for (given, expected) in [(None, "-1"), (Some("700"), "700")] {
         let folder = tempfile::tempdir().unwrap();
@@ -69,13 +67,10 @@ fn trainings_keep_freed_memory_unless_the_environment_says_how_long() {
         if let Some(given) = given {
             training.env(DELAY, given);
         }
-        let mut training = training.stderr(std::process::Stdio::null()).spawn().unwrap();
         // It is past its start once its folder is there.
-        let (began, is_there) = (Instant::now(), || folder.path().join("run").exists());
-        while !is_there() && began.elapsed() < Duration::from_mins(1) {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        assert!(is_there(), "the training has not begun");
+        let run = folder.path().join("run");
+        let mut training = crate::common::started_command(&mut training, &run);
+        assert!(run.exists(), "the training has not begun");
         let environment = std::fs::read(format!("/proc/{}/environ", training.id())).unwrap();
         training.kill().unwrap();
         training.wait().unwrap();

@@ -37,10 +37,14 @@ pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
 /// Starts `atsplat` in `folder`, and waits until it has written `file` there; it must not end before.
 pub(crate) fn started(folder: &Path, args: &[&str], file: &str) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let command = command.args(args).current_dir(folder).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut child = command.spawn().unwrap();
+    started_command(command.args(args).current_dir(folder), &folder.join(file))
+}
+
+/// Starts a command, and waits until it has written a file or folder; it must not end before.
+pub(crate) fn started_command(command: &mut Command, written: &Path) -> Child {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let begin = Instant::now();
-    while !folder.join(file).exists() && begin.elapsed() < Duration::from_mins(1) {
+    while !written.exists() && begin.elapsed() < Duration::from_mins(1) {
         assert!(child.try_wait().unwrap().is_none(), "it ended");
         sleep(Duration::from_millis(5));
     }
