@@ -8,12 +8,13 @@ use atsplat_model::weights::ModelWeights;
 use atsplat_results::Results;
 use serde_json::Value;
 
+/// A sweep of what [`sweep`] has written; the folder of its results follows.
+const SWEEP: [&str; 8] = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out"];
 const NETWORK: [&str; 4] = ["--weights", "random:1", "--metrics", "psnr"];
 
 fn sweep(here: &Path, settings: &str, out: &str, more: &[&str]) -> Outcome {
     std::fs::write(here.join("sweep.toml"), format!("title = 'settings'\n{settings}")).unwrap();
-    let args = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out", out];
-    atsplat(here, &[&args[..], &NETWORK, more].concat())
+    atsplat(here, &[&SWEEP[..], &[out], &NETWORK, more].concat())
 }
 
 /// Images that the network cannot divide into patches.
@@ -103,11 +104,10 @@ fn a_sweep_without_a_network_takes_no_options_of_one() {
     let rejected = sweep(here, optimised, "out", &[]);
     let error = "--weights requires a setting of --sweep without `strategy`";
     assert!(rejected.code == 2 && rejected.stderr.contains(error), "{}: {}", rejected.code, rejected.stderr);
-    let args = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out", "out"];
-    assert!(succeed(here, &[&args[..], &NETWORK[2..]].concat()).contains("* scratch "));
+    assert!(succeed(here, &[&SWEEP[..], &["out"], &NETWORK[2..]].concat()).contains("* scratch "));
     let both = sweep(here, &[WHOLE, optimised].concat(), "both", &[]);
     assert_eq!(both.code, 0, "{}", both.stderr);
-    let missing = atsplat(here, &[&args[..7], &["--out", "none"]].concat());
+    let missing = atsplat(here, &[&SWEEP[..], &["none"]].concat());
     assert!(missing.code == 1 && missing.stderr.contains("--weights is required"), "{}", missing.stderr);
 }
 
