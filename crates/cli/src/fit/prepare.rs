@@ -5,7 +5,7 @@ use std::time::Instant;
 use atsplat_eval::ComputeDevice;
 use atsplat_fit::{Deadline, Fit, FitConfig, FitDevice, Strategy};
 use atsplat_scene::Warnings;
-use atsplat_splat::{Gaussians, Validation};
+use atsplat_splat::Gaussians;
 
 use super::Args;
 use super::input::Input;
@@ -68,7 +68,8 @@ impl Args {
         let count = start.gaussians.len();
         let planned = if deadline.is_some() { "as planned so far, " } else { "" };
         let of_density = |text: Option<String>| text.map(|text| format!("{planned}{text}"));
-        let of_broken = broken_warning(fit.start_validation());
+        // Those of a file are repaired and warned of when it is read; those of a network come here as they are.
+        let of_broken = fit.start_validation().warning("initial Gaussians");
         of_broken.iter().chain(&of_density(fit.density_warning())).for_each(|text| warn(text));
         // That of a resumed run is about the rest of it; its record is that of an uninterrupted one.
         let first = fit.first_density_warning(count - fit.start_validation().rejected);
@@ -113,43 +114,4 @@ fn warnings_of_start(start: &Gaussians, config: &FitConfig) -> Vec<String> {
         ));
     }
     warnings
-}
-
-/// What is wrong with initial Gaussians, in the words of the warning of a file's: those of a network come here as they are.
-fn broken_warning(found: &Validation) -> Option<String> {
-    let Validation { total, invalid, rejected, repaired, findings, .. } = found;
-    let kinds: Vec<String> = findings.iter().map(ToString::to_string).collect();
-    (!found.is_clean()).then(|| {
-        format!(
-            "{invalid} of {total} initial Gaussians are broken, of which {rejected} are removed and {repaired} repaired: {}",
-            kinds.join("; ")
-        )
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use atsplat_splat::{Cleaning, GaussianParts};
-
-    use super::*;
-
-    #[test]
-    fn broken_initial_gaussians_are_counted_by_what_became_of_them() {
-        let mut parts = GaussianParts {
-            means: vec![[0.0; 3]; 4],
-            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 4],
-            log_scales: vec![[-1.0; 3]; 4],
-            opacity_logits: vec![0.5; 4],
-            sh: vec![[0.25; 3]; 4],
-            ..GaussianParts::default()
-        };
-        let warning = |parts: &GaussianParts| {
-            broken_warning(&Gaussians::new(parts.clone()).unwrap().into_cleaned(Cleaning::Repair).1)
-        };
-        assert_eq!(warning(&parts), None);
-        (parts.means[1][0], parts.opacity_logits[2], parts.opacity_logits[3]) = (f32::NAN, 99.0, -99.0);
-        let expected = "3 of 4 initial Gaussians are broken, of which 1 are removed and 2 repaired: means not a number in 1, first \
-                        1; opacity logits out of range in 2, first 2";
-        assert_eq!(warning(&parts).as_deref(), Some(expected));
-    }
 }

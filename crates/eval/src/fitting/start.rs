@@ -7,7 +7,7 @@ use atsplat_fit::{FitConfig, FitError, Strategy, TrainingViews};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
-use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
+use atsplat_splat::{Cleaning, Gaussians, SplatError, Validation, files};
 use thiserror::Error;
 
 /// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
@@ -199,15 +199,10 @@ fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result
     let removed = stored.saturating_sub(gaussians.len());
     // Those that were kept on import are found again.
     let broken = import.validation.invalid.max(import.validation.rejected + found.invalid);
-    if broken > 0 {
-        let first = if import.validation.is_clean() { &found } else { &import.validation };
-        let kinds: Vec<String> = first.findings.iter().map(ToString::to_string).collect();
-        let repaired = broken.saturating_sub(removed);
-        warnings.push(format!(
-            "{broken} of {stored} Gaussians are broken, of which {removed} are removed and {repaired} repaired: {}",
-            kinds.join("; ")
-        ));
-    }
+    let first = if import.validation.is_clean() { found } else { import.validation };
+    let repaired = broken.saturating_sub(removed);
+    let both = Validation { total: stored, invalid: broken, rejected: removed, repaired, ..first };
+    warnings.extend(both.warning("Gaussians"));
     if !import.unused.is_empty() {
         warnings.push(format!("unused parts of the file: {}", import.unused.join(", ")));
     }

@@ -189,6 +189,19 @@ mod tests {
         assert!(left.validate().is_clean());
     }
 
+    #[test]
+    fn broken_gaussians_are_counted_by_what_became_of_them() {
+        let mut parts = six().select(&[0; 4]).unwrap().into_parts();
+        let warning = |parts: &GaussianParts| {
+            Gaussians::new(parts.clone()).unwrap().into_cleaned(Cleaning::Repair).1.warning("initial Gaussians")
+        };
+        assert_eq!(warning(&parts), None);
+        (parts.means[1][0], parts.opacity_logits[2], parts.opacity_logits[3]) = (f32::NAN, 99.0, -99.0);
+        let expected = "3 of 4 initial Gaussians are broken, of which 1 are removed and 2 repaired: means not a number in 1, first \
+                        1; opacity logits out of range in 2, first 2";
+        assert_eq!(warning(&parts).as_deref(), Some(expected));
+    }
+
     /// Renderers do not draw them.
     #[test]
     fn scales_that_are_too_large_are_not_repaired() {

@@ -110,6 +110,18 @@ impl Validation {
         self.invalid == 0
     }
 
+    /// What was wrong with `what`, such as initial Gaussians, and what cleaning did with them; `None` if no problem was found.
+    pub fn warning(&self, what: &str) -> Option<String> {
+        let Self { total, invalid, rejected, repaired, findings, .. } = self;
+        let kinds: Vec<String> = findings.iter().map(ToString::to_string).collect();
+        (!self.is_clean()).then(|| {
+            format!(
+                "{invalid} of {total} {what} are broken, of which {rejected} are removed and {repaired} repaired: {}",
+                kinds.join("; ")
+            )
+        })
+    }
+
     /// Number of Gaussians with this problem in this field.
     pub fn count(&self, field: Field, problem: Problem) -> usize {
         self.findings.iter().find(|finding| (finding.field, finding.problem) == (field, problem)).map_or(0, |f| f.count)
