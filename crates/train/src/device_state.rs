@@ -1,6 +1,6 @@
 //! Weights, moments and averages that stay on a graphics adapter between steps.
 
-use atsplat_model::network::Network;
+use atsplat_model::network::{Network, f32_values};
 use burn::Tensor;
 
 use crate::checkpoint::State;
@@ -22,16 +22,16 @@ pub(crate) struct DeviceState {
 impl DeviceState {
     /// Copies a state to the device of a network, whose weights are replaced.
     pub(crate) fn new(state: &State, template: &Network) -> Result<Self, TrainError> {
-        let flat =
-            |values: Vec<Vec<f32>>| Ok::<_, TrainError>(state.parameters.with_values(values).network(template)?.flat());
-        let of_moments =
-            |part: fn(&Moments) -> &Vec<f32>| flat(state.moments.iter().map(|moments| part(moments).clone()).collect());
         let network = state.parameters.network(template)?;
-        let moments = FlatMoments {
-            first: of_moments(|moments| &moments.first)?,
-            second: of_moments(|moments| &moments.second)?,
+        let (layout, device) = (network.flat_layout(), network.device());
+        let flat = |values: &Vec<Vec<f32>>| layout.flattened(values, &device);
+        let of_moments = |part: fn(&Moments) -> &Vec<f32>| {
+            let values: Vec<Vec<f32>> = state.moments.iter().map(|moments| part(moments).clone()).collect();
+            flat(&values)
         };
-        let average = state.average.clone().map(flat).transpose()?;
+        let moments =
+            FlatMoments { first: of_moments(|moments| &moments.first), second: of_moments(|moments| &moments.second) };
+        let average = state.average.as_ref().map(flat);
         Ok(Self { decays: network.flat_matrices(), network, moments, average })
     }
 
@@ -69,22 +69,13 @@ impl DeviceState {
     }
 
     /// Copies weights, moments and averages into a state.
-    ///
-    /// # Errors
-    /// [`TrainError::Model`] if they cannot be read.
-    pub(crate) fn copy_to(&self, state: &mut State) -> Result<(), TrainError> {
-        let read = |values: Tensor<1>| {
-            let stored = self.network.clone().with_flat(values).weights()?;
-            state.parameters.values_in(&stored)
-        };
-        let [first, second] = [&self.moments.first, &self.moments.second].map(|part| read(part.clone()));
-        let moments = first?.into_iter().zip(second?);
-        let moments = moments.map(|(first, second)| Moments { first, second }).collect();
-        let average = self.average.clone().map(read).transpose()?;
-        let values = read(self.network.flat())?;
-        (state.moments, state.average) = (moments, average);
-        state.parameters.values_mut().clone_from_slice(&values);
-        Ok(())
+    pub(crate) fn copy_to(&self, state: &mut State) {
+        let layout = self.network.flat_layout();
+        let read = |values: &Tensor<1>| layout.unflattened(&f32_values(values.clone()));
+        let [first, second] = [&self.moments.first, &self.moments.second].map(read);
+        state.moments = first.into_iter().zip(second).map(|(first, second)| Moments { first, second }).collect();
+        state.average = self.average.as_ref().map(read);
+        state.parameters.values_mut().clone_from_slice(&read(&self.network.flat()));
     }
 }
 
@@ -117,7 +108,8 @@ mod tests {
                 (0..parameter.elements()).map(|place| wave(place, phase)).collect::<Vec<f32>>()
             };
             let gradients: Vec<Vec<f32>> = on_cpu.parameters.list().iter().map(of_parameter).collect();
-            let flat = on_cpu.parameters.with_values(gradients.clone()).network(&template).unwrap().flat();
+            let as_parameters = Parameters::of_values(on_cpu.parameters.list().to_vec(), gradients.clone());
+            let flat = as_parameters.network(&template).unwrap().flat();
             let rate = 1e-3 * (step + 1) as f64;
             let updates = on_cpu.updates;
             let expected = update(&mut on_cpu, (&gradients, 3), rate, &config).unwrap();
@@ -127,7 +119,7 @@ mod tests {
         }
         let mut copied = on_cpu.clone();
         copied.parameters.values_mut().iter_mut().flatten().for_each(|value| *value = 0.0);
-        device_state.copy_to(&mut copied).unwrap();
+        device_state.copy_to(&mut copied);
         let numbers = |values: &[Vec<f32>]| values.concat().into_iter().map(f64::from).collect::<Vec<f64>>();
         let close = Tolerance::absolute(1e-6);
         close.assert(numbers(copied.parameters.values()), numbers(on_cpu.parameters.values()), "weights");
@@ -149,7 +141,7 @@ mod tests {
         let outcome = device_state.update(0, (gradient, 1), 1e-2, &TrainConfig::shortest());
         assert!(matches!(outcome, Err(FailureReason::NonFiniteGradients(_))));
         let mut after = state.clone();
-        device_state.copy_to(&mut after).unwrap();
+        device_state.copy_to(&mut after);
         assert_eq!(after.parameters.values(), state.parameters.values());
     }
 }

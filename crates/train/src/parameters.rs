@@ -32,24 +32,9 @@ impl Parameters {
         Self { list, values, frozen }
     }
 
-    /// The same parameters with other values, in the order of [`Self::values`].
-    pub(crate) fn with_values(&self, values: Vec<Vec<f32>>) -> Self {
-        Self { values, ..self.clone() }
-    }
-
     /// The same parameters with other tensors of a pretrained backbone.
     pub(crate) fn with_frozen(&self, frozen: StoredTensors) -> Self {
         Self { frozen, ..self.clone() }
-    }
-
-    /// The values of the trained parameters among a network's tensors.
-    pub(crate) fn values_in(&self, stored: &StoredTensors) -> Result<Vec<Vec<f32>>, TrainError> {
-        let values = self.list.iter().map(|parameter| {
-            let tensor = stored.tensors.get(&parameter.name);
-            let absent = || TrainError::malformed("network", &parameter.name, "a tensor", "none");
-            Ok(tensor.ok_or_else(absent)?.to_f32()?)
-        });
-        values.collect()
     }
 
     #[cfg(test)]

@@ -168,14 +168,11 @@ impl Trainer {
     }
 
     /// The state after the last step, on whatever processor it is.
-    ///
-    /// # Errors
-    /// [`TrainError::Model`] if it cannot be read from the adapter.
-    pub fn current_state(&self) -> Result<Cow<'_, State>, TrainError> {
-        let Some(device_state) = &self.device_state else { return Ok(Cow::Borrowed(&self.state)) };
+    pub fn current_state(&self) -> Cow<'_, State> {
+        let Some(device_state) = &self.device_state else { return Cow::Borrowed(&self.state) };
         let mut state = self.state.clone();
-        device_state.copy_to(&mut state)?;
-        Ok(Cow::Owned(state))
+        device_state.copy_to(&mut state);
+        Cow::Owned(state)
     }
 
     /// The state, to be changed in tests.
@@ -207,7 +204,7 @@ impl Trainer {
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
         let template = Network::new(&self.model, &self.device)?.trained_at(self.model.resolution);
-        self.current_state()?.result().network(&template)
+        self.current_state().result().network(&template)
     }
 
     /// Trains until the configuration's last step or a limit, and reports how many draws were replaced in the run so far; returns

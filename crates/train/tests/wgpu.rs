@@ -79,7 +79,7 @@ fn train(folder: &Path, processor: Processor, start: &Start, limit: u64) -> (Tra
 }
 
 fn weights(trainer: &Trainer) -> (Vec<f32>, Vec<f32>) {
-    let state = trainer.current_state().unwrap();
+    let state = trainer.current_state();
     (state.parameters.values().concat(), state.average.as_ref().unwrap().concat())
 }
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use burn::Tensor;
 use burn::module::{Module as _, ModuleVisitor, Param};
+use burn::tensor::{Device, TensorData};
 use rayon::prelude::*;
 
 use super::Network;
@@ -44,11 +45,11 @@ impl FlatLayout {
     }
 
     /// All trained parameters, in the order of [`parameters`](crate::parameters::parameters) and each in the layout of weights
-    /// files, as the values of [`Network::flat`].
+    /// files, on a device as the values of [`Network::flat`].
     ///
     /// # Panics
     /// If they are not those of the layout's network.
-    pub fn flattened(&self, parameters: &[Vec<f32>]) -> Vec<f32> {
+    pub fn flattened(&self, parameters: &[Vec<f32>], device: &Device) -> Tensor<1> {
         let mut flat = vec![0.0; self.count()];
         let mut rest = flat.as_mut_slice();
         let mut pieces = Vec::with_capacity(self.places.len());
@@ -64,10 +65,11 @@ impl FlatLayout {
                 None => piece.copy_from_slice(values),
             }
         });
-        flat
+        let flat: Tensor<1> = Tensor::from_data(TensorData::new(flat, [self.count()]), device);
+        flat.inner()
     }
 
-    /// The reverse of [`Self::flattened`].
+    /// The reverse of [`Self::flattened`], of values that have been read.
     ///
     /// # Panics
     /// If the values are fewer than [`Self::count`].
@@ -131,8 +133,6 @@ impl ModuleVisitor for Visitor {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
-
     use super::super::f32_values;
     use super::*;
     use crate::ModelConfig;
@@ -152,7 +152,7 @@ mod tests {
         for (parameter, found) in trained.iter().zip(&found) {
             assert_eq!(*found, weights.tensors[&parameter.name].to_f32().unwrap(), "{}", parameter.name);
         }
-        assert_eq!(layout.flattened(&found), flat);
+        assert_eq!(f32_values(layout.flattened(&found, &network.device())), flat);
     }
 
     #[test]

@@ -6,7 +6,6 @@ use std::time::Instant;
 use atsplat_files::Sha256Digest;
 use burn::Tensor;
 use burn::module::Module as _;
-use burn::tensor::TensorData;
 use rayon::prelude::*;
 
 use super::{Event, Trainer};
@@ -107,7 +106,7 @@ impl Trainer {
         self.steps.append(&record)?;
         on_event(&Event::Step(&record));
         if self.state.skipped_in_a_row >= self.config.most_faults.get() {
-            let parameters = self.current_state()?.parameters.non_finite();
+            let parameters = self.current_state().parameters.non_finite();
             let (in_a_row, skipped) = (self.state.skipped_in_a_row, std::mem::take(&mut self.skipped));
             return Err(TrainError::Stopped(Box::new(Diagnosis { in_a_row, skipped, parameters })));
         }
@@ -117,8 +116,8 @@ impl Trainer {
     fn step_on_cpu(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), SkippedStep> {
         let layout = self.template.flat_layout();
         let count = layout.count();
-        let values = TensorData::new(layout.flattened(self.state.parameters.values()), [count]);
-        let network = self.template.clone().with_flat(Tensor::from_data(values, &self.template.device()));
+        let values = layout.flattened(self.state.parameters.values(), &self.template.device());
+        let network = self.template.clone().with_flat(values);
         let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
         let gradients = |group: &SampleGroup<'_>| {
             // Each group has a separate graph over the same weights, so groups run in parallel.

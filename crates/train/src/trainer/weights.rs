@@ -19,7 +19,7 @@ impl Trainer {
     /// As [`crate::Checkpoints::write`]; [`TrainError::Diverged`] for weights beyond the range of f16: nothing is written then, so that
     /// the checkpoints before remain.
     pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
-        let state = self.current_state()?;
+        let state = self.current_state();
         let result = state.result();
         if let Some((tensor, value)) = beyond_f16(&result) {
             let (step, last_checkpoint) = (state.step, self.checkpoints.last()?);
