@@ -136,7 +136,7 @@ impl Trainer {
         start::require_windows(&config, start)?;
         // The sources count what is wrong with their data.
         let samples = Box::new(config.samples(&mut Warnings::new())?);
-        Self::open((processor, commit), config, samples, folder, start)?.with_frozen_weights()
+        Self::open((processor, commit), config, samples, folder, start)
     }
 
     /// [`Self::new`] on samples of another source.
@@ -149,16 +149,7 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
-        Self::open((Processor::Cpu, None), config, samples, folder, start)?.with_frozen_weights()
-    }
-
-    /// The trainer with the frozen weights in its template, so that no step has to read them.
-    fn with_frozen_weights(mut self) -> Result<Self, TrainError> {
-        // On an adapter, the state has a network of its own.
-        if self.device_state.is_none() {
-            self.template = self.state.parameters.network(&self.template)?;
-        }
-        Ok(self)
+        Self::open((Processor::Cpu, None), config, samples, folder, start)
     }
 
     /// The state after the last step; on a graphics adapter, weights, moments and averages are those before this call's first step

@@ -58,7 +58,7 @@ impl Trainer {
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices)?;
         let evaluation_warnings = evaluated.as_deref().map_or_else(DataWarnings::default, Source::data_warnings);
         notices.extend(run_logs.check_evaluation(evaluation.as_ref())?);
-        let device_state = environment.device_state(&state)?;
+        let (template, device_state) = environment.networks(&state)?;
         // Not earlier: what fails before leaves no folder.
         let lock = existing_lock.map_or_else(|| start::lock_new(folder), Ok)?;
         if start.file().is_some() {
@@ -66,7 +66,7 @@ impl Trainer {
             checkpoints.write(&state, &config)?;
         }
         let (steps, evaluations) = logs(folder, state.step, &mut notices)?;
-        let Environment { device, template, objective, .. } = environment;
+        let Environment { device, objective, .. } = environment;
         Ok(Self {
             // Those of the check are not the run's.
             replaced_so_far: samples.replaced().count,
@@ -132,10 +132,12 @@ impl Environment {
         Ok(Some(FeatureCache::open(folder, model, state.parameters.frozen(), config.matmul_precision)?))
     }
 
-    fn device_state(&self, state: &State) -> Result<Option<DeviceState>, TrainError> {
+    /// The template of the steps' networks, and the state on an adapter, which has a network of its own. On the CPU, the template has
+    /// the frozen weights, so that no step has to read them.
+    fn networks(&self, state: &State) -> Result<(Network, Option<DeviceState>), TrainError> {
         match self.processor {
-            Processor::Cpu => Ok(None),
-            Processor::Wgpu(_) => DeviceState::new(state, &self.template).map(Some),
+            Processor::Cpu => Ok((state.parameters.network(&self.template)?, None)),
+            Processor::Wgpu(_) => Ok((self.template.clone(), Some(DeviceState::new(state, &self.template)?))),
         }
     }
 }
