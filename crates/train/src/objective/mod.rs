@@ -20,9 +20,6 @@ use crate::{FeatureCache, TrainError};
 use group::{Group, Run};
 use terms::Clock;
 
-/// Largest number of parameters with gradients that are not finite that a failure names.
-const MOST_NAMES: usize = 4;
-
 /// A group of samples, which go through the network as one batch, and what else decides their losses.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupInput<'a> {
@@ -119,12 +116,8 @@ impl Objective {
         let gradients = gradients.map(|gradients| network.gradients(&gradients)).unwrap_or_default();
         seconds.backward = clock.lap();
         let broken = gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
-        let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(MOST_NAMES).collect();
-        if broken.is_empty() {
-            Ok(GroupGradients { terms, gradients, seconds })
-        } else {
-            Err(SampleFailure { sample: names(input.samples), reason: FailureReason::NonFiniteGradients(broken) })
-        }
+        finite_gradients(broken.map(|(name, _)| name.as_str()), input.samples)?;
+        Ok(GroupGradients { terms, gradients, seconds })
     }
 
     /// [`Self::gradients`] as one tensor on the network's device; the caller has to check whether they are finite.
@@ -158,12 +151,8 @@ impl Objective {
     ) -> Result<FlatGradient<Vec<f32>>, SampleFailure> {
         let FlatGradient { terms, gradient, seconds } = self.flat_gradient(network, input)?;
         let gradient = f32_values(gradient);
-        let broken: Vec<String> = layout.non_finite(&gradient).take(MOST_NAMES).map(str::to_owned).collect();
-        if broken.is_empty() {
-            Ok(FlatGradient { terms, gradient, seconds })
-        } else {
-            Err(SampleFailure { sample: names(input.samples), reason: FailureReason::NonFiniteGradients(broken) })
-        }
+        finite_gradients(layout.non_finite(&gradient), input.samples)?;
+        Ok(FlatGradient { terms, gradient, seconds })
     }
 
     fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFailure> {
@@ -323,6 +312,15 @@ fn names(samples: &[Sample]) -> String {
 pub(crate) fn target_views(sample: &Sample, count: usize) -> Vec<View> {
     let size = pixel_size(sample.targets.size);
     sample.targets.cameras.iter().take(count).map(|&camera| View { camera, size }).collect()
+}
+
+/// An error if there are parameters whose gradients are not finite; it names the first four.
+fn finite_gradients<'a>(broken: impl Iterator<Item = &'a str>, samples: &[Sample]) -> Result<(), SampleFailure> {
+    let broken: Vec<String> = broken.take(4).map(str::to_owned).collect();
+    if broken.is_empty() {
+        return Ok(());
+    }
+    Err(SampleFailure { sample: names(samples), reason: FailureReason::NonFiniteGradients(broken) })
 }
 
 fn finite_images(sample: &Sample) -> Result<(), FailureReason> {
