@@ -154,6 +154,8 @@ impl<'a> Group<'a> {
             self.add_in_graph(0, |terms| &mut terms.distance, weight, losses);
             return Ok(());
         }
+        #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
+        let narrow_weight = weight as f32;
         let values = f32_values(depths.clone());
         let mut gradient = Vec::with_capacity(values.len());
         let by_sample = values.chunks(values.len() / self.samples.len().max(1));
@@ -161,12 +163,7 @@ impl<'a> Group<'a> {
             let loss = log_distance(predicted, &exact.distances);
             terms.distance = loss.value;
             terms.total += weight * loss.value;
-            gradient.extend(loss.gradient);
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
-        let narrow_weight = weight as f32;
-        for value in &mut gradient {
-            *value *= narrow_weight;
+            gradient.extend(loss.gradient.into_iter().map(|value| value * narrow_weight));
         }
         let gradient = Tensor::<2>::from_data(TensorData::new(gradient, depths.dims()), &depths.device());
         self.add((depths.clone() * gradient).sum());
