@@ -5,10 +5,10 @@ use std::sync::Arc;
 use atsplat_files::Sha256Digest;
 use atsplat_nn::f32_values;
 use burn::Tensor;
-use burn::module::{Module as _, ModuleVisitor, Param};
+use burn::module::Param;
 
 use super::Network;
-use super::names::ModulePath;
+use super::names::{ModulePath, ParameterVisitor};
 use crate::ModelError;
 use crate::config::ModelConfig;
 
@@ -53,8 +53,8 @@ impl Network {
         if let Some(known) = self.encoder_sha256.get() {
             return *known;
         }
-        let mut hash = EncoderHash { path: ModulePath::default(), tensors: Vec::new() };
-        self.visit(&mut hash);
+        let mut hash = EncoderHash { tensors: Vec::new() };
+        self.visit_parameters(&mut hash);
         // Not computed in here: a thread that waits for tensors may begin other work, which would wait for this.
         *self.encoder_sha256.get_or_init(|| Sha256Digest::of(&hash.tensors))
     }
@@ -62,22 +62,13 @@ impl Network {
 
 /// Hashes the tensors of an encoder.
 struct EncoderHash {
-    path: ModulePath,
     /// The hash of each tensor with its name, one after the other.
     tensors: Vec<u8>,
 }
 
-impl ModuleVisitor for EncoderHash {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let name = self.path.name();
+impl ParameterVisitor for EncoderHash {
+    fn visit_parameter<const D: usize>(&mut self, path: &ModulePath, param: &Param<Tensor<D>>) {
+        let name = path.name();
         if NOT_ENCODING.iter().any(|part| name.starts_with(part)) {
             return;
         }

@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 
 use burn::Tensor;
-use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module as _, ModuleMapper, Param};
 use burn::tensor::Gradients;
 
 use super::Network;
-use super::names::ModulePath;
+use super::names::{ModulePath, ParameterVisitor};
 use crate::parameters::parameters;
 
 impl Network {
@@ -55,7 +55,6 @@ enum Part<'a> {
 }
 
 struct Flatten<'a> {
-    path: ModulePath,
     trained: HashMap<String, usize>,
     part: Part<'a>,
     pieces: Vec<Tensor<1>>,
@@ -63,23 +62,15 @@ struct Flatten<'a> {
 
 impl<'a> Flatten<'a> {
     fn of(network: &Network, part: Part<'a>) -> Tensor<1> {
-        let mut flatten = Self { path: ModulePath::default(), trained: trained(network), part, pieces: Vec::new() };
-        network.visit(&mut flatten);
+        let mut flatten = Self { trained: trained(network), part, pieces: Vec::new() };
+        network.visit_parameters(&mut flatten);
         Tensor::cat(flatten.pieces, 0)
     }
 }
 
-impl ModuleVisitor for Flatten<'_> {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if !self.trained.contains_key(&self.path.name()) {
+impl ParameterVisitor for Flatten<'_> {
+    fn visit_parameter<const D: usize>(&mut self, path: &ModulePath, param: &Param<Tensor<D>>) {
+        if !self.trained.contains_key(&path.name()) {
             return;
         }
         let value = param.val();

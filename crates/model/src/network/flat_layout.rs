@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use burn::Tensor;
-use burn::module::{Module as _, ModuleVisitor, Param};
+use burn::module::Param;
 use burn::tensor::{Device, TensorData};
 use rayon::prelude::*;
 
 use super::Network;
 use super::flat::trained;
-use super::names::{ModulePath, transpose};
+use super::names::{ModulePath, ParameterVisitor, transpose};
 
 /// Where each trained parameter is in [`Network::flat`], and how weights files store it.
 #[derive(Clone, Debug)]
@@ -32,8 +32,8 @@ struct Place {
 impl Network {
     /// Where each trained parameter is in [`Self::flat`].
     pub fn flat_layout(&self) -> FlatLayout {
-        let mut visitor = Visitor { path: ModulePath::default(), trained: trained(self), places: Vec::new() };
-        self.visit(&mut visitor);
+        let mut visitor = Visitor { trained: trained(self), places: Vec::new() };
+        self.visit_parameters(&mut visitor);
         FlatLayout { places: visitor.places }
     }
 }
@@ -103,28 +103,19 @@ impl FlatLayout {
 }
 
 struct Visitor {
-    path: ModulePath,
     trained: HashMap<String, usize>,
     places: Vec<Place>,
 }
 
-impl ModuleVisitor for Visitor {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let name = self.path.name();
+impl ParameterVisitor for Visitor {
+    fn visit_parameter<const D: usize>(&mut self, path: &ModulePath, param: &Param<Tensor<D>>) {
+        let name = path.name();
         let Some(&position) = self.trained.get(&name) else { return };
         let shape = param.lazy_shape().dims::<D>();
         let first = self.places.last().map_or(0, |place| place.range.end);
         let range = first..first + shape.iter().product::<usize>();
         let transposed = match *shape.as_slice() {
-            [inputs, outputs] if self.path.is_transposed() => Some([inputs, outputs]),
+            [inputs, outputs] if path.is_transposed() => Some([inputs, outputs]),
             _ => None,
         };
         self.places.push(Place { name, position, range, transposed });

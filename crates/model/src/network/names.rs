@@ -66,7 +66,38 @@ impl ModulePath {
     }
 }
 
+/// Visits the parameters of a network.
+pub(super) trait ParameterVisitor {
+    /// Visits one, which is at this path.
+    fn visit_parameter<const D: usize>(&mut self, path: &ModulePath, param: &Param<Tensor<D>>);
+}
+
+/// A visitor on its way through the modules.
+struct Walk<'a, V> {
+    path: ModulePath,
+    visitor: &'a mut V,
+}
+
+impl<V: ParameterVisitor> ModuleVisitor for Walk<'_, V> {
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.exit();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.visitor.visit_parameter(&self.path, param);
+    }
+}
+
 impl Network {
+    /// Shows all parameters to a visitor.
+    pub(super) fn visit_parameters(&self, visitor: &mut impl ParameterVisitor) {
+        self.visit(&mut Walk { path: ModulePath::default(), visitor });
+    }
+
     /// The network with the given weights.
     ///
     /// # Errors
@@ -101,35 +132,26 @@ impl Network {
 
 /// Collects the values of parameters, or their gradients if those are given.
 struct Collector<'a> {
-    path: ModulePath,
     gradients: Option<&'a Gradients>,
     found: IndexMap<String, Vec<f32>>,
 }
 
 impl<'a> Collector<'a> {
     fn of(network: &Network, gradients: Option<&'a Gradients>) -> IndexMap<String, Vec<f32>> {
-        let mut collector = Self { path: ModulePath::default(), gradients, found: IndexMap::new() };
-        network.visit(&mut collector);
+        let mut collector = Self { gradients, found: IndexMap::new() };
+        network.visit_parameters(&mut collector);
         collector.found
     }
 }
 
-impl ModuleVisitor for Collector<'_> {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+impl ParameterVisitor for Collector<'_> {
+    fn visit_parameter<const D: usize>(&mut self, path: &ModulePath, param: &Param<Tensor<D>>) {
         let tensor = match self.gradients {
             Some(gradients) => param.val().grad(gradients),
             None => Some(param.val()),
         };
         if let Some(tensor) = tensor {
-            self.found.insert(self.path.name(), self.path.values(tensor));
+            self.found.insert(path.name(), path.values(tensor));
         }
     }
 }
