@@ -45,7 +45,7 @@ pub struct TrainConfig {
     pub batch: NonZeroUsize,
     /// Samples per micro-batch: they go through the network as one batch. More are quicker, need more memory, and change the
     /// order of sums. On the CPU, as many micro-batches as there are threads are computed at once, and up to 256 MiB of their
-    /// gradients wait to be summed; on a graphics adapter, one at a time.
+    /// gradients wait to be summed, or one gradient for each thread if these are more; on a graphics adapter, one at a time.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub micro_batch: NonZeroUsize,
     /// The network.
