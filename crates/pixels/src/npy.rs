@@ -55,7 +55,7 @@ pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError
         return Err(invalid(format!("the shape {}", text(&shape)), text(&found)));
     }
     let descr = field("descr")?;
-    let (bytes_each, samples): (usize, fn(&[u8]) -> Vec<f32>) = match descr.trim_matches(['\'', '"']) {
+    let (bytes_each, samples): (usize, Decoder) = match descr.trim_matches(['\'', '"']) {
         "|u1" => (1, |data| data.iter().map(|byte| f32::from(*byte) / 255.0).collect()),
         "<f4" => (4, |data| data.as_chunks().0.iter().map(|value| f32::from_le_bytes(*value)).collect()),
         "<f8" => (8, |data| data.as_chunks().0.iter().map(|value| narrowed(f64::from_le_bytes(*value))).collect()),
@@ -73,6 +73,9 @@ pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError
     let images = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<Vec<_>, _>>()?;
     Ok(NpyImages { images, bytes: (bytes_each == 1).then_some(data) })
 }
+
+/// Samples from their bytes.
+type Decoder = fn(&[u8]) -> Vec<f32>;
 
 fn invalid(expected: impl Into<String>, found: impl Into<String>) -> PixelError {
     PixelError::Npy { expected: expected.into(), found: found.into() }
