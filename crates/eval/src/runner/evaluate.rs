@@ -1,5 +1,6 @@
 //! Evaluates one trial under one method.
 
+use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -93,10 +94,7 @@ impl Evaluation<'_> {
             Ok(Err(Failure::Method(MethodError::Io(error)))) => return Err(error.into()),
             Ok(Err(Failure::Method(error))) => Some(error),
             Ok(Err(Failure::Store(error))) => return Err(error),
-            Err(panic) => {
-                let message = panic_message(panic.as_ref()).unwrap_or("no message");
-                Some(MethodError::Failed(format!("the method panicked: {message}")))
-            }
+            Err(panic) => Some(MethodError::Failed(panicked(panic.as_ref()))),
         };
         if let Some(error) = &error {
             let unfinished = result.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
@@ -226,29 +224,39 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
 }
 
 /// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped. Those that are
-/// not the scored ones, or fail this time, are left out and counted in a note: the trial has its scores.
+/// not the scored ones, or fail this time, are left out and counted in a note, with the first reason: the trial has its scores.
 fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<Option<String>, EvalError> {
+    const OTHER: &str = "rendered again, it is not the image that was scored";
     let positions: Vec<usize> = (0..rows.len()).collect();
-    let mut others = 0_usize;
+    let (mut lost, mut first_reason) = (0_usize, None);
     for batch in positions.chunks(BATCH) {
-        let rendered = catch_unwind(AssertUnwindSafe(|| render_all(prediction, batch)));
-        let mut rendered = rendered.ok().and_then(Result::ok).into_iter().flatten();
-        for row in batch.iter().filter_map(|position| rows.get(*position)) {
-            let is_scored =
-                |rendered: &Rendered| row.render_hash.as_ref().is_none_or(|scored| *scored == hash_of(&rendered.image));
-            match rendered.next().and_then(Result::ok).filter(is_scored) {
-                Some(rendered) => images::write_render(store, row, &rendered.image)?,
-                None => others += usize::from(row.render_hash.is_some()),
+        let rendered = match catch_unwind(AssertUnwindSafe(|| render_all(prediction, batch))) {
+            Ok(Ok(rendered)) => rendered,
+            Ok(Err(error)) => batch.iter().map(|_| Err(error.to_string())).collect(),
+            Err(panic) => batch.iter().map(|_| Err(panicked(panic.as_ref()))).collect(),
+        };
+        for (row, rendered) in batch.iter().filter_map(|position| rows.get(*position)).zip(rendered) {
+            let is_same = |image: &ImageU8| row.render_hash.as_ref().is_none_or(|scored| *scored == hash_of(image));
+            let reason = match rendered {
+                Ok(Rendered { image, .. }) if is_same(&image) => {
+                    images::write_render(store, row, &image)?;
+                    continue;
+                }
+                Ok(_) => OTHER.to_owned(),
+                Err(reason) => reason,
+            };
+            if row.render_hash.is_some() {
+                lost += 1;
+                first_reason.get_or_insert(reason);
             }
         }
     }
     let of = rows.len();
-    let note = || {
-        format!(
-            "the images of {others} of {of} targets are not kept: rendered again, they are not those that were scored"
-        )
-    };
-    Ok((others > 0).then(note))
+    Ok(first_reason.map(|reason| format!("the images of {lost} of {of} targets are not kept: {reason}")))
+}
+
+fn panicked(panic: &(dyn Any + Send)) -> String {
+    format!("the method panicked: {}", panic_message(panic).unwrap_or("no message"))
 }
 
 /// A rendered and scored target.

@@ -41,7 +41,7 @@ fn an_image_that_is_rendered_again_is_kept_only_if_it_is_the_scored_one() {
     let key = results.trials[0].key.clone();
     let kept = [2, 3, 6].map(|frame| image_path(folder.path(), &key, frame).is_file());
     assert_eq!(kept, [true, false, true]);
-    let note = "the images of 1 of 3 targets are not kept: rendered again, they are not those that were scored";
+    let note = "the images of 1 of 3 targets are not kept: rendered again, it is not the image that was scored";
     assert!(results.trials[0].notes.iter().any(|found| found == note), "{:?}", results.trials[0].notes);
 }
 
@@ -64,7 +64,10 @@ impl Prediction for Once {
 
 #[test]
 fn a_failure_while_images_are_rendered_again_costs_these_images_only() {
-    for (loses_all, expected, lost) in [(false, [true, false, true], 1), (true, [false; 3], 3)] {
+    const NONE: &str = "expected an image for each of 3 targets, the method returned 0";
+    for (loses_all, expected, lost, reason) in
+        [(false, [true, false, true], 1, "out of memory"), (true, [false; 3], 3, NONE)]
+    {
         let folder = tempfile::tempdir().unwrap();
         let datasets = vec![dataset(Walls::new(1, 8), &[entry(&[0, 4], &[2, 3, 6])])];
         let once = method("once", move |_| Ok(Box::new(Once { calls: AtomicUsize::new(0), loses_all })));
@@ -75,7 +78,7 @@ fn a_failure_while_images_are_rendered_again_costs_these_images_only() {
         assert!(results.targets.iter().all(|target| target.status.is_scored()));
         let kept = [2, 3, 6].map(|frame| image_path(folder.path(), &row.key, frame).is_file());
         assert_eq!(kept, expected);
-        let note = format!("the images of {lost} of 3 targets are not kept: ");
-        assert!(row.notes.iter().any(|found| found.starts_with(&note)), "{:?}", row.notes);
+        let note = format!("the images of {lost} of 3 targets are not kept: {reason}");
+        assert!(row.notes.contains(&note), "{:?}", row.notes);
     }
 }
