@@ -2,8 +2,8 @@
 
 use super::{SYNTHETIC, around, metric, noise};
 use crate::plot::{
-    Ablation, AblationRow, DriftHistory, DriftRun, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin,
-    OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries,
+    Ablation, AblationRow, DriftHistory, DriftRun, Estimate, ExtrapolationDecay, ExtrapolationPoint,
+    ExtrapolationSeries, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries,
 };
 
 pub(super) fn overlap_curves() -> OverlapCurves {
@@ -61,7 +61,8 @@ pub(super) fn extrapolation() -> ExtrapolationDecay {
     let curve = |inside: f64, decay: f64| {
         (-10..=10i32).map(move |distance| {
             let outside = f64::from(distance.abs());
-            (f64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
+            let mean = around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside);
+            ExtrapolationPoint { distance: f64::from(distance), mean, scenes: 12 }
         })
     };
     let series = |label: &str, inside, decay| ExtrapolationSeries {

@@ -38,7 +38,7 @@ pub use drift_history::{DriftHistory, DriftRun};
 pub use effect_costs::{EffectCostRow, EffectCosts};
 pub use estimator_scatter::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 pub use expansion_strips::{ExpansionStrip, ExpansionStrips, StripImage};
-pub use extrapolation::{ExtrapolationDecay, ExtrapolationSeries};
+pub use extrapolation::{ExtrapolationDecay, ExtrapolationPoint, ExtrapolationSeries};
 pub use frontier::{CostAxis, Frontier, FrontierPoint, Frontiers};
 pub use histograms::{HistogramPanel, Histograms};
 pub use k_scaling::{KPoint, KScaling};

@@ -6,7 +6,8 @@ use super::drawing::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, T
 use super::drawing::theme::{GRID, INK, colour};
 use crate::numbers::{fixed, with_minus_sign};
 
-/// Errors of renderers on hard cases: a row per case, a dot per renderer next to its bound, failures crossed out.
+/// Errors of renderers on hard cases: a row per case, a dot per renderer next to its bound, failures crossed out, and a ring for an
+/// error that has no bound.
 #[derive(Debug)]
 pub struct StressErrors<'a> {
     /// The errors, in the order of cases and renderers.
@@ -57,13 +58,15 @@ impl StressErrors<'_> {
             renderers.len()
         );
         let (mut drawing, head) = Drawing::titled(WIDTH, "Hard cases: error by case", &subtitle);
-        let others = ["the renderer's bound, in its colour", "beyond the bound"];
-        let keys: Vec<&str> = renderers.iter().copied().chain(others).collect();
+        let mut keys = renderers.clone();
+        keys.extend(["the renderer's bound, in its colour", "beyond the bound"]);
+        keys.extend((!unbounded.is_empty()).then_some("without a bound"));
         let bottom =
             drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match at.checked_sub(renderers.len()) {
                 None => drawing.disc([x, y], 4.0, Fill::solid(colour(at))),
                 Some(0) => drawing.line([[x, y - 6.0], [x, y + 6.0]], Stroke::new(INK, 2.0)),
-                Some(_) => cross(drawing, [x, y]),
+                Some(1) => cross(drawing, [x, y]),
+                Some(_) => drawing.ring([x, y], 3.5, Stroke::new(INK, 1.5)),
             });
         let top = bottom + 14.0;
         let height = ROW * cases.len() as f64;
@@ -100,8 +103,10 @@ impl StressErrors<'_> {
                     // Without a bound, an error must only be finite.
                     if error.bound.is_finite() {
                         drawing.line([[bound, upper], [bound, upper + part]], Stroke::new(colour(renderer), 2.5));
+                        drawing.disc(at, 2.5, Fill::solid(colour(renderer)));
+                    } else {
+                        drawing.ring(at, 2.5, Stroke::new(colour(renderer), 1.5));
                     }
-                    drawing.disc(at, 2.5, Fill::solid(colour(renderer)));
                 });
                 if !error.passes {
                     cross(&mut drawing, at);
@@ -129,6 +134,7 @@ fn power(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::drawing::shape::{Item, Shape};
     use super::*;
 
     fn errors() -> Vec<StressError<'static>> {
@@ -154,18 +160,16 @@ mod tests {
         let of_renderer = |renderer: &str| {
             let items =
                 drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == renderer));
-            let is_dot = |item: &&super::super::drawing::shape::Item| {
-                matches!(item.shape, super::super::drawing::shape::Shape::Disc { .. })
-            };
+            let is_dot = |item: &&Item| matches!(item.shape, Shape::Disc { .. });
             (items.clone().filter(is_dot).count(), items.filter(|item| !is_dot(item)).count())
         };
         assert_eq!((of_renderer("reference"), of_renderer("cpu")), ((4, 4), (2, 2)), "dots and bounds");
         assert_eq!(drawing.faults(), []);
     }
 
-    /// Large errors without a bound are not failures, which only the count explains.
+    /// Large errors without a bound are not failures, which only the count and the rings explain.
     #[test]
-    fn errors_without_a_bound_are_counted() {
+    fn errors_without_a_bound_are_counted_and_drawn_as_rings() {
         let mut errors = errors();
         let subtitle = |errors: &[StressError<'_>]| {
             let drawing = StressErrors { errors }.draw();
@@ -180,6 +184,9 @@ mod tests {
         let unseen = StressError { kind: "another", bound: f64::INFINITY, ..errors[0] };
         errors.push(unseen);
         assert_eq!(subtitle(&errors), Some(format!("{before}, 2 without a bound")));
+        let drawing = StressErrors { errors: &errors }.draw();
+        let rings = drawing.items.iter().filter(|item| matches!(item.shape, Shape::Ring { .. }));
+        assert_eq!(rings.count(), 3, "of both errors, and of the legend");
     }
 
     #[test]

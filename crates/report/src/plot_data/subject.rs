@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_results::statistics::Leaked;
 use atsplat_results::store::Unfinished;
 use atsplat_results::{MethodRecord, PresetRecord, Results, TrialKey};
 
@@ -46,8 +47,11 @@ pub(super) fn scenes_of_trials<'a>(results: &'a Results, preset: &str) -> BTreeS
 }
 
 /// `; 2 of 48 targets are context frames`, of the targets under these presets of results, whatever the number of methods; empty
-/// if none is.
-pub(super) fn leaked_targets<'a>(protocols: impl IntoIterator<Item = (&'a Results, &'a str)>) -> String {
+/// if none is. Where they are excluded: `; without 2 of 48 targets, which are context frames`.
+pub(super) fn leaked_targets<'a>(
+    protocols: impl IntoIterator<Item = (&'a Results, &'a str)>,
+    leaked_are: Leaked,
+) -> String {
     let mut targets: BTreeMap<(&str, &str, u32, u32), bool> = BTreeMap::new();
     for (results, preset) in protocols {
         for row in results.targets.iter().filter(|row| row.key.preset == preset) {
@@ -56,11 +60,12 @@ pub(super) fn leaked_targets<'a>(protocols: impl IntoIterator<Item = (&'a Result
         }
     }
     let leaked = targets.values().filter(|leaked| **leaked).count();
-    let all = counted(targets.len() as u64, "target");
-    match leaked {
-        0 => String::new(),
-        1 => format!("; 1 of {all} is a context frame"),
-        several => format!("; {several} of {all} are context frames"),
+    let are = if leaked == 1 { "is a context frame" } else { "are context frames" };
+    let of_all = format!("{leaked} of {}", counted(targets.len() as u64, "target"));
+    match leaked_are {
+        _ if leaked == 0 => String::new(),
+        Leaked::Included => format!("; {of_all} {are}"),
+        Leaked::Excluded => format!("; without {of_all}, which {are}"),
     }
 }
 
@@ -135,7 +140,9 @@ mod tests {
     #[test]
     fn targets_that_are_context_frames_are_counted_once() {
         let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
-        let said = |results: &Results| leaked_targets([(results, "re10k-2v-256")]);
+        let said = |results: &Results| leaked_targets([(results, "re10k-2v-256")], Leaked::Included);
+        let left_out = leaked_targets([(&results, "re10k-2v-256")], Leaked::Excluded);
+        assert_eq!(left_out, "; without 1 of 12 targets, which is a context frame");
         assert_eq!(said(&results), "; 1 of 12 targets is a context frame");
         results.targets.iter_mut().filter(|row| row.target == 1).for_each(|row| row.leaked = true);
         assert_eq!(said(&results), "; 5 of 12 targets are context frames");

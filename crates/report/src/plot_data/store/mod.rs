@@ -15,7 +15,8 @@ use super::subject::{leaked_targets, scenes_of_trials, subject_over, title_of, u
 use crate::file_names::plain;
 use crate::numbers::{decimals_of, signed, with_minus_sign};
 use crate::plot::{
-    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, ScatterPanel, ScatterPoint, SceneScatter,
+    Drawing, Estimate, ExtrapolationDecay, ExtrapolationPoint, ExtrapolationSeries, ScatterPanel, ScatterPoint,
+    SceneScatter,
 };
 use crate::table::{Source, has_trials};
 use crate::{ReportError, counted};
@@ -54,6 +55,11 @@ impl<'a> ProtocolResults<'a> {
         MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked, identical }
     }
 
+    /// Of a curve, where the mean of few targets is a point: a single copied context frame, of 100 dB, would be its height.
+    fn query_of_curve(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
+        MetricQuery { leaked: Leaked::Excluded, ..self.query(method, metric) }
+    }
+
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {
         let ran = |method: &&MethodRecord| has_trials(self.results, &self.preset.name, &method.name);
         self.results.provenance.methods.iter().filter(ran)
@@ -79,14 +85,14 @@ impl<'a> ProtocolResults<'a> {
         format!("{}{lacking}", subject_over(self.results, self.preset, shown))
     }
 
-    /// `; 2 of 48 targets are context frames`, which are in all means; empty if none is.
-    fn leaked_targets(&self) -> String {
-        leaked_targets([(self.results, self.preset.name.as_str())])
+    /// Which of the targets are context frames; empty if none is.
+    fn leaked_targets(&self, leaked_are: Leaked) -> String {
+        leaked_targets([(self.results, self.preset.name.as_str())], leaked_are)
     }
 
-    /// What a plot of means is about.
-    fn subject_of_means(&self) -> String {
-        format!("{}{}", self.subject(), self.leaked_targets())
+    /// What a plot of curves is about.
+    fn subject_of_curves(&self) -> String {
+        format!("{}{}", self.subject(), self.leaked_targets(Leaked::Excluded))
     }
 
     /// `; 2 scenes without a score of ATSplat`, for each of these methods that lacks any; empty if none does.
@@ -107,12 +113,13 @@ impl<'a> ProtocolResults<'a> {
         let distances = targets.map(|row| row.signed_distance).filter(|distance| *distance != 0);
         let distances: BTreeSet<i64> = distances.collect();
         let step = step_of(&distances)?;
-        let series = |method: &'a MethodRecord| ExtrapolationSeries {
-            label: self.title(method),
-            points: by_distance_steps(self.results, &self.query(&method.name, metric), step, self.protocol.aggregation)
-                .iter()
-                .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
-                .collect(),
+        let series = |method: &'a MethodRecord| {
+            let query = self.query_of_curve(&method.name, metric);
+            let steps = by_distance_steps(self.results, &query, step, self.protocol.aggregation);
+            let point = |(distance, summary): &(f64, Summary)| {
+                Some(ExtrapolationPoint { distance: *distance, mean: estimate(summary)?, scenes: summary.scenes })
+            };
+            ExtrapolationSeries { label: self.title(method), points: steps.iter().filter_map(point).collect() }
         };
         let together = if step > 1 { format!("{step} distances together, ") } else { String::new() };
         let over = match self.protocol.aggregation {
@@ -121,7 +128,7 @@ impl<'a> ProtocolResults<'a> {
         };
         let plot = ExtrapolationDecay {
             title: format!("{} outside the window", metric.name),
-            subtitle: format!("{}; {together}means over {over}", self.subject_of_means()),
+            subtitle: format!("{}; {together}means over {over}", self.subject_of_curves()),
             quality: metric.into(),
             step: f64::from(step),
             series: self.methods().map(series).filter(|series| !series.points.is_empty()).collect(),
@@ -166,7 +173,7 @@ impl<'a> ProtocolResults<'a> {
             subtitle: format!(
                 "{}{}; mean differences{intervals}",
                 self.subject_over(Some(shown)),
-                self.leaked_targets()
+                self.leaked_targets(Leaked::Included)
             ),
             quality: metric.into(),
             y: self.title(first),
@@ -256,7 +263,8 @@ mod tests {
             let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
             let (_, plot) = plots.iter().find(|(name, _)| *name == format!("run-re10k-2v-256-{kind}")).unwrap();
             let texts = plot.texts().collect::<Vec<_>>().join("\n");
-            assert!(texts.contains("; 1 of "), "context frames: {texts}");
+            let left_out = texts.contains("; without 1 of ") && texts.contains("which is a context frame");
+            assert!(left_out == (kind == "extrapolation") && texts.contains("is a context frame"), "{texts}");
             texts.contains("95 % intervals over scenes")
         };
         assert_eq!([4, 8].map(|scenes| says(scenes, "scenes")), [false, true]);

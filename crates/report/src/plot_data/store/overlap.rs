@@ -35,8 +35,9 @@ impl<'a> ProtocolResults<'a> {
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         // Scenes with a score, of the method that has most of them; a scene may have several trials.
-        let of_method =
-            |method: &'a MethodRecord| by_overlap(self.results, &self.query(&method.name, metric), &bins, aggregation);
+        let of_method = |method: &'a MethodRecord| {
+            by_overlap(self.results, &self.query_of_curve(&method.name, metric), &bins, aggregation)
+        };
         let binned: Vec<Binned> = self.methods().map(of_method).collect();
         let scenes =
             |at: usize| binned.iter().filter_map(|binned| Some(binned.bins.get(at)?.1.scenes)).max().unwrap_or(0);
@@ -64,7 +65,7 @@ impl<'a> ProtocolResults<'a> {
 
     /// The mean of a metric in each step of overlap that has one, at the mean overlap of its trials.
     fn points(&self, method: &'a str, metric: &'static Definition, steps: &OverlapBins) -> Vec<(f64, Estimate)> {
-        let binned = by_overlap(self.results, &self.query(method, metric), steps, self.protocol.aggregation);
+        let binned = by_overlap(self.results, &self.query_of_curve(method, metric), steps, self.protocol.aggregation);
         let overlaps = self.scored_overlaps(method, metric);
         let point = |(step, summary): &(String, Summary)| {
             let of_step = overlaps.iter().copied().filter(|overlap| steps.name_of(*overlap) == Some(step.as_str()));
@@ -76,7 +77,7 @@ impl<'a> ProtocolResults<'a> {
     /// The overlap of each trial of a method that has a score.
     fn scored_overlaps(&self, method: &str, metric: &Definition) -> Vec<f64> {
         let targets = self.results.targets_of(&self.preset.name, method);
-        let scored = targets.filter(|row| row.scores.contains_key(metric.id));
+        let scored = targets.filter(|row| !row.leaked && row.scores.contains_key(metric.id));
         let overlaps: BTreeMap<(&str, u32), f64> =
             scored.filter_map(|row| Some(((row.key.scene.as_str(), row.key.entry), row.overlap?))).collect();
         overlaps.into_values().collect()

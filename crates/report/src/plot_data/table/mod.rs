@@ -6,6 +6,7 @@ use std::ops::Range;
 use atsplat_metrics::Definition;
 use atsplat_numeric::distinct;
 use atsplat_results::Results;
+use atsplat_results::statistics::Leaked;
 
 use super::subject::leaked_targets;
 use crate::counted;
@@ -85,13 +86,14 @@ fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
 }
 
 /// How many of the measured targets of these groups of columns are context frames.
-fn leaked_in(table: &Table, drawn: Range<usize>, sources: &[Source<'_>]) -> String {
+fn leaked_in(table: &Table, drawn: Range<usize>, sources: &[Source<'_>], leaked_are: Leaked) -> String {
     let measured = drawn.flat_map(|group| shown(table).flat_map(move |row| row.measured(group)));
     let protocols = distinct(measured.map(|protocol| (protocol.store.as_str(), protocol.preset.as_str())));
-    leaked_targets(protocols.into_iter().filter_map(|(store, preset)| {
+    let protocols = protocols.into_iter().filter_map(|(store, preset)| {
         let source = sources.iter().find(|source| source.label == store)?;
         Some((source.results, preset))
-    }))
+    });
+    leaked_targets(protocols, leaked_are)
 }
 
 /// The results that the first group of a measured row was computed from, and the name of the protocol in them.
@@ -138,7 +140,7 @@ fn k_scaling(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]
     mark("Changed at inference only", |row| row.inference_only);
     let plot = KScaling {
         title: format!("{} against K{}", metric.name, other_setting(table, 0..1)),
-        subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources)),
+        subtitle: format!("{}{}", subtitle(table, group, 0..1), leaked_in(table, 0..1, sources, Leaked::Included)),
         quality: metric.into(),
         points,
         note: notes.join(" "),
@@ -157,23 +159,27 @@ fn overlap_bins(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawin
         })
         .collect();
     let (_, first, metric) = bins.first()?;
-    let series = |row: &Row| OverlapBinSeries {
-        label: format!("{}{}", name(row), if row.origin == Origin::Published { " (paper)" } else { "" }),
-        means: bins.iter().map(|(index, ..)| estimate(row.cell(*index))).collect(),
-        origin: row.origin,
+    // Bins are small, and the score of a copied context frame is four times that of another target: the row without them, which
+    // follows its row, is drawn if there is one.
+    let series = |(at, row): (usize, &Row)| {
+        let without_leaked = table.rows.get(at + 1).filter(|next| next.without_leaked);
+        let means = bins.iter().map(|(index, ..)| estimate(without_leaked.unwrap_or(row).cell(*index)));
+        let paper = if row.origin == Origin::Published { " (paper)" } else { "" };
+        OverlapBinSeries { label: format!("{}{paper}", name(row)), means: means.collect(), origin: row.origin }
     };
+    let rows = table.rows.iter().enumerate().filter(|(_, row)| !row.without_leaked);
     let plot = OverlapBinMeans {
         title: format!("{} by overlap{}", metric.name, other_setting(table, 0..table.groups.len())),
         subtitle: format!(
             "{}{}{}",
             subtitle(table, &Group { title: String::new(), ..(*first).clone() }, 0..table.groups.len()),
-            leaked_in(table, 0..table.groups.len(), sources),
+            leaked_in(table, 0..table.groups.len(), sources, Leaked::Excluded),
             explained(shown(table))
         ),
         quality: (*metric).into(),
         bins: bins.iter().map(|(_, group, _)| group.title.clone()).collect(),
         // A mean over trainings has no numbers for single bins.
-        series: shown(table).map(series).filter(|series| series.means.iter().any(Option::is_some)).collect(),
+        series: rows.map(series).filter(|series| series.means.iter().any(Option::is_some)).collect(),
     };
     let measured = plot.series.iter().any(|series| series.origin == Origin::Measured);
     measured.then(|| (table.name.clone(), plot.draw()))
@@ -212,11 +218,11 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
 #[cfg(test)]
 mod tests {
     use atsplat_model::config::Selection;
-    use atsplat_results::{MethodRecord, TrainingRecord, TrialKey};
+    use atsplat_results::{MethodRecord, TargetRow, TrainingRecord, TrialKey};
 
     use super::*;
     use crate::definition::Variant;
-    use crate::sample::{SCENES, atsplat, preset, results_over};
+    use crate::sample::{SCENES, atsplat, floor, preset, results_over};
     use crate::table::{Mixing, tables};
 
     /// The first thresholds give every scene as many Gaussians as the ratios, the second other numbers.
@@ -309,6 +315,26 @@ mod tests {
         assert!(said(0, 0..3).contains("over 8 scenes"), "{}", said(0, 0..3));
     }
 
+    /// With them, the copy would be a triangle beyond the scale.
+    #[test]
+    fn context_frames_are_not_in_the_bins_that_are_drawn() {
+        let mut results = results_over(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()], 8);
+        let is_copy = |row: &&mut TargetRow| row.leaked && row.key.method == floor().name;
+        for row in results.targets.iter_mut().filter(is_copy) {
+            row.scores.insert("psnr".to_owned(), 400.0);
+        }
+        let definition = TableDefinition::named("re10k_overlap").unwrap();
+        let is_beyond = |results: &Results| {
+            let sources = [Source { label: "run", results }];
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let (_, plot) = table_plots(&definition, &table, &sources).swap_remove(0);
+            plot.texts().any(|text| text.contains("beyond the scale"))
+        };
+        assert!(!is_beyond(&results));
+        results.targets.iter_mut().for_each(|row| row.leaked = false);
+        assert!(is_beyond(&results), "the copy has no effect");
+    }
+
     /// The mean over two trainings has no numbers for bins, and the first training is random.
     #[test]
     fn a_legend_names_what_is_drawn_with_its_remarks() {
@@ -330,6 +356,9 @@ mod tests {
             assert!(texts.contains(&expected), "{expected}: {texts:?}");
         }
         assert!(!texts.iter().any(|text| text.contains("mean of 2 trainings")), "{texts:?}");
-        assert!(texts.iter().any(|text| text.ends_with("; 1 of 24 targets is a context frame")), "{texts:?}");
+        assert!(
+            texts.iter().any(|text| text.ends_with("; without 1 of 24 targets, which is a context frame")),
+            "{texts:?}"
+        );
     }
 }
