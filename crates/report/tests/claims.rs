@@ -8,7 +8,9 @@ use atsplat_protocol::{Aggregation, Preset};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
-use atsplat_results::statistics::{Identical, Leaked, MetricQuery, paired_between, summary};
+use atsplat_results::statistics::{
+    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, paired_between, summary,
+};
 use atsplat_results::{Results, TargetRow};
 
 fn folder() -> PathBuf {
@@ -237,6 +239,37 @@ fn trials_of_the_recipe_are_those_of_the_store() {
         };
         require_lines(rows.iter().map(line).collect(), |line| readme.contains(line));
     }
+}
+
+/// Thresholds against fixed ratios, and how much more the first step of Gaussians per token gains than the second.
+#[test]
+fn lines_on_budgets_are_those_of_the_stores() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let read = |name: &str| Results::read(&folder().join(name).join("store")).unwrap();
+    let thresholds = read("thresholds");
+    let mut expected = ["0.2 0.2 0.6", "0.6 0.6 0.8", "0.8 0.8 0.9"]
+        .map(|quantiles| {
+            let row = format!("quantiles {quantiles}");
+            difference([(&thresholds, &row), (&thresholds, "fixed ratios")], "psnr", 3).replacen(" [", " dB [", 1)
+        })
+        .to_vec();
+    let steps = |[few, some, many]: [(&Results, &str); 3]| {
+        let queries = [few, some, many].map(|(results, row)| (results, query(ROOMS.0, row, "psnr")));
+        let means = common_scene_means(&queries, Aggregation::SceneMeans);
+        let [few, some, many] = means.try_into().expect("as many as queries");
+        assert_eq!([few.len(), some.len(), many.len()], [200; 3]);
+        let scenes = few.iter().zip(&some).zip(&many);
+        let bends: Vec<[f64; 2]> =
+            scenes.map(|((few, some), many)| [(some.mean - few.mean) - (many.mean - some.mean), 1.0]).collect();
+        let mean = bends.iter().map(|[bend, _]| bend).sum::<f64>() / 200.0;
+        let [low, high] = interval_of_mean(&bends).unwrap();
+        format!("{mean:+.3} dB [{low:+.3}, {high:+.3}]")
+    };
+    let first = read("gaussians");
+    let [few, some, many] = ["expansion-sparse-seed-2", "gaussians-seed-2", "anchors-seed-2"].map(read);
+    expected.push(steps([(&first, "k-4-1"), (&first, "k-8-1"), (&first, "full-1")]));
+    expected.push(steps([(&few, "k-4-2"), (&some, "k-8-2"), (&many, "full-2")]));
+    require_lines(expected, |number| readme.contains(number));
 }
 
 const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
