@@ -191,6 +191,7 @@ fn cost_section(frontiers: &mut Vec<(String, Drawing)>) -> Option<PlotSection> {
         hint: hint.to_owned(),
         plots: vec![frontiers.remove(0)],
         before_tables: true,
+        stores: Vec::new(),
     })
 }
 
@@ -300,6 +301,7 @@ mod tests {
             hint: String::new(),
             plots: plots.collect(),
             before_tables: false,
+            stores: Vec::new(),
         };
         let store = |label| PageStore { source: source(label), folder: None };
         let report = Report::new(&request(vec![section]), &[store("a b"), store("a-b")]).unwrap();

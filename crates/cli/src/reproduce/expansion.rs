@@ -102,6 +102,7 @@ fn section(dataset: &Dataset, trained: &TrainedNetwork, scenes: &[ExpansionScene
         ),
         plots: expansion_plots(&subject, scenes)?,
         before_tables: false,
+        stores: Vec::new(),
     })
 }
 

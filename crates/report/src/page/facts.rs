@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 
 use atsplat_numeric::{distinct, noun};
+use atsplat_results::Provenance;
 
 use super::{PageStore, escaped};
 use crate::counted;
@@ -48,16 +49,15 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     text
 }
 
-/// The provenance of every store.
-pub(super) fn origin(stores: &[PageStore<'_>]) -> String {
-    stores.iter().map(store).collect()
+/// The provenance of every store, by its name.
+pub(super) fn origin<'a>(stores: impl IntoIterator<Item = (&'a str, &'a Provenance)>) -> String {
+    stores.into_iter().map(|(label, provenance)| card(label, provenance)).collect()
 }
 
 /// The most commands of a store that are shown: a merged one may have thousands.
 const SHOWN_COMMANDS: usize = 20;
 
-fn store(store: &PageStore<'_>) -> String {
-    let provenance = &store.source.results.provenance;
+fn card(label: &str, provenance: &Provenance) -> String {
     let commands = match provenance.commands().count() {
         1 => "Command".to_owned(),
         several => format!("Commands ({several})"),
@@ -116,5 +116,5 @@ fn store(store: &PageStore<'_>) -> String {
         of_name.map(|(_, value)| format!("<dd>{}</dd>", escaped(value))).collect()
     };
     let facts: String = names.into_iter().map(|name| format!("<dt>{name}</dt>{}", values(name))).collect();
-    format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(store.source.label))
+    format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(label))
 }

@@ -20,6 +20,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
+use atsplat_results::Provenance;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
@@ -67,6 +68,8 @@ pub struct PlotSection {
     pub plots: Vec<(String, Drawing)>,
     /// Whether it comes before the tables.
     pub before_tables: bool,
+    /// Stores that the plots are drawn from besides those of the page, by name.
+    pub stores: Vec<(String, Provenance)>,
 }
 
 /// A store and its folder.
@@ -145,11 +148,18 @@ impl Page<'_> {
             ("links", self.links(false)),
             ("contents", self.contents()),
             ("scenes", scenes::section(self.stores, &images)),
-            ("origin", facts::origin(self.stores)),
+            ("origin", facts::origin(self.provenances())),
             ("data", safe_json(&data)?),
             ("scripts", scripts.iter().map(|script| format!("<script>{script}</script>\n")).collect()),
         ];
         Ok((filled(PAGE, &slots), bytes))
+    }
+
+    /// The provenance of the page's stores, then of those that only sections show.
+    fn provenances(&self) -> impl Iterator<Item = (&str, &Provenance)> {
+        let of_page = self.stores.iter().map(|store| (store.source.label, &store.source.results.provenance));
+        let of_sections = self.sections.iter().flat_map(|section| &section.stores);
+        of_page.chain(of_sections.map(|(label, provenance)| (label.as_str(), provenance)))
     }
 
     /// The sections with plots before the tables, or those after them.

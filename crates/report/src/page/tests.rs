@@ -99,6 +99,9 @@ fn data_is_escaped() {
     }
 }
 
+/// The machine of the sections' stores.
+const PROCESSOR: &str = "a processor of its own";
+
 #[test]
 fn a_leading_section_comes_before_the_tables_and_others_after_the_plots() {
     let sample = Sample::new();
@@ -107,9 +110,18 @@ fn a_leading_section_comes_before_the_tables_and_others_after_the_plots() {
         hint: "A hint.".to_owned(),
         plots: vec![(format!("plot of {title}"), sample.plots[0].1.clone())],
         before_tables,
+        stores: vec![(
+            format!("store of {title}"),
+            Provenance { processor: PROCESSOR.to_owned(), ..Provenance::default() },
+        )],
     };
     let page = sample.write_with_sections(usize::MAX, None, &[section("Afterwards", false), section("At first", true)]);
     let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}"));
+    // Under "Provenance", with the machine that each was measured on.
+    for title in ["Afterwards", "At first"] {
+        let card = &page[at(&format!("<h3>store of {title}</h3>"))..];
+        assert!(card.split("</article>").next().unwrap().contains(PROCESSOR), "{title}");
+    }
     let order = ["section-1-head\">At first", "id=\"tables-head\"", "id=\"plots-head\"", "section-0-head\">Afterwards"];
     assert!(order.map(at).is_sorted(), "{:?}", order.map(at));
     let links = ["href=\"#section-1\"", "href=\"#tables\"", "href=\"#section-0\"", "href=\"#scenes\""];
@@ -430,7 +442,7 @@ fn the_best_and_the_second_best_are_marked_without_a_style() {
 #[test]
 fn facts_of_one_kind_share_their_name() {
     let results = results(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), floor()]);
-    let card = facts::origin(&[PageStore { source: Source { label: LABEL, results: &results }, folder: None }]);
+    let card = facts::origin([(LABEL, &results.provenance)]);
     assert_eq!(card.matches("<dt>Method</dt><dd>atsplat (").count(), 1, "{card}");
     assert!(card.contains("</dd><dd>nearest-view (nearest-view): Nearest view</dd>"), "{card}");
     let names: Vec<&str> = card.split("<dt>").skip(1).filter_map(|rest| Some(rest.split_once('<')?.0)).collect();
@@ -443,8 +455,7 @@ fn every_command_of_a_store_is_shown() {
     let mut results = results(vec![preset("rooms-2v-128")], vec![floor()]);
     results.provenance.command = vec!["run".to_owned(), "--limit=3".to_owned()];
     results.provenance.add_command(&["run".to_owned(), "--limit=<all>".to_owned()]);
-    let card =
-        |results: &Results| facts::origin(&[PageStore { source: Source { label: LABEL, results }, folder: None }]);
+    let card = |results: &Results| facts::origin([(LABEL, &results.provenance)]);
     let text = card(&results);
     assert!(text.contains("<dt>Commands (2)</dt><dd>run --limit=3</dd><dd>run --limit=&lt;all&gt;</dd><dt>"), "{text}");
     for part in 1..=22 {

@@ -3,6 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
+use atsplat_files::hexadecimal;
+use sha2::{Digest as _, Sha256};
+
 use super::*;
 use crate::gallery::{gallery, odd_gallery};
 
@@ -96,6 +99,15 @@ fn no_plot_of_the_reference_report_has_a_fault() {
         })
         .collect();
     assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+/// `reports/screenshots/make` writes the hash of the page that it photographs.
+#[test]
+fn the_screenshots_are_of_the_reference_report() {
+    let read =
+        |file: &str| std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports").join(file)).unwrap();
+    let page = format!("{}\n", hexadecimal(&Sha256::digest(read("reference/index.html"))));
+    assert_eq!(String::from_utf8(read("screenshots/page.sha256")).unwrap(), page, "run reports/screenshots/make");
 }
 
 #[test]

@@ -40,6 +40,7 @@ pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection
             .to_owned(),
         plots,
         before_tables: true,
+        stores: sources.iter().map(|source| (source.label.to_owned(), source.results.provenance.clone())).collect(),
     }))
 }
 
