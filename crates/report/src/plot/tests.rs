@@ -3,8 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_files::hexadecimal;
-use sha2::{Digest as _, Sha256};
+use atsplat_files::Sha256Digest;
 
 use super::*;
 use crate::gallery::{gallery, odd_gallery};
@@ -106,7 +105,7 @@ fn no_plot_of_the_reference_report_has_a_fault() {
 fn the_screenshots_are_of_the_reference_report() {
     let read =
         |file: &str| std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports").join(file)).unwrap();
-    let page = format!("{}\n", hexadecimal(&Sha256::digest(read("reference/index.html"))));
+    let page = format!("{}\n", Sha256Digest::of(&read("reference/index.html")));
     assert_eq!(String::from_utf8(read("screenshots/page.sha256")).unwrap(), page, "run reports/screenshots/make");
 }
 
