@@ -5,17 +5,17 @@ check:
     cargo fmt --all --check
     cargo clippy --release --workspace --all-targets --locked -- -D warnings
 
-# Unit tests of every crate.
+# Unit tests of every crate, the command line's too.
 test-fast:
-    cargo test --release --workspace --locked --lib
+    cargo test --release --workspace --locked --lib --bins
 
 # Every test.
 test:
     cargo test --release --workspace --locked
 
-# One test file of the workspace, e.g. `just test-file eval_rows`.
-test-file name:
-    cargo test --release --workspace --locked --test {{name}}
+# One file or folder of a crate's `tests/`, or the tests in it whose names contain a text, e.g. `just test-file eval rows::`.
+test-file name *texts:
+    cargo test --release --workspace --locked --test {{name}} -- {{texts}}
 
 # All of CI, or single stages, e.g. `just ci lints documentation`.
 ci *stages:
@@ -23,8 +23,8 @@ ci *stages:
 
 # Accept what changed on purpose: simulated trials of the tests, snapshots, then the baseline and the reference report.
 bless why:
-    cargo test --release --workspace --locked --test device_trials || \
-        ATSPLAT_BLESS=1 cargo test --release --workspace --locked --test device_trials
+    cargo test --release --workspace --locked --test eval -- device_trials:: || \
+        ATSPLAT_BLESS=1 cargo test --release --workspace --locked --test eval -- device_trials::
     INSTA_UPDATE=always cargo test --release --workspace --locked
     reports/regenerate "{{why}}"
 

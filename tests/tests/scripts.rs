@@ -1,4 +1,4 @@
-//! The scripts of CI, of reports and of experiments decide rightly, on programs that stand in for the real ones.
+//! The scripts of CI, of reports and of experiments decide rightly, on programs that stand in for the real ones, and name what exists.
 
 #![cfg(target_os = "linux")]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -106,6 +106,46 @@ fn packages_that_features_do_not_change_use_no_others() {
         let to_choose: Vec<&String> = keys("features").filter(|name| *name != "default" && !is_on(name)).collect();
         assert!(to_choose.is_empty(), "{name} has the features {to_choose:?}");
     }
+}
+
+/// The workspace's test programs: files of a package's `tests/`, and folders there with a `main.rs`.
+fn test_programs() -> Vec<PathBuf> {
+    let crates = fs::read_dir(file("crates")).unwrap().map(|entry| entry.unwrap().path());
+    let folders = crates.chain([file("tests")]).map(|package| package.join("tests"));
+    let entries = folders.filter_map(|folder| fs::read_dir(folder).ok()).flatten().map(|entry| entry.unwrap().path());
+    let is_program =
+        |path: &PathBuf| path.extension().is_some_and(|extension| extension == "rs") || path.join("main.rs").is_file();
+    entries.filter(is_program).collect()
+}
+
+/// Cargo refuses the name of a program that does not exist, but runs no test of a module that does not, and succeeds.
+#[test]
+fn commands_name_tests_that_exist() {
+    let programs = test_programs();
+    let mut named = BTreeSet::new();
+    for source in ["justfile", ".ci/run", "CONTRIBUTING.md", "crates/rooms/benches/README.md"] {
+        let text = fs::read_to_string(file(source)).unwrap().replace("\\\n", " ").replace("just test-file", "--test");
+        for line in text.lines() {
+            let words: Vec<&str> = line.split_whitespace().map(|word| word.trim_matches(['`', '.', ','])).collect();
+            let after_flag = words.windows(2).filter(|pair| pair[0] == "--test").map(|pair| pair[1]);
+            // Others stand for a name.
+            let is_name = |word: &&str| word.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+            let mut of_line = Vec::new();
+            for name in after_flag.filter(is_name) {
+                let found: Vec<&PathBuf> =
+                    programs.iter().filter(|path| path.file_stem().is_some_and(|stem| stem == name)).collect();
+                assert!(!found.is_empty(), "{source}: no test program {name}: {line}");
+                of_line.extend(found);
+                named.insert(name.to_owned());
+            }
+            for module in words.iter().filter_map(|word| word.strip_suffix("::")).filter(|_| !of_line.is_empty()) {
+                let files = [format!("{module}.rs"), format!("{module}/mod.rs")];
+                let exists = of_line.iter().any(|program| files.iter().any(|name| program.join(name).is_file()));
+                assert!(exists, "{source}: no tests {module}: {line}");
+            }
+        }
+    }
+    assert!(["cli", "eval", "gpu", "simulation"].iter().all(|name| named.contains(*name)), "{named:?}");
 }
 
 #[test]
