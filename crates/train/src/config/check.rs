@@ -64,6 +64,15 @@ impl TrainConfig {
         Ok(())
     }
 
+    /// Checks of new runs only: those that earlier versions started go on as they began.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] with the field; errors of the network's configuration.
+    pub(crate) fn check_new_run(&self) -> Result<(), TrainError> {
+        self.check_windows()?;
+        self.check_scores(&self.model.config()?)
+    }
+
     /// Side in pixels of the patches whose exact distances the loss needs, if it needs any.
     ///
     /// # Errors

@@ -23,7 +23,7 @@ pub struct LossConfig {
     pub intermediate_weight: f64,
     /// `λs`, which the paper does not state; 0.5 by default, whatever `λp` is.
     pub intermediate_d_ssim_weight: f64,
-    /// `λunc`.
+    /// `λunc`: 0.0 is required of new runs with the selection straight-through, whose scores the rendering loss trains.
     pub uncertainty_weight: f64,
     /// Weight, at the first step, of the difference between the logarithms of the anchors' distances and the exact ones
     /// of simulated scenes; falls linearly. The paper has no such term; 0 by default.

@@ -6,6 +6,7 @@ mod held_out;
 mod losses;
 mod model;
 mod notices;
+mod scores;
 mod windows;
 
 use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};

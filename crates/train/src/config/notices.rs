@@ -7,9 +7,14 @@ use super::check::sized;
 use super::windows::views_field;
 
 impl TrainConfig {
-    /// Settings that are beyond what others leave to them, so that the run is one with lower numbers.
+    /// Settings that are beyond what others leave to them, so that the run is one with lower numbers, and scores that no loss trains.
     pub(crate) fn notices(&self, model: &ModelConfig) -> Vec<String> {
-        let settings = [self.larger_micro_batch(), self.more_intermediate_targets(), self.more_neighbours(model)];
+        let settings = [
+            self.larger_micro_batch(),
+            self.more_intermediate_targets(),
+            self.more_neighbours(model),
+            self.untrained_scores(model),
+        ];
         settings.into_iter().flatten().chain(self.smaller_gaps()).collect()
     }
 

@@ -71,12 +71,12 @@ pub(super) fn require_weights(config: &TrainConfig, start: &Start) -> Result<(),
 
 /// An error for a new run whose windows hold no sample of one of its numbers of views.
 pub(super) fn require_windows(config: &TrainConfig, start: &Start) -> Result<(), TrainError> {
-    if start.is_resumed() { Ok(()) } else { config.check_windows() }
+    if start.is_resumed() { Ok(()) } else { config.check_new_run() }
 }
 
 /// For a run that is resumed, the error that a new one would have.
 pub(super) fn rejected_windows(config: &TrainConfig, start: &Start) -> Option<String> {
-    let error = start.is_resumed().then(|| config.check_windows().err()).flatten()?;
+    let error = start.is_resumed().then(|| config.check_new_run().err()).flatten()?;
     Some(format!("the run goes on as it began, but a new one would be rejected: {error}"))
 }
 

@@ -74,6 +74,32 @@ fn a_run_whose_checkpoints_are_gone_is_not_restarted() {
     refused(&given, "found none, but steps.jsonl up to step 1");
 }
 
+/// Earlier versions started such runs, by the default weight of the uncertainty loss.
+#[test]
+fn losses_that_a_new_run_must_not_have_are_those_of_a_run_that_is_resumed() {
+    let folder = tempdir().unwrap();
+    let run = folder.path().join("run");
+    let mut config = config("");
+    let selection = "selection = { kind = 'straight-through' }".parse::<toml::Table>().unwrap();
+    config.model.changes.insert("expansion".to_owned(), selection.into());
+    let open = |start: &Start| Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &run, start);
+    let problem = "training configuration: losses.uncertainty-weight: expected 0.0 with the selection straight-through, \
+                   whose scores only the rendering loss trains, found 0.1";
+    assert_eq!(open(&Start::Fresh).unwrap_err().to_string(), problem);
+    assert!(!run.exists());
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("steps.jsonl"), "").unwrap();
+    let mut notices = Vec::new();
+    let mut on_event = |event: &Event<'_>| {
+        if let Event::Notice(text) = event {
+            notices.push((*text).to_owned());
+        }
+    };
+    open(&Start::Resume).unwrap().run(Limits { steps: Some(1), time: None }, &mut on_event).unwrap();
+    let expected = format!("the run goes on as it began, but a new one would be rejected: {problem}");
+    assert!(notices.contains(&expected), "{notices:?}");
+}
+
 /// f16 rounds 65519 to 65504, and 65520 to infinity.
 #[test]
 fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
