@@ -1,8 +1,11 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
+mod backbone;
 mod computed_by;
 mod initial_weights;
+mod new_run;
 mod open;
+mod resumed;
 mod sample_check;
 mod start;
 mod step;
@@ -18,9 +21,8 @@ use atsplat_model::ModelConfig;
 use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
 use atsplat_scene::Warnings;
 
+pub(crate) use backbone::frozen;
 pub use start::Start;
-pub(crate) use start::frozen;
-use start::require_run_to_resume;
 
 use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
@@ -130,10 +132,7 @@ impl Trainer {
             let expected = "f32 on a graphics adapter";
             return Err(TrainError::malformed(WHAT, "matmul-precision", expected, config.matmul_precision.name()));
         }
-        require_run_to_resume(folder, start)?;
-        start::require_no_run(folder, start)?;
-        start::require_weights(&config, start)?;
-        start::require_windows(&config, start)?;
+        start.check(&config, folder)?;
         // The sources count what is wrong with their data.
         let samples = Box::new(config.samples(&mut Warnings::new())?);
         Self::open((processor, commit), config, samples, folder, start)
@@ -149,6 +148,7 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
+        start.check(&config, folder)?;
         Self::open((Processor::Cpu, None), config, samples, folder, start)
     }
 

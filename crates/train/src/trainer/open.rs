@@ -11,8 +11,8 @@ use atsplat_splat::gpu::AdapterDescription;
 
 use super::computed_by::{ComputedBy, with_driver};
 use super::sample_check::RunLogs;
-use super::start::{self, Opened, Start, require_run_to_resume};
-use super::{EVALUATIONS, STEPS, Trainer};
+use super::start::{Opened, Run, Start};
+use super::{EVALUATIONS, STEPS, Trainer, new_run};
 use crate::checkpoint::{Checkpoints, State};
 use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
@@ -22,7 +22,7 @@ use crate::samples::{DataWarnings, Source};
 use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 
 impl Trainer {
-    /// Opens a run that a program of this `commit`, if it is known, computes on a processor.
+    /// Opens a run whose start was checked, and which a program of this `commit`, if it is known, computes on a processor.
     pub(super) fn open(
         (processor, commit): (Processor, Option<&str>),
         config: TrainConfig,
@@ -30,10 +30,6 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
-        require_run_to_resume(folder, start)?;
-        start::require_no_run(folder, start)?;
-        start::require_weights(&config, start)?;
-        start::require_windows(&config, start)?;
         let model = config.model.config()?;
         config.check_model(&model)?;
         let environment = Environment::open(processor, &config, &model)?;
@@ -41,13 +37,9 @@ impl Trainer {
         let resolved = Resolved::new(&config, &model, &environment.objective)?;
         let resolved = resolved.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
-        let existing_lock = start::lock_existing(folder)?;
-        let unfinished = if existing_lock.is_some() { start::remove_unfinished(folder)? } else { None };
         let computed_by = ComputedBy::new(environment.adapter.clone(), commit);
-        let opened = start::state(&config, &model, start, (folder, &checkpoints), &computed_by)?;
-        let Opened { state, mut notices, processor_changed, moved } = opened;
-        notices.extend(unfinished);
-        notices.extend(start::rejected_windows(&config, start));
+        let run = Run { config: &config, model: &model, folder, checkpoints: &checkpoints, computed_by: &computed_by };
+        let Opened { state, mut notices, processor_changed, moved, lock } = start.open(&run)?;
         let run_logs = RunLogs { folder, done: state.step, processor_changed, moved: &moved };
         notices.extend(run_logs.check_training(&config, samples.as_ref())?);
         let features = environment.features(&config, &model, &state)?;
@@ -60,8 +52,8 @@ impl Trainer {
         notices.extend(run_logs.check_evaluation(evaluation.as_ref())?);
         let (template, device_state) = environment.networks(&state)?;
         // Not earlier: what fails before leaves no folder.
-        let lock = existing_lock.map_or_else(|| start::lock_new(folder), Ok)?;
-        if start.file().is_some() {
+        let lock = lock.map_or_else(|| new_run::create(folder), Ok)?;
+        if matches!(start, Start::Weights(_)) {
             // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
             checkpoints.write(&state, &config)?;
         }
