@@ -1,7 +1,7 @@
 use atsplat_pixels::Rounding;
 use serde::Serialize;
 
-use crate::learned::Network;
+use crate::learned::LpipsNetwork;
 use crate::{Ssim, Values};
 
 /// A metric: its names, direction, unit and exact convention.
@@ -82,12 +82,13 @@ pub enum Measure {
         /// Conversion of samples.
         values: Values,
     },
-    /// [`Perceptual`](crate::learned::Perceptual).
-    Perceptual {
+    /// [`Lpips`](crate::learned::Lpips).
+    #[serde(rename = "perceptual")]
+    Lpips {
         /// Conversion of samples.
         values: Values,
         /// Network and version of its weights.
-        network: Network,
+        network: LpipsNetwork,
         /// Whether samples in [0, 1] are scaled to [−1, 1], what the network expects: `normalize` of the lpips package.
         normalize: bool,
     },
@@ -106,17 +107,17 @@ impl Definition {
             Measure::Psnr { values: Values::Clipped | Values::EightBit(_) }
             | Measure::L1 { values: Values::AsRendered }
             // The embedded heads are not negative; those of ST-LPIPS come from the user's file.
-            | Measure::Perceptual { network: Network::LpipsVgg | Network::LpipsAlex, .. } => [0.0, f64::INFINITY],
-            Measure::Psnr { values: Values::AsRendered } | Measure::Perceptual { .. } => {
+            | Measure::Lpips { network: LpipsNetwork::LpipsVgg | LpipsNetwork::LpipsAlex, .. } => [0.0, f64::INFINITY],
+            Measure::Psnr { values: Values::AsRendered } | Measure::Lpips { .. } => {
                 [f64::NEG_INFINITY, f64::INFINITY]
             }
         }
     }
 
     /// The network of a learned metric.
-    pub const fn network(&self) -> Option<Network> {
+    pub const fn network(&self) -> Option<LpipsNetwork> {
         match self.measure {
-            Measure::Perceptual { network, .. } => Some(network),
+            Measure::Lpips { network, .. } => Some(network),
             Measure::Psnr { .. } | Measure::Ssim { .. } | Measure::L1 { .. } => None,
         }
     }
@@ -245,7 +246,7 @@ const DEFINITIONS: &[Definition] = &[
         "lpips",
         "LPIPS",
         FLOAT,
-        Network::LpipsVgg,
+        LpipsNetwork::LpipsVgg,
         "VGG16, v0.1, values in [0, 1] scaled by the metric itself (normalize=True), not clipped: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
         LPIPS,
     ),
@@ -253,7 +254,7 @@ const DEFINITIONS: &[Definition] = &[
         "lpips-clipped",
         "LPIPS (clipped)",
         CLIPPED,
-        Network::LpipsVgg,
+        LpipsNetwork::LpipsVgg,
         "as lpips, of images clipped to [0, 1]: Long-LRM",
         LPIPS,
     ),
@@ -261,17 +262,17 @@ const DEFINITIONS: &[Definition] = &[
         "lpips-8bit-truncated",
         "LPIPS (8 bit, truncated)",
         TRUNCATED,
-        Network::LpipsVgg,
+        LpipsNetwork::LpipsVgg,
         "as lpips, through PNG files that floor(255 v)",
         LPIPS,
     ),
     Definition {
-        measure: Measure::Perceptual { values: ROUNDED, network: Network::LpipsVgg, normalize: false },
+        measure: Measure::Lpips { values: ROUNDED, network: LpipsNetwork::LpipsVgg, normalize: false },
         ..lpips(
             "lpips-inria-8bit-rounded",
             "LPIPS (Inria, 8 bit)",
             ROUNDED,
-            Network::LpipsVgg,
+            LpipsNetwork::LpipsVgg,
             "VGG16, v0.1, values in [0, 1] not scaled (normalize=False), through PNG files that floor(255 v + 0.5): gaussian-splatting's metrics.py and its descendants; another number than lpips",
             INRIA_LPIPS,
         )
@@ -280,7 +281,7 @@ const DEFINITIONS: &[Definition] = &[
         "lpips-alex",
         "LPIPS (Alex)",
         FLOAT,
-        Network::LpipsAlex,
+        LpipsNetwork::LpipsAlex,
         "AlexNet, v0.1, values in [0, 1] scaled by the metric itself, not clipped; never beside VGG's numbers",
         LPIPS,
     ),
@@ -288,7 +289,7 @@ const DEFINITIONS: &[Definition] = &[
         "st-lpips",
         "ST-LPIPS (Alex)",
         FLOAT,
-        Network::StLpipsAlex,
+        LpipsNetwork::StLpipsAlex,
         "shift-tolerant LPIPS on AlexNet, vST0.0, normalize=True, not clipped; another metric than LPIPS",
         ST_LPIPS,
     ),
@@ -296,7 +297,7 @@ const DEFINITIONS: &[Definition] = &[
         "st-lpips-vgg",
         "ST-LPIPS (VGG)",
         FLOAT,
-        Network::StLpipsVgg,
+        LpipsNetwork::StLpipsVgg,
         "shift-tolerant LPIPS on VGG16, vST0.0, normalize=True, not clipped; another metric than LPIPS",
         ST_LPIPS,
     ),
@@ -350,8 +351,15 @@ const fn ssim(id: Text, name: Text, values: Values, ssim: Ssim, convention: Text
     }
 }
 
-const fn lpips(id: Text, name: Text, values: Values, network: Network, convention: Text, link: Text) -> Definition {
-    let measure = Measure::Perceptual { values, network, normalize: true };
+const fn lpips(
+    id: Text,
+    name: Text,
+    values: Values,
+    network: LpipsNetwork,
+    convention: Text,
+    link: Text,
+) -> Definition {
+    let measure = Measure::Lpips { values, network, normalize: true };
     let (unit, scale) = ("", Scale::Unit);
     Definition { id, name, direction: Direction::Lower, unit, scale, measure, convention, link }
 }
@@ -387,10 +395,19 @@ mod tests {
         assert_eq!([of("psnr", [-0.1, 150.0]), of("psnr-unclipped", [-40.0, 9.0])], [[false, true], [true; 2]]);
         assert_eq!([of("lpips", [-0.1, 1.4]), of("st-lpips", [-0.1, 1.4])], [[false, true], [true; 2]]);
         assert!(definitions().iter().all(|definition| definition.is_possible(definition.range()[1])));
-        for network in [Network::LpipsVgg, Network::LpipsAlex] {
+        for network in [LpipsNetwork::LpipsVgg, LpipsNetwork::LpipsAlex] {
             let heads = crate::learned::embedded_heads(network).unwrap().unwrap();
             let values = heads.tensors.values().flat_map(|tensor| tensor.to_f32().unwrap());
             assert!(values.into_iter().all(|weight| weight >= 0.0), "{network:?}");
+        }
+    }
+
+    /// Readers of stored definitions know these.
+    #[test]
+    fn kinds_of_measures_are_stored_under_their_names() {
+        for (id, kind) in [("psnr", "psnr"), ("ssim", "ssim"), ("l1", "l1"), ("st-lpips", "perceptual")] {
+            let stored = serde_json::to_value(definition(id).unwrap().measure).unwrap();
+            assert_eq!(stored["kind"], kind, "{id}");
         }
     }
 
@@ -405,7 +422,7 @@ mod tests {
                 Measure::Psnr { .. } => &["psnr"],
                 Measure::Ssim { .. } => &["ssim"],
                 Measure::L1 { .. } => &["l1"],
-                Measure::Perceptual { .. } => &["lpips", "st-lpips"],
+                Measure::Lpips { .. } => &["lpips", "st-lpips"],
             };
             let is_of = |kind: &&str| definition.id == *kind || definition.id.starts_with(&format!("{kind}-"));
             assert!(kinds.iter().any(is_of), "{}: an id begins with the kind of its metric", definition.id);

@@ -3,13 +3,13 @@ use std::sync::Arc;
 use atsplat_pixels::Image;
 use serde::Serialize;
 
-use crate::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
+use crate::learned::{FeatureCache, LoadError, Lpips, LpipsNetwork, WeightsAbsent, WeightsFolders};
 use crate::{Definition, Measure, MetricError, NonFinite, NotComputed, Pair, Score, Values, l1, psnr, ssim};
 
-/// Loaded learned metrics, and why others could not be loaded.
+/// Loaded networks of LPIPS and ST-LPIPS, and why others could not be loaded.
 #[derive(Clone, Debug, Default)]
 pub struct Networks {
-    loaded: Vec<Arc<Perceptual>>,
+    loaded: Vec<Arc<Lpips>>,
     absent: Vec<WeightsAbsent>,
 }
 
@@ -27,34 +27,34 @@ impl Networks {
     }
 
     /// Adds a loaded network, replacing one of the same kind.
-    pub fn add(&mut self, perceptual: Arc<Perceptual>) {
-        self.loaded.retain(|loaded| loaded.network() != perceptual.network());
-        self.absent.retain(|absent| absent.network != perceptual.network());
-        self.loaded.push(perceptual);
+    pub fn add(&mut self, lpips: Arc<Lpips>) {
+        self.loaded.retain(|loaded| loaded.network() != lpips.network());
+        self.absent.retain(|absent| absent.network != lpips.network());
+        self.loaded.push(lpips);
     }
 
     /// A loaded network.
     ///
     /// # Errors
     /// [`WeightsAbsent`] with the searched folders.
-    pub fn get(&self, network: Network) -> Result<&Arc<Perceptual>, WeightsAbsent> {
+    pub fn get(&self, network: LpipsNetwork) -> Result<&Arc<Lpips>, WeightsAbsent> {
         let absent = || self.absent.iter().find(|absent| absent.network == network).cloned();
         let loaded = self.loaded.iter().find(|loaded| loaded.network() == network);
         loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
     }
 
     /// Those that were loaded.
-    pub fn loaded(&self) -> impl Iterator<Item = &Perceptual> {
+    pub fn loaded(&self) -> impl Iterator<Item = &Lpips> {
         self.loaded.iter().map(Arc::as_ref)
     }
 
-    fn load(&mut self, network: Network, folders: &WeightsFolders) -> Result<(), LoadError> {
+    fn load(&mut self, network: LpipsNetwork, folders: &WeightsFolders) -> Result<(), LoadError> {
         let known = self.loaded.iter().map(|loaded| loaded.network()).chain(self.absent.iter().map(|a| a.network));
         if known.into_iter().any(|known| known == network) {
             return Ok(());
         }
-        match Perceptual::find(network, folders) {
-            Ok(perceptual) => self.loaded.push(Arc::new(perceptual)),
+        match Lpips::find(network, folders) {
+            Ok(lpips) => self.loaded.push(Arc::new(lpips)),
             Err(LoadError::Absent(absent)) => self.absent.push(absent),
             Err(error) => return Err(error),
         }
@@ -119,29 +119,23 @@ impl Suite {
             Measure::Psnr { values } => psnr(pair, values),
             Measure::Ssim { values, ssim: convention } => ssim(pair, values, convention).into(),
             Measure::L1 { values } => Score::Value(l1(pair, values)),
-            Measure::Perceptual { values, network, normalize } => match self.networks.get(network) {
-                Ok(perceptual) => self.perceptual(perceptual, pair, values, normalize).into(),
+            Measure::Lpips { values, network, normalize } => match self.networks.get(network) {
+                Ok(lpips) => self.lpips(lpips, pair, values, normalize).into(),
                 Err(absent) => Score::NotComputed(NotComputed::WeightsAbsent(absent)),
             },
         }
     }
 
-    fn perceptual(
-        &self,
-        perceptual: &Perceptual,
-        pair: &Pair<'_>,
-        values: Values,
-        normalize: bool,
-    ) -> Result<f64, MetricError> {
+    fn lpips(&self, lpips: &Lpips, pair: &Pair<'_>, values: Values, normalize: bool) -> Result<f64, MetricError> {
         let (render, truth) = rayon::join(
-            || perceptual.features(&input(pair.render(), values, normalize)),
-            || self.cache.features(perceptual, &input(pair.truth(), values, normalize)),
+            || lpips.features(&input(pair.render(), values, normalize)),
+            || self.cache.features(lpips, &input(pair.truth(), values, normalize)),
         );
-        perceptual.distance(&render?, &*truth?)
+        lpips.distance(&render?, &*truth?)
     }
 }
 
-/// The image for [`Perceptual::features`], which scales by 2 v − 1: without `normalize`, the scaled samples are the
+/// The image for [`Lpips::features`], which scales by 2 v − 1: without `normalize`, the scaled samples are the
 /// converted ones.
 #[expect(clippy::expect_used, reason = "the number of samples does not change")]
 fn input(image: &Image, values: Values, normalize: bool) -> Image {

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_metrics::learned::{
-    FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders, WeightsHashes, embedded_heads,
+    FeatureCache, LoadError, Lpips, LpipsNetwork, WeightsAbsent, WeightsFolders, WeightsHashes, embedded_heads,
 };
 use atsplat_metrics::{Definition, MetricError, Networks, NotComputed, Score, Suite, definition, definitions};
 use atsplat_numeric::Tolerance;
@@ -25,12 +25,12 @@ const PUBLISHED: Tolerance = Tolerance::absolute(1e-5);
 const VGG_CHANNELS: [usize; 14] = [3, 64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512];
 
 /// Names and shapes of a network's convolutions, in order: channels out, channels in, kernel.
-fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
+fn convolutions(network: LpipsNetwork) -> Vec<(String, [usize; 3])> {
     let names: &[&str] = match network {
-        Network::LpipsVgg => &["0", "2", "5", "7", "10", "12", "14", "17", "19", "21", "24", "26", "28"],
-        Network::LpipsAlex => &["0", "3", "6", "8", "10"],
-        Network::StLpipsAlex => &["1.0", "2.5", "3.9", "4.11", "5.13"],
-        Network::StLpipsVgg => {
+        LpipsNetwork::LpipsVgg => &["0", "2", "5", "7", "10", "12", "14", "17", "19", "21", "24", "26", "28"],
+        LpipsNetwork::LpipsAlex => &["0", "3", "6", "8", "10"],
+        LpipsNetwork::StLpipsAlex => &["1.0", "2.5", "3.9", "4.11", "5.13"],
+        LpipsNetwork::StLpipsVgg => {
             &["1.0", "1.2", "2.6", "2.8", "3.12", "3.14", "3.16", "4.20", "4.22", "4.24", "5.28", "5.30", "5.32"]
         }
     };
@@ -39,11 +39,12 @@ fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
     } else {
         VGG_CHANNELS.windows(2).map(|channels| [channels[1], channels[0], 3]).collect()
     };
-    let prefix = if matches!(network, Network::LpipsVgg | Network::LpipsAlex) { "features." } else { "net.slice" };
+    let prefix =
+        if matches!(network, LpipsNetwork::LpipsVgg | LpipsNetwork::LpipsAlex) { "features." } else { "net.slice" };
     names.iter().map(|name| format!("{prefix}{name}")).zip(shapes).collect()
 }
 
-fn weights(network: Network) -> StoredTensors {
+fn weights(network: LpipsNetwork) -> StoredTensors {
     let mut stored = StoredTensors::default();
     let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
         stored.tensors.insert(name, StoredTensor::from_f32(shape, values).unwrap());
@@ -56,7 +57,7 @@ fn weights(network: Network) -> StoredTensors {
     }
     for (position, channels) in network.channels().into_iter().enumerate() {
         let head: Vec<f32> = uniform(1000 + position as u64, channels, 1.0).into_iter().map(f32::abs).collect();
-        if matches!(network, Network::StLpipsAlex | Network::StLpipsVgg) {
+        if matches!(network, LpipsNetwork::StLpipsAlex | LpipsNetwork::StLpipsVgg) {
             add(format!("lin{position}.model.1.weight"), vec![1, channels, 1, 1], &head);
         }
     }
@@ -64,37 +65,37 @@ fn weights(network: Network) -> StoredTensors {
 }
 
 /// Loads seeded weights through a file, as users do.
-fn perceptual(network: Network) -> Perceptual {
+fn lpips(network: LpipsNetwork) -> Lpips {
     let folder = tempfile::tempdir().unwrap();
     weights(network).write(&folder.path().join(network.file())).unwrap();
-    Perceptual::find(network, &WeightsFolders::new(vec![folder.path().to_owned()])).unwrap()
+    Lpips::find(network, &WeightsFolders::new(vec![folder.path().to_owned()])).unwrap()
 }
 
-fn distance(perceptual: &Perceptual, render: &Image, truth: &Image) -> f64 {
-    let [render, truth] = [render, truth].map(|image| perceptual.features(image).unwrap());
-    perceptual.distance(&render, &truth).unwrap()
+fn distance(lpips: &Lpips, render: &Image, truth: &Image) -> f64 {
+    let [render, truth] = [render, truth].map(|image| lpips.features(image).unwrap());
+    lpips.distance(&render, &truth).unwrap()
 }
 
 #[test]
 fn distances_agree_with_the_packages() {
     let golden = common::fixture("learned_golden.json");
     let networks = [
-        ("lpips-vgg", Network::LpipsVgg),
-        ("lpips-alex", Network::LpipsAlex),
-        ("st-lpips-alex", Network::StLpipsAlex),
-        ("st-lpips-vgg", Network::StLpipsVgg),
+        ("lpips-vgg", LpipsNetwork::LpipsVgg),
+        ("lpips-alex", LpipsNetwork::LpipsAlex),
+        ("st-lpips-alex", LpipsNetwork::StLpipsAlex),
+        ("st-lpips-vgg", LpipsNetwork::StLpipsVgg),
     ];
     for network in definitions().iter().filter_map(Definition::network) {
         assert!(networks.iter().any(|(_, compared)| *compared == network), "{network:?}");
     }
     for (name, network) in networks {
-        let perceptual = perceptual(network);
+        let lpips = lpips(network);
         let cases: Vec<_> = golden.as_array().unwrap().iter().filter(|case| case["network"] == name).collect();
         assert_eq!(cases.len(), 2, "cases of {name}");
         for case in cases {
             let truth = common::truth(case);
             let render = common::render(&truth, case["seed"].as_u64().unwrap());
-            let found = distance(&perceptual, &render, &truth);
+            let found = distance(&lpips, &render, &truth);
             SEEDED.assert([found], case["value_f64"].as_f64(), &format!("{name} of {}", case["image"]));
         }
     }
@@ -105,7 +106,7 @@ fn distances_agree_with_the_packages() {
 fn lpips_of_gaussian_splatting_agrees_with_its_formula() {
     let golden = common::fixture("learned_golden.json");
     let mut networks = Networks::default();
-    networks.add(Arc::new(perceptual(Network::LpipsVgg)));
+    networks.add(Arc::new(lpips(LpipsNetwork::LpipsVgg)));
     let metrics = ["lpips", "lpips-inria-8bit-rounded"].map(|id| definition(id).unwrap());
     let suite = Suite::new(metrics.to_vec(), networks, 1 << 26);
     let of = |network: &str| {
@@ -125,21 +126,21 @@ fn lpips_of_gaussian_splatting_agrees_with_its_formula() {
 
 #[test]
 fn distances_are_independent_of_threads_and_caches() {
-    let perceptual = perceptual(Network::LpipsAlex);
+    let lpips = lpips(LpipsNetwork::LpipsAlex);
     let (a, b) = (seeded(71, 64, 1), seeded(71, 64, 2));
-    let of = |threads| on_threads(threads, || distance(&perceptual, &a, &b));
+    let of = |threads| on_threads(threads, || distance(&lpips, &a, &b));
     let value = of(1);
     Tolerance::EXACT.assert([of(2), of(5)], [value; 2], "any threads");
-    Tolerance::EXACT.assert([distance(&perceptual, &a, &a)], [0.0], "itself");
-    Tolerance::EXACT.assert([distance(&perceptual, &b, &a)], [value], "symmetric");
+    Tolerance::EXACT.assert([distance(&lpips, &a, &a)], [0.0], "itself");
+    Tolerance::EXACT.assert([distance(&lpips, &b, &a)], [value], "symmetric");
 
-    let cache = FeatureCache::new(perceptual.features(&a).unwrap().bytes() * 2);
-    let first = cache.features(&perceptual, &a).unwrap();
-    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "cached");
+    let cache = FeatureCache::new(lpips.features(&a).unwrap().bytes() * 2);
+    let first = cache.features(&lpips, &a).unwrap();
+    assert!(Arc::ptr_eq(&first, &cache.features(&lpips, &a).unwrap()), "cached");
     for image in [&b, &seeded(71, 64, 3)] {
-        cache.features(&perceptual, image).unwrap();
+        cache.features(&lpips, image).unwrap();
     }
-    let again = cache.features(&perceptual, &a).unwrap();
+    let again = cache.features(&lpips, &a).unwrap();
     assert!(!Arc::ptr_eq(&first, &again), "the oldest went");
     assert_eq!(first, again, "computed again");
 }
@@ -147,11 +148,12 @@ fn distances_are_independent_of_threads_and_caches() {
 /// Their maps have the same numbers of channels.
 #[test]
 fn features_of_other_networks_and_weights_are_not_compared() {
-    let own = perceptual(Network::LpipsAlex);
-    let shifted = perceptual(Network::StLpipsAlex);
-    let heads = embedded_heads(Network::LpipsAlex).unwrap().unwrap();
+    let own = lpips(LpipsNetwork::LpipsAlex);
+    let shifted = lpips(LpipsNetwork::StLpipsAlex);
+    let heads = embedded_heads(LpipsNetwork::LpipsAlex).unwrap().unwrap();
     let hashes = WeightsHashes { network: "another file".to_owned(), heads: own.hashes().heads.clone() };
-    let retrained = Perceptual::from_tensors(Network::LpipsAlex, &weights(Network::LpipsAlex), &heads, hashes).unwrap();
+    let retrained =
+        Lpips::from_tensors(LpipsNetwork::LpipsAlex, &weights(LpipsNetwork::LpipsAlex), &heads, hashes).unwrap();
     let image = seeded(64, 64, 1);
     let of_own = own.features(&image).unwrap();
     assert_eq!(own.distance(&of_own, &of_own), Ok(0.0));
@@ -169,25 +171,25 @@ fn features_of_other_networks_and_weights_are_not_compared() {
 
 #[test]
 fn invalid_images_and_weights_are_typed_errors() {
-    let perceptual = perceptual(Network::LpipsAlex);
-    let smallest = Network::LpipsAlex.smallest_side();
-    assert!(perceptual.features(&seeded(smallest, smallest, 1)).is_ok());
-    let outcome = perceptual.features(&seeded(smallest, smallest - 1, 1));
+    let lpips = lpips(LpipsNetwork::LpipsAlex);
+    let smallest = LpipsNetwork::LpipsAlex.smallest_side();
+    assert!(lpips.features(&seeded(smallest, smallest, 1)).is_ok());
+    let outcome = lpips.features(&seeded(smallest, smallest - 1, 1));
     assert!(matches!(outcome, Err(MetricError::TooSmall { .. })), "{outcome:?}");
     let broken = Image::new(64, 64, vec![f32::NAN; 64 * 64 * 3]).unwrap();
-    assert!(matches!(perceptual.features(&broken), Err(MetricError::NonFinite(_))));
+    assert!(matches!(lpips.features(&broken), Err(MetricError::NonFinite(_))));
     let (a, b) = (seeded(64, 64, 1), seeded(64, 65, 1));
-    let features = [&a, &b].map(|image| perceptual.features(image).unwrap());
-    assert!(matches!(perceptual.distance(&features[0], &features[1]), Err(MetricError::SizeMismatch { .. })));
+    let features = [&a, &b].map(|image| lpips.features(image).unwrap());
+    assert!(matches!(lpips.distance(&features[0], &features[1]), Err(MetricError::SizeMismatch { .. })));
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("alexnet-owt-7be5be79.pth");
-    let from = |path: &Path| Perceptual::from_file(Network::LpipsAlex, path);
+    let from = |path: &Path| Lpips::from_file(LpipsNetwork::LpipsAlex, path);
     assert!(matches!(from(&path), Err(LoadError::Absent(_))));
     std::fs::write(&path, b"not weights").unwrap();
     assert!(matches!(from(&path), Err(LoadError::File(_))));
     let write = |stored: &StoredTensors| stored.write(&path).unwrap();
-    let mut stored = weights(Network::LpipsAlex);
+    let mut stored = weights(LpipsNetwork::LpipsAlex);
     stored.tensors.insert("features.3.bias".to_owned(), StoredTensor::from_f32(vec![192], &[f32::NAN; 192]).unwrap());
     write(&stored);
     assert!(from(&path).unwrap_err().to_string().contains("192 that are NaN"));
@@ -197,8 +199,8 @@ fn invalid_images_and_weights_are_typed_errors() {
     stored.tensors.shift_remove("features.3.bias");
     write(&stored);
     assert!(matches!(from(&path), Err(LoadError::Mismatch { .. })));
-    let unpublished = perceptual.unpublished().expect("seeded weights are not the published ones");
-    for part in ["LPIPS (Alex)", "7be5be79…", &perceptual.hashes().network] {
+    let unpublished = lpips.unpublished().expect("seeded weights are not the published ones");
+    for part in ["LPIPS (Alex)", "7be5be79…", &lpips.hashes().network] {
         assert!(unpublished.contains(part), "{part}: {unpublished}");
     }
 }
@@ -208,7 +210,7 @@ fn a_suite_reports_metrics_that_cannot_be_computed() {
     let all: Vec<_> = definitions().iter().collect();
     let nowhere = WeightsFolders::new(vec!["/nonexistent".into()]);
     let mut networks = Networks::for_definitions(&all, &nowhere).unwrap();
-    networks.add(Arc::new(perceptual(Network::StLpipsAlex)));
+    networks.add(Arc::new(lpips(LpipsNetwork::StLpipsAlex)));
     let suite = Suite::new(all, networks, 1 << 24);
     let (a, b) = (seeded(40, 40, 1), seeded(40, 40, 2));
     let scored = suite.score(&a, &b);
@@ -234,8 +236,8 @@ fn a_suite_reports_metrics_that_cannot_be_computed() {
 #[test]
 fn a_distance_that_is_no_number_is_not_a_score() {
     let mut networks = Networks::default();
-    for network in [Network::LpipsAlex, Network::StLpipsAlex] {
-        networks.add(Arc::new(perceptual(network)));
+    for network in [LpipsNetwork::LpipsAlex, LpipsNetwork::StLpipsAlex] {
+        networks.add(Arc::new(lpips(network)));
     }
     let metrics = ["lpips-alex", "st-lpips"].map(|id| definition(id).unwrap());
     let suite = Suite::new(metrics.to_vec(), networks, 1 << 24);
@@ -262,15 +264,16 @@ fn golden_values_of_published_st_lpips() {
     let golden: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(data.join("GOLDEN.json")).unwrap()).unwrap();
     let folders = WeightsFolders::new(vec![data.join("st_lpips")]).then(WeightsFolders::torch_hub());
-    for (key, network) in [("st_lpips_vST0.0_alex", Network::StLpipsAlex), ("st_lpips_vST0.0_vgg", Network::StLpipsVgg)]
+    for (key, network) in
+        [("st_lpips_vST0.0_alex", LpipsNetwork::StLpipsAlex), ("st_lpips_vST0.0_vgg", LpipsNetwork::StLpipsVgg)]
     {
-        match Perceptual::find(network, &folders) {
-            Ok(perceptual) => {
-                assert_eq!(perceptual.unpublished(), None);
+        match Lpips::find(network, &folders) {
+            Ok(lpips) => {
+                assert_eq!(lpips.unpublished(), None);
                 let truth = read(&data.join(golden[key]["a"].as_str().unwrap()));
                 for (name, value) in golden[key]["b_to_value"].as_object().unwrap() {
                     let render = read(&data.join(name));
-                    let found = distance(&perceptual, &render, &truth);
+                    let found = distance(&lpips, &render, &truth);
                     PUBLISHED.assert([found], value.as_f64(), name);
                 }
             }
@@ -284,10 +287,10 @@ fn golden_values_of_published_st_lpips() {
 fn golden_value_of_published_lpips() {
     let test = "golden_value_of_published_lpips";
     let Some(data) = shared_data(test).map(|data| data.join("lpips")) else { return };
-    match Perceptual::find(Network::LpipsVgg, &WeightsFolders::torch_hub()) {
-        Ok(perceptual) => {
+    match Lpips::find(LpipsNetwork::LpipsVgg, &WeightsFolders::torch_hub()) {
+        Ok(lpips) => {
             let [a, b] = ["apple.png", "pear.png"].map(|name| read(&data.join("brush_golden").join(name)));
-            let found = distance(&perceptual, &a, &b);
+            let found = distance(&lpips, &a, &b);
             Tolerance::absolute(1e-4).assert([found], [0.657_101_988_792_419_4], "apple and pear");
         }
         Err(LoadError::Absent(absent)) => skip(test, absent),
@@ -299,7 +302,7 @@ fn golden_value_of_published_lpips() {
 fn the_packages_heads_equal_the_embedded_ones() {
     let test = "the_packages_heads_equal_the_embedded_ones";
     let Some(data) = shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
-    for (network, file) in [(Network::LpipsAlex, "alex.pth"), (Network::LpipsVgg, "vgg.pth")] {
+    for (network, file) in [(LpipsNetwork::LpipsAlex, "alex.pth"), (LpipsNetwork::LpipsVgg, "vgg.pth")] {
         let embedded = embedded_heads(network).unwrap().unwrap();
         assert_eq!(TensorFile::open(&data.join(file)).unwrap().stored.digest(), embedded.digest(), "{file}");
     }

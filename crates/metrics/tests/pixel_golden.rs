@@ -36,7 +36,7 @@ const SSIMS: [(&str, Ssim); 5] = [
 fn every_metric_is_compared() {
     for Definition { id, measure, .. } in definitions() {
         let (values, formula) = match *measure {
-            Measure::Psnr { values } | Measure::L1 { values } | Measure::Perceptual { values, .. } => (values, None),
+            Measure::Psnr { values } | Measure::L1 { values } | Measure::Lpips { values, .. } => (values, None),
             Measure::Ssim { values, ssim } => (values, Some(ssim)),
         };
         assert!(VALUES.iter().any(|(_, known)| *known == values), "{id}");

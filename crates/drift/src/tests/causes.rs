@@ -83,7 +83,7 @@ fn a_metric_with_other_weights_is_named_as_the_cause() {
 fn an_acceptance_names_metrics_whose_weights_are_not_the_published_ones() {
     let text = |lpips: &str| {
         let mut base = store(true, 2, 0.0, 1);
-        let published = atsplat_metrics::learned::Network::StLpipsAlex.sha256_prefix();
+        let published = atsplat_metrics::learned::LpipsNetwork::StLpipsAlex.sha256_prefix();
         let hashes = [("lpips", lpips), ("st-lpips", published), ("psnr", "c0")];
         let metrics = hashes.map(|(id, hash)| MetricRecord {
             id: id.to_owned(),

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use atsplat_metrics::Suite;
-use atsplat_metrics::learned::Perceptual;
+use atsplat_metrics::learned::Lpips;
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex, Preset};
 use atsplat_results::{Provenance, RunCounts, RunWarning, SkippedEntry, WarningCount};
@@ -113,7 +113,7 @@ impl Findings {
 
     /// Adds the networks of learned metrics with other weights than the published ones.
     pub(super) fn add_unpublished_weights(&mut self, dataset: &Dataset, suite: &Suite) {
-        for example in suite.networks().loaded().filter_map(Perceptual::unpublished) {
+        for example in suite.networks().loaded().filter_map(Lpips::unpublished) {
             self.add(&dataset.name, &RunWarning::UnpublishedWeights.to_string(), 1, example);
         }
     }

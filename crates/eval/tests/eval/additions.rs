@@ -8,7 +8,7 @@ use crate::common::{Run, Walls, baselines, dataset, entry, rows, suite, write_ze
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
 use atsplat_eval::runner::{KeepImages, current_provenance, named_metrics, run};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_metrics::learned::{Network, WeightsFolders};
+use atsplat_metrics::learned::{LpipsNetwork, WeightsFolders};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_results::store::images::image_path;
 use atsplat_results::{GapKind, MethodRecord, Results, RunWarning, Store, TargetRow, WEIGHTS_ABSENT};
@@ -74,7 +74,7 @@ fn a_metric_is_added_once_its_weights_are_there() {
     assert!(before.targets.iter().all(|row| row.not_computed["lpips-alex"] == WEIGHTS_ABSENT));
     let (_, summary) = absent.run(store.path()).unwrap();
     assert_eq!((summary.evaluated, summary.resumed), (0, 10), "nothing can be added");
-    write_zero_weights(weights.path(), Network::LpipsAlex);
+    write_zero_weights(weights.path(), LpipsNetwork::LpipsAlex);
     let present = |methods| Run { suite: with_weights(&metrics, weights.path()), ..run_of(methods, &[]) };
     let (added, summary) = present(warp()).run(store.path()).unwrap();
     assert_eq!((summary.evaluated, scored(&added, "lpips-alex")), (5, [10, 0]));

@@ -7,7 +7,7 @@ use crate::common::methods::{counted_method, method};
 use crate::common::{Run, SIZE, Walls, baselines, dataset, entry, rows, suite, write_zero_weights};
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, Warp};
 use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, Selection, current_provenance};
-use atsplat_metrics::learned::Network;
+use atsplat_metrics::learned::LpipsNetwork;
 use atsplat_pixels::Image;
 use atsplat_protocol::{KnownIndex, SamplingRule};
 use atsplat_results::store::images::image_path;
@@ -438,7 +438,7 @@ fn entries_of_anothers_index_count_whether_or_not_the_data_have_their_scenes() {
 #[test]
 fn weights_of_a_metric_that_are_not_the_published_ones_are_a_warning() {
     let folder = tempfile::tempdir().unwrap();
-    let file = write_zero_weights(folder.path(), Network::LpipsAlex);
+    let file = write_zero_weights(folder.path(), LpipsNetwork::LpipsAlex);
     let run = settings(Walls::new(2, 8), baselines());
     let suite = atsplat_eval::runner::suite(&run.datasets, &["lpips-alex".to_owned()], Some(folder.path())).unwrap();
     let (results, _) = Run { suite, ..run }.run(&folder.path().join("store")).unwrap();

@@ -3,10 +3,10 @@ use serde::{Deserialize, Serialize};
 use super::convolution::Convolution;
 use super::pooling;
 
-/// A learned metric's network, with the version of its weights.
+/// A network of LPIPS or ST-LPIPS, with the version of its weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Network {
+pub enum LpipsNetwork {
     /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel view synthesis report.
     LpipsVgg,
     /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors recommend for comparing images.
@@ -52,7 +52,7 @@ pub enum Step {
     Tap,
 }
 
-impl Network {
+impl LpipsNetwork {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::LpipsVgg, Self::LpipsAlex, Self::StLpipsAlex, Self::StLpipsVgg];
 
@@ -131,7 +131,7 @@ fn st_vgg_name(convolution: usize) -> String {
 fn vgg(name: impl Fn(usize) -> String, between: &[Step]) -> Vec<Step> {
     let mut steps = Vec::new();
     let (mut channels_in, mut convolution) = (3, 0);
-    for (block, channels_out) in Network::LpipsVgg.channels().into_iter().enumerate() {
+    for (block, channels_out) in LpipsNetwork::LpipsVgg.channels().into_iter().enumerate() {
         if block > 0 {
             steps.extend_from_slice(between);
         }
@@ -200,8 +200,9 @@ mod tests {
     /// The list is what is loaded and tested.
     #[test]
     fn all_networks_are_in_the_list_of_all() {
-        let unknown = serde_json::from_value::<Network>("".into()).unwrap_err().to_string();
-        let all = Network::ALL.map(|network| serde_json::to_string(&network).unwrap().replace('"', "`")).join(", ");
+        let unknown = serde_json::from_value::<LpipsNetwork>("".into()).unwrap_err().to_string();
+        let all =
+            LpipsNetwork::ALL.map(|network| serde_json::to_string(&network).unwrap().replace('"', "`")).join(", ");
         assert_eq!(unknown, format!("unknown variant ``, expected one of {all}"));
     }
 }

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use atsplat_pixels::Image;
 use sha2::{Digest, Sha256};
 
-use super::{Features, Perceptual};
+use super::{Features, Lpips};
 use crate::MetricError;
 
 /// Cache of ground-truth features, which are shared by all methods that are compared on an image.
@@ -34,17 +34,17 @@ impl FeatureCache {
     /// The image's features, computed unless they are cached.
     ///
     /// # Errors
-    /// As [`Perceptual::features`].
-    pub fn features(&self, perceptual: &Perceptual, image: &Image) -> Result<Arc<Features>, MetricError> {
-        let key = hash(perceptual, image);
+    /// As [`Lpips::features`].
+    pub fn features(&self, lpips: &Lpips, image: &Image) -> Result<Arc<Features>, MetricError> {
+        let key = hash(lpips, image);
         let find =
             |entries: &Entries| entries.queue.iter().find(|(k, _)| *k == key).map(|(_, found)| Arc::clone(found));
         if let Some(found) = find(&self.lock()) {
-            tracing::trace!(metric = perceptual.network().name(), "features of the true image are cached");
+            tracing::trace!(metric = lpips.network().name(), "features of the true image are cached");
             return Ok(found);
         }
         // Computed without holding the lock: at worst two threads compute the same features.
-        let features = Arc::new(perceptual.features(image)?);
+        let features = Arc::new(lpips.features(image)?);
         let mut entries = self.lock();
         if features.bytes() <= self.max_bytes && find(&entries).is_none() {
             entries.bytes += features.bytes();
@@ -62,10 +62,10 @@ impl FeatureCache {
     }
 }
 
-fn hash(perceptual: &Perceptual, image: &Image) -> Key {
+fn hash(lpips: &Lpips, image: &Image) -> Key {
     let mut hash = Sha256::new();
-    hash.update(perceptual.network().name());
-    hash.update(&perceptual.hashes().network);
+    hash.update(lpips.network().name());
+    hash.update(&lpips.hashes().network);
     hash.update(image.width().to_le_bytes());
     hash.update(image.height().to_le_bytes());
     let bytes: Vec<u8> = image.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();

@@ -1,12 +1,12 @@
 use rayon::prelude::*;
 
-use super::Network;
+use super::LpipsNetwork;
 use super::matrix::Activations;
 
 /// Features of an image: five maps, normalised over the channels of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
-    pub(super) network: Network,
+    pub(super) network: LpipsNetwork,
     /// Hash of the network's weights.
     pub(super) weights: String,
     /// Width and height of the image.
@@ -74,7 +74,7 @@ mod tests {
     fn a_sample_takes_four_bytes() {
         let map =
             |side: usize| Activations { height: side, width: side, channels: 5, values: vec![0.0; side * side * 5] };
-        let (network, weights, maps) = (Network::LpipsAlex, String::new(), vec![map(3), map(1)]);
+        let (network, weights, maps) = (LpipsNetwork::LpipsAlex, String::new(), vec![map(3), map(1)]);
         assert_eq!(Features { network, weights, image: [3, 3], maps }.bytes(), 4 * (45 + 5));
     }
 }

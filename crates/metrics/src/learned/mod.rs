@@ -8,15 +8,15 @@ mod architecture;
 mod cache;
 mod convolution;
 mod features;
+mod lpips;
 mod matrix;
-mod perceptual;
 mod pooling;
 mod weights;
 
-pub use architecture::{Network, Step};
+pub use architecture::{LpipsNetwork, Step};
 pub use cache::FeatureCache;
 pub use features::Features;
-pub use perceptual::{Perceptual, SCALING, WeightsHashes};
+pub use lpips::{Lpips, SCALING, WeightsHashes};
 pub use weights::{LoadError, WeightsAbsent, WeightsFolders, embedded_heads};
 
 /// Uniform numbers in (−bound, bound) from a seed and their position, as `oracle/seeded.py`.

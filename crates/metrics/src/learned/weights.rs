@@ -5,7 +5,7 @@ use atsplat_tensors::{StoredTensors, TensorError};
 use serde::Serialize;
 use thiserror::Error;
 
-use super::Network;
+use super::LpipsNetwork;
 
 /// Why a learned metric cannot be loaded.
 #[derive(Debug, Error)]
@@ -21,7 +21,7 @@ pub enum LoadError {
     #[error("weights of {}: tensor {tensor}: expected {expected}, found {found}", network.name())]
     Mismatch {
         /// The expected network.
-        network: Network,
+        network: LpipsNetwork,
         /// Name of the tensor.
         tensor: String,
         /// Shape, or finite numbers.
@@ -37,7 +37,7 @@ pub enum LoadError {
 #[serde(rename_all = "kebab-case")]
 pub struct WeightsAbsent {
     /// Which network.
-    pub network: Network,
+    pub network: LpipsNetwork,
     /// Name of the missing file.
     pub file: String,
     /// How to get it, in one sentence.
@@ -47,7 +47,7 @@ pub struct WeightsAbsent {
 }
 
 impl WeightsAbsent {
-    pub(crate) fn new(network: Network, looked_in: Vec<PathBuf>) -> Self {
+    pub(crate) fn new(network: LpipsNetwork, looked_in: Vec<PathBuf>) -> Self {
         Self { network, file: network.file().to_owned(), advice: network.advice().to_owned(), looked_in }
     }
 
@@ -73,7 +73,7 @@ fn with_tilde(path: &Path, home: Option<&Path>) -> String {
     }
 }
 
-impl Network {
+impl LpipsNetwork {
     /// Published file name of the network's weights.
     pub const fn file(self) -> &'static str {
         match self {
@@ -151,7 +151,7 @@ impl WeightsFolders {
     ///
     /// # Errors
     /// [`WeightsAbsent`].
-    pub fn find(&self, network: Network) -> Result<PathBuf, WeightsAbsent> {
+    pub fn find(&self, network: LpipsNetwork) -> Result<PathBuf, WeightsAbsent> {
         let candidates = self.0.iter().map(|folder| folder.join(network.file()));
         candidates.into_iter().find(|path| path.is_file()).ok_or_else(|| WeightsAbsent::new(network, self.0.clone()))
     }
@@ -166,11 +166,11 @@ const ALEX_HEADS: &[u8] = include_bytes!("../../weights/lpips-v0.1-alex.safetens
 ///
 /// # Errors
 /// Never in practice: the embedded bytes are covered by tests.
-pub fn embedded_heads(network: Network) -> Option<Result<StoredTensors, LoadError>> {
+pub fn embedded_heads(network: LpipsNetwork) -> Option<Result<StoredTensors, LoadError>> {
     let bytes = match network {
-        Network::LpipsVgg => VGG_HEADS,
-        Network::LpipsAlex => ALEX_HEADS,
-        Network::StLpipsAlex | Network::StLpipsVgg => return None,
+        LpipsNetwork::LpipsVgg => VGG_HEADS,
+        LpipsNetwork::LpipsAlex => ALEX_HEADS,
+        LpipsNetwork::StLpipsAlex | LpipsNetwork::StLpipsVgg => return None,
     };
     Some(StoredTensors::parse(SharedBytes::new(bytes)).map_err(LoadError::from))
 }
@@ -197,17 +197,17 @@ mod tests {
     fn absent_weights_are_reported_with_instructions() {
         let folder = tempfile::tempdir().unwrap();
         let folders = WeightsFolders::new(vec![folder.path().to_owned()]);
-        let error = folders.find(Network::LpipsVgg).unwrap_err().to_string();
+        let error = folders.find(LpipsNetwork::LpipsVgg).unwrap_err().to_string();
         for part in ["vgg16-397923af.pth", "https://download.pytorch.org", &folder.path().display().to_string()] {
             assert!(error.contains(part), "{error}");
         }
         let reason = WeightsAbsent::without_folders(&error);
-        assert!(reason.ends_with(Network::LpipsVgg.advice()) && reason.contains("vgg16-397923af.pth"), "{reason}");
-        let elsewhere = WeightsAbsent::new(Network::LpipsVgg, Vec::new()).to_string();
+        assert!(reason.ends_with(LpipsNetwork::LpipsVgg.advice()) && reason.contains("vgg16-397923af.pth"), "{reason}");
+        let elsewhere = WeightsAbsent::new(LpipsNetwork::LpipsVgg, Vec::new()).to_string();
         assert_eq!(reason, WeightsAbsent::without_folders(&elsewhere));
         assert_eq!(WeightsAbsent::without_folders("another reason"), "another reason");
         std::fs::write(folder.path().join("vgg16-397923af.pth"), b"").unwrap();
-        assert!(folders.find(Network::LpipsVgg).is_ok());
+        assert!(folders.find(LpipsNetwork::LpipsVgg).is_ok());
     }
 
     #[test]

@@ -108,7 +108,7 @@ const fn column(measure: Measure) -> Option<&'static str> {
     match measure {
         Measure::Psnr { .. } => Some("psnr"),
         Measure::Ssim { .. } => Some("ssim"),
-        Measure::Perceptual { .. } => Some("lpips"),
+        Measure::Lpips { .. } => Some("lpips"),
         Measure::L1 { .. } => None,
     }
 }
@@ -148,7 +148,7 @@ mod tests {
             let column = match metric.measure {
                 Measure::Psnr { .. } => "psnr",
                 Measure::Ssim { .. } => "ssim",
-                Measure::Perceptual { .. } => "lpips",
+                Measure::Lpips { .. } => "lpips",
                 Measure::L1 { .. } => continue,
             };
             let preset = with_metrics(&format!("{column} = \"{}\"", metric.id)).unwrap();

@@ -54,7 +54,7 @@ pub enum PerceptualChoice {
     #[serde(rename_all = "kebab-case")]
     Learned {
         /// Which network.
-        network: atsplat_metrics::learned::Network,
+        network: atsplat_metrics::learned::LpipsNetwork,
         /// The network's weights, in the metric's format.
         weights: PathBuf,
     },

@@ -10,14 +10,14 @@
 mod d_ssim;
 mod distance;
 pub mod graph;
-mod learned;
+mod lpips;
 mod mse;
 mod perceptual;
 mod uncertainty;
 
 pub use d_ssim::{DSsim, d_ssim};
 pub use distance::log_distance;
-pub use learned::LearnedLoss;
+pub use lpips::LpipsLoss;
 pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;

@@ -1,7 +1,7 @@
 use burn::Tensor;
 use burn::tensor::Device;
 
-use super::learned::LearnedLoss;
+use super::lpips::LpipsLoss;
 use super::{Loss, Stack, d_ssim, graph};
 use crate::TrainError;
 use crate::config::PerceptualChoice;
@@ -12,19 +12,19 @@ pub enum Perceptual {
     /// `1 − SSIM`.
     DSsim,
     /// LPIPS or ST-LPIPS.
-    Learned(Box<LearnedLoss>),
+    Lpips(Box<LpipsLoss>),
 }
 
 impl Perceptual {
     /// The chosen loss; reads its weights, if it has any, to a device with gradients.
     ///
     /// # Errors
-    /// As [`LearnedLoss::read`].
+    /// As [`LpipsLoss::read`].
     pub fn new(choice: &PerceptualChoice, device: &Device) -> Result<Self, TrainError> {
         match choice {
             PerceptualChoice::DSsim => Ok(Self::DSsim),
             PerceptualChoice::Learned { network, weights } => {
-                Ok(Self::Learned(Box::new(LearnedLoss::read(*network, weights, device)?)))
+                Ok(Self::Lpips(Box::new(LpipsLoss::read(*network, weights, device)?)))
             }
         }
     }
@@ -33,7 +33,7 @@ impl Perceptual {
     pub fn name(&self) -> String {
         match self {
             Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in place of a learned loss".to_owned(),
-            Self::Learned(learned) => learned.name(),
+            Self::Lpips(lpips) => lpips.name(),
         }
     }
 
@@ -41,7 +41,7 @@ impl Perceptual {
     pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
         match self {
             Self::DSsim => d_ssim(render, truth, stack).loss,
-            Self::Learned(learned) => learned.evaluate(render, truth, stack),
+            Self::Lpips(lpips) => lpips.evaluate(render, truth, stack),
         }
     }
 
@@ -49,7 +49,7 @@ impl Perceptual {
     pub fn in_graph(&self, render: Tensor<4>, truth: Tensor<4>, d_ssim: &graph::DSsim, samples: usize) -> Tensor<1> {
         match self {
             Self::DSsim => graph::means(d_ssim.map(render, truth), samples),
-            Self::Learned(learned) => learned.distance(render, truth, samples),
+            Self::Lpips(lpips) => lpips.distance(render, truth, samples),
         }
     }
 }

@@ -15,7 +15,7 @@ use atsplat_eval::runner::{
 };
 use atsplat_eval::timing::TimingPlan;
 use atsplat_files::Sha256Digest;
-use atsplat_metrics::learned::{Network, Step};
+use atsplat_metrics::learned::{LpipsNetwork, Step};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_pixels::{Image, ImageU8, encode_png};
@@ -219,7 +219,7 @@ pub(crate) fn suite(ids: &[&str]) -> Suite {
 }
 
 /// Writes weights of a learned metric that are all zero, under the published file's name.
-pub(crate) fn write_zero_weights(folder: &Path, network: Network) -> PathBuf {
+pub(crate) fn write_zero_weights(folder: &Path, network: LpipsNetwork) -> PathBuf {
     let mut weights = StoredTensors::default();
     for step in network.steps() {
         let Step::Convolution { name, channels_in, channels_out, kernel, .. } = step else { continue };

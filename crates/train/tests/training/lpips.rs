@@ -1,11 +1,11 @@
 //! The learned loss against the metric of the same network, and its gradient against finite differences.
 
-use atsplat_metrics::learned::{Network, Perceptual, Step, WeightsHashes};
+use atsplat_metrics::learned::{Lpips, LpipsNetwork, Step, WeightsHashes};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::Image;
-use atsplat_train::losses::{LearnedLoss, Stack};
+use atsplat_train::losses::{LpipsLoss, Stack};
 use burn::tensor::Device;
 
 /// f32 convolutions with another order of sums.
@@ -18,7 +18,7 @@ fn numbers(name: &str, count: usize, bound: f32) -> Vec<f32> {
 }
 
 /// Weights from a seed, large enough that every layer contributes.
-fn weights(network: Network) -> [StoredTensors; 2] {
+fn weights(network: LpipsNetwork) -> [StoredTensors; 2] {
     let [mut weights, mut heads] = [StoredTensors::default(), StoredTensors::default()];
     let add = |into: &mut StoredTensors, name: String, shape: Vec<usize>, bound: f32, least: f32| {
         let values: Vec<f32> = numbers(&name, shape.iter().product(), bound).into_iter().map(|v| v + least).collect();
@@ -30,7 +30,7 @@ fn weights(network: Network) -> [StoredTensors; 2] {
         add(&mut weights, format!("{name}.weight"), vec![channels_out, channels_in, kernel, kernel], bound, 0.0);
         add(&mut weights, format!("{name}.bias"), vec![channels_out], 0.05, 0.0);
     }
-    for (name, channels) in Network::heads().into_iter().zip(network.channels()) {
+    for (name, channels) in LpipsNetwork::heads().into_iter().zip(network.channels()) {
         add(&mut heads, name, vec![1, channels, 1, 1], 0.5, 0.5);
     }
     [weights, heads]
@@ -43,12 +43,11 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
     let image = |name: &str| -> Vec<f32> { numbers(name, stack.samples(), 0.5).iter().map(|v| v + 0.5).collect() };
     let (render, truth) = (image("render"), image("truth"));
     let image = |samples: &[f32]| Image::new(36, 36, samples.to_vec()).unwrap();
-    for network in Network::ALL {
+    for network in LpipsNetwork::ALL {
         let [weights, heads] = weights(network);
-        let loss =
-            LearnedLoss::new(network, &weights, &heads, "seeded".to_owned(), &Device::flex().autodiff()).unwrap();
+        let loss = LpipsLoss::new(network, &weights, &heads, "seeded".to_owned(), &Device::flex().autodiff()).unwrap();
         let hashes = WeightsHashes { network: String::new(), heads: String::new() };
-        let metric = Perceptual::from_tensors(network, &weights, &heads, hashes).unwrap();
+        let metric = Lpips::from_tensors(network, &weights, &heads, hashes).unwrap();
         let evaluated = loss.evaluate(&render, &truth, stack);
         let [of_render, of_truth] = [&render, &truth].map(|samples| metric.features(&image(samples)).unwrap());
         let expected = metric.distance(&of_render, &of_truth).unwrap();
@@ -73,9 +72,9 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
 #[test]
 fn identical_images_have_distance_0_and_a_finite_gradient() {
     let stack = Stack { views: 2, height: 36, width: 36 };
-    let [weights, heads] = weights(Network::LpipsAlex);
+    let [weights, heads] = weights(LpipsNetwork::LpipsAlex);
     let loss =
-        LearnedLoss::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff()).unwrap();
+        LpipsLoss::new(LpipsNetwork::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff()).unwrap();
     for value in [0.0, 0.7] {
         let image = vec![value; stack.samples()];
         let evaluated = loss.evaluate(&image, &image, stack);
@@ -86,9 +85,9 @@ fn identical_images_have_distance_0_and_a_finite_gradient() {
 
 #[test]
 fn names_absent_weights() {
-    let [mut weights, heads] = weights(Network::LpipsAlex);
+    let [mut weights, heads] = weights(LpipsNetwork::LpipsAlex);
     weights.tensors.shift_remove("features.3.bias");
-    let error = LearnedLoss::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff())
+    let error = LpipsLoss::new(LpipsNetwork::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff())
         .unwrap_err()
         .to_string();
     assert!(error.contains("features.3.bias") && error.contains("[192]"), "{error}");

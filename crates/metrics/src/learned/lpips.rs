@@ -8,13 +8,13 @@ use super::architecture::Step;
 use super::convolution::{Convolution, rectify};
 use super::features::{Features, distances, normalised};
 use super::matrix::Activations;
-use super::{LoadError, Network, WeightsAbsent, WeightsFolders, embedded_heads, pooling};
+use super::{LoadError, LpipsNetwork, WeightsAbsent, WeightsFolders, embedded_heads, pooling};
 use crate::{MetricError, NonFinite};
 
-/// A learned metric with its weights.
+/// LPIPS or ST-LPIPS on one of its networks, with the weights.
 #[derive(Clone, Debug)]
-pub struct Perceptual {
-    network: Network,
+pub struct Lpips {
+    network: LpipsNetwork,
     steps: Vec<Step>,
     /// Those of the steps, in their order.
     convolutions: Vec<Convolution>,
@@ -35,12 +35,12 @@ pub struct WeightsHashes {
     pub heads: String,
 }
 
-impl Perceptual {
+impl Lpips {
     /// Loads the network's file, found by its published name, and the embedded heads.
     ///
     /// # Errors
-    /// [`LoadError::Absent`], and as [`Perceptual::from_file`].
-    pub fn find(network: Network, folders: &WeightsFolders) -> Result<Self, LoadError> {
+    /// [`LoadError::Absent`], and as [`Lpips::from_file`].
+    pub fn find(network: LpipsNetwork, folders: &WeightsFolders) -> Result<Self, LoadError> {
         let path = folders.find(network).map_err(LoadError::Absent)?;
         Self::from_file(network, &path)
     }
@@ -50,7 +50,7 @@ impl Perceptual {
     ///
     /// # Errors
     /// [`LoadError::Absent`] if the file does not exist; [`LoadError::File`], [`LoadError::Mismatch`].
-    pub fn from_file(network: Network, weights: &Path) -> Result<Self, LoadError> {
+    pub fn from_file(network: LpipsNetwork, weights: &Path) -> Result<Self, LoadError> {
         if !weights.is_file() {
             return Err(LoadError::Absent(WeightsAbsent::new(network, vec![weights.to_owned()])));
         }
@@ -64,8 +64,8 @@ impl Perceptual {
         };
         tracing::info!(metric = network.name(), file = %weights.display(), %file.sha256, "read weights of a metric");
         let hashes = WeightsHashes { network: file.sha256.to_string(), heads: heads_hash };
-        let perceptual = Self::from_tensors(network, &file.stored, &heads, hashes)?;
-        Ok(Self { file: Some(weights.to_owned()), ..perceptual })
+        let lpips = Self::from_tensors(network, &file.stored, &heads, hashes)?;
+        Ok(Self { file: Some(weights.to_owned()), ..lpips })
     }
 
     /// Builds the metric from tensors.
@@ -73,7 +73,7 @@ impl Perceptual {
     /// # Errors
     /// [`LoadError::Mismatch`] for a tensor that is missing, of another shape, or not finite.
     pub fn from_tensors(
-        network: Network,
+        network: LpipsNetwork,
         weights: &StoredTensors,
         heads: &StoredTensors,
         hashes: WeightsHashes,
@@ -91,14 +91,14 @@ impl Perceptual {
             convolutions.push(Convolution::new(shape, *stride, *padding, &weight, bias));
         }
         let mut head_weights: [Vec<f32>; 5] = Default::default();
-        for ((slot, name), channels) in head_weights.iter_mut().zip(Network::heads()).zip(network.channels()) {
+        for ((slot, name), channels) in head_weights.iter_mut().zip(LpipsNetwork::heads()).zip(network.channels()) {
             *slot = numbers(network, heads, &name, &[1, channels, 1, 1])?;
         }
         Ok(Self { network, steps, convolutions, heads: head_weights, hashes, file: None })
     }
 
     /// The network.
-    pub const fn network(&self) -> Network {
+    pub const fn network(&self) -> LpipsNetwork {
         self.network
     }
 
@@ -173,7 +173,7 @@ impl Perceptual {
         if (self.network, &self.hashes.network) == (features.network, &features.weights) {
             return Ok(());
         }
-        let named = |network: Network, weights: &str| format!("{} with the weights {weights}", network.name());
+        let named = |network: LpipsNetwork, weights: &str| format!("{} with the weights {weights}", network.name());
         let expected = named(self.network, &self.hashes.network);
         Err(MetricError::OtherFeatures { expected, found: named(features.network, &features.weights) })
     }
@@ -192,7 +192,7 @@ fn scaled(image: &Image) -> Activations {
     Activations { height, width, channels: 3, values: values.collect() }
 }
 
-fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
+fn numbers(network: LpipsNetwork, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
     let mismatch =
         |expected: String, found: String| LoadError::Mismatch { network, tensor: name.to_owned(), expected, found };
     let expected = || format!("shape {shape:?}");

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use atsplat_metrics::learned::{Network, SCALING, Step, embedded_heads};
+use atsplat_metrics::learned::{LpipsNetwork, SCALING, Step, embedded_heads};
 use atsplat_model::network::f32_values;
 use atsplat_model::weights::{StoredTensors, TensorFile};
 use burn::Tensor;
@@ -16,10 +16,10 @@ use crate::TrainError;
 /// Smallest length of a feature vector: lpips `normalize_tensor`.
 const EPSILON: f64 = 1e-10;
 
-/// A learned loss with its weights.
+/// LPIPS or ST-LPIPS with its weights.
 #[derive(Debug)]
-pub struct LearnedLoss {
-    network: Network,
+pub struct LpipsLoss {
+    network: LpipsNetwork,
     sha256: String,
     steps: Vec<Step>,
     /// Those of the steps, in their order.
@@ -35,13 +35,13 @@ struct Convolution {
     options: ConvOptions<2>,
 }
 
-impl LearnedLoss {
+impl LpipsLoss {
     /// Reads a network's weights to a device with gradients, as the metric does: torchvision's state dict for LPIPS, the package's
     /// separate file for ST-LPIPS.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
-    pub fn read(network: Network, path: &Path, device: &Device) -> Result<Self, TrainError> {
+    pub fn read(network: LpipsNetwork, path: &Path, device: &Device) -> Result<Self, TrainError> {
         let file = TensorFile::open(path)?;
         let heads = match embedded_heads(network) {
             Some(heads) => heads.map_err(|error| TrainError::malformed("heads", network.name(), "tensors", error))?,
@@ -55,7 +55,7 @@ impl LearnedLoss {
     /// # Errors
     /// As [`Self::read`].
     pub fn new(
-        network: Network,
+        network: LpipsNetwork,
         weights: &StoredTensors,
         heads: &StoredTensors,
         sha256: String,
@@ -79,7 +79,7 @@ impl LearnedLoss {
             let options = ConvOptions::new([*stride; 2], [*padding; 2], [1; 2], 1);
             convolutions.push(Convolution { weight, bias, options });
         }
-        let heads = Network::heads()
+        let heads = LpipsNetwork::heads()
             .into_iter()
             .zip(network.channels())
             .map(|(name, channels)| Ok(Tensor::from_data(numbers(heads, &name, &[1, channels, 1, 1])?, device)));
