@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::{
-    EvaluationIndex, IndexFile, IndexLayout, IndexMatch, IndexNotices, KNOWN_INDICES, KnownIndex, LintOptions,
-    LintReport, Preset, TableSharing, compare, lint_file,
+    IndexFile, IndexLayout, IndexMatch, IndexNotices, KNOWN_INDICES, KnownIndex, LintOptions, LintReport, Preset,
+    TableSharing, compare, lint_file,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::shared_data;
@@ -245,6 +245,6 @@ fn truncated_files_are_errors() {
     let Some(official) = Official::of("truncated_files_are_errors") else { return };
     let bytes = std::fs::read(official.path("depthsplat-dl3dv-2v-10")).unwrap();
     for length in (0..bytes.len()).step_by(97) {
-        assert!(EvaluationIndex::from_json(&bytes[..length]).is_err(), "{length} bytes");
+        assert!(IndexFile::parse(&bytes[..length]).is_err(), "{length} bytes");
     }
 }

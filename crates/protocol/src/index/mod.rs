@@ -26,8 +26,6 @@ pub use layout::{AbsentForm, IndexLayout, SingleEntryForm, Spacing};
 pub use mismatch::IndexMismatch;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
-use crate::ProtocolError;
-
 /// Context and target frames of one scene.
 ///
 /// Frame numbers are positions in [`atsplat_scene::Scene::frames`], not timestamps or file numbers.
@@ -96,11 +94,9 @@ pub struct EvaluationIndex {
 }
 
 impl EvaluationIndex {
-    /// Reads an index from JSON text. Unlike [`IndexFile::parse`], it rejects a scene key that occurs twice.
-    ///
-    /// # Errors
-    /// [`ProtocolError::Malformed`] with scene key, field, line and column.
-    pub fn from_json(bytes: &[u8]) -> Result<Self, ProtocolError> {
+    /// Reads an index from JSON text, which must list each scene once.
+    #[cfg(test)]
+    pub(crate) fn from_json(bytes: &[u8]) -> Result<Self, crate::ProtocolError> {
         IndexFile::parse(bytes)?.into_unambiguous()
     }
 

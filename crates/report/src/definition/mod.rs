@@ -59,8 +59,8 @@ pub struct TableDefinition {
     /// Whether methods that match no row get additional rows, except for ablations.
     #[serde(default)]
     pub others: bool,
-    /// Whether ablations get additional rows too.
-    #[serde(default)]
+    /// Whether ablations get additional rows too, as in tables of one protocol.
+    #[serde(skip)]
     pub ablations: bool,
     /// Whether intervals are printed next to the numbers.
     #[serde(default)]

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 use super::plants::rod;
 use super::shell::Opening;
 use super::{glossy, matte};
-use crate::material::{Palette, Pattern};
+use crate::material::Pattern;
 use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::shape::Shape;

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::{glossy, matte, plants};
 use crate::lamp::Lamp;
-use crate::material::{Material, Palette, Pattern};
+use crate::material::{Material, Pattern};
 use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::shape::Shape;

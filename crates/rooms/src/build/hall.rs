@@ -7,7 +7,7 @@ use super::furniture::Piece;
 use super::shell::{Opening, floor_material, wall, wall_material};
 use super::{matte, sky};
 use crate::lamp::Lamp;
-use crate::material::{Material, Palette, Pattern};
+use crate::material::{Material, Pattern};
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::world::{Builder, World};

@@ -8,7 +8,7 @@ use super::furniture::{Piece, shade};
 use super::shell::{Opening, floor_material, wall, wall_material};
 use super::{glossy, matte, sky};
 use crate::lamp::Lamp;
-use crate::material::{Material, Palette, Pattern};
+use crate::material::{Material, Pattern};
 use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::shape::Shape;

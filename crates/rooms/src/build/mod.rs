@@ -11,7 +11,7 @@ mod yard;
 use crate::SceneKind;
 use glam::Vec3;
 
-use crate::material::{Material, Palette, Pattern};
+use crate::material::{Material, Pattern};
 use crate::noise;
 use crate::rng::Rng;
 use crate::sky::Sky;

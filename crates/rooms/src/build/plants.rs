@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{glossy, matte};
-use crate::material::{Palette, Pattern};
+use crate::material::Pattern;
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::world::Builder;

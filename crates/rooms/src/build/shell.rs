@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 
 use super::{glossy, matte};
-use crate::material::{Material, Palette, Pattern};
+use crate::material::{Material, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
 

@@ -8,7 +8,7 @@ use super::plants::{rod, tree};
 use super::shell::{Opening, wall, wall_material};
 use super::{glossy, matte, sky};
 use crate::lamp::Lamp;
-use crate::material::{Palette, Pattern};
+use crate::material::Pattern;
 use crate::rng::Rng;
 use crate::shape::Shape;
 use crate::world::{Builder, World};

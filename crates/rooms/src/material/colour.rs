@@ -25,23 +25,9 @@ pub(crate) fn from_hsv(hue: f64, saturation: f64, value: f64) -> Vec3 {
 }
 
 /// Random colours for kinds of materials.
-pub(crate) trait Palette {
+impl Rng {
     /// Wall paint: light and weakly saturated, sometimes bold.
-    fn paint(&mut self) -> Vec3;
-    /// Light and dark grain of one wood.
-    fn wood(&mut self) -> [Vec3; 2];
-    /// Two matching colours.
-    fn pair(&mut self) -> [Vec3; 2];
-    /// Light and dark colour of stone, concrete or tile, weakly saturated.
-    fn stone(&mut self) -> [Vec3; 2];
-    /// Two greens.
-    fn leaves(&mut self) -> [Vec3; 2];
-    /// Seed of a material.
-    fn seed(&mut self) -> u32;
-}
-
-impl Palette for Rng {
-    fn paint(&mut self) -> Vec3 {
+    pub(crate) fn paint(&mut self) -> Vec3 {
         let bold = self.chance(0.2);
         let hue = self.unit();
         if bold {
@@ -51,30 +37,35 @@ impl Palette for Rng {
         }
     }
 
-    fn wood(&mut self) -> [Vec3; 2] {
+    /// Light and dark grain of one wood.
+    pub(crate) fn wood(&mut self) -> [Vec3; 2] {
         let (hue, saturation, value) = (self.within(0.05, 0.1), self.within(0.25, 0.6), self.within(0.35, 0.85));
         [from_hsv(hue, saturation, value), from_hsv(hue - 0.01, saturation + 0.1, value * 0.6)]
     }
 
-    fn pair(&mut self) -> [Vec3; 2] {
+    /// Two matching colours.
+    pub(crate) fn pair(&mut self) -> [Vec3; 2] {
         let hue = self.unit();
         let other = hue + self.pick(0.0, &[0.08, 0.5, 0.33]);
         let (saturation, value) = (self.within(0.1, 0.8), self.within(0.3, 0.9));
         [from_hsv(hue, saturation, value), from_hsv(other, self.within(0.05, 0.6), self.within(0.2, 0.95))]
     }
 
-    fn stone(&mut self) -> [Vec3; 2] {
+    /// Light and dark colour of stone, concrete or tile, weakly saturated.
+    pub(crate) fn stone(&mut self) -> [Vec3; 2] {
         let (hue, saturation, value) = (self.within(0.04, 0.15), self.within(0.0, 0.25), self.within(0.45, 0.85));
         [from_hsv(hue, saturation, value), from_hsv(hue, saturation, value * self.within(0.6, 0.85))]
     }
 
-    fn leaves(&mut self) -> [Vec3; 2] {
+    /// Two greens.
+    pub(crate) fn leaves(&mut self) -> [Vec3; 2] {
         let hue = self.within(0.17, 0.32);
         let (saturation, value) = (self.within(0.3, 0.55), self.within(0.4, 0.6));
         [from_hsv(hue, saturation, value), from_hsv(hue + 0.03, saturation, value * self.within(0.45, 0.6))]
     }
 
-    fn seed(&mut self) -> u32 {
+    /// Seed of a material.
+    pub(crate) fn seed(&mut self) -> u32 {
         (self.next() >> 32) as u32
     }
 }

@@ -10,7 +10,7 @@ mod tiling;
 
 use glam::{Vec2, Vec3};
 
-pub(crate) use colour::{Palette, from_hsv, srgb_encoded};
+pub(crate) use colour::{from_hsv, srgb_encoded};
 
 use crate::noise::{faded, fractal_noise};
 
