@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail like tests")]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use atsplat_model::budget::Budget;
@@ -123,6 +123,18 @@ fn selections_agree_with_pytorch() {
         }
     }
     assert!(chosen > 300, "the fixtures expand tokens: {chosen}");
+}
+
+/// The message for an unknown rule has the names of all.
+#[test]
+fn every_selection_rule_has_a_fixture() {
+    let unknown = serde_json::from_value::<Selection>(serde_json::json!({ "kind": "" })).unwrap_err().to_string();
+    let known: BTreeSet<&str> = unknown.split('`').skip(3).step_by(2).collect();
+    assert!(known.contains("uncertainty") && known.len() > 3, "{unknown}");
+    let fixtures = Fixture::all();
+    let expands = |fixture: &&Fixture| fixture.config.expanding_blocks() > 0;
+    let compared = fixtures.iter().filter(expands).map(|fixture| fixture.config.expansion.selection.name());
+    assert_eq!(compared.collect::<BTreeSet<_>>(), known);
 }
 
 #[test]
