@@ -181,24 +181,24 @@ impl Scratch {
     fn quantities(&mut self, taps: &[f32; TAPS], render: &[f32], truth: &[f32], into: &mut [f32]) {
         let (images, (means, rest)) = ((render, truth), into.split_at_mut(2 * self.stride));
         let ((mean_x, mean_y), (squares, products)) = (means.split_at_mut(self.stride), rest.split_at_mut(self.stride));
-        self.blur_of(taps, images, BLACK[0], mean_x, |x, _| x);
-        self.blur_of(taps, images, BLACK[1], mean_y, |_, y| y);
-        self.blur_of(taps, images, BLACK[2], squares, |x, y| x * x + y * y);
-        self.blur_of(taps, images, BLACK[3], products, |x, y| x * y);
+        self.blur_quantity(taps, images, BLACK[0], mean_x, |x, _| x);
+        self.blur_quantity(taps, images, BLACK[1], mean_y, |_, y| y);
+        self.blur_quantity(taps, images, BLACK[2], squares, |x, y| x * x + y * y);
+        self.blur_quantity(taps, images, BLACK[3], products, |x, y| x * y);
     }
 
     #[inline(always)]
-    fn blur_of(
+    fn blur_quantity(
         &mut self,
         taps: &[f32; TAPS],
         (render, truth): (&[f32], &[f32]),
         black: f32,
         into: &mut [f32],
-        of: impl Fn(f32, f32) -> f32,
+        quantity: impl Fn(f32, f32) -> f32,
     ) {
         self.padded.fill(black);
         for ((slot, x), y) in self.padded[RADIUS * CHANNELS..].iter_mut().zip(render).zip(truth) {
-            *slot = of(x - GREY, y - GREY);
+            *slot = quantity(x - GREY, y - GREY);
         }
         blur_row(taps, &self.padded, into);
     }

@@ -388,12 +388,15 @@ mod tests {
 
     #[test]
     fn impossible_scores_are_outside_the_range() {
-        let of = |id: &str, scores: [f64; 2]| scores.map(|score| definition(id).unwrap().is_possible(score));
-        assert_eq!(of("ssim", [-1.0 - 1e-9, 1.0 + 1e-9]), [true; 2], "rounding");
-        assert_eq!([of("ssim", [-1.01, 1.01]), of("ssim-inria", [5.0, f64::NAN])], [[false; 2]; 2]);
-        assert_eq!([of("l1", [-0.1, 1.1]), of("l1", [0.0, 1.0])], [[false; 2], [true; 2]]);
-        assert_eq!([of("psnr", [-0.1, 150.0]), of("psnr-unclipped", [-40.0, 9.0])], [[false, true], [true; 2]]);
-        assert_eq!([of("lpips", [-0.1, 1.4]), of("st-lpips", [-0.1, 1.4])], [[false, true], [true; 2]]);
+        let possible = |id: &str, scores: [f64; 2]| scores.map(|score| definition(id).unwrap().is_possible(score));
+        assert_eq!(possible("ssim", [-1.0 - 1e-9, 1.0 + 1e-9]), [true; 2], "rounding");
+        assert_eq!([possible("ssim", [-1.01, 1.01]), possible("ssim-inria", [5.0, f64::NAN])], [[false; 2]; 2]);
+        assert_eq!([possible("l1", [-0.1, 1.1]), possible("l1", [0.0, 1.0])], [[false; 2], [true; 2]]);
+        assert_eq!(
+            [possible("psnr", [-0.1, 150.0]), possible("psnr-unclipped", [-40.0, 9.0])],
+            [[false, true], [true; 2]]
+        );
+        assert_eq!([possible("lpips", [-0.1, 1.4]), possible("st-lpips", [-0.1, 1.4])], [[false, true], [true; 2]]);
         assert!(definitions().iter().all(|definition| definition.is_possible(definition.range()[1])));
         for network in [LpipsNetwork::LpipsVgg, LpipsNetwork::LpipsAlex] {
             let heads = crate::learned::embedded_heads(network).unwrap().unwrap();

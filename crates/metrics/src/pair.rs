@@ -50,6 +50,6 @@ impl<'a> Pair<'a> {
 
     /// The samples of both images.
     pub(crate) fn rows(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
-        [values.of(self.render.samples()), values.of(self.truth.samples())]
+        [values.converted(self.render.samples()), values.converted(self.truth.samples())]
     }
 }

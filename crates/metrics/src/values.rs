@@ -19,12 +19,12 @@ impl Values {
     /// The converted image.
     #[expect(clippy::expect_used, reason = "the number of samples does not change")]
     pub(crate) fn image(self, image: &Image) -> Image {
-        let samples = self.of(image.samples()).into_owned();
+        let samples = self.converted(image.samples()).into_owned();
         Image::new(image.width(), image.height(), samples).expect("as many samples as the original")
     }
 
     /// The converted samples.
-    pub(crate) fn of(self, samples: &[f32]) -> Cow<'_, [f32]> {
+    pub(crate) fn converted(self, samples: &[f32]) -> Cow<'_, [f32]> {
         let clip = |sample: &f32| sample.clamp(0.0, 1.0);
         match self {
             Self::AsRendered => Cow::Borrowed(samples),
@@ -50,7 +50,7 @@ mod tests {
         let image = Image::new(1100, 1, samples.clone()).unwrap();
         for rounding in [Rounding::Truncate, Rounding::Nearest] {
             let read = Image::from_u8(&image.to_u8(rounding).unwrap());
-            let found = Values::EightBit(rounding).of(&samples);
+            let found = Values::EightBit(rounding).converted(&samples);
             let [found, expected] = [&*found, read.samples()].map(|v| v.iter().copied().map(f64::from));
             Tolerance::EXACT.assert(found, expected, "8 bits");
         }
@@ -58,8 +58,8 @@ mod tests {
 
     #[test]
     fn clipping_keeps_values_inside_the_range() {
-        let clipped = Values::Clipped.of(&[-0.5, 0.25, 1.5]).iter().copied().map(f64::from).collect::<Vec<_>>();
+        let clipped = Values::Clipped.converted(&[-0.5, 0.25, 1.5]).iter().copied().map(f64::from).collect::<Vec<_>>();
         Tolerance::EXACT.assert(clipped, [0.0, 0.25, 1.0], "clipped");
-        assert!(matches!(Values::AsRendered.of(&[2.0]), Cow::Borrowed([..])));
+        assert!(matches!(Values::AsRendered.converted(&[2.0]), Cow::Borrowed([..])));
     }
 }

@@ -109,12 +109,12 @@ fn lpips_of_gaussian_splatting_agrees_with_its_formula() {
     networks.add(Arc::new(lpips(LpipsNetwork::LpipsVgg)));
     let metrics = ["lpips", "lpips-inria-8bit-rounded"].map(|id| definition(id).unwrap());
     let suite = Suite::new(metrics.to_vec(), networks, 1 << 26);
-    let of = |network: &str| {
+    let cases_of = |network: &str| {
         let cases: Vec<_> = golden.as_array().unwrap().iter().filter(|case| case["network"] == network).collect();
         assert_eq!(cases.len(), 2, "cases of {network}");
         cases
     };
-    for (scaled, unscaled) in of("lpips-vgg").into_iter().zip(of("lpips-vgg-inria")) {
+    for (scaled, unscaled) in cases_of("lpips-vgg").into_iter().zip(cases_of("lpips-vgg-inria")) {
         let truth = common::truth(unscaled);
         let render = common::render(&truth, unscaled["seed"].as_u64().unwrap());
         let scores = suite.score(&render, &truth).scores;
@@ -128,9 +128,9 @@ fn lpips_of_gaussian_splatting_agrees_with_its_formula() {
 fn distances_are_independent_of_threads_and_caches() {
     let lpips = lpips(LpipsNetwork::LpipsAlex);
     let (a, b) = (seeded(71, 64, 1), seeded(71, 64, 2));
-    let of = |threads| on_threads(threads, || distance(&lpips, &a, &b));
-    let value = of(1);
-    Tolerance::EXACT.assert([of(2), of(5)], [value; 2], "any threads");
+    let distance_on = |threads| on_threads(threads, || distance(&lpips, &a, &b));
+    let value = distance_on(1);
+    Tolerance::EXACT.assert([distance_on(2), distance_on(5)], [value; 2], "any threads");
     Tolerance::EXACT.assert([distance(&lpips, &a, &a)], [0.0], "itself");
     Tolerance::EXACT.assert([distance(&lpips, &b, &a)], [value], "symmetric");
 

@@ -102,10 +102,10 @@ fn identical_images_are_recognised() {
 
 #[test]
 fn invalid_pairs_are_typed_errors() {
-    let of = |width, height| seeded(width, height, 1);
-    let (one, ten, wide) = (of(1, 1), of(10, 10), of(12, 6));
+    let image = |width, height| seeded(width, height, 1);
+    let (one, ten, wide) = (image(1, 1), image(10, 10), image(12, 6));
     assert!(matches!(Pair::new(&ten, &wide), Err(MetricError::SizeMismatch { expected: [10, 10], found: [12, 6] })));
-    let error = Pair::new(&wide, &of(6, 12)).unwrap_err();
+    let error = Pair::new(&wide, &image(6, 12)).unwrap_err();
     assert_eq!(error.to_string(), "truth: expected 12×6 pixels like the render, found 6×12");
     let empty = Image::new(0, 5, vec![]).unwrap();
     assert!(matches!(Pair::new(&empty, &empty), Err(MetricError::Empty { size: [0, 5] })));

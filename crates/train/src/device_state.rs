@@ -25,12 +25,14 @@ impl DeviceState {
         let network = state.parameters.network(template)?;
         let (layout, device) = (network.flat_layout(), network.device());
         let flat = |values: &Vec<Vec<f32>>| layout.flattened(values, &device);
-        let of_moments = |part: fn(&Moments) -> &Vec<f32>| {
+        let flat_moments = |part: fn(&Moments) -> &Vec<f32>| {
             let values: Vec<Vec<f32>> = state.moments.iter().map(|moments| part(moments).clone()).collect();
             flat(&values)
         };
-        let moments =
-            FlatMoments { first: of_moments(|moments| &moments.first), second: of_moments(|moments| &moments.second) };
+        let moments = FlatMoments {
+            first: flat_moments(|moments| &moments.first),
+            second: flat_moments(|moments| &moments.second),
+        };
         let average = state.average.as_ref().map(flat);
         Ok(Self { decays: network.flat_matrices(), network, moments, average })
     }

@@ -122,8 +122,8 @@ impl Evaluation {
             let found = format!("{} identical to their context view or render", identical.len());
             return Err(TrainError::malformed("evaluation", "targets", expected, found));
         }
-        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| {
-            scored.iter().map(|(_, pair)| of(pair)).sum::<f64>() / scored.len() as f64
+        let mean = |score: &dyn Fn(&[Scores; 2]) -> f64| {
+            scored.iter().map(|(_, pair)| score(pair)).sum::<f64>() / scored.len() as f64
         };
         Ok(EvaluationRecord {
             step,

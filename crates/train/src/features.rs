@@ -108,10 +108,10 @@ mod tests {
     #[test]
     fn processors_and_precisions_have_features_of_their_own() {
         let (config, frozen) = (ModelConfig::named("paper-re10k").unwrap(), StoredTensors::default());
-        let of = |precision, processor| identity(&config, &frozen, precision, processor);
-        let first = of(MatmulPrecision::F32, "a processor");
-        assert_eq!(first, of(MatmulPrecision::F32, "a processor"));
-        assert_ne!(first, of(MatmulPrecision::F32, "another"));
-        assert_ne!(first, of(MatmulPrecision::Bf16, "a processor"));
+        let identity_of = |precision, processor| identity(&config, &frozen, precision, processor);
+        let first = identity_of(MatmulPrecision::F32, "a processor");
+        assert_eq!(first, identity_of(MatmulPrecision::F32, "a processor"));
+        assert_ne!(first, identity_of(MatmulPrecision::F32, "another"));
+        assert_ne!(first, identity_of(MatmulPrecision::Bf16, "a processor"));
     }
 }

@@ -155,8 +155,8 @@ pub fn read<R: Record>(path: &Path) -> Result<Vec<R>, TrainError> {
 /// # Errors
 /// [`TrainError::Io`], [`TrainError::Columns`].
 pub fn write_steps(path: &Path, records: &[StepRecord]) -> Result<(), TrainError> {
-    let numbers = |name: &str, of: &dyn Fn(&StepRecord) -> Option<f64>| {
-        Column::new(name.into(), records.iter().map(of).collect::<Vec<Option<f64>>>())
+    let numbers = |name: &str, number: &dyn Fn(&StepRecord) -> Option<f64>| {
+        Column::new(name.into(), records.iter().map(number).collect::<Vec<Option<f64>>>())
     };
     let mut columns = vec![Column::new("step".into(), records.iter().map(|record| record.step).collect::<Vec<u64>>())];
     for (position, (name, _)) in Terms::default().named().into_iter().enumerate() {
@@ -180,11 +180,11 @@ pub fn write_steps(path: &Path, records: &[StepRecord]) -> Result<(), TrainError
 /// # Errors
 /// [`TrainError::Io`], [`TrainError::Columns`].
 pub fn write_evaluations(path: &Path, records: &[EvaluationRecord]) -> Result<(), TrainError> {
-    let numbers = |name: &str, of: fn(&EvaluationRecord) -> f64| {
-        Column::new(name.into(), records.iter().map(of).collect::<Vec<f64>>())
+    let numbers = |name: &str, number: fn(&EvaluationRecord) -> f64| {
+        Column::new(name.into(), records.iter().map(number).collect::<Vec<f64>>())
     };
-    let counts = |name: &str, of: fn(&EvaluationRecord) -> usize| {
-        Column::new(name.into(), records.iter().map(|record| of(record) as u64).collect::<Vec<u64>>())
+    let counts = |name: &str, count: fn(&EvaluationRecord) -> usize| {
+        Column::new(name.into(), records.iter().map(|record| count(record) as u64).collect::<Vec<u64>>())
     };
     let columns = vec![
         Column::new("step".into(), records.iter().map(|record| record.step).collect::<Vec<u64>>()),

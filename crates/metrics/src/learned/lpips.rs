@@ -135,17 +135,17 @@ impl Lpips {
             return Err(MetricError::NonFinite(non_finite));
         }
         let mut maps = Vec::new();
-        let mut at = scaled(image);
+        let mut activations = scaled(image);
         let mut convolutions = self.convolutions.iter();
         for step in &self.steps {
             match step {
                 Step::Convolution { relu, .. } => {
-                    at = convolutions.next().expect("each such step has one").apply(&at, *relu);
+                    activations = convolutions.next().expect("each such step has one").apply(&activations, *relu);
                 }
-                Step::Relu => rectify(&mut at.values),
-                Step::MaxPool { kernel, stride } => at = pooling::max_pool(&at, *kernel, *stride),
-                Step::BlurPool => at = pooling::blur_pool(&at),
-                Step::Tap => maps.push(normalised(at.clone())),
+                Step::Relu => rectify(&mut activations.values),
+                Step::MaxPool { kernel, stride } => activations = pooling::max_pool(&activations, *kernel, *stride),
+                Step::BlurPool => activations = pooling::blur_pool(&activations),
+                Step::Tap => maps.push(normalised(activations.clone())),
             }
         }
         Ok(Features { network: self.network, weights: self.hashes.network.clone(), image: size, maps })

@@ -12,8 +12,8 @@ pub(super) fn max_pool(input: &Activations, kernel: usize, stride: usize) -> Act
         for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
             pixel.fill(f32::NEG_INFINITY);
             for (ky, kx) in (0..kernel).flat_map(|ky| (0..kernel).map(move |kx| (ky, kx))) {
-                let at = ((y * stride + ky) * input.width + x * stride + kx) * channels;
-                for (slot, value) in pixel.iter_mut().zip(&input.values[at..at + channels]) {
+                let start = ((y * stride + ky) * input.width + x * stride + kx) * channels;
+                for (slot, value) in pixel.iter_mut().zip(&input.values[start..start + channels]) {
                     *slot = value.maximum_of(*slot);
                 }
             }
@@ -41,8 +41,8 @@ pub(super) fn blur_pool(input: &Activations) -> Activations {
         for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
             for (ky, kx) in (0..3).flat_map(|ky| (0..3).map(move |kx| (ky, kx))) {
                 let weight = [1.0, 2.0, 1.0][ky] * [1.0, 2.0, 1.0][kx] / 16.0;
-                let at = reflected(2 * y + ky, input.height) * input.width + reflected(2 * x + kx, input.width);
-                for (slot, value) in pixel.iter_mut().zip(&input.values[at * channels..(at + 1) * channels]) {
+                let from = reflected(2 * y + ky, input.height) * input.width + reflected(2 * x + kx, input.width);
+                for (slot, value) in pixel.iter_mut().zip(&input.values[from * channels..(from + 1) * channels]) {
                     *slot += weight * value;
                 }
             }

@@ -181,16 +181,16 @@ mod tests {
 
     #[test]
     fn folders_follow_torch_hub() {
-        let of = |set: &[(&str, &str)]| {
+        let folders = |set: &[(&str, &str)]| {
             let variables: Vec<(String, PathBuf)> = set.iter().map(|(k, v)| ((*k).to_owned(), v.into())).collect();
             WeightsFolders::torch_hub_of(|name| variables.iter().find(|(k, _)| k == name).map(|(_, v)| v.clone())).0
         };
         let home = ("HOME", "/h");
-        assert_eq!(of(&[home]), [Path::new("/h/.cache/torch/hub/checkpoints")]);
-        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "/c")]), [Path::new("/c/torch/hub/checkpoints")]);
-        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "/c"), ("TORCH_HOME", "/t")]), [Path::new("/t/hub/checkpoints")]);
-        assert_eq!(of(&[home, ("TORCH_HOME", "")]), [Path::new("/h/.cache/torch/hub/checkpoints")]);
-        assert!(of(&[]).is_empty());
+        assert_eq!(folders(&[home]), [Path::new("/h/.cache/torch/hub/checkpoints")]);
+        assert_eq!(folders(&[home, ("XDG_CACHE_HOME", "/c")]), [Path::new("/c/torch/hub/checkpoints")]);
+        assert_eq!(folders(&[home, ("XDG_CACHE_HOME", "/c"), ("TORCH_HOME", "/t")]), [Path::new("/t/hub/checkpoints")]);
+        assert_eq!(folders(&[home, ("TORCH_HOME", "")]), [Path::new("/h/.cache/torch/hub/checkpoints")]);
+        assert!(folders(&[]).is_empty());
     }
 
     #[test]

@@ -17,9 +17,9 @@ fn scalar_and_simd_results_are_bit_identical() {
     let [a, b] = images();
     let pair = Pair::new(&a, &b).unwrap();
     for convention in [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::TORCHMETRICS] {
-        let of =
+        let similarities =
             |arch| rows_at(arch, &pair.rows(Values::AsRendered), pair.size(), convention, <[f64]>::to_vec).concat();
-        Tolerance::EXACT.assert(of(Arch::Scalar), of(Arch::new()), "similarities");
+        Tolerance::EXACT.assert(similarities(Arch::Scalar), similarities(Arch::new()), "similarities");
     }
 }
 

@@ -290,10 +290,10 @@ pub(super) fn entry<'a>(stored: &'a StoredTensors, key: &str) -> Result<&'a Stri
 /// After this many steps, with one trained and one frozen number.
 #[cfg(test)]
 pub(super) fn with_one_number(step: u64, frozen: f32) -> State {
-    let of = |value: f32| StoredTensor::from_f32(vec![1], &[value]).unwrap();
+    let tensor = |value: f32| StoredTensor::from_f32(vec![1], &[value]).unwrap();
     let parameter = Parameter { name: "weight".to_owned(), shape: vec![1], trained: true };
     let mut tensors = StoredTensors::default();
-    tensors.tensors.insert("backbone.weight".to_owned(), of(frozen));
+    tensors.tensors.insert("backbone.weight".to_owned(), tensor(frozen));
     let parameters = Parameters::of_values(vec![parameter], vec![vec![0.5]]).with_frozen(tensors);
     State { step, updates: step, ..State::new(parameters) }
 }

@@ -103,14 +103,14 @@ mod tests {
             config.notices(&config.model.config().unwrap())
         };
         assert_eq!(notices("[2, 2]", "min = 4, max = 8", 2), [""; 0]);
-        let of = |gaps: &str, views: u32, least: u32| {
+        let notice = |gaps: &str, views: u32, least: u32| {
             format!(
                 "data[0].source.rooms.views.gaps: {gaps} for {views} context views at step 0: those below {least} leave no \
                  room for the views, their targets and insets"
             )
         };
-        assert_eq!(notices("[2, 2]", "min = 3, max = 8", 2), [of("3 to 8", 2, 4)]);
-        assert_eq!(notices("[2, 4]", "min = 6, max = 9", 2), [of("3 to 4", 2, 4)]);
+        assert_eq!(notices("[2, 2]", "min = 3, max = 8", 2), [notice("3 to 8", 2, 4)]);
+        assert_eq!(notices("[2, 4]", "min = 6, max = 9", 2), [notice("3 to 4", 2, 4)]);
     }
 
     /// Two views of 256x256 have 256 patches of 16 pixels each.

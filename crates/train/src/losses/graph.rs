@@ -33,15 +33,15 @@ pub fn uncertainty(rendered: Tensor<3>, error_map: Tensor<3>, samples: usize) ->
 pub fn log_distance(predicted: Tensor<2>, exact: &[&[f32]]) -> Tensor<1> {
     let (samples, patches) = (exact.len(), exact.first().map_or(0, |exact| exact.len()));
     // Sky counts for nothing, whatever is predicted there.
-    let of = |part: fn(f32) -> f32| {
+    let tensor = |part: fn(f32) -> f32| {
         let values: Vec<f32> = exact.iter().flat_map(|exact| exact.iter().map(|exact| part(*exact))).collect();
         Tensor::<2>::from_data(TensorData::new(values, [samples, patches]), &predicted.device())
     };
-    let weight = of(|exact| if exact == f32::INFINITY { 0.0 } else { 1.0 });
+    let weight = tensor(|exact| if exact == f32::INFINITY { 0.0 } else { 1.0 });
     let counts: Vec<f32> =
         exact.iter().map(|exact| exact.iter().filter(|exact| exact.is_finite()).count().max(1) as f32).collect();
     let counts = Tensor::<1>::from_data(TensorData::new(counts, [samples]), &predicted.device());
-    let exact = of(|exact| if exact == f32::INFINITY { 1.0 } else { exact });
+    let exact = tensor(|exact| if exact == f32::INFINITY { 1.0 } else { exact });
     let known = predicted * weight.clone() + (weight.clone() * -1.0 + 1.0);
     ((known.log() - exact.log()).abs() * weight).sum_dim(1).squeeze_dim::<1>(1) / counts
 }

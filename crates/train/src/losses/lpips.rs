@@ -128,24 +128,24 @@ impl LpipsLoss {
         let device = images.device();
         let [shift, scale] = SCALING.map(|numbers| Tensor::<1>::from_floats(numbers, &device).reshape([1, 1, 1, 3]));
         let scaled = (images * 2.0 - 1.0 - shift) / scale;
-        let mut at = scaled.permute([0, 3, 1, 2]);
+        let mut map = scaled.permute([0, 3, 1, 2]);
         let mut maps = Vec::new();
         let mut convolutions = self.convolutions.iter();
         for step in &self.steps {
-            at = match step {
+            map = match step {
                 Step::Convolution { relu, .. } => {
                     let Convolution { weight, bias, options } = convolutions.next().expect("each such step has one");
-                    let at = conv2d(at, weight.clone(), Some(bias.clone()), options.clone());
-                    if *relu { activation::relu(at) } else { at }
+                    let map = conv2d(map, weight.clone(), Some(bias.clone()), options.clone());
+                    if *relu { activation::relu(map) } else { map }
                 }
-                Step::Relu => activation::relu(at),
+                Step::Relu => activation::relu(map),
                 Step::MaxPool { kernel, stride } => {
-                    max_pool2d(at, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
+                    max_pool2d(map, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
                 }
-                Step::BlurPool => blurred(&at),
+                Step::BlurPool => blurred(&map),
                 Step::Tap => {
-                    maps.push(normalised(at.clone()));
-                    at
+                    maps.push(normalised(map.clone()));
+                    map
                 }
             };
         }

@@ -10,15 +10,15 @@ impl Objective {
     pub(super) fn compare_final(
         &self,
         images: &RenderedTensors,
-        at: usize,
+        index: usize,
         stack: Stack,
         perceptual_weight: f64,
         group: &mut Group<'_>,
     ) {
-        let truth = &group.samples[at].targets.images;
+        let truth = &group.samples[index].targets.images;
         let rgb = f32_values(images.rgb.clone());
         let mut loss = mse(&rgb, truth);
-        let terms = &mut group.terms[at];
+        let terms = &mut group.terms[index];
         terms.mse = loss.value;
         if perceptual_weight > 0.0 {
             let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
@@ -48,16 +48,16 @@ impl Objective {
     pub(super) fn compare_intermediate(
         &self,
         images: &RenderedTensors,
-        at: usize,
+        index: usize,
         stack: Stack,
         group: &mut Group<'_>,
     ) {
         #[expect(clippy::expect_used, reason = "the stack has at most all of the sample's targets")]
-        let truth = group.samples[at].targets.images.get(..stack.samples()).expect("a prefix of the targets");
+        let truth = group.samples[index].targets.images.get(..stack.samples()).expect("a prefix of the targets");
         let rgb = f32_values(images.rgb.clone());
         let dissimilarity = d_ssim(&rgb, truth, stack);
         let mut loss = mse(&rgb, truth);
-        let terms = &mut group.terms[at];
+        let terms = &mut group.terms[index];
         terms.intermediate_mse += loss.value;
         terms.intermediate_d_ssim += dissimilarity.loss.value;
         loss.add(&dissimilarity.loss, self.config.intermediate_d_ssim_weight);

@@ -211,11 +211,11 @@ impl Objective {
             }
             return Ok(());
         }
-        for (at, sample) in group.samples.iter().enumerate() {
+        for (index, sample) in group.samples.iter().enumerate() {
             let stack = sample.targets.stack();
-            let images = self.render(gaussians, group, at, stack, None)?;
+            let images = self.render(gaussians, group, index, stack, None)?;
             group.add_rendering(&images);
-            self.compare_final(&images, at, stack, weight, group);
+            self.compare_final(&images, index, stack, weight, group);
             group.seconds.losses += group.clock.lap();
         }
         Ok(())
@@ -244,12 +244,12 @@ impl Objective {
             }
             return Ok(());
         }
-        for (at, sample) in group.samples.iter().enumerate() {
+        for (index, sample) in group.samples.iter().enumerate() {
             let all = sample.targets.stack();
             let stack = Stack { views: views_of(all), ..all };
-            let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
+            let images = self.render(gaussians, group, index, stack, scores.as_ref())?;
             group.add_rendering(&images);
-            self.compare_intermediate(&images, at, stack, group);
+            self.compare_intermediate(&images, index, stack, group);
             group.seconds.losses += group.clock.lap();
         }
         Ok(())
@@ -260,14 +260,14 @@ impl Objective {
         &self,
         gaussians: &GaussianTensors,
         group: &Group<'_>,
-        at: usize,
+        index: usize,
         stack: Stack,
         scores: Option<&Tensor<2>>,
     ) -> Result<RenderedTensors, SampleFailure> {
-        let sample = &group.samples[at];
-        let scalars = scores.map(|scores| scalars(scores.clone().narrow(0, at, 1), gaussians).squeeze_dim::<1>(0));
+        let sample = &group.samples[index];
+        let scalars = scores.map(|scores| scalars(scores.clone().narrow(0, index, 1), gaussians).squeeze_dim::<1>(0));
         let options = self.options(scalars.is_some());
-        let rendered = gaussians.render(at, &target_views(sample, stack.views), &options, scalars);
+        let rendered = gaussians.render(index, &target_views(sample, stack.views), &options, scalars);
         rendered.map_err(|error| sample.failure(FailureReason::Error(error.to_string())))
     }
 

@@ -42,15 +42,15 @@ impl Terms {
 
     /// The mean, summed in the given order.
     pub fn mean(all: &[Self]) -> Self {
-        let of = |term: fn(&Self) -> f64| all.iter().map(term).sum::<f64>() / all.len().max(1) as f64;
+        let mean = |term: fn(&Self) -> f64| all.iter().map(term).sum::<f64>() / all.len().max(1) as f64;
         Self {
-            total: of(|terms| terms.total),
-            mse: of(|terms| terms.mse),
-            perceptual: of(|terms| terms.perceptual),
-            intermediate_mse: of(|terms| terms.intermediate_mse),
-            intermediate_d_ssim: of(|terms| terms.intermediate_d_ssim),
-            uncertainty: of(|terms| terms.uncertainty),
-            distance: of(|terms| terms.distance),
+            total: mean(|terms| terms.total),
+            mse: mean(|terms| terms.mse),
+            perceptual: mean(|terms| terms.perceptual),
+            intermediate_mse: mean(|terms| terms.intermediate_mse),
+            intermediate_d_ssim: mean(|terms| terms.intermediate_d_ssim),
+            uncertainty: mean(|terms| terms.uncertainty),
+            distance: mean(|terms| terms.distance),
         }
     }
 }
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn seconds_are_added_by_part() {
-        let of = |first: f64| PartSeconds {
+        let parts_from = |first: f64| PartSeconds {
             sample: first,
             forward: first + 1.0,
             splat: first + 2.0,
@@ -114,6 +114,6 @@ mod tests {
             backward: first + 8.0,
         };
         let sum = PartSeconds { sample: 12.0, forward: 15.0, splat: 18.0, losses: 24.0, backward: 36.0 };
-        assert_eq!(PartSeconds::sum([2.0, 3.0, 7.0].map(of).into_iter()), sum);
+        assert_eq!(PartSeconds::sum([2.0, 3.0, 7.0].map(parts_from).into_iter()), sum);
     }
 }

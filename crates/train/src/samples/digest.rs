@@ -9,7 +9,11 @@ impl Sample {
     pub(crate) fn digest(&self) -> Sha256Digest {
         let distances = self.distances.as_ref().map(|distances| (distances.columns, distances.distances.as_slice()));
         let (columns, distances) = distances.unwrap_or_default();
-        let parts = [of_images(&self.context), of_images(&self.targets), of_numbers(&[columns], distances)];
+        let parts = [
+            digest_of_images(&self.context),
+            digest_of_images(&self.targets),
+            digest_of_numbers(&[columns], distances),
+        ];
         digest_of_all(&parts)
     }
 }
@@ -19,8 +23,8 @@ pub(crate) fn digest_of_all(digests: &[Sha256Digest]) -> Sha256Digest {
     Sha256Digest::of(digests.iter().map(|digest| digest.0).collect::<Vec<_>>().as_flattened())
 }
 
-fn of_images(posed: &PosedImages) -> Sha256Digest {
-    let images = of_numbers(&[posed.size.height, posed.size.width], &posed.images);
+fn digest_of_images(posed: &PosedImages) -> Sha256Digest {
+    let images = digest_of_numbers(&[posed.size.height, posed.size.width], &posed.images);
     let mut cameras = Vec::new();
     for camera in &posed.cameras {
         add_camera(&mut cameras, camera);
@@ -29,7 +33,7 @@ fn of_images(posed: &PosedImages) -> Sha256Digest {
 }
 
 /// Sizes, then numbers, little-endian.
-fn of_numbers(sizes: &[usize], numbers: &[f32]) -> Sha256Digest {
+fn digest_of_numbers(sizes: &[usize], numbers: &[f32]) -> Sha256Digest {
     let mut bytes = Vec::with_capacity(8 * sizes.len() + 4 * numbers.len());
     bytes.extend(sizes.iter().flat_map(|size| (*size as u64).to_le_bytes()));
     for number in numbers {

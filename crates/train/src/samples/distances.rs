@@ -27,7 +27,7 @@ impl PatchDistances {
 
 /// Distances of one view's patches, row by row, from `depth` along the camera's z axis at the pixels' centres. The camera
 /// has no lens distortion.
-pub(super) fn of_view(camera: &Camera, size: ImageSize, depth: &[f32], patch: usize) -> Vec<f32> {
+pub(super) fn patch_distances(camera: &Camera, size: ImageSize, depth: &[f32], patch: usize) -> Vec<f32> {
     let intrinsics = camera.intrinsics.pixel_from_normalized(size);
     let [width, height] = [size.width, size.height].map(|side| side as usize);
     let distance = |row: usize, column: usize| {
@@ -35,7 +35,7 @@ pub(super) fn of_view(camera: &Camera, size: ImageSize, depth: &[f32], patch: us
         let on_plane = DVec2::new((pixel.x - intrinsics.cx) / intrinsics.fx, (pixel.y - intrinsics.cy) / intrinsics.fy);
         depth.get(row * width + column).map(|depth| f64::from(*depth) * on_plane.extend(1.0).length())
     };
-    let of_patch = |row: usize, column: usize| {
+    let median = |row: usize, column: usize| {
         let pixels = (0..patch).flat_map(|y| (0..patch).map(move |x| (row * patch + y, column * patch + x)));
         let mut distances: Vec<f64> = pixels.filter_map(|(row, column)| distance(row, column)).collect();
         distances.sort_unstable_by(f64::total_cmp);
@@ -47,7 +47,7 @@ pub(super) fn of_view(camera: &Camera, size: ImageSize, depth: &[f32], patch: us
     };
     (0..height / patch)
         .flat_map(|row| (0..width / patch).map(move |column| (row, column)))
-        .map(|(row, column)| of_patch(row, column))
+        .map(|(row, column)| median(row, column))
         .collect()
 }
 
@@ -68,7 +68,7 @@ mod tests {
         let size = ImageSize { width: 4, height: 2 };
         let sky = f32::INFINITY;
         let depth = [2.0, 2.0, sky, sky, 2.0, 2.0, 8.0, sky];
-        let found = of_view(&camera, size, &depth, 2);
+        let found = patch_distances(&camera, size, &depth, 2);
         // Left: 2·√(x² + ¼ + 1) for x = ½ twice and 3⁄2 twice, of which the second; right: 8 and three times sky.
         assert_eq!(found.len(), 2);
         Tolerance::relative(1e-6).assert([f64::from(found[0])], [2.0 * 1.5f64.sqrt()], "left");
@@ -85,7 +85,7 @@ mod tests {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.25, 0.5, 0.0, 0.0).unwrap());
         let depth = [[2.0, 2.0, 3.0, 3.0], [2.0, 2.0, 3.0, 3.0], [5.0, 5.0, 7.0, 7.0], [5.0, 5.0, 7.0, 7.0]];
-        let found = of_view(&camera, ImageSize { width: 4, height: 4 }, depth.as_flattened(), 2);
+        let found = patch_distances(&camera, ImageSize { width: 4, height: 4 }, depth.as_flattened(), 2);
         // The second shortest of each patch's rays, as (½, ¾) of the first.
         let rays = [(2.0, 0.5, 0.75), (3.0, 2.5, 0.75), (5.0, 0.5, 1.75), (7.0, 2.5, 1.75)];
         let expected = rays.map(|(depth, x, y)| depth * DVec3::new(x, y, 1.0).length());

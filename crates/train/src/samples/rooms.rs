@@ -123,18 +123,18 @@ impl Clip {
     }
 
     /// Samples of an offered frame.
-    fn image(&self, at: usize) -> Result<&[u8], TrainError> {
-        let render = || Ok(self.simulation.image(self.frames[at])?.to_u8(Rounding::Nearest)?.into_samples());
-        kept(&self.images[at], render).map(Vec::as_slice)
+    fn image(&self, position: usize) -> Result<&[u8], TrainError> {
+        let render = || Ok(self.simulation.image(self.frames[position])?.to_u8(Rounding::Nearest)?.into_samples());
+        kept(&self.images[position], render).map(Vec::as_slice)
     }
 
     /// Distances of an offered frame's patches of this many pixels a side.
-    fn distances(&self, at: usize, patch: usize) -> Result<&[f32], TrainError> {
+    fn distances(&self, position: usize, patch: usize) -> Result<&[f32], TrainError> {
         let measure = || {
-            let geometry = self.simulation.geometry(self.frames[at])?;
-            Ok(distances::of_view(&self.cameras[at], geometry.size, &geometry.depth, patch))
+            let geometry = self.simulation.geometry(self.frames[position])?;
+            Ok(distances::patch_distances(&self.cameras[position], geometry.size, &geometry.depth, patch))
         };
-        kept(&self.distances[at], measure).map(Vec::as_slice)
+        kept(&self.distances[position], measure).map(Vec::as_slice)
     }
 }
 
@@ -229,8 +229,8 @@ impl RoomsSource {
             Ok(entry) => entry,
             Err(error) => return Ok(Err(self.count_replaced(&key, &error))),
         };
-        let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
-        let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
+        let cameras_of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
+        let cameras = normalised(&cameras_of(&entry.context), &cameras_of(&entry.target), &self.normalisation);
         let NormalisedCameras { context, targets, scale } = match cameras {
             Ok(cameras) => cameras,
             Err(error) => return Ok(Err(self.count_replaced(&key, &error))),

@@ -134,7 +134,7 @@ mod tests {
         ModelWeights::read(&folder.join(format!("{name}.safetensors"))).unwrap()
     }
 
-    fn of(weights: &ModelWeights, (config, model): &(TrainConfig, ModelConfig)) -> Vec<String> {
+    fn differences_of(weights: &ModelWeights, (config, model): &(TrainConfig, ModelConfig)) -> Vec<String> {
         differences(config, model, weights).unwrap()
     }
 
@@ -142,21 +142,21 @@ mod tests {
     fn another_network_or_normalisation_is_noted() {
         let weights = embedded("micro-rooms");
         let (mut config, same) = experiment("micro-rooms");
-        assert!(of(&weights, &(config.clone(), same.clone())).is_empty(), "its name and title are others");
+        assert!(differences_of(&weights, &(config.clone(), same.clone())).is_empty(), "its name and title are others");
 
         let mut model = same.clone();
         model.head.frame = HeadFrame::World;
         let expected = ["initial weights: their network has other settings: head.frame: patch, now world"];
-        assert_eq!(of(&weights, &(config.clone(), model)), expected);
+        assert_eq!(differences_of(&weights, &(config.clone(), model)), expected);
         let mut model = same.clone();
         model.decoder.blocks[3].expand = false;
         let expected = "initial weights: their network has other settings: decoder.blocks[3].expand: true, now false";
-        assert_eq!(of(&weights, &(config.clone(), model)), [expected]);
+        assert_eq!(differences_of(&weights, &(config.clone(), model)), [expected]);
 
         let mut model = same;
         model.anchors.context = AnchorContext::None {};
         config.pose_normalisation = PoseNormalisation::FirstViewRelative;
-        let found = of(&weights, &(config.clone(), model.clone()));
+        let found = differences_of(&weights, &(config.clone(), model.clone()));
         assert_eq!(found.len(), 3, "{found:?}");
         assert!(found[0].contains("anchors.context.kind: point-net, now none"), "{}", found[0]);
         let unused = weights.tensors.tensors.keys().filter(|name| name.starts_with("anchors.context.")).count();
@@ -172,9 +172,11 @@ mod tests {
 
         // Of parts that are new on purpose, nothing is missed.
         config.model.fresh = vec!["anchors".to_owned()];
-        assert!(!of(&weights, &(config.clone(), model.clone())).iter().any(|text| text.contains("tensors")));
+        assert!(
+            !differences_of(&weights, &(config.clone(), model.clone())).iter().any(|text| text.contains("tensors"))
+        );
         let unstated = ModelWeights { provenance: BTreeMap::new(), ..weights };
-        assert!(!of(&unstated, &(config, model)).iter().any(|text| text.contains("poses")));
+        assert!(!differences_of(&unstated, &(config, model)).iter().any(|text| text.contains("poses")));
     }
 
     /// Rows of claims have new heads and expansions, and the paper goes from one dataset and size to the next.
@@ -183,18 +185,18 @@ mod tests {
         let rooms = embedded("micro-rooms");
         let quiet = ["micro-rooms", "micro-yards", "claims/full", "claims/unified", "claims/separate-yards-6v"];
         for name in quiet {
-            assert!(of(&rooms, &experiment(name)).is_empty(), "{name}");
+            assert!(differences_of(&rooms, &experiment(name)).is_empty(), "{name}");
         }
         let changed = "initial weights: their network has other settings: ";
-        let learnable = of(&rooms, &experiment("claims/anchor-learnable"));
+        let learnable = differences_of(&rooms, &experiment("claims/anchor-learnable"));
         assert!(learnable[0].ends_with("; head.frame: patch, now world"), "{}", learnable[0]);
-        let k_4 = of(&rooms, &experiment("claims/k-4"));
+        let k_4 = differences_of(&rooms, &experiment("claims/k-4"));
         assert_eq!(k_4, [format!("{changed}head.gaussians-per-token: 16, now 4")]);
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/claims");
         let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
         for entry in files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")) {
             let name = format!("claims/{}", entry.file_stem().unwrap().to_str().unwrap());
-            let found = of(&rooms, &experiment(&name));
+            let found = differences_of(&rooms, &experiment(&name));
             assert!(found.len() <= 2 && found.iter().all(|text| text.len() < 300), "{name}: {found:?}");
         }
 
@@ -205,9 +207,9 @@ mod tests {
         };
         let (re10k, dl3dv) = (without_tensors("paper/re10k"), without_tensors("paper/dl3dv-6v"));
         for name in ["paper/dl3dv-6v", "paper/dl3dv-4v", "paper/dl3dv-2v", "paper/dl3dv-224"] {
-            assert!(of(&re10k, &experiment(name)).is_empty(), "{name}: only views and size are others");
+            assert!(differences_of(&re10k, &experiment(name)).is_empty(), "{name}: only views and size are others");
         }
-        let larger = of(&dl3dv, &experiment("paper/dl3dv-hr"));
+        let larger = differences_of(&dl3dv, &experiment("paper/dl3dv-hr"));
         let expected =
             format!("{changed}coarse.image-downscale: 1, now 2; decoder.blocks[1].expansion.ratio: 0.5, now 0.8");
         assert_eq!(larger, [expected]);

@@ -193,12 +193,12 @@ fn samples_together_have_their_terms_and_the_sum_of_their_gradients() {
         ..sample(number as u64 + 7)
     });
     let objective = Objective::new(LossConfig { distance_weight: 0.2, ..LossConfig::default() }).unwrap();
-    let of = |samples: &[Sample], call_seed| {
+    let gradients_of = |samples: &[Sample], call_seed| {
         objective.gradients(&network, &GroupInput { call_seed, ..GroupInput::new(samples) }).unwrap()
     };
-    let together = of(&samples, 40);
+    let together = gradients_of(&samples, 40);
     let alone: Vec<GroupGradients> =
-        samples.iter().zip(40..).map(|(sample, seed)| of(std::slice::from_ref(sample), seed)).collect();
+        samples.iter().zip(40..).map(|(sample, seed)| gradients_of(std::slice::from_ref(sample), seed)).collect();
     assert_eq!(together.terms, alone.iter().map(|group| group.terms[0]).collect::<Vec<_>>());
     assert!(together.gradients.keys().eq(alone[0].gradients.keys()));
     for (name, found) in &together.gradients {

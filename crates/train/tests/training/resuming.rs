@@ -74,7 +74,7 @@ fn a_run_whose_checkpoints_are_gone_is_not_restarted() {
     refused(&given, "found none, but steps.jsonl up to step 1");
 }
 
-/// Earlier versions started such runs, by the default weight of the uncertainty loss.
+/// Earlier versions started such runs, with the default weight of the uncertainty loss.
 #[test]
 fn losses_that_a_new_run_must_not_have_are_those_of_a_run_that_is_resumed() {
     let folder = tempdir().unwrap();
