@@ -83,3 +83,32 @@ impl fmt::Display for SuspiciousNote {
         f.write_str(self.beginning())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stores have these beginnings: by another one, tables would no longer remark on the notes of older stores.
+    const fn stored(note: SuspiciousNote) -> &'static str {
+        match note {
+            SuspiciousNote::BrokenGaussians => "broken Gaussians",
+            SuspiciousNote::DrawnClassic => "drawn in the classic mode",
+            SuspiciousNote::Opacities => "every opacity of the file lies in [0, 1]",
+            SuspiciousNote::LogScales => "every log-scale of the file lies in (0, 1]",
+            SuspiciousNote::Colours => "every coefficient of the file lies in [0, 1]",
+            SuspiciousNote::NoColour => "renders without colour",
+            SuspiciousNote::Resembles => "renders would be closer to the truth",
+            SuspiciousNote::Repeated => "one image for all targets",
+            SuspiciousNote::Flat => "no better than one flat colour",
+        }
+    }
+
+    #[test]
+    fn notes_are_recognised_by_the_texts_of_stores() {
+        for note in SuspiciousNote::ALL {
+            let text = format!("{}: 2 of 3", stored(note));
+            assert_eq!(note.to_string(), stored(note));
+            assert!(SuspiciousNote::ALL.iter().all(|other| other.is(&text) == (*other == note)), "{text}");
+        }
+    }
+}

@@ -34,3 +34,34 @@ impl fmt::Display for ForeignEntries {
         self.serialize(f)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stores have these texts: by another one, the entries of older stores would no longer be gaps.
+    #[test]
+    fn texts_of_stores_stay() {
+        let stored = [
+            (ForeignEntries::TargetsAreInputs, "entries whose targets are all context frames"),
+            (
+                ForeignEntries::TargetsOutside,
+                "entries with every target outside the window, under a protocol of targets inside it",
+            ),
+            (
+                ForeignEntries::TargetsInside,
+                "entries with targets inside the window, under a protocol of targets outside it",
+            ),
+            (
+                ForeignEntries::UnknownEstimator,
+                "entries whose overlap does not say how it was measured, under bins of one estimator",
+            ),
+        ];
+        for (kind, text) in stored {
+            assert_eq!((kind.to_string().as_str(), ForeignEntries::of(text)), (text, Some(kind)));
+        }
+        let all = ForeignEntries::deserialize(StrDeserializer::<Error>::new("none")).unwrap_err().to_string();
+        let listed = stored.map(|(_, text)| format!("`{text}`")).join(", ");
+        assert_eq!(all, format!("unknown variant `none`, expected one of {listed}"), "every kind has its text here");
+    }
+}
