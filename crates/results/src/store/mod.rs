@@ -23,6 +23,7 @@ pub mod images;
 mod merge;
 mod parts;
 mod read;
+mod resume;
 mod schema;
 mod stored_images;
 mod table;
@@ -45,7 +46,7 @@ pub use schema::{SCHEMA_VERSION, schema_hash};
 pub use stored_images::StoredImage;
 
 use crate::{MetricRecord, Moved, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
-use read::{Content, Rows};
+use read::Content;
 
 /// The file that makes a folder a store.
 pub const PROVENANCE: &str = "provenance.json";
@@ -120,109 +121,6 @@ impl Store {
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         let (folder, has_command) = (folder.to_owned(), Mutex::new(false));
         Ok(Self { folder, provenance, run: None, has_command, known, scored_methods, digests, lock })
-    }
-
-    /// Resumes the store in a folder, or creates one if there is none. Presets, methods and metrics that it lacks are added, and
-    /// scenes that a limit left out; scenes that a stopped run added to the record alone may be missing again.
-    /// [`KnownResults::lacks_metric`] says which results lack a metric. A method that failed in every trial may be replaced by
-    /// another of its name, without its rows, and a store without any scored target is restarted. Trials that a Python method failed are run again. Places of data, indices and imported files may
-    /// differ: the run has to reject other contents in the places of [`Self::moved`], and [`Self::finish`] records its places.
-    ///
-    /// # Errors
-    /// Those of [`Self::create`] and [`Self::open`]; [`ResultsError::Differences`] if the existing results were made in
-    /// another way or with an older schema; [`ResultsError::Different`] if a method's files are in another folder, and the run
-    /// lacks a protocol of its results, under which they could be compared.
-    pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, ResultsError> {
-        let lock = lock(folder)?;
-        if !folder.join(PROVENANCE).exists() {
-            return Self::create_locked(folder, provenance, lock);
-        }
-        let mut store = Self::open_locked(folder, lock, Some(provenance.metrics.as_slice()))?;
-        let mut joined = store.provenance.clone();
-        let mut replaced = BTreeSet::new();
-        for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
-            let requested = provenance.method(&known.name);
-            let other = requested
-                .filter(|method| method.is_elsewhere(known) || store.provenance.placed((*method).clone()) != *known);
-            if let Some(other) = other {
-                replaced.insert(known.name.clone());
-                known.clone_from(other);
-            }
-        }
-        joined.forget_added_scenes(&provenance, |preset| store.known.entries_of(preset, &store.provenance.skipped));
-        let moved = joined.moved(&provenance);
-        match joined.resume_with(provenance.clone()) {
-            // Without a score, nothing is worth the record of data that were given by mistake.
-            Ok(()) if !moved.data.is_empty() && store.scored_methods.is_empty() => store.restart(provenance),
-            Ok(()) => {
-                store.check_compared(&moved, &provenance)?;
-                // Under the new records, the run after one that is killed would keep the old rows.
-                if !replaced.is_empty() {
-                    store.remove_rows(|method| replaced.contains(method))?;
-                    store.known.forget(&replaced);
-                    joined.forget_skipped(&replaced);
-                }
-                store.provenance = joined;
-                store.write_provenance()?;
-                store.run = Some(provenance);
-                Ok(store)
-            }
-            Err(_other) if store.scored_methods.is_empty() => store.restart(provenance),
-            Err(other) => Err(other),
-        }
-    }
-
-    /// Rejects files in another folder if the method has results of a protocol that the run does not have: the record names one
-    /// folder for all.
-    fn check_compared(&self, moved: &Moved, run: &Provenance) -> Result<(), ResultsError> {
-        const ADVICE: &str = "; run it under all of them, so that the contents of its files are compared, or choose another name for it \
-                              or another folder for the results";
-        for (method, [first, found]) in &moved.files {
-            let lacks = |preset: &str| run.preset(preset).is_none() && self.known.has(preset, method);
-            if let Some(preset) = self.provenance.presets.iter().find(|preset| lacks(&preset.name)) {
-                let expected = format!("those of {method} in {first}, also under {}", preset.name);
-                let found = format!("those in {found}, without this protocol");
-                return Err(ResultsError::Different { what: "imported files", expected, found, advice: ADVICE });
-            }
-        }
-        Ok(())
-    }
-
-    /// Removes all rows, none of which has a score, and the provenance.
-    fn restart(self, provenance: Provenance) -> Result<Self, ResultsError> {
-        self.remove_rows(|_method| true)?;
-        for unfinished in disk::files(&parts::folder(&self.folder))? {
-            disk::remove(&unfinished)?;
-        }
-        disk::remove(&self.folder.join(PROVENANCE))?;
-        Self::create_locked(&self.folder, provenance, self.lock)
-    }
-
-    /// Removes the rows of some methods from disk. Until the rows are gone from both tables, part files override them, so an
-    /// interrupted removal leaves a readable store and can be repeated.
-    fn remove_rows(&self, is_removed: impl Fn(&str) -> bool) -> Result<(), ResultsError> {
-        let mut content = Content::read(&self.folder)?;
-        let timed = content.timings.len();
-        content.timings.retain(|row| !is_removed(&row.key.method));
-        match content.timings.len() {
-            0 => disk::remove(&self.folder.join(timings::TIMINGS))?,
-            kept if kept < timed => timings::write(&self.folder, &content.timings)?,
-            _ => {}
-        }
-        let rows = std::mem::take(&mut content.rows);
-        let (removed, kept): (Rows, Rows) = rows.into_iter().partition(|(key, _)| is_removed(&key.method));
-        for (trial, targets) in removed.values() {
-            if !parts::path(&self.folder, &trial.key).exists() {
-                parts::write(&self.folder, trial, targets)?;
-            }
-        }
-        if kept.is_empty() {
-            disk::remove(&self.folder.join(TARGETS))?;
-            disk::remove(&self.folder.join(TRIALS))?;
-        } else if !removed.is_empty() {
-            Content { rows: kept, ..content }.into_results().write_tables(&self.folder)?;
-        }
-        removed.keys().try_for_each(|key| disk::remove(&parts::path(&self.folder, key)))
     }
 
     /// The store's folder.
