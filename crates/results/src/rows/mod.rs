@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
+pub(crate) use join::Shards;
 pub use place::{Moved, SAMPLED_BY};
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TRAINED_BACKGROUND, TRAINED_POSES,

@@ -56,7 +56,7 @@ impl Provenance {
 
     /// Counts another part of a run among those whose data are in another place than here, and under each of its presets for each
     /// method whose files are in another folder: without a common row, nothing says whether their contents agree.
-    pub(super) fn note_places(&mut self, other: &Self) {
+    pub(super) fn warn_of_other_places(&mut self, other: &Self) {
         let moved = self.moved(other);
         for PresetRecord { name, .. } in &other.presets {
             let data = moved.data.get(name).map(|places| (RunWarning::OtherData.to_string(), places));
@@ -92,11 +92,19 @@ impl PresetRecord {
 
 impl MethodRecord {
     /// Names the folder of an imported method as `known` does.
-    pub(super) fn with_places_of(mut self, known: &Self) -> Self {
+    fn with_places_of(mut self, known: &Self) -> Self {
         if let Some(folder) = self.folder().and(known.folder()).map(str::to_owned) {
             self.parameters.insert(FOLDER.to_owned(), folder.into());
         }
         self
+    }
+
+    /// Names its folder as the record of the method of its name does, if there is one.
+    pub(crate) fn with_places_recorded_in(self, provenance: &Provenance) -> Self {
+        match provenance.method(&self.name) {
+            Some(known) => self.with_places_of(known),
+            None => self,
+        }
     }
 
     /// Whether its files are in another folder.

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::SCHEMA_VERSION;
 use super::data::check_consistent;
+use crate::rows::Shards;
 use crate::times::{TimingRow, merged};
 use crate::{MetricRecord, Provenance, Results, ResultsError, Shard, TargetRow, TrialKey, TrialRow};
 
@@ -166,9 +167,9 @@ impl Results {
         for part in parts {
             unfinished.extend(part.unfinished());
             check_same_count(count, part.provenance.shard.map(|shard| shard.count))?;
-            let is_repeated = is_repeated(&shards, &part.provenance)?;
+            let repetition = repetition(&shards, &part.provenance)?;
             shards.extend(part.provenance.shards());
-            provenance.merge_shard(part.provenance, is_repeated)?;
+            provenance.merge_shard(part.provenance, repetition)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
         let all = count.into_iter().flat_map(|count| 1..=count);
@@ -205,14 +206,14 @@ fn check_same_count(expected: Option<u32>, found: Option<u32>) -> Result<(), Res
     Err(ResultsError::Different { what: "numbers of shards", expected, found, advice: "" })
 }
 
-/// Whether all shards of a part were merged before. If only some were, their entries could not be counted once.
-fn is_repeated(merged: &BTreeSet<u32>, part: &Provenance) -> Result<bool, ResultsError> {
+/// Whether the shards of a part were merged before. If only some were, their entries could not be counted once.
+fn repetition(merged: &BTreeSet<u32>, part: &Provenance) -> Result<Shards, ResultsError> {
     let shards = part.shards();
     if shards.is_subset(merged) {
-        return Ok(true);
+        return Ok(Shards::Repeated);
     }
     match shards.intersection(merged).next() {
-        None => Ok(false),
+        None => Ok(Shards::New),
         Some(twice) => Err(ResultsError::Different {
             what: "shards",
             expected: "stores that have no shard in common, or the same ones".to_owned(),

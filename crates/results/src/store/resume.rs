@@ -83,7 +83,7 @@ impl Store {
         let mut replaced = BTreeSet::new();
         for known in record.methods.iter_mut().filter(|known| !self.scored_methods.contains(&known.name)) {
             let Some(requested) = run.method(&known.name) else { continue };
-            if requested.is_elsewhere(known) || self.provenance.placed(requested.clone()) != *known {
+            if requested.is_elsewhere(known) || requested.clone().with_places_recorded_in(&self.provenance) != *known {
                 replaced.insert(known.name.clone());
                 known.clone_from(requested);
             }
