@@ -48,7 +48,7 @@ fn absent_metrics(metrics: &[MetricRecord]) -> Vec<String> {
 /// Says before a run which of the results that it resumes it will evaluate again, because they lack a metric or failed: a line for
 /// each method and reason.
 pub(crate) fn print_evaluated_again(known: &KnownResults, run: &Provenance) {
-    for (method, count) in known.tried_again(run) {
+    for (method, count) in known.retried(run) {
         let are = if count == 1 { "is" } else { "are" };
         note(&format!("{} of {method} {are} evaluated again", counted(count, "failed result")));
     }

@@ -87,8 +87,9 @@ impl Evaluation<'_> {
         let record = method.record();
         let mut result = TrialResult { input_hash, rows: unscored.collect(), ..TrialResult::default() };
         // A panic in a method fails this trial only.
-        let outcome =
-            catch_unwind(AssertUnwindSafe(|| self.evaluate(&key, &mut result, decoded, method, record.record_kind())));
+        let outcome = catch_unwind(AssertUnwindSafe(|| {
+            self.predict_and_score(&key, &mut result, decoded, method, record.record_kind())
+        }));
         let error = match outcome {
             Ok(Ok(())) => None,
             Ok(Err(Failure::Method(MethodError::Io(error)))) => return Err(error.into()),
@@ -103,7 +104,7 @@ impl Evaluation<'_> {
         Ok(result.into_rows(key, decoded, &record, error))
     }
 
-    fn evaluate(
+    fn predict_and_score(
         &self,
         key: &TrialKey,
         result: &mut TrialResult,

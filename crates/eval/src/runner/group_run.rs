@@ -76,16 +76,24 @@ pub(super) fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDige
 }
 
 /// What [`Trials`] yields: a trial, or why an entry has none.
-type Outcome = Result<(Trial, TargetImages), Skipped>;
+type Prepared = Result<(Trial, TargetImages), Skipped>;
 
-/// A method that a trial lacks, and the hash of its input files.
-type Missing<'a> = (&'a Arc<dyn Method>, Option<String>);
-
-fn scene_of(outcome: &Outcome) -> &str {
-    match outcome {
+fn scene_of(prepared: &Prepared) -> &str {
+    match prepared {
         Ok((trial, _)) => trial.scene(),
         Err(skipped) => &skipped.scene,
     }
+}
+
+/// A method under which a trial has to be evaluated.
+struct Pending<'a> {
+    method: &'a dyn Method,
+    /// Of its result.
+    key: TrialKey,
+    /// Hash of its imported files.
+    input_hash: Option<String>,
+    /// Whether the store has a result of it for the same trial, data and files: an incomplete one.
+    has_earlier_result: bool,
 }
 
 /// What became of a trial under the methods of a group.
@@ -103,8 +111,8 @@ struct TrialOutcome {
 struct SceneState {
     trials: u64,
     skipped: u64,
-    /// Whether some method still has to evaluate one of its trials: then the scene is read again with images.
-    is_incomplete: bool,
+    /// Whether one of its trials has to be evaluated under some method: then the scene is read again with images.
+    is_pending: bool,
 }
 
 /// Evaluates a group of methods on a dataset.
@@ -125,9 +133,9 @@ impl GroupRun<'_> {
         let (preset, with_results, new) = (&self.dataset.name, known.scenes.len(), rest.scenes.len());
         tracing::info!(preset, with_results, new, "scenes to evaluate, of which some have results in the store");
         let scenes = self.check_existing(&known, progress)?;
-        let is_incomplete = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_incomplete);
-        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_incomplete(scene)));
-        self.evaluate_rest(&rest, progress)
+        let is_pending = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_pending);
+        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_pending(scene)));
+        self.evaluate_scenes(&rest, progress)
     }
 
     /// Checks scenes with results without decoding: whether their trials and data are unchanged. Those that are complete are done.
@@ -142,17 +150,17 @@ impl GroupRun<'_> {
         let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
         let mut reading = SceneWarnings::default();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
-        while let Some(outcome) = trials.next() {
+        while let Some(prepared) = trials.next() {
             self.check_stop()?;
-            let scene = scene_of(&outcome);
+            let scene = scene_of(&prepared);
             reading.add(scene, trials.take_warnings());
             let state = scenes.entry(scene.to_owned()).or_default();
-            match outcome {
+            match prepared {
                 Ok((trial, targets)) => {
                     let data = trial.data_hash(&targets, self.store.digests()).to_string();
                     outdated.check_trial(&trial, &data);
                     state.trials += 1;
-                    state.is_incomplete |= !self.missing(&trial, &data)?.is_empty();
+                    state.is_pending |= !self.pending(&trial, &data)?.is_empty();
                 }
                 Err(skipped) => {
                     outdated.check_skipped(&skipped, &names);
@@ -164,7 +172,7 @@ impl GroupRun<'_> {
         outdated.into_result()?;
         progress.warnings.join(reading);
         progress.findings.add_skipped(&self.dataset.name, &names, trials.report());
-        for state in scenes.values().filter(|state| !state.is_incomplete) {
+        for state in scenes.values().filter(|state| !state.is_pending) {
             let methods = self.methods.len() as u64;
             progress.summary.resumed += state.trials * methods;
             (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)(Step::Nothing));
@@ -173,15 +181,15 @@ impl GroupRun<'_> {
     }
 
     /// Evaluates scenes without results, or with some, batch by batch.
-    fn evaluate_rest(&self, rest: &EvaluationIndex, progress: &mut Progress) -> Result<(), EvalError> {
-        let mut trials = self.trials(rest, self.plan.prefetch);
+    fn evaluate_scenes(&self, scenes: &EvaluationIndex, progress: &mut Progress) -> Result<(), EvalError> {
+        let mut trials = self.trials(scenes, self.plan.prefetch);
         let mut reading = SceneWarnings::default();
         loop {
             let mut batch = Vec::new();
             while batch.len() < self.batch_size() {
-                let Some(outcome) = trials.next() else { break };
-                reading.add(scene_of(&outcome), trials.take_warnings());
-                batch.push(outcome);
+                let Some(prepared) = trials.next() else { break };
+                reading.add(scene_of(&prepared), trials.take_warnings());
+                batch.push(prepared);
             }
             if batch.is_empty() {
                 break;
@@ -200,18 +208,18 @@ impl GroupRun<'_> {
         Ok(())
     }
 
-    fn evaluate_batch(&self, batch: Vec<Outcome>) -> Result<Vec<TrialOutcome>, EvalError> {
-        let mut work = Vec::new();
-        for outcome in batch {
-            match outcome {
-                Ok(trial) => work.push(trial),
+    fn evaluate_batch(&self, batch: Vec<Prepared>) -> Result<Vec<TrialOutcome>, EvalError> {
+        let mut trials = Vec::new();
+        for prepared in batch {
+            match prepared {
+                Ok(trial) => trials.push(trial),
                 Err(_skipped) => self.methods.iter().for_each(|_| (self.step)(Step::Nothing)),
             }
         }
-        let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate(trial, &targets);
-        match work.len() {
-            0 | 1 => work.into_iter().map(evaluate).collect(),
-            _ => work.into_par_iter().map(evaluate).collect(),
+        let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate_trial(trial, &targets);
+        match trials.len() {
+            0 | 1 => trials.into_iter().map(evaluate).collect(),
+            _ => trials.into_par_iter().map(evaluate).collect(),
         }
     }
 
@@ -241,21 +249,22 @@ impl GroupRun<'_> {
         trials_of(self.dataset, index, &self.dataset.index.index.first_positions(), &self.methods, prefetch)
     }
 
-    /// Methods without an up-to-date result for this trial, data and input files, whose result lacks a metric of the run, has no
-    /// images that are to be kept or is tried again, each with the hash of its input files.
-    fn missing(&self, trial: &Trial, data_hash: &str) -> Result<Vec<Missing<'_>>, ResultsError> {
+    /// The methods under which a trial has to be evaluated: without a result for this trial, data and imported files, or with one that
+    /// lacks a metric of the run, lacks images that are to be kept, or failed and is retried.
+    fn pending(&self, trial: &Trial, data_hash: &str) -> Result<Vec<Pending<'_>>, ResultsError> {
         let (hash, known) = (trial.hash().to_string(), self.store.known());
-        let mut missing = Vec::new();
+        let mut pending = Vec::new();
         for method in &self.methods {
-            let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
-            let is_known = known.contains(&key, &hash, data_hash, input_hash.as_deref());
-            let is_complete = is_known && !known.lacks_metric(&key) && !known.is_tried_again(&key);
+            let method = method.as_ref();
+            let key = key_of(self.dataset, method, trial.scene(), trial.entry_number());
+            let input_hash = input_hash(method, trial, self.store.digests());
+            let has_earlier_result = known.contains(&key, &hash, data_hash, input_hash.as_deref());
+            let is_complete = has_earlier_result && !known.lacks_metric(&key) && !known.is_retried(&key);
             if !is_complete || self.images_and_times.lacks_images(&key)? {
-                missing.push((method, input_hash));
+                pending.push(Pending { method, key, input_hash, has_earlier_result });
             }
         }
-        Ok(missing)
+        Ok(pending)
     }
 
     /// Trials that are evaluated concurrently. Networks need too much memory for more than one.
@@ -265,8 +274,7 @@ impl GroupRun<'_> {
     }
 
     /// Evaluates a trial under each method without a complete result.
-    #[expect(clippy::expect_used, reason = "every target without scores has a detail")]
-    fn evaluate(&self, trial: Trial, targets: &TargetImages) -> Result<TrialOutcome, EvalError> {
+    fn evaluate_trial(&self, trial: Trial, targets: &TargetImages) -> Result<TrialOutcome, EvalError> {
         let decoded = DecodedTrial::new(trial, targets, self.store.digests());
         self.store.digests().save()?;
         // The data may have changed since the first check.
@@ -277,40 +285,57 @@ impl GroupRun<'_> {
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
         self.images_and_times.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
-        let missing = self.missing(&decoded.trial, &decoded.data_hash)?;
-        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
-        let resumed = (self.methods.len() - missing.len()) as u64;
+        let pending = self.pending(&decoded.trial, &decoded.data_hash)?;
+        let resumed = (self.methods.len() - pending.len()) as u64;
         (0..resumed).for_each(|_| (self.step)(Step::Nothing));
         let mut outcome = TrialOutcome { resumed, ..TrialOutcome::default() };
-        for (method, input_hash) in missing {
+        for method in pending {
             self.check_stop()?;
-            let trial = &decoded.trial;
-            let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            let (hash, data) = (trial.hash().to_string(), &decoded.data_hash);
-            let is_again = self.store.known().contains(&key, &hash, data, input_hash.as_deref());
-            if !is_again {
-                images::remove(self.images.store, &key)?;
-            }
-            let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
-            // A trial that was interrupted has not failed.
-            self.check_stop()?;
-            let step = if row.status.is_incomplete() { Step::Failed(&row) } else { Step::Done };
-            if is_again && self.has_fewer_scores(&row.key, &targets) {
-                images::discard(self.images.store, &row.key)?;
-                let why =
-                    targets.into_iter().find_map(|target| target.detail).expect("a target without scores says why");
-                // One that failed before counts as incomplete by its row.
-                if !self.store.known().is_tried_again(&row.key) {
-                    outcome.failed_again.push((row.key.clone(), why));
-                }
-                outcome.resumed += 1;
-            } else {
-                self.replace(&row, &targets)?;
-                outcome.evaluated += 1;
-            }
-            (self.step)(step);
+            self.evaluate_method(&decoded, method, &mut outcome)?;
         }
         Ok(outcome)
+    }
+
+    /// Evaluates a trial under a method, and stores the result unless an earlier one stays.
+    fn evaluate_method(
+        &self,
+        decoded: &DecodedTrial,
+        Pending { method, key, input_hash, has_earlier_result }: Pending<'_>,
+        outcome: &mut TrialOutcome,
+    ) -> Result<(), EvalError> {
+        if !has_earlier_result {
+            images::remove(self.images.store, &key)?;
+        }
+        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
+        let (row, targets) = evaluation.rows(key, input_hash, decoded, method)?;
+        // A trial that was interrupted has not failed.
+        self.check_stop()?;
+        if has_earlier_result && self.has_fewer_scores(&row.key, &targets) {
+            self.keep_earlier(&row.key, targets, outcome)?;
+        } else {
+            self.replace(&row, &targets)?;
+            outcome.evaluated += 1;
+        }
+        (self.step)(if row.status.is_incomplete() { Step::Failed(&row) } else { Step::Done });
+        Ok(())
+    }
+
+    /// Keeps the earlier result of a trial, which has more scores than these targets.
+    #[expect(clippy::expect_used, reason = "every target without scores has a detail")]
+    fn keep_earlier(
+        &self,
+        key: &TrialKey,
+        targets: Vec<TargetRow>,
+        outcome: &mut TrialOutcome,
+    ) -> Result<(), EvalError> {
+        images::discard(self.images.store, key)?;
+        let why = targets.into_iter().find_map(|target| target.detail).expect("a target without scores says why");
+        // One that failed before counts as incomplete by its row.
+        if !self.store.known().is_retried(key) {
+            outcome.failed_again.push((key.clone(), why));
+        }
+        outcome.resumed += 1;
+        Ok(())
     }
 
     /// Whether rows have scores of fewer targets than the result of the same trial that they would replace.

@@ -73,7 +73,7 @@ impl<'a> ImagesAndTimes<'a> {
     pub(super) fn remove_outdated_times(&self, row: &TrialRow) -> Result<(), ResultsError> {
         let TrialRow { key, trial_hash, data_hash, input_hash, .. } = row;
         let (known, data_hash) = (self.store.known(), data_hash.as_deref().unwrap_or_default());
-        if known.contains(key, trial_hash, data_hash, input_hash.as_deref()) && !known.is_tried_again(key) {
+        if known.contains(key, trial_hash, data_hash, input_hash.as_deref()) && !known.is_retried(key) {
             return Ok(());
         }
         let mut timed = self.timed.lock().unwrap_or_else(PoisonError::into_inner);

@@ -49,7 +49,7 @@ pub fn run_until(
 ) -> Result<(Results, RunCounts), EvalError> {
     let methods = plan.methods_of_scenes();
     let plan = &Plan { methods: &methods, ..*plan };
-    let Progress { findings, mut summary, .. } = evaluate(plan, &store, step, stop)?;
+    let Progress { findings, mut summary, .. } = evaluate_datasets(plan, &store, step, stop)?;
     if let Some(timing) = plan.timing {
         timing::pass(plan, timing, &store, step, stop)?;
     }
@@ -70,7 +70,7 @@ pub fn run_until(
 }
 
 /// Evaluates every dataset under every method; without the timing pass.
-fn evaluate(
+fn evaluate_datasets(
     plan: &Plan<'_>,
     store: &Store,
     step: &(dyn Fn(Step<'_>) + Sync),

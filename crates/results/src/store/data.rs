@@ -27,7 +27,7 @@ struct Inputs {
     /// Whether it failed, wholly or in part, or no render of it could be compared.
     is_incomplete: bool,
     /// Whether the run evaluates it again for that.
-    is_tried_again: bool,
+    is_retried: bool,
 }
 
 impl KnownResults {
@@ -46,12 +46,12 @@ impl KnownResults {
             let scored = rows_of_targets.iter().filter(|target| target.status.is_scored()).count();
             let is_incomplete = status.is_incomplete() || (status == TrialStatus::Done && scored == 0);
             // Nothing says whether the reason for which a method of Python failed is still there.
-            let is_tried_again = is_incomplete && python.contains(key.method.as_str());
+            let is_retried = is_incomplete && python.contains(key.method.as_str());
             let by_method = known.inputs.entry(key.trial()).or_default();
             let (trial, data, input) = (trial_hash, data_hash, input_hash);
             by_method.insert(
                 key.method,
-                Inputs { trial, targets, data, input, lacks_metric, scored, is_incomplete, is_tried_again },
+                Inputs { trial, targets, data, input, lacks_metric, scored, is_incomplete, is_retried },
             );
         }
         known
@@ -77,13 +77,13 @@ impl KnownResults {
     /// Makes a run evaluate again what failed, wholly or in part.
     pub(super) fn retry_failed(&mut self) {
         let all = self.inputs.values_mut().flat_map(BTreeMap::values_mut);
-        all.for_each(|known| known.is_tried_again = known.is_incomplete);
+        all.for_each(|known| known.is_retried = known.is_incomplete);
     }
 
     /// Whether a result failed, wholly or in part, and is evaluated again: one of a method of Python always, others on request
     /// ([`Store::retry_failed`](super::Store::retry_failed)).
-    pub fn is_tried_again(&self, key: &TrialKey) -> bool {
-        self.get(key).is_some_and(|known| known.is_tried_again)
+    pub fn is_retried(&self, key: &TrialKey) -> bool {
+        self.get(key).is_some_and(|known| known.is_retried)
     }
 
     /// How many results of a run's protocols and methods lack a metric that it computes, by method: they are evaluated again.
@@ -92,8 +92,8 @@ impl KnownResults {
     }
 
     /// How many results of a run's protocols and methods failed and are evaluated again, by method.
-    pub fn tried_again(&self, run: &Provenance) -> BTreeMap<&str, u64> {
-        self.count(run, |known| known.is_tried_again)
+    pub fn retried(&self, run: &Provenance) -> BTreeMap<&str, u64> {
+        self.count(run, |known| known.is_retried)
     }
 
     fn count(&self, run: &Provenance, is_counted: impl Fn(&Inputs) -> bool) -> BTreeMap<&str, u64> {
@@ -193,7 +193,7 @@ mod tests {
 
     /// A method of Python may have been mended; what another method failed fails again.
     #[test]
-    fn failures_of_python_are_tried_again() {
+    fn failures_of_python_are_retried() {
         let of_targets = |kind: &str, status, of_target| {
             let method = MethodRecord { name: "m".to_owned(), kind: kind.to_owned(), ..MethodRecord::default() };
             let row = TrialRow { status, data_hash: Some("d".to_owned()), ..sample_rows::trial("m", "a", 0, 1) };
@@ -202,7 +202,7 @@ mod tests {
             let rows = [(row, vec![TargetRow { status: of_target, ..target }])];
             let known = KnownResults::of(rows.into_iter(), &[method], &[]);
             assert!(known.contains(&key, &hash, "d", None), "its row is there");
-            known.is_tried_again(&key)
+            known.is_retried(&key)
         };
         let of = |kind: &str, status| of_targets(kind, status, TargetStatus::Scored);
         assert!(of_targets("python", TrialStatus::Done, TargetStatus::NonFinite), "nothing could be compared");
@@ -213,7 +213,7 @@ mod tests {
 
     /// One of four results is whole, and nothing of the last could be compared; a method that does not support a trial has not failed.
     #[test]
-    fn failures_are_tried_again_on_request() {
+    fn failures_are_retried_on_request() {
         let of_trials = [
             ("a", TrialStatus::Failed, TargetStatus::Failed),
             ("b", TrialStatus::Done, TargetStatus::Scored),
@@ -232,10 +232,10 @@ mod tests {
             methods: vec![MethodRecord { name: "m".to_owned(), ..MethodRecord::default() }],
             ..Provenance::default()
         };
-        assert!(known.tried_again(&run).is_empty());
+        assert!(known.retried(&run).is_empty());
         known.retry_failed();
-        assert_eq!(known.tried_again(&run), BTreeMap::from([("m", 3)]));
-        let again = of_trials.map(|(scene, ..)| known.is_tried_again(&sample_rows::key("m", scene, 0)));
+        assert_eq!(known.retried(&run), BTreeMap::from([("m", 3)]));
+        let again = of_trials.map(|(scene, ..)| known.is_retried(&sample_rows::key("m", scene, 0)));
         assert_eq!(again, [true, false, true, false, true]);
     }
 
