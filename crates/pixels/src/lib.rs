@@ -1,5 +1,5 @@
 //! Images: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, NumPy's arrays, Pillow-exact resampling,
-//! crops, 8-bit rounding rules, animated PNG. Independent of cameras and datasets.
+//! crops, 8-bit rounding rules, the transfer function of sRGB, animated PNG. Independent of cameras and datasets.
 
 mod animation;
 mod crop;
@@ -20,6 +20,7 @@ mod render;
 mod resize;
 mod rounding;
 mod size;
+mod srgb;
 
 pub use animation::AnimatedPng;
 pub use crop::crop;
@@ -36,3 +37,4 @@ pub use preview::{Preview, preview_frame};
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;
 pub use size::{has_16_bits, has_alpha, size_of};
+pub use srgb::Srgb;

@@ -1,6 +1,7 @@
 //! How different colours look to readers with normal and with other colour vision.
 
 use atsplat_numeric::Extremes as _;
+use atsplat_pixels::Srgb as _;
 use plotters::style::RGBColor;
 
 /// What a reader without the cones for long, medium or short waves sees of linear light (Machado et al. 2009, severity 1), after
@@ -35,10 +36,7 @@ fn lab(colour: RGBColor, sight: [[f64; 3]; 3]) -> [f64; 3] {
 
 /// The light of a colour's red, green and blue.
 fn linear(RGBColor(r, g, b): RGBColor) -> [f64; 3] {
-    [r, g, b].map(|value| {
-        let value = f64::from(value) / 255.0;
-        if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-    })
+    [r, g, b].map(|value| (f64::from(value) / 255.0).linear_from_srgb())
 }
 
 fn times(matrix: [[f64; 3]; 3], vector: [f64; 3]) -> [f64; 3] {
