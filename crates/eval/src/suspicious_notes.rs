@@ -20,7 +20,7 @@ pub enum SuspiciousNote {
     /// Renders are grey.
     NoColour,
     /// A change would bring most renders far closer to the ground truth.
-    Resembles,
+    WrittenWrongly,
     /// All imported images are equal.
     Repeated,
     /// No render is better than one colour.
@@ -36,7 +36,7 @@ impl SuspiciousNote {
         Self::LogScales,
         Self::Colours,
         Self::NoColour,
-        Self::Resembles,
+        Self::WrittenWrongly,
         Self::Repeated,
         Self::Flat,
     ];
@@ -54,7 +54,7 @@ impl SuspiciousNote {
             Self::LogScales => SUSPICIOUS_LOG_SCALES,
             Self::Colours => SUSPICIOUS_COLOURS,
             Self::NoColour => "renders without colour",
-            Self::Resembles => "renders would be closer to the truth",
+            Self::WrittenWrongly => "renders would be closer to the truth",
             Self::Repeated => "one image for all targets",
             Self::Flat => "no better than one flat colour",
         }
@@ -69,7 +69,7 @@ impl SuspiciousNote {
             Self::LogScales => "scales were read as logarithms that may be none",
             Self::Colours => "colours were read as coefficients that may be none",
             Self::NoColour => "renders have no colour",
-            Self::Resembles => {
+            Self::WrittenWrongly => {
                 "renders seem to have other channels, another encoding, other sides or another order than the ground truth"
             }
             Self::Repeated => "all targets have the same image",
@@ -97,7 +97,7 @@ mod tests {
             SuspiciousNote::LogScales => "every log-scale of the file lies in (0, 1]",
             SuspiciousNote::Colours => "every coefficient of the file lies in [0, 1]",
             SuspiciousNote::NoColour => "renders without colour",
-            SuspiciousNote::Resembles => "renders would be closer to the truth",
+            SuspiciousNote::WrittenWrongly => "renders would be closer to the truth",
             SuspiciousNote::Repeated => "one image for all targets",
             SuspiciousNote::Flat => "no better than one flat colour",
         }

@@ -17,8 +17,8 @@ use atsplat_results::{MethodRecord, RecordKind, TargetRow, TargetStatus, TrialKe
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::image_mistakes::{self, RenderAndTruth};
 use super::kept_images::ImageSink;
-use super::resemblance::{self, Compared};
 use super::scored::{compare, hash_of, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
 use crate::EvalError;
@@ -128,14 +128,14 @@ impl Evaluation<'_> {
         let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
         let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
         result.rows.clear();
-        for ScoredTarget { row, drawn, effects, suspicion, compared } in batches.into_iter().flatten() {
+        for ScoredTarget { row, drawn, effects, suspicion, pair } in batches.into_iter().flatten() {
             result.rows.push(row);
             result.drawn.extend(drawn);
             if let Some(suspicion) = suspicion {
                 *result.suspicious.entry(suspicion).or_default() += 1;
             }
             result.effects.extend(effects);
-            result.compared.extend(compared);
+            result.pairs.extend(pair);
         }
         if let Some(store) = self.images.worst(key, &result.rows, self.preset.metrics.psnr) {
             write_inputs(store, key, decoded)?;
@@ -174,7 +174,7 @@ impl Evaluation<'_> {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), suspicion: None, compared: None });
+                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), suspicion: None, pair: None });
             }
         };
         match truth {
@@ -183,11 +183,11 @@ impl Evaluation<'_> {
         }
         let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
-        let compared = scored.filter(|_| is_checked).map(|truth| Compared::of(&image, truth, row.leaked));
+        let pair = scored.filter(|_| is_checked).map(|truth| RenderAndTruth::of(&image, truth, row.leaked));
         if let Some(store) = self.images.all() {
             images::write_render(store, &row, &image)?;
         }
-        Ok(ScoredTarget { row, drawn, effects, suspicion, compared })
+        Ok(ScoredTarget { row, drawn, effects, suspicion, pair })
     }
 }
 
@@ -267,7 +267,7 @@ struct ScoredTarget {
     effects: Vec<&'static str>,
     suspicion: Option<SuspiciousRender>,
     /// Of a method whose images may be other ones than it meant.
-    compared: Option<Compared>,
+    pair: Option<RenderAndTruth>,
 }
 
 /// Results of a trial so far.
@@ -280,7 +280,7 @@ struct TrialResult {
     effects: BTreeSet<&'static str>,
     /// Number of suspicious renders of each kind.
     suspicious: BTreeMap<SuspiciousRender, usize>,
-    compared: Vec<Compared>,
+    pairs: Vec<RenderAndTruth>,
 }
 
 impl TrialResult {
@@ -291,7 +291,7 @@ impl TrialResult {
         record: &MethodRecord,
         error: Option<MethodError>,
     ) -> (TrialRow, Vec<TargetRow>) {
-        let Self { input_hash, rows, cost, drawn, effects, suspicious, compared } = self;
+        let Self { input_hash, rows, cost, drawn, effects, suspicious, pairs } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -309,7 +309,7 @@ impl TrialResult {
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
-        let resemblance = resemblance::note(&compared, &rows, record.record_kind(), !suspicious.is_empty());
+        let mistake = image_mistakes::note(&pairs, &rows, record.record_kind(), !suspicious.is_empty());
         let suspicious = suspicious::notes(&suspicious, rows.len(), cost.gaussians);
         let (context_psnr, exact) = match cost.context_psnr {
             Some(psnr) if !psnr.is_finite() => (None, Some(format!("the PSNR on the context views is {psnr}"))),
@@ -338,7 +338,7 @@ impl TrialResult {
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
-            notes: cost.notes.into_iter().chain(exact).chain(suspicious).chain(resemblance).chain(fallbacks).collect(),
+            notes: cost.notes.into_iter().chain(exact).chain(suspicious).chain(mistake).chain(fallbacks).collect(),
         };
         (row, rows)
     }

@@ -44,7 +44,7 @@ fn images_with_other_channels_sides_or_order_are_noted() {
         run.run(&root.path().join(format!("{name}-scored"))).unwrap().0.trials[0].notes.clone()
     };
     let said = |text: &str| [format!("renders would be closer to the truth {text}: 3 of 3")];
-    assert!(SuspiciousNote::Resembles.is(&said("")[0]));
+    assert!(SuspiciousNote::WrittenWrongly.is(&said("")[0]));
     assert_eq!(scored("same", images.clone()), [""; 0]);
     let swapped = images.each_ref().map(|image| changed(image, |x, y| (x, y), |[r, g, b]| [b, g, r]));
     assert_eq!(scored("swapped", swapped), said("with red and blue exchanged"));

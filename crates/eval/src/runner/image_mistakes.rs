@@ -1,72 +1,76 @@
-//! Renders that fit the ground truth far better after a change that is easily made when images are written, and renders that
-//! fit it no better than one colour.
+//! Asks whether images were written wrongly: mirrored, rotated or transposed, as BGR, as linear light or encoded twice, in another
+//! order, one for all targets, or of nothing better than one colour.
 //!
-//! On real frames, methods of 19 to 30 dB have at least 22 times their error after any of these changes, and images with one of
-//! them have at most 0.05 times their error after undoing it.
+//! For each correction that would undo such a mistake, thumbnails of a render and its ground truth are compared before and after. It is
+//! noted for a trial if it leaves, in more than half of the targets, less than a quarter of the mean squared error and less than an
+//! absolute limit. Of imported images, which may be of several formats, one is enough, if its error is large and the correction leaves
+//! nearly nothing of it. Of several corrections, the one of most images is noted, and of these the one that leaves the least error.
+//!
+//! On real frames, methods of 19 to 30 dB have at least 22 times their error after any of these corrections, and images with one of
+//! the mistakes have at most 0.05 times their error after its correction.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_pixels::{Image, ImageU8};
+use atsplat_pixels::{Image, ImageU8, Srgb as _};
 use atsplat_results::{RecordKind, TargetRow, TargetStatus};
 
 use crate::suspicious_notes::SuspiciousNote;
 
-/// Columns and rows of a thumbnail, at most.
-const SIDE: usize = 32;
-/// A change is noted if it leaves less than this share of the mean squared error,
-const LEFT: f64 = 0.25;
-/// and less than this much of it,
-const CLOSE: f64 = 0.01;
-/// unless there was hardly an error before.
-const HARDLY: f64 = 1e-5;
-/// Of imported images, which may be of several formats, even a single one is noted if a change leaves less than this share of a large
-/// error: more than of any image with a mistake, and far less than by accident.
-const SURELY: f64 = 0.06;
+const MAX_THUMBNAIL_SIDE: usize = 32;
+/// A correction is noted if it leaves less than this share of the mean squared error,
+const MAX_SHARE_LEFT: f64 = 0.25;
+/// and less than this error.
+const MAX_ERROR_LEFT: f64 = 0.01;
+/// An image with a smaller error has no mistake.
+const MIN_ERROR: f64 = 1e-5;
+/// The share that a correction may leave of the large error of an image that is noted alone: more than of any image with a mistake, and
+/// far less than by accident.
+const MAX_SHARE_LEFT_OF_ONE: f64 = 0.06;
 /// Mean squared difference of two ground truths that cannot be confused, and of one and a flat colour.
-const DISTINCT: f64 = 0.002;
+const MIN_DISTINCT_DIFFERENCE: f64 = 0.002;
 
 /// A change that would undo a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Change {
-    RedAndBlue,
-    ToSrgb,
-    ToLinear,
-    LeftToRight,
-    TopToBottom,
-    HalfTurn,
-    Transposed,
+enum Correction {
+    ExchangeRedAndBlue,
+    EncodeAsSrgb,
+    DecodeFromSrgb,
+    MirrorLeftToRight,
+    MirrorTopToBottom,
+    RotateByHalfTurn,
+    Transpose,
     /// The image belongs to another target of the trial.
-    Reordered,
+    Reorder,
 }
 
-impl Change {
+impl Correction {
     /// Those of a single image.
     const OF_IMAGE: [Self; 7] = [
-        Self::RedAndBlue,
-        Self::ToSrgb,
-        Self::ToLinear,
-        Self::LeftToRight,
-        Self::TopToBottom,
-        Self::HalfTurn,
-        Self::Transposed,
+        Self::ExchangeRedAndBlue,
+        Self::EncodeAsSrgb,
+        Self::DecodeFromSrgb,
+        Self::MirrorLeftToRight,
+        Self::MirrorTopToBottom,
+        Self::RotateByHalfTurn,
+        Self::Transpose,
     ];
 
     /// How a note goes on.
     const fn text(self) -> &'static str {
         match self {
-            Self::RedAndBlue => "with red and blue exchanged",
-            Self::ToSrgb => "encoded as sRGB, as if they were linear light",
-            Self::ToLinear => "decoded from sRGB, as if they were encoded twice",
-            Self::LeftToRight => "mirrored left to right",
-            Self::TopToBottom => "mirrored top to bottom",
-            Self::HalfTurn => "rotated by 180°",
-            Self::Transposed => "with rows and columns exchanged",
-            Self::Reordered => "of other targets, as if they were in another order",
+            Self::ExchangeRedAndBlue => "with red and blue exchanged",
+            Self::EncodeAsSrgb => "encoded as sRGB, as if they were linear light",
+            Self::DecodeFromSrgb => "decoded from sRGB, as if they were encoded twice",
+            Self::MirrorLeftToRight => "mirrored left to right",
+            Self::MirrorTopToBottom => "mirrored top to bottom",
+            Self::RotateByHalfTurn => "rotated by 180°",
+            Self::Transpose => "with rows and columns exchanged",
+            Self::Reorder => "of other targets, as if they were in another order",
         }
     }
 }
 
-/// An image of box means, at most [`SIDE`] × [`SIDE`].
+/// An image of box means.
 #[derive(Clone, Debug)]
 struct Thumbnail {
     columns: usize,
@@ -79,10 +83,10 @@ struct Thumbnail {
 impl Thumbnail {
     fn of(width: u32, height: u32, pixels: impl Iterator<Item = [f32; 3]>) -> Self {
         let [width, height] = [width as usize, height as usize];
-        let [columns, rows] = [width, height].map(|side| side.min(SIDE));
+        let [columns, rows] = [width, height].map(|side| side.min(MAX_THUMBNAIL_SIDE));
         let mut sums = vec![([0.0; 3], 0.0); columns * rows];
-        for (at, pixel) in pixels.enumerate() {
-            let cell = at / width * rows / height * columns + at % width * columns / width;
+        for (index, pixel) in pixels.enumerate() {
+            let cell = index / width * rows / height * columns + index % width * columns / width;
             if let Some((sum, count)) = sums.get_mut(cell) {
                 *sum = added(*sum, pixel.map(|sample| f64::from(sample.clamp(0.0, 1.0))));
                 *count += 1.0;
@@ -92,21 +96,21 @@ impl Thumbnail {
         Self { columns, is_square: width == height, pixels }
     }
 
-    /// The pixels after a change of a single image; `None` if it would change the image's size.
-    fn after(&self, change: Change) -> Option<Vec<[f64; 3]>> {
+    /// The pixels after a correction of a single image; `None` if it would change the image's size.
+    fn corrected(&self, correction: Correction) -> Option<Vec<[f64; 3]>> {
         let rows = || self.pixels.chunks_exact(self.columns.max(1));
         let pixels = self.pixels.iter().copied();
-        Some(match change {
-            Change::RedAndBlue => pixels.map(|[red, green, blue]| [blue, green, red]).collect(),
-            Change::ToSrgb => pixels.map(|pixel| pixel.map(encoded)).collect(),
-            Change::ToLinear => pixels.map(|pixel| pixel.map(decoded)).collect(),
-            Change::LeftToRight => rows().flat_map(|row| row.iter().rev().copied()).collect(),
-            Change::TopToBottom => rows().rev().flatten().copied().collect(),
-            Change::HalfTurn => pixels.rev().collect(),
-            Change::Transposed if self.is_square => {
+        Some(match correction {
+            Correction::ExchangeRedAndBlue => pixels.map(|[red, green, blue]| [blue, green, red]).collect(),
+            Correction::EncodeAsSrgb => pixels.map(|pixel| pixel.map(f64::srgb_from_linear)).collect(),
+            Correction::DecodeFromSrgb => pixels.map(|pixel| pixel.map(f64::linear_from_srgb)).collect(),
+            Correction::MirrorLeftToRight => rows().flat_map(|row| row.iter().rev().copied()).collect(),
+            Correction::MirrorTopToBottom => rows().rev().flatten().copied().collect(),
+            Correction::RotateByHalfTurn => pixels.rev().collect(),
+            Correction::Transpose if self.is_square => {
                 (0..self.columns).flat_map(|column| rows().filter_map(move |row| row.get(column).copied())).collect()
             }
-            Change::Transposed | Change::Reordered => return None,
+            Correction::Transpose | Correction::Reorder => return None,
         })
     }
 }
@@ -116,25 +120,15 @@ fn added(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a0 + b0, a1 + b1, a2 + b2]
 }
 
-/// Linear light as sRGB.
-fn encoded(value: f64) -> f64 {
-    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
-}
-
-/// sRGB as linear light.
-fn decoded(value: f64) -> f64 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-}
-
 /// Mean squared difference; NaN without pixels.
 fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     let squares = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b));
     squares.sum::<f64>() / a.as_flattened().len() as f64
 }
 
-/// What is kept of a scored render and its ground truth until the trial is finished.
+/// A scored render and its ground truth, as far as they are kept until the trial is finished.
 #[derive(Clone, Debug)]
-pub(super) struct Compared {
+pub(super) struct RenderAndTruth {
     render: Thumbnail,
     truth: Thumbnail,
     /// Whether the target is a context frame too.
@@ -143,28 +137,28 @@ pub(super) struct Compared {
     is_no_better_than_flat: bool,
 }
 
-impl Compared {
+impl RenderAndTruth {
     /// Of two images of one size.
     pub(super) fn of(render: &Image, truth: &ImageU8, is_leaked: bool) -> Self {
         let (width, height) = (truth.width(), truth.height());
-        let shown = || render.samples().as_chunks::<3>().0.iter().copied();
+        let rendered = || render.samples().as_chunks::<3>().0.iter().copied();
         let pixel_of = |pixel: &[u8; 3]| pixel.map(|sample| f32::from(sample) / 255.0);
-        let seen = || truth.samples().as_chunks::<3>().0.iter().map(pixel_of);
+        let true_pixels = || truth.samples().as_chunks::<3>().0.iter().map(pixel_of);
         let (mut error, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
-        for (shown, seen) in shown().zip(seen()) {
-            let [shown, seen] = [shown, seen].map(|pixel| pixel.map(f64::from));
-            error += difference(&[shown], &[seen]);
-            sum = added(sum, seen);
-            squares = added(squares, seen.map(|sample| sample * sample));
+        for (rendered, expected) in rendered().zip(true_pixels()) {
+            let [rendered, expected] = [rendered, expected].map(|pixel| pixel.map(f64::from));
+            error += difference(&[rendered], &[expected]);
+            sum = added(sum, expected);
+            squares = added(squares, expected.map(|sample| sample * sample));
         }
         let count = f64::from(width) * f64::from(height);
         let mean_squares = sum.map(|sum| (sum / count) * (sum / count)).iter().sum::<f64>();
         let variance = (squares.iter().sum::<f64>() / count - mean_squares) / 3.0;
         Self {
-            render: Thumbnail::of(width, height, shown()),
-            truth: Thumbnail::of(width, height, seen()),
+            render: Thumbnail::of(width, height, rendered()),
+            truth: Thumbnail::of(width, height, true_pixels()),
             is_leaked,
-            is_no_better_than_flat: variance >= DISTINCT && error / count >= variance,
+            is_no_better_than_flat: variance >= MIN_DISTINCT_DIFFERENCE && error / count >= variance,
         }
     }
 
@@ -172,78 +166,86 @@ impl Compared {
         difference(&self.render.pixels, &self.truth.pixels)
     }
 
-    /// Each change after which the render is far closer to its ground truth, with what is left.
-    fn changes(&self) -> Vec<(Change, Left)> {
+    /// Each correction after which the render is far closer to its ground truth.
+    fn corrections(&self) -> Vec<(Correction, Corrected)> {
         let before = self.error();
-        if before < HARDLY {
+        if before < MIN_ERROR {
             return Vec::new();
         }
-        let left = |change| Some((change, difference(&self.render.after(change)?, &self.truth.pixels)));
-        let changes = Change::OF_IMAGE.into_iter().filter_map(left);
-        let changes = changes.filter(|(_, after)| *after < LEFT * before && *after < CLOSE);
-        let is_sure = |after: f64| after < SURELY * before && before >= DISTINCT;
-        changes.map(|(change, after)| (change, Left { images: 1, sure: is_sure(after).into(), error: after })).collect()
+        let corrected = |correction| {
+            let after = difference(&self.render.corrected(correction)?, &self.truth.pixels);
+            let is_certain = after < MAX_SHARE_LEFT_OF_ONE * before && before >= MIN_DISTINCT_DIFFERENCE;
+            let corrected = Corrected { images: 1, certain: is_certain.into(), error_left: after };
+            is_far_closer(before, after).then_some((correction, corrected))
+        };
+        Correction::OF_IMAGE.into_iter().filter_map(corrected).collect()
     }
 
     /// The position among `all` of the ground truth that the render resembles far more than its own, with the error that is
     /// left. Not that of a context frame, which methods that copy one resemble rightly.
-    fn other(&self, all: &[Self]) -> Option<(usize, f64)> {
+    fn truth_of_another(&self, all: &[Self]) -> Option<(usize, f64)> {
         let before = self.error();
         // Without this much, no distinct truth can be so much closer.
-        if before < DISTINCT / 3.0 {
+        if before < MIN_DISTINCT_DIFFERENCE / 3.0 {
             return None;
         }
-        let left = |(at, other): (usize, &Self)| {
+        let closer = |(position, other): (usize, &Self)| {
             let after = difference(&self.render.pixels, &other.truth.pixels);
-            let is_far = || difference(&self.truth.pixels, &other.truth.pixels) >= DISTINCT;
-            (!other.is_leaked && after < LEFT * before && after < CLOSE && is_far()).then_some((at, after))
+            let is_distinct = || difference(&self.truth.pixels, &other.truth.pixels) >= MIN_DISTINCT_DIFFERENCE;
+            (!other.is_leaked && is_far_closer(before, after) && is_distinct()).then_some((position, after))
         };
-        all.iter().enumerate().filter_map(left).min_by(|(_, a), (_, b)| a.total_cmp(b))
+        all.iter().enumerate().filter_map(closer).min_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 }
 
-/// What a change leaves of the errors of some images.
+fn is_far_closer(error_before: f64, error_after: f64) -> bool {
+    error_after < MAX_SHARE_LEFT * error_before && error_after < MAX_ERROR_LEFT
+}
+
+/// Images that a correction brings far closer to their ground truth.
 #[derive(Clone, Copy, Debug, Default)]
-struct Left {
+struct Corrected {
     images: usize,
     /// Those of them that are noted alone.
-    sure: usize,
-    /// The sum.
-    error: f64,
+    certain: usize,
+    /// The sum of the errors that are left.
+    error_left: f64,
 }
 
-/// The change that brings most of a trial's `targets` renders, or single imported ones, far closer to the ground truth, and how many.
-fn change(compared: &[Compared], targets: usize, kind: RecordKind) -> Option<(Change, usize)> {
-    let mut found: BTreeMap<Change, Left> = BTreeMap::new();
-    let of_images = compared.iter().flat_map(Compared::changes);
+/// The correction that brings most of a trial's `targets` renders, or single imported ones, far closer to the ground truth, and how many.
+fn likeliest_correction(pairs: &[RenderAndTruth], targets: usize, kind: RecordKind) -> Option<(Correction, usize)> {
+    let of_images = pairs.iter().flat_map(RenderAndTruth::corrections);
     // Renders that resemble one and the same truth are those of a method that copies one view.
-    let mut others = BTreeSet::new();
-    let reordered = compared.iter().filter_map(|target| target.other(compared));
-    let reordered = reordered.filter(|(at, _)| others.insert(*at));
-    let reordered = reordered.map(|(_, error)| (Change::Reordered, Left { images: 1, sure: 0, error }));
-    for (change, Left { images, sure, error }) in of_images.chain(reordered) {
-        let all = found.entry(change).or_default();
-        *all = Left { images: all.images + images, sure: all.sure + sure, error: all.error + error };
+    let mut resembled = BTreeSet::new();
+    let reordered = pairs.iter().filter_map(|pair| pair.truth_of_another(pairs));
+    let reordered = reordered.filter(|(position, _)| resembled.insert(*position));
+    let reordered =
+        reordered.map(|(_, error_left)| (Correction::Reorder, Corrected { images: 1, certain: 0, error_left }));
+    let mut found: BTreeMap<Correction, Corrected> = BTreeMap::new();
+    for (correction, Corrected { images, certain, error_left }) in of_images.chain(reordered) {
+        let all = found.entry(correction).or_default();
+        all.images += images;
+        all.certain += certain;
+        all.error_left += error_left;
     }
-    let is_noted = |left: &Left| 2 * left.images > targets || (kind == RecordKind::Renders && left.sure > 0);
-    let noted = found.into_iter().filter(|(_, left)| is_noted(left));
-    let best = noted.min_by(|(_, a), (_, b)| b.images.cmp(&a.images).then(a.error.total_cmp(&b.error)));
-    best.map(|(change, left)| (change, left.images))
+    let is_noted = |all: &Corrected| 2 * all.images > targets || (kind == RecordKind::Renders && all.certain > 0);
+    let noted = found.into_iter().filter(|(_, all)| is_noted(all));
+    let best = noted.min_by(|(_, a), (_, b)| b.images.cmp(&a.images).then(a.error_left.total_cmp(&b.error_left)));
+    best.map(|(correction, all)| (correction, all.images))
 }
 
-/// The note on a trial with these rows of a method of this kind, of which `compared` are the scored ones. With `are_noted`, its
+/// The note on a trial with these rows of a method of this kind, of which `pairs` are the scored ones. With `are_noted`, its
 /// renders are known to be suspicious for another reason.
-pub(super) fn note(compared: &[Compared], rows: &[TargetRow], kind: RecordKind, are_noted: bool) -> Option<String> {
+pub(super) fn note(pairs: &[RenderAndTruth], rows: &[TargetRow], kind: RecordKind, are_noted: bool) -> Option<String> {
     let targets = rows.len();
-    if let Some((change, count)) = change(compared, targets, kind) {
-        return Some(format!("{} {}: {count} of {targets}", SuspiciousNote::Resembles, change.text()));
+    if let Some((correction, count)) = likeliest_correction(pairs, targets, kind) {
+        return Some(format!("{} {}: {count} of {targets}", SuspiciousNote::WrittenWrongly, correction.text()));
     }
     if kind == RecordKind::Renders && is_one_image(rows) {
         let repeated = SuspiciousNote::Repeated;
         return Some(format!("{repeated}: {targets} of {targets} renders are equal, and the ground truth differs"));
     }
-    let is_flat =
-        targets > 0 && compared.len() == targets && compared.iter().all(|target| target.is_no_better_than_flat);
+    let is_flat = targets > 0 && pairs.len() == targets && pairs.iter().all(|pair| pair.is_no_better_than_flat);
     let flat = SuspiciousNote::Flat;
     (is_flat && !are_noted).then(|| format!("{flat}: {targets} of {targets} (wrong poses, scale or axes?)"))
 }
@@ -262,11 +264,11 @@ mod tests {
 
     const SIDES: (u32, u32) = (48, 48);
 
-    /// A scene without symmetries, from the `at`-th of several places.
-    fn truth(at: u8, (width, height): (u32, u32)) -> ImageU8 {
+    /// A scene without symmetries, from one of several places.
+    fn truth(place: u8, (width, height): (u32, u32)) -> ImageU8 {
         let pixel = |index: u32| {
             let (x, y) = (f64::from(index % width) / f64::from(width), f64::from(index / width) / f64::from(height));
-            let shift = 0.25 * f64::from(at);
+            let shift = 0.25 * f64::from(place);
             [0.2 + 0.6 * x * y, 0.1 + 0.5 * (x + shift).fract(), 0.3 * y * y + 0.15 * (3.0 * x + shift).sin().abs()]
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours lie in [0, 1]")]
@@ -277,13 +279,13 @@ mod tests {
     /// A method's render: with an error of about 0.02.
     fn render(truth: &ImageU8) -> Image {
         let samples = Image::from_u8(truth).into_samples().into_iter().enumerate();
-        let samples = samples.map(|(at, sample)| sample + if at % 7 < 3 { 0.02 } else { -0.02 });
+        let samples = samples.map(|(index, sample)| sample + if index % 7 < 3 { 0.02 } else { -0.02 });
         Image::new(truth.width(), truth.height(), samples.collect()).unwrap()
     }
 
     fn changed(image: &Image, change: impl Fn(&Image, u32, u32) -> [f32; 3]) -> Image {
         let (width, height) = (image.width(), image.height());
-        let pixels = (0..width * height).flat_map(|at| change(image, at % width, at / width));
+        let pixels = (0..width * height).flat_map(|index| change(image, index % width, index / width));
         Image::new(width, height, pixels.collect()).unwrap()
     }
 
@@ -298,10 +300,10 @@ mod tests {
     }
 
     fn noted_of(kind: RecordKind, images: &[(Image, ImageU8, bool)], are_noted: bool) -> String {
-        let compared: Vec<Compared> =
-            images.iter().map(|(render, truth, leaked)| Compared::of(render, truth, *leaked)).collect();
+        let pair = |(render, truth, leaked): &(Image, ImageU8, bool)| RenderAndTruth::of(render, truth, *leaked);
+        let pairs: Vec<RenderAndTruth> = images.iter().map(pair).collect();
         let rows: Vec<TargetRow> = (0u32..).zip(images).map(|(at, _)| row(at, &at.to_string())).collect();
-        note(&compared, &rows, kind, are_noted).unwrap_or_default()
+        note(&pairs, &rows, kind, are_noted).unwrap_or_default()
     }
 
     fn of_all(change: impl Fn(&Image) -> Image) -> String {
@@ -328,8 +330,8 @@ mod tests {
             })
         });
         assert_eq!(swapped, said("with red and blue exchanged"));
-        assert_eq!(of_all(gamma(decoded)), said("encoded as sRGB, as if they were linear light"));
-        assert_eq!(of_all(gamma(encoded)), said("decoded from sRGB, as if they were encoded twice"));
+        assert_eq!(of_all(gamma(f64::linear_from_srgb)), said("encoded as sRGB, as if they were linear light"));
+        assert_eq!(of_all(gamma(f64::srgb_from_linear)), said("decoded from sRGB, as if they were encoded twice"));
         let last = SIDES.0 - 1;
         let moved = |from: fn(u32, u32, u32) -> (u32, u32)| {
             of_all(|image| {
@@ -351,7 +353,7 @@ mod tests {
         let images = [0, 1, 2].map(|at| {
             let image = render(&truth(at, SIDES));
             #[expect(clippy::cast_possible_truncation, reason = "a colour")]
-            let linear = |value: &f32| decoded(f64::from(value.clamp(0.0, 1.0))) as f32;
+            let linear = |value: &f32| f64::from(value.clamp(0.0, 1.0)).linear_from_srgb() as f32;
             let samples = image.samples().iter().map(linear).collect();
             let shown = if at == 1 { Image::new(image.width(), image.height(), samples).unwrap() } else { image };
             (shown, truth(at, SIDES), false)
