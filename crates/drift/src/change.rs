@@ -27,7 +27,7 @@ pub enum Cause {
     Resize,
     /// [`Stage::Model`].
     Model,
-    /// [`Stage::Renderer`]; `splatter` in files, as there.
+    /// [`Stage::Renderer`]; files have its older name, `splatter`.
     #[serde(rename = "splatter")]
     Renderer,
     /// [`Stage::Metric`], or the convention or the weights of a metric, or that it is not computed any more.

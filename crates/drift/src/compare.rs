@@ -10,7 +10,7 @@ use super::data::compare_images;
 use super::inputs::SharedPreset;
 use super::moved::of_drifted;
 use super::provenance::{differences, same_machine};
-use super::rows::{Group, Rows};
+use super::rows::{Group, Rows, TargetId};
 use super::{
     Baseline, BaselineTarget, Basis, Cause, ChangedImage, Comparison, DataComparison, DriftReport, DriftVerdict,
     Finding, FindingKind, Limit, SceneChange, least_limit, metric_bound, scene_limit,
@@ -95,7 +95,7 @@ impl Group {
     /// The targets with a score in both.
     fn pairs<'a>(&'a self, now: &'a Self, metric: &str) -> Vec<TargetPair<'a>> {
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
-        let pair = |(id, then): (&'a (String, u32, u32), &BaselineTarget)| {
+        let pair = |(id, then): (&'a TargetId, &BaselineTarget)| {
             let now = now.targets.get(id)?;
             let identical = [then, now].map(|row| row.status == TargetStatus::Identical);
             Some(TargetPair { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
@@ -157,7 +157,7 @@ impl Group {
 
 /// A target with a score in both runs.
 struct TargetPair<'a> {
-    id: &'a (String, u32, u32),
+    id: &'a TargetId,
     frame: u64,
     then: f64,
     now: f64,

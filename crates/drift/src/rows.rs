@@ -19,16 +19,17 @@ pub(super) struct Rows(pub(super) BTreeMap<(String, String), Group>);
 /// Rows of one method under one preset.
 #[derive(Default)]
 pub(super) struct Group {
-    /// By scene and entry.
     pub(super) trials: BTreeMap<EntryId, BaselineTrial>,
-    /// By scene, entry and number of the target.
-    pub(super) targets: BTreeMap<(String, u32, u32), BaselineTarget>,
-    /// Why targets failed, by the same; a baseline does not record it.
-    reasons: BTreeMap<(String, u32, u32), String>,
+    pub(super) targets: BTreeMap<TargetId, BaselineTarget>,
+    /// Why targets failed; a baseline does not record it.
+    reasons: BTreeMap<TargetId, String>,
 }
 
 /// Scene and number of an entry.
 pub(super) type EntryId = (String, u32);
+
+/// Scene, number of an entry and number of a target.
+pub(super) type TargetId = (String, u32, u32);
 
 /// Whether the frames of a trial are the baseline's.
 pub(super) enum Frames {
@@ -94,80 +95,111 @@ impl Rows {
     }
 }
 
-/// Number and first example of each kind of change.
-type Changes = BTreeMap<FindingKind, (u64, String)>;
-
 impl Group {
-    /// The kinds of changes other than of scores, each with its count.
+    /// The changes other than of scores, by kind.
     pub(super) fn findings(&self, now: &Self, preset: &str, method: &str, basis: Basis) -> Vec<Finding> {
-        let mut changes = Changes::new();
-        let mut add = |kind, example: &dyn Fn() -> String| {
-            changes.entry(kind).or_insert_with(|| (0, example())).0 += 1;
-        };
-        for (id, then) in &self.trials {
-            let Some(now) = now.trials.get(id) else { continue };
-            if then.trial_hash != now.trial_hash {
-                add(FindingKind::Trial, &|| format!("{} {}", id.0, id.1));
-            }
-            if let Some(change) = change_of_counts(then, now) {
-                add(FindingKind::Count, &|| format!("{} {}: {change}", id.0, id.1));
-            }
-        }
-        for (id, then) in &self.targets {
-            let location = || format!("{} {} frame {}", id.0, id.1, then.frame);
-            let Some(row) = now.targets.get(id) else {
-                add(FindingKind::Missing, &location);
-                continue;
+        let changes = [
+            (FindingKind::Missing, self.targets_missing_in(now)),
+            (FindingKind::New, now.targets_missing_in(self)),
+            (FindingKind::Trial, self.changed_trials(now)),
+            (FindingKind::Grouping, self.changed_groupings(now)),
+            (FindingKind::Status, self.changed_statuses(now)),
+            (FindingKind::Render, self.changed_renders(now)),
+            (FindingKind::Count, self.changed_counts(now)),
+            (FindingKind::Score, self.lost_scores(now)),
+            (FindingKind::NewScore, self.new_scores(now)),
+        ];
+        let mean_count = self.change_of_mean_count(now, basis);
+        let finding = |(kind, cases): (FindingKind, Vec<String>)| {
+            let count = cases.len() as u64;
+            let first = cases.into_iter().next()?;
+            let verdict = verdict(kind, basis, mean_count.is_some());
+            let example = match &mean_count {
+                Some(change) if kind == FindingKind::Count => format!("{first}; {change}"),
+                _ => first,
             };
+            Some(Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example })
+        };
+        changes.into_iter().filter_map(finding).collect()
+    }
+
+    fn targets_missing_in(&self, other: &Self) -> Vec<String> {
+        let missing = self.targets.iter().filter(|(id, _)| !other.targets.contains_key(*id));
+        missing.map(|(id, row)| location(id, row)).collect()
+    }
+
+    fn changed_trials(&self, now: &Self) -> Vec<String> {
+        let changed = self.trials_in_both(now).filter(|(_, [then, now])| then.trial_hash != now.trial_hash);
+        changed.map(|((scene, entry), _)| format!("{scene} {entry}")).collect()
+    }
+
+    fn changed_counts(&self, now: &Self) -> Vec<String> {
+        let changed = self.trials_in_both(now).filter_map(|((scene, entry), [then, now])| {
+            let change = change_of_counts(then, now)?;
+            Some(format!("{scene} {entry}: {change}"))
+        });
+        changed.collect()
+    }
+
+    fn changed_groupings(&self, now: &Self) -> Vec<String> {
+        self.changes_of_targets(now, |_, then, now| then.grouping.as_ref()?.change(now.grouping.as_ref()?))
+    }
+
+    fn changed_statuses(&self, now: &Self) -> Vec<String> {
+        self.changes_of_targets(now, |id, then, row| {
             let (was, is) = (self.status_of(then), now.status_of(row));
-            if was != is {
-                let reason = now.reasons.get(id).map_or_else(String::new, |reason| format!(": {reason}"));
-                add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}{reason}", location()));
-            }
-            let groupings = then.grouping.as_ref().zip(row.grouping.as_ref());
-            if let Some(change) = groupings.and_then(|(then, now)| then.change(now)) {
-                add(FindingKind::Grouping, &|| format!("{}: {change}", location()));
-            }
-            if then.render_hash.is_some() && then.render_hash != row.render_hash {
-                add(FindingKind::Render, &location);
-            }
-            if let Some(id) = then.scores.keys().find(|id| !row.scores.contains_key(*id)) {
-                add(FindingKind::Score, &|| format!("{}: {id}", location()));
-            }
-            if let Some(id) = row.scores.keys().find(|id| !then.scores.contains_key(*id)) {
-                add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
-            }
-        }
-        for (id, row) in now.targets.iter().filter(|(id, _)| !self.targets.contains_key(*id)) {
-            add(FindingKind::New, &|| format!("{} {} frame {}", id.0, id.1, row.frame));
-        }
-        let finding = |(kind, (count, mut example)): (FindingKind, (u64, String))| {
-            let verdict = match kind {
-                FindingKind::New | FindingKind::NewScore => DriftVerdict::Within,
-                // Bits and counts are only guaranteed for deterministic methods on the same machine type.
-                FindingKind::Render if basis != Basis::Exact => DriftVerdict::Within,
-                FindingKind::Count if basis != Basis::Exact => match self.change_of_mean_count(now, basis) {
-                    Some(change) => {
-                        example.push_str("; ");
-                        example.push_str(&change);
-                        DriftVerdict::Drifted
-                    }
-                    None => DriftVerdict::Within,
-                },
-                _ => DriftVerdict::Drifted,
-            };
-            Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
+            let reason = || now.reasons.get(id).map_or_else(String::new, |reason| format!(": {reason}"));
+            (was != is).then(|| format!("was {was}, is now {is}{}", reason()))
+        })
+    }
+
+    fn changed_renders(&self, now: &Self) -> Vec<String> {
+        let is_changed = |(_, [then, now]): &(&TargetId, [&BaselineTarget; 2])| {
+            then.render_hash.is_some() && then.render_hash != now.render_hash
         };
-        changes.into_iter().map(finding).collect()
+        self.targets_in_both(now).filter(is_changed).map(|(id, [then, _])| location(id, then)).collect()
+    }
+
+    fn lost_scores(&self, now: &Self) -> Vec<String> {
+        self.changes_of_targets(now, |_, then, now| score_missing_in(then, now))
+    }
+
+    fn new_scores(&self, now: &Self) -> Vec<String> {
+        self.changes_of_targets(now, |_, then, now| score_missing_in(now, then))
+    }
+
+    fn trials_in_both<'a>(&'a self, now: &'a Self) -> impl Iterator<Item = (&'a EntryId, [&'a BaselineTrial; 2])> {
+        self.trials.iter().filter_map(move |(id, then)| Some((id, [then, now.trials.get(id)?])))
+    }
+
+    fn targets_in_both<'a>(&'a self, now: &'a Self) -> impl Iterator<Item = (&'a TargetId, [&'a BaselineTarget; 2])> {
+        self.targets.iter().filter_map(move |(id, then)| Some((id, [then, now.targets.get(id)?])))
+    }
+
+    /// What `change` says of targets in both, after their places.
+    fn changes_of_targets(
+        &self,
+        now: &Self,
+        change: impl Fn(&TargetId, &BaselineTarget, &BaselineTarget) -> Option<String>,
+    ) -> Vec<String> {
+        let changed = self.targets_in_both(now).filter_map(|(id, [then, now])| {
+            let change = change(id, then, now)?;
+            Some(format!("{}: {change}", location(id, then)))
+        });
+        changed.collect()
     }
 
     /// How the mean number of Gaussians over the trials with one in both differs, if by more than it may on an inexact basis.
     fn change_of_mean_count(&self, now: &Self, basis: Basis) -> Option<String> {
-        let both = |(id, then): (&EntryId, &BaselineTrial)| Some([then.gaussians?, now.trials.get(id)?.gaussians?]);
-        let counts: Vec<[u64; 2]> = self.trials.iter().filter_map(both).collect();
+        let most = match basis {
+            Basis::Exact => return None,
+            Basis::Bound => MACHINE_COUNTS,
+            Basis::Interval => ANY_COUNTS,
+        };
+        let both = |(_, [then, now]): (&EntryId, [&BaselineTrial; 2])| Some([then.gaussians?, now.gaussians?]);
+        let counts: Vec<[u64; 2]> = self.trials_in_both(now).filter_map(both).collect();
         let [was, is] =
             [mean(counts.iter().map(|[was, _]| *was as f64))?, mean(counts.iter().map(|[_, is]| *is as f64))?];
-        let most = if basis == Basis::Bound { MACHINE_COUNTS } else { ANY_COUNTS };
         let is_beyond = (is - was).abs() > most * was;
         is_beyond.then(|| {
             let percent = most * 100.0;
@@ -235,6 +267,26 @@ impl Group {
         }
         changed
     }
+}
+
+/// Whether a change of this kind is drift. Bits and counts are only guaranteed for deterministic methods on the same machine type;
+/// elsewhere, counts of trials may differ as long as their mean does not.
+fn verdict(kind: FindingKind, basis: Basis, has_other_mean_count: bool) -> DriftVerdict {
+    match kind {
+        FindingKind::New | FindingKind::NewScore => DriftVerdict::Within,
+        FindingKind::Render if basis != Basis::Exact => DriftVerdict::Within,
+        FindingKind::Count if basis != Basis::Exact && !has_other_mean_count => DriftVerdict::Within,
+        _ => DriftVerdict::Drifted,
+    }
+}
+
+fn location((scene, entry, _): &TargetId, row: &BaselineTarget) -> String {
+    format!("{scene} {entry} frame {}", row.frame)
+}
+
+/// The first score of a target that another row of it lacks.
+fn score_missing_in(row: &BaselineTarget, other: &BaselineTarget) -> Option<String> {
+    row.scores.keys().find(|id| !other.scores.contains_key(*id)).cloned()
 }
 
 /// Which counts of a trial differ, each with both values: `final tokens were 1440, are now 1441`.

@@ -93,7 +93,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         vec![of_images(&decoded)],
         vec![of_views(&resized_alone)],
         of_gaussians(&gaussians),
-        vec![of_renders(&renders, &stages.splat(&inputs.limit_scene, &limit_view()?)?)],
+        vec![of_renders(&renders, &stages.render(&inputs.limit_scene, &limit_view()?)?)],
         vec![of_scores(&scores)],
     ];
     let changes = Stage::PROBED.into_iter().zip(&alone);

@@ -8,6 +8,8 @@ use super::{Inputs, Outputs, View};
 use crate::DriftError;
 
 const WHAT: &str = "the probe's file";
+/// The older name of the renderer, which files have.
+const RENDERS: &str = "splatter";
 
 pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
     let mut file = Writer::default();
@@ -28,7 +30,7 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
     file.gaussians("sheet", limit_scene)?;
     file.render("sheet", &outputs.limit_render)?;
     for (at, render) in outputs.renders.iter().enumerate() {
-        file.render(&format!("splatter.{at}"), render)?;
+        file.render(&format!("{RENDERS}.{at}"), render)?;
     }
     for (at, scores) in outputs.scores.iter().enumerate() {
         for (id, score) in scores {
@@ -57,8 +59,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         resized.push(View { image, camera: file.camera(&format!("resize.{at}.camera"))? });
     }
     let (mut renders, mut scores) = (Vec::new(), Vec::new());
-    for at in 0..file.count("splatter") {
-        let name = format!("splatter.{at}");
+    for at in 0..file.count(RENDERS) {
+        let name = format!("{RENDERS}.{at}");
         renders.push(file.render(&name)?);
         let prefix = format!("metric.{at}.");
         let ids = file.0.tensors.keys().filter_map(|name| Some((name, name.strip_prefix(&prefix)?)));

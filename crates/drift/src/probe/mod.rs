@@ -40,7 +40,7 @@ pub enum Stage {
     Resize,
     /// Reconstructs Gaussians from context views.
     Model,
-    /// Renders Gaussians; `splatter` in files.
+    /// Renders Gaussians; files have its older name, `splatter`.
     #[serde(rename = "splatter")]
     Renderer,
     /// Scores a render against the ground truth.
@@ -78,7 +78,7 @@ pub trait Stages {
     /// [`Stage::Model`].
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError>;
     /// [`Stage::Renderer`]: renders the view of `target`, whose image is ignored.
-    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
+    fn render(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
     /// [`Stage::Metric`]: finite scores by id.
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError>;
 }

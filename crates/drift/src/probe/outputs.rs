@@ -60,7 +60,7 @@ pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> 
     let gaussians = stages.model(context(inputs, &views)?)?;
     let renders = rendered(stages, &gaussians, targets(inputs, &views)?)?;
     let scores = scored(stages, &renders, targets(inputs, &views)?)?;
-    let limit_render = stages.splat(&inputs.limit_scene, &limit_view()?)?;
+    let limit_render = stages.render(&inputs.limit_scene, &limit_view()?)?;
     Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, limit_render, scores })
 }
 
@@ -70,7 +70,7 @@ pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8])
 }
 
 pub(super) fn rendered(stages: &dyn Stages, gaussians: &Gaussians, targets: &[View]) -> Result<Vec<Image>, DriftError> {
-    targets.iter().map(|target| stages.splat(gaussians, target)).collect()
+    targets.iter().map(|target| stages.render(gaussians, target)).collect()
 }
 
 pub(super) fn scored(

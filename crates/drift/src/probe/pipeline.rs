@@ -98,7 +98,7 @@ impl Stages for Pipeline {
         reconstruct().map(|reconstruction| reconstruction.gaussians).map_err(|error| Stage::Model.failed()(&error))
     }
 
-    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+    fn render(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
         let view = atsplat_splat::View { camera: target.camera, size: target.size() };
         let rendering = CpuRenderer::default().render(gaussians, &view, &self.options);
         let rendering = rendering.map_err(|error| Stage::Renderer.failed()(&error))?;

@@ -85,7 +85,7 @@ fn a_thousandth_of_any_renderer_constant_changes_the_limit_scene() {
         let gaussians = limit_scene::limit_scene(&then).unwrap();
         let mut render = |constants: &RendererConstants| {
             pipeline.options.constants = constants.clone();
-            pipeline.splat(&gaussians, &view).unwrap()
+            pipeline.render(&gaussians, &view).unwrap()
         };
         let baseline = render(&then);
         for (name, of) in &constants {
@@ -148,8 +148,8 @@ impl Stages for Changed {
         Ok(made.select(&half).unwrap())
     }
 
-    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
-        self.pipeline.splat(gaussians, target)
+    fn render(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+        self.pipeline.render(gaussians, target)
     }
 
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {

@@ -49,8 +49,8 @@ impl Stages for Planted<'_> {
         Ok(Gaussians::new(parts).unwrap())
     }
 
-    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
-        let render = self.pipeline.splat(gaussians, target)?;
+    fn render(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+        let render = self.pipeline.render(gaussians, target)?;
         let by = if self.stage == Some(Stage::Renderer) { self.amount } else { 0.0 };
         let samples = render.samples().iter().map(|sample| sample + by).collect();
         Ok(Image::new(render.width(), render.height(), samples).unwrap())
@@ -162,7 +162,7 @@ impl Stages for Failing<'_> {
         self.0.model(context)
     }
 
-    fn splat(&self, _: &Gaussians, _: &View) -> Result<Image, DriftError> {
+    fn render(&self, _: &Gaussians, _: &View) -> Result<Image, DriftError> {
         Err(DriftError::Stage { stage: Stage::Renderer.name(), reason: "no images".to_owned() })
     }
 
