@@ -37,14 +37,26 @@ pub struct FoundFiles {
     folder: PathBuf,
     expected: &'static str,
     requested: usize,
-    first: String,
-    here: LayoutCounts,
-    /// A parent or subfolder that contains scenes if this one contains none.
-    elsewhere: Option<(PathBuf, LayoutCounts)>,
-    /// The first folder of a scene if none has the files that are looked for, and the scene's frames.
-    without_files: Option<(PathBuf, Vec<usize>)>,
-    /// Why the files of a scene cannot be looked for.
-    unreadable: Option<String>,
+    /// The name of a requested scene.
+    example: String,
+    found: Found,
+}
+
+/// What a folder of imported results contains, or what may explain that it contains none of the requested scenes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Found {
+    Scenes {
+        layouts: LayoutCounts,
+        /// Why the files of another scene cannot be looked for.
+        unreadable: Option<String>,
+    },
+    /// No scene, and why the files of one cannot be looked for.
+    Unreadable(String),
+    /// A parent or subfolder contains scenes.
+    Elsewhere(PathBuf, LayoutCounts),
+    /// The first folder of a scene, which has none of the files that are looked for, and the scene's frames.
+    WithoutFiles(PathBuf, Vec<usize>),
+    Nothing,
 }
 
 impl FoundFiles {
@@ -58,64 +70,58 @@ impl FoundFiles {
         requested: &[RequestedScene<'_>],
         layout: impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Result<Option<Layout>, String>,
     ) -> Self {
-        let found = |folder: &Path, every: usize| {
-            let (mut found, mut unreadable, names) = (LayoutCounts::default(), None, names.below(folder));
-            for requested in requested.iter().step_by(every) {
-                match layout(folder, requested, &names) {
-                    Ok(Some(layout)) => *found.0.entry(layout).or_default() += 1,
-                    Ok(None) => {}
-                    Err(error) => unreadable = unreadable.or(Some(error)),
-                }
-            }
-            (found, unreadable)
+        let (layouts, unreadable) = count_layouts(folder, names, requested, &layout);
+        let found = if layouts.scenes() > 0 {
+            Found::Scenes { layouts, unreadable }
+        } else if let Some(error) = unreadable {
+            Found::Unreadable(error)
+        } else if let Some((neighbour, layouts)) = most_scenes_elsewhere(folder, names, requested, &layout) {
+            Found::Elsewhere(neighbour, layouts)
+        } else if let Some((scene, frames)) = first_folder_of_a_scene(folder, names, requested) {
+            Found::WithoutFiles(scene, frames)
+        } else {
+            Found::Nothing
         };
-        let (here, unreadable) = found(folder, 1);
-        let every = requested.len().div_ceil(MAX_SCENES).max(1);
-        let others = || neighbours(folder).into_iter().map(|other| (found(&other, every).0, other));
-        let with_scenes = || others().filter(|(found, _)| found.scenes() > 0);
-        let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
-        let elsewhere = elsewhere.map(|(found, other)| (other, found));
-        let with_several = requested.iter().find(|of| names.entries_of(of.scene) > 1);
-        let first = with_several.or_else(|| requested.first()).map_or_else(String::new, |of| names.example(of.scene));
-        let of_scene = |RequestedScene { scene, frames }: &RequestedScene<'_>| {
-            let mut names = names.of(scene, 0).into_iter().filter_map(|name| below(folder, &name));
-            Some((names.find(|folder| folder.is_dir())?, frames.to_vec()))
-        };
-        let without_files = if here.scenes() > 0 { None } else { requested.iter().find_map(of_scene) };
-        let (folder, requested) = (folder.to_owned(), requested.len());
-        Self { what, folder, expected, requested, first, here, elsewhere, without_files, unreadable }
+        let with_several_entries = requested.iter().find(|requested| names.entries_of(requested.scene) > 1);
+        let example = with_several_entries.or_else(|| requested.first());
+        let example = example.map_or_else(String::new, |requested| names.example(requested.scene));
+        Self { what, folder: folder.to_owned(), expected, requested: requested.len(), example, found }
     }
 
     /// How many scenes were found.
     pub fn scenes(&self) -> usize {
-        self.here.scenes()
+        match &self.found {
+            Found::Scenes { layouts, .. } => layouts.scenes(),
+            Found::Unreadable(_) | Found::Elsewhere(..) | Found::WithoutFiles(..) | Found::Nothing => 0,
+        }
     }
 
     /// # Errors
     /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder contains or why nobody
     /// can tell, and where the scenes are instead.
     pub fn check(&self) -> Result<(), EvalError> {
-        if self.scenes() > 0 || self.requested == 0 {
+        let (folder, requested) = (self.folder.display(), self.requested);
+        if requested == 0 {
             return Ok(());
         }
-        let (folder, requested) = (self.folder.display(), self.requested);
-        let found = match (&self.unreadable, &self.elsewhere, &self.without_files) {
-            (Some(error), ..) => format!("none of {requested} scenes there that can be read: {error}"),
-            (None, Some((other, found)), _) => format!(
-                "none of {requested} scenes there, but {}{} of them below {}, in the layout {found}: use that folder",
+        let found = match &self.found {
+            Found::Scenes { .. } => return Ok(()),
+            Found::Unreadable(error) => format!("none of {requested} scenes there that can be read: {error}"),
+            Found::Elsewhere(other, layouts) => format!(
+                "none of {requested} scenes there, but {}{} of them below {}, in the layout {layouts}: use that folder",
                 if requested > MAX_SCENES { "at least " } else { "" },
-                found.scenes(),
+                layouts.scenes(),
                 other.display()
             ),
-            (None, None, Some((scene, frames))) => {
+            Found::WithoutFiles(scene, frames) => {
                 let colour = scene.join("color");
                 let (listed, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
                 let (folder, content) = (listed.display(), content(listed));
                 format!("no such file in the folder of a scene: {folder} {content}{frames}")
             }
-            (None, None, None) => format!("none of {requested} scenes there; the folder {}", content(&self.folder)),
+            Found::Nothing => format!("none of {requested} scenes there; the folder {}", content(&self.folder)),
         };
-        let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.first);
+        let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.example);
         Err(EvalError::Settings { what: self.what, expected, found })
     }
 }
@@ -124,15 +130,63 @@ impl fmt::Display for FoundFiles {
     /// `folder of renders out: SCENE/color/000029.png in 12 of 12 scenes`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (what, folder) = (self.what, self.folder.display());
-        match (self.scenes(), self.requested) {
-            (0, _) => write!(f, "{what} {folder}: none of the requested scenes"),
-            (found, all) if found == all => write!(f, "{what} {folder}: {}", self.here),
-            (found, all) => {
-                write!(f, "{what} {folder}: {}; {} of {all} scenes are missing", self.here, all - found)?;
-                self.unreadable.iter().try_for_each(|error| write!(f, " or cannot be read: {error}"))
-            }
+        let Found::Scenes { layouts, unreadable } = &self.found else {
+            return write!(f, "{what} {folder}: none of the requested scenes");
+        };
+        write!(f, "{what} {folder}: {layouts}")?;
+        if layouts.scenes() < self.requested {
+            let (missing, all) = (self.requested - layouts.scenes(), self.requested);
+            write!(f, "; {missing} of {all} scenes are missing")?;
+            unreadable.iter().try_for_each(|error| write!(f, " or cannot be read: {error}"))?;
+        }
+        Ok(())
+    }
+}
+
+/// The layouts of scenes below a folder, and why the files of the first other one cannot be looked for.
+fn count_layouts(
+    folder: &Path,
+    names: &SceneNames,
+    requested: &[RequestedScene<'_>],
+    layout: &impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Result<Option<Layout>, String>,
+) -> (LayoutCounts, Option<String>) {
+    let (mut layouts, mut unreadable, names) = (LayoutCounts::default(), None, names.below(folder));
+    for scene in requested {
+        match layout(folder, scene, &names) {
+            Ok(Some(layout)) => *layouts.0.entry(layout).or_default() += 1,
+            Ok(None) => {}
+            Err(error) => unreadable = unreadable.or(Some(error)),
         }
     }
+    (layouts, unreadable)
+}
+
+/// The parent or subfolder of a folder that contains most of some scenes, with their layouts.
+fn most_scenes_elsewhere(
+    folder: &Path,
+    names: &SceneNames,
+    requested: &[RequestedScene<'_>],
+    layout: &impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Result<Option<Layout>, String>,
+) -> Option<(PathBuf, LayoutCounts)> {
+    let step = requested.len().div_ceil(MAX_SCENES).max(1);
+    let some: Vec<RequestedScene<'_>> = requested.iter().step_by(step).copied().collect();
+    let layouts = |neighbour: PathBuf| {
+        let (layouts, _) = count_layouts(&neighbour, names, &some, layout);
+        (layouts.scenes() > 0).then_some((neighbour, layouts))
+    };
+    neighbours(folder).into_iter().filter_map(layouts).max_by_key(|(_, layouts)| layouts.scenes())
+}
+
+/// The first folder of a requested scene, and the scene's frames.
+fn first_folder_of_a_scene(
+    folder: &Path,
+    names: &SceneNames,
+    requested: &[RequestedScene<'_>],
+) -> Option<(PathBuf, Vec<usize>)> {
+    requested.iter().find_map(|RequestedScene { scene, frames }| {
+        let mut folders = names.of(scene, 0).into_iter().filter_map(|name| below(folder, &name));
+        Some((folders.find(|folder| folder.is_dir())?, frames.to_vec()))
+    })
 }
 
 impl LayoutCounts {
@@ -234,12 +288,12 @@ mod tests {
     #[test]
     fn entries_that_are_no_files_say_so() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        fs::create_dir_all(at("000028.png")).unwrap();
-        fs::create_dir_all(at("color")).unwrap();
-        fs::write(at("000030.png"), "").unwrap();
-        std::os::unix::fs::symlink("gone.png", at("000029.png")).unwrap();
-        std::os::unix::fs::symlink("000030.png", at("000031.png")).unwrap();
+        let path = |name: &str| folder.path().join(name);
+        fs::create_dir_all(path("000028.png")).unwrap();
+        fs::create_dir_all(path("color")).unwrap();
+        fs::write(path("000030.png"), "").unwrap();
+        std::os::unix::fs::symlink("gone.png", path("000029.png")).unwrap();
+        std::os::unix::fs::symlink("000030.png", path("000031.png")).unwrap();
         let expected = "contains 000028.png (a folder), 000029.png (a link to nothing), 000030.png, 000031.png, color";
         assert_eq!(content(folder.path()), expected);
     }
@@ -253,17 +307,17 @@ mod tests {
         assert_eq!(content(&file), format!("cannot be listed: {system}"));
         let requested = ["a", "b", "c"].map(|scene| RequestedScene { scene, frames: &[] });
         let (what, names) = (("folder of Gaussians", "SCENE.ply"), SceneNames::default());
-        let of = |readable: &str| {
-            let layout = |_: &Path, of: &RequestedScene<'_>, _: &SceneNames| match of.scene {
+        let found = |readable: &str| {
+            let layout = |_: &Path, requested: &RequestedScene<'_>, _: &SceneNames| match requested.scene {
                 scene if scene == readable => Ok(Some(Layout("SCENE.ply".to_owned()))),
                 "a" => Ok(None),
                 other => Err(format!("refused ({other})")),
             };
             FoundFiles::of(what, folder.path(), &names, &requested, layout)
         };
-        let none = of("").check().unwrap_err().to_string();
+        let none = found("").check().unwrap_err().to_string();
         assert!(none.ends_with(", found none of 3 scenes there that can be read: refused (b)"), "{none}");
-        let one = of("b");
+        let one = found("b");
         assert!(one.check().is_ok());
         let end = ": SCENE.ply (1); 2 of 3 scenes are missing or cannot be read: refused (c)";
         assert!(one.to_string().ends_with(end), "{one}");
