@@ -160,3 +160,17 @@ fn evaluate(
     // A shard alone is complete; the other shards are missed where results are published.
     Ok(results.gaps().iter().all(|gap| gap.kind == GapKind::MissingShards))
 }
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::method::MethodKind;
+
+    use super::AFTER_HELP;
+
+    #[test]
+    fn the_help_lists_every_method() {
+        for name in MethodKind::names() {
+            assert!(AFTER_HELP.contains(name), "{name}");
+        }
+    }
+}

@@ -61,28 +61,45 @@ impl MethodKind {
         !matches!(self, Self::NearestView | Self::Warp | Self::Renders(_))
     }
 
+    /// The names in arguments, which are those of the kinds of records too ([`atsplat_results::RecordKind`]).
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        FORMS.iter().map(|(name, _)| *name)
+    }
+
     fn parse(text: &str) -> Result<Option<Self>, InvalidText> {
-        let folder = |path: &str| Some(PathBuf::from(path)).filter(|path| !path.as_os_str().is_empty());
-        let Some((method, rest)) = text.split_once(':') else {
-            return Ok(match text {
-                "atsplat" => Some(Self::AtSplat),
-                "nearest-view" => Some(Self::NearestView),
-                "warp" => Some(Self::Warp),
-                _ => None,
-            });
-        };
-        Ok(match method {
-            "renders" => folder(rest).map(Self::Renders),
-            "ply" => folder(rest).map(Self::Ply),
-            "exec" if !rest.trim().is_empty() => Some(Self::Exec(rest.to_owned())),
-            "atsplat+refine" => Some(Self::Refined(rest.parse()?)),
-            "3dgs" => Some(Self::Optimised(Strategy::Gaussians3d, rest.parse()?)),
-            "mip-splatting" => Some(Self::Optimised(Strategy::MipSplatting, rest.parse()?)),
-            "mcmc" => Some(Self::Optimised(Strategy::Mcmc, rest.parse()?)),
+        let (name, rest) = text.split_once(':').map_or((text, None), |(name, rest)| (name, Some(rest)));
+        let form = FORMS.iter().find(|(known, _)| *known == name).map(|(_, form)| form);
+        Ok(match (form, rest) {
+            (Some(Form::Name(kind)), None) => Some(kind()),
+            (Some(Form::Folder(kind)), Some(path)) if !path.is_empty() => Some(kind(PathBuf::from(path))),
+            (Some(Form::Budget(kind)), Some(budget)) => Some(kind(budget.parse()?)),
+            (Some(Form::Command(kind)), Some(text)) if !text.trim().is_empty() => Some(kind(text.to_owned())),
             _ => None,
         })
     }
 }
+
+/// What an argument has after a method's name and a colon.
+enum Form {
+    /// Nothing, nor a colon.
+    Name(fn() -> MethodKind),
+    Folder(fn(PathBuf) -> MethodKind),
+    Budget(fn(Budget) -> MethodKind),
+    Command(fn(String) -> MethodKind),
+}
+
+static FORMS: [(&str, Form); 10] = [
+    ("atsplat", Form::Name(|| MethodKind::AtSplat)),
+    ("atsplat+refine", Form::Budget(MethodKind::Refined)),
+    ("3dgs", Form::Budget(|budget| MethodKind::Optimised(Strategy::Gaussians3d, budget))),
+    ("mip-splatting", Form::Budget(|budget| MethodKind::Optimised(Strategy::MipSplatting, budget))),
+    ("mcmc", Form::Budget(|budget| MethodKind::Optimised(Strategy::Mcmc, budget))),
+    ("nearest-view", Form::Name(|| MethodKind::NearestView)),
+    ("warp", Form::Name(|| MethodKind::Warp)),
+    ("renders", Form::Folder(MethodKind::Renders)),
+    ("ply", Form::Folder(MethodKind::Ply)),
+    ("exec", Form::Command(MethodKind::Exec)),
+];
 
 impl MethodSpec {
     /// Methods separated by commas. A command is the last one: it may contain commas itself.
@@ -146,7 +163,19 @@ impl FromStr for MethodSpec {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_results::RecordKind;
+
     use super::*;
+
+    /// Otherwise tables reject `kind = "…"`, and images from outside are not checked for mistakes in writing them.
+    #[test]
+    fn every_method_has_a_kind_of_records_and_is_named_in_errors() {
+        let error = "none".parse::<MethodSpec>().unwrap_err().to_string();
+        for name in MethodKind::names() {
+            assert_ne!(RecordKind::of(name), RecordKind::Other, "{name}: crates/results/src/rows/record_kind.rs");
+            assert!(error.contains(name), "{name}: {error}");
+        }
+    }
 
     /// As in the label of a hyperparameter.
     #[test]
