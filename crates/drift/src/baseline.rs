@@ -178,7 +178,7 @@ impl Baseline {
             Limit::keep(&mut next.limits, &self.limits);
         }
         next.history = self.history.iter().cloned().chain(next.history).collect();
-        let accepted = history::of_rows(&next, Some(&compare(results, self)));
+        let accepted = history::numbers_of_rows(&next, Some(&compare(results, self)));
         next.numbers = self.numbers.iter().cloned().chain(accepted).collect();
         next
     }

@@ -8,7 +8,7 @@ use atsplat_results::{Results, TargetStatus};
 use super::change::Change;
 use super::data::compare_images;
 use super::inputs::SharedPreset;
-use super::moved::of_drifted;
+use super::moved::causes_of_drift;
 use super::provenance::{differences, same_machine};
 use super::rows::{Group, Rows, TargetId};
 use super::{
@@ -24,8 +24,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let now = now.with_reasons(&results.targets);
     let differences = differences(&baseline.provenance, &results.provenance);
     let presets = SharedPreset::all(&baseline.provenance, &results.provenance, &differences);
-    let of_other_images: BTreeSet<&str> = presets.iter().filter_map(SharedPreset::of_other_images).collect();
-    let data = compare_images(results, baseline, &of_other_images);
+    let with_other_images: BTreeSet<&str> =
+        presets.iter().filter_map(SharedPreset::name_if_images_may_differ).collect();
+    let data = compare_images(results, baseline, &with_other_images);
     let (mut comparisons, mut findings) = (Vec::new(), Vec::new());
     let of_image = |image: &ChangedImage| Change::new(Cause::Data, format!("{}, {image}", image.preset));
     let mut changes: Vec<Change> = data.changed.iter().map(of_image).collect();
@@ -57,7 +58,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
-    changes.extend(of_drifted(&comparisons, &findings, &differences));
+    changes.extend(causes_of_drift(&comparisons, &findings, &differences));
     let verdict = verdict(&comparisons, &findings, then.share_a_target(&now));
     let (changes, attribution, not_attributed) = (Change::merged(changes), None, None);
     DriftReport { verdict, comparisons, findings, data, differences, changes, attribution, not_attributed }

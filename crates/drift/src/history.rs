@@ -100,12 +100,12 @@ fn of_each<T>(targets: &[BaselineTarget], number: impl Fn(&[SelectedTarget<'_>])
     for rows in groups.values_mut() {
         rows.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
     }
-    let of = |(preset, method, metric): (&str, &str, &str)| {
+    let named_number = |(preset, method, metric): (&str, &str, &str)| {
         let selected = groups.get(&(preset, method))?.iter().filter_map(|row| selected(row, metric));
         let number = number(&selected.collect::<Vec<_>>())?;
         Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), number))
     };
-    names.into_iter().filter_map(of).collect()
+    names.into_iter().filter_map(named_number).collect()
 }
 
 /// A target of a table's mean: scored, and not identical to the truth.
@@ -118,12 +118,12 @@ fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<
 impl Baseline {
     /// With the numbers of its rows and none of earlier acceptances.
     pub(super) fn with_numbers_of_rows(self) -> Self {
-        Self { numbers: of_rows(&self, None), ..self }
+        Self { numbers: numbers_of_rows(&self, None), ..self }
     }
 }
 
 /// The numbers of a baseline's rows, which belong to its last acceptance. `report` compares them with the previous one.
-pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
+pub(super) fn numbers_of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
     let acceptance = baseline.history.len().saturating_sub(1);
     let number = |((preset, method, metric), (mean, interval)): (Name, _)| {
         let same = |name: (&String, &String, &String)| name == (&preset, &method, &metric);

@@ -20,7 +20,11 @@ const NETWORK: [&str; 2] = [MethodRecord::MODEL, MethodRecord::MODEL_HASH];
 
 /// Metrics that drifted and are not measured as in the baseline, metrics that are not computed any more, and methods that drifted with
 /// other settings or weights or were not run.
-pub(super) fn of_drifted(comparisons: &[Comparison], findings: &[Finding], differences: &[Difference]) -> Vec<Change> {
+pub(super) fn causes_of_drift(
+    comparisons: &[Comparison],
+    findings: &[Finding],
+    differences: &[Difference],
+) -> Vec<Change> {
     let drifted = || comparisons.iter().filter(|comparison| comparison.verdict == DriftVerdict::Drifted);
     let metrics: BTreeSet<&str> = drifted().map(|comparison| comparison.metric.as_str()).collect();
     let of_metric = |metric: &&str| {
@@ -43,9 +47,9 @@ pub(super) fn of_drifted(comparisons: &[Comparison], findings: &[Finding], diffe
 /// What differs about how a metric is measured, if something does.
 fn measured_differently(metric: &str, differences: &[Difference]) -> Option<&'static str> {
     const FIELDS: [(&str, &str); 2] = [("convention", "convention"), ("weights-sha256", "weights file")];
-    let of = Setting::Metric(metric.to_owned());
+    let setting = Setting::Metric(metric.to_owned());
     let is_field =
-        |difference: &Difference, field: &str| difference.of == of && difference.field.as_deref() == Some(field);
+        |difference: &Difference, field: &str| difference.of == setting && difference.field.as_deref() == Some(field);
     let differs = |field: &str| differences.iter().any(|difference| is_field(difference, field));
     FIELDS.into_iter().find(|&(field, _)| differs(field)).map(|(_, what)| what)
 }

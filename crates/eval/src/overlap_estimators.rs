@@ -114,7 +114,7 @@ impl EstimatorStudy {
         for kind in KINDS {
             let of_kind: Vec<&EstimatedPair> = pairs.iter().filter(|pair| pair.kind == kind).collect();
             let estimators = estimators.iter().enumerate();
-            rows.extend(estimators.map(|(at, estimator)| accuracy(kind, estimator.name(), at, &of_kind)));
+            rows.extend(estimators.map(|(index, estimator)| accuracy(kind, estimator.name(), index, &of_kind)));
         }
         let scenes = KINDS.len() * self.scenes as usize;
         Ok(EstimatorReport { scenes, size: self.size, pairs, estimators: rows })
@@ -172,8 +172,8 @@ impl SimulatedView {
     }
 }
 
-fn accuracy(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&EstimatedPair]) -> EstimatorAccuracy {
-    let both = |pair: &&EstimatedPair| Some((pair.truth, pair.estimates.get(at).copied().flatten()?));
+fn accuracy(kind: SceneKind, estimator: &'static str, index: usize, pairs: &[&EstimatedPair]) -> EstimatorAccuracy {
+    let both = |pair: &&EstimatedPair| Some((pair.truth, pair.estimates.get(index).copied().flatten()?));
     let (truths, estimates): (Vec<f64>, Vec<f64>) = pairs.iter().filter_map(both).unzip();
     let mean_of = |value: &dyn Fn(f64, f64) -> f64| {
         mean(truths.iter().zip(&estimates).map(|(truth, estimate)| value(*truth, *estimate)))

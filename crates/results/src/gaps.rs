@@ -66,7 +66,7 @@ impl Results {
             }
         }
         for warning in &self.provenance.warnings {
-            if let Some((kind, method)) = of_warning(&warning.kind) {
+            if let Some((kind, method)) = gap_of_warning(&warning.kind) {
                 add(&warning.preset, method, kind, warning.count, warning.example.clone());
             }
         }
@@ -106,7 +106,7 @@ impl Results {
 }
 
 /// The gap that a warning of a run is about, if it is about one, and the method if it is about a method.
-fn of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
+fn gap_of_warning(kind: &str) -> Option<(GapKind, Option<&str>)> {
     if let Some(foreign) = ForeignEntries::of(kind) {
         return Some((GapKind::ForeignEntries(foreign), None));
     }
@@ -139,7 +139,7 @@ impl fmt::Display for Gap {
             ["shard", "scene", "entry", "trial", "target"].map(|what| counted(*count, what));
         let [are, were, have, render] =
             if *count == 1 { ["is", "was", "has", "renders"] } else { ["are", "were", "have", "render"] };
-        let of = method.as_ref().map_or_else(String::new, |method| format!(" of {method}"));
+        let of_method = method.as_ref().map_or_else(String::new, |method| format!(" of {method}"));
         write!(f, "{preset}: ")?;
         match kind {
             GapKind::MissingShards => return write!(f, "{shards} of the run {are} missing: this is {first}"),
@@ -149,14 +149,14 @@ impl fmt::Display for Gap {
             GapKind::DroppedBySplit => {
                 write!(f, "{entries} of the published index {are} dropped by the split derived from it")
             }
-            GapKind::Unfinished => write!(f, "the run{of} is unfinished"),
+            GapKind::Unfinished => write!(f, "the run{of_method} is unfinished"),
             GapKind::Skipped => {
                 let methods = method.as_ref().map_or_else(String::new, |method| format!(" for {method}"));
                 write!(f, "{} {were} skipped{methods}", counted(*count, "index entry"))
             }
-            GapKind::Incomplete => write!(f, "{trials}{of} {are} incomplete"),
-            GapKind::NonFinite => write!(f, "{targets}{of} {have} NaN or infinite samples"),
-            GapKind::EmptyRender => write!(f, "{trials}{of} {render} no Gaussian in any target"),
+            GapKind::Incomplete => write!(f, "{trials}{of_method} {are} incomplete"),
+            GapKind::NonFinite => write!(f, "{targets}{of_method} {have} NaN or infinite samples"),
+            GapKind::EmptyRender => write!(f, "{trials}{of_method} {render} no Gaussian in any target"),
         }?;
         write!(f, ": {first}")
     }

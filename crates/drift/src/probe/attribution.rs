@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::limit_scene::limit_view;
 use super::outputs::{
-    context, mean_scores, of_gaussians, of_images, of_renders, of_scores, of_views, rendered, resized, scored, targets,
+    context, gaussian_values, image_values, mean_scores, render_values, rendered, resized, score_values, scored,
+    targets, view_values,
 };
 use super::{Outputs, Stage, Stages, View};
 use crate::DriftError;
@@ -90,11 +91,11 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     let renders = rendered(stages, &baseline.gaussians, targets(inputs, views)?)?;
     let scores = scored(stages, &baseline.renders, targets(inputs, views)?)?;
     let alone = [
-        vec![of_images(&decoded)],
-        vec![of_views(&resized_alone)],
-        of_gaussians(&gaussians),
-        vec![of_renders(&renders, &stages.render(&inputs.limit_scene, &limit_view()?)?)],
-        vec![of_scores(&scores)],
+        vec![image_values(&decoded)],
+        vec![view_values(&resized_alone)],
+        gaussian_values(&gaussians),
+        vec![render_values(&renders, &stages.render(&inputs.limit_scene, &limit_view()?)?)],
+        vec![score_values(&scores)],
     ];
     let changes = Stage::PROBED.into_iter().zip(&alone);
     let changes = changes.map(|(stage, now)| change(stage, &baseline.parts(stage), now, same_machine)).collect();
@@ -115,10 +116,10 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     ];
     let [now, .., then] = &numbers;
     let effect = |(metric, baseline): (&String, &f64)| {
-        let of = |scores: &BTreeMap<String, f64>| scores.get(metric).copied();
+        let score = |scores: &BTreeMap<String, f64>| scores.get(metric).copied();
         let effects: Option<Vec<f64>> =
-            numbers.windows(2).map(|pair| Some(of(pair.first()?)? - of(pair.last()?)?)).collect();
-        Some(MetricEffect { metric: metric.clone(), baseline: *baseline, now: of(now)?, effects: effects? })
+            numbers.windows(2).map(|pair| Some(score(pair.first()?)? - score(pair.last()?)?)).collect();
+        Some(MetricEffect { metric: metric.clone(), baseline: *baseline, now: score(now)?, effects: effects? })
     };
     Ok(Attribution { stages: changes, metrics: then.iter().filter_map(effect).collect() })
 }

@@ -15,26 +15,26 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
     let mut file = Writer::default();
     let Inputs { files, cameras, context, limit_scene } = &outputs.inputs;
     file.put("context", DType::U8, vec![*context], vec![1; *context])?;
-    for (at, (bytes, camera)) in files.iter().zip(cameras).enumerate() {
-        file.put(&format!("file.{at}"), DType::U8, vec![bytes.len()], bytes.clone())?;
-        file.doubles(&format!("camera.{at}"), &numbers(camera))?;
+    for (index, (bytes, camera)) in files.iter().zip(cameras).enumerate() {
+        file.put(&format!("file.{index}"), DType::U8, vec![bytes.len()], bytes.clone())?;
+        file.doubles(&format!("camera.{index}"), &numbers(camera))?;
     }
-    for (at, image) in outputs.decoded.iter().enumerate() {
-        file.image(&format!("decode.{at}"), image)?;
+    for (index, image) in outputs.decoded.iter().enumerate() {
+        file.image(&format!("decode.{index}"), image)?;
     }
-    for (at, view) in outputs.views.iter().enumerate() {
-        file.image(&format!("resize.{at}"), &view.image)?;
-        file.doubles(&format!("resize.{at}.camera"), &numbers(&view.camera))?;
+    for (index, view) in outputs.views.iter().enumerate() {
+        file.image(&format!("resize.{index}"), &view.image)?;
+        file.doubles(&format!("resize.{index}.camera"), &numbers(&view.camera))?;
     }
     file.gaussians("model", &outputs.gaussians)?;
     file.gaussians("sheet", limit_scene)?;
     file.render("sheet", &outputs.limit_render)?;
-    for (at, render) in outputs.renders.iter().enumerate() {
-        file.render(&format!("{RENDERS}.{at}"), render)?;
+    for (index, render) in outputs.renders.iter().enumerate() {
+        file.render(&format!("{RENDERS}.{index}"), render)?;
     }
-    for (at, scores) in outputs.scores.iter().enumerate() {
+    for (index, scores) in outputs.scores.iter().enumerate() {
         for (id, score) in scores {
-            file.doubles(&format!("metric.{at}.{id}"), &[*score])?;
+            file.doubles(&format!("metric.{index}.{id}"), &[*score])?;
         }
     }
     file.0.to_safetensors().map_err(|error| DriftError::invalid(WHAT, "tensors", error))
@@ -51,18 +51,18 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         limit_scene: file.gaussians("sheet")?,
     };
     let (mut decoded, mut resized) = (Vec::new(), Vec::new());
-    for at in 0..views {
-        inputs.files.push(file.get(&format!("file.{at}"), DType::U8)?.bytes().to_vec());
-        inputs.cameras.push(file.camera(&format!("camera.{at}"))?);
-        decoded.push(file.image(&format!("decode.{at}"))?);
-        let image = file.image(&format!("resize.{at}"))?;
-        resized.push(View { image, camera: file.camera(&format!("resize.{at}.camera"))? });
+    for index in 0..views {
+        inputs.files.push(file.get(&format!("file.{index}"), DType::U8)?.bytes().to_vec());
+        inputs.cameras.push(file.camera(&format!("camera.{index}"))?);
+        decoded.push(file.image(&format!("decode.{index}"))?);
+        let image = file.image(&format!("resize.{index}"))?;
+        resized.push(View { image, camera: file.camera(&format!("resize.{index}.camera"))? });
     }
     let (mut renders, mut scores) = (Vec::new(), Vec::new());
-    for at in 0..file.count(RENDERS) {
-        let name = format!("{RENDERS}.{at}");
+    for index in 0..file.count(RENDERS) {
+        let name = format!("{RENDERS}.{index}");
         renders.push(file.render(&name)?);
-        let prefix = format!("metric.{at}.");
+        let prefix = format!("metric.{index}.");
         let ids = file.0.tensors.keys().filter_map(|name| Some((name, name.strip_prefix(&prefix)?)));
         let score = |(name, id): (&String, &str)| {
             let [score] = file.doubles(name)?;
@@ -132,7 +132,7 @@ struct Reader(StoredTensors);
 impl Reader {
     /// Number of tensors named `prefix.0`, `prefix.1` and so on.
     fn count(&self, prefix: &str) -> usize {
-        let exists = |at: &usize| self.0.tensors.contains_key(&format!("{prefix}.{at}"));
+        let exists = |index: &usize| self.0.tensors.contains_key(&format!("{prefix}.{index}"));
         (0..self.0.tensors.len()).take_while(exists).count()
     }
 

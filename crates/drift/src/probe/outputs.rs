@@ -126,11 +126,11 @@ impl Outputs {
     pub(super) fn parts(&self, stage: Stage) -> Vec<Vec<f64>> {
         match stage {
             Stage::Data => vec![self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect()],
-            Stage::Decode => vec![of_images(&self.decoded)],
-            Stage::Resize => vec![of_views(&self.views)],
-            Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Renderer => vec![of_renders(&self.renders, &self.limit_render)],
-            Stage::Metric => vec![of_scores(&self.scores)],
+            Stage::Decode => vec![image_values(&self.decoded)],
+            Stage::Resize => vec![view_values(&self.views)],
+            Stage::Model => gaussian_values(&self.gaussians),
+            Stage::Renderer => vec![render_values(&self.renders, &self.limit_render)],
+            Stage::Metric => vec![score_values(&self.scores)],
         }
     }
 }
@@ -143,12 +143,12 @@ pub(super) fn mean_scores(scores: &[BTreeMap<String, f64>]) -> BTreeMap<String, 
     means
 }
 
-pub(super) fn of_images(images: &[ImageU8]) -> Vec<f64> {
+pub(super) fn image_values(images: &[ImageU8]) -> Vec<f64> {
     images.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 /// Samples, then intrinsics; the stage changes both.
-pub(super) fn of_views(views: &[View]) -> Vec<f64> {
+pub(super) fn view_values(views: &[View]) -> Vec<f64> {
     let k = |view: &View| {
         let k = view.camera.intrinsics;
         [k.fx, k.fy, k.cx, k.cy]
@@ -158,7 +158,7 @@ pub(super) fn of_views(views: &[View]) -> Vec<f64> {
 }
 
 /// Means, quaternions, logarithmic scales, opacity logits and harmonics.
-pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<Vec<f64>> {
+pub(super) fn gaussian_values(gaussians: &Gaussians) -> Vec<Vec<f64>> {
     let GaussianParts { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians.parts();
     let parts = [
         means.as_flattened(),
@@ -170,11 +170,11 @@ pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<Vec<f64>> {
     parts.map(|part| part.iter().map(|&value| f64::from(value)).collect::<Vec<f64>>()).into()
 }
 
-pub(super) fn of_renders(renders: &[Image], limit_render: &Image) -> Vec<f64> {
+pub(super) fn render_values(renders: &[Image], limit_render: &Image) -> Vec<f64> {
     renders.iter().chain([limit_render]).flat_map(Image::samples).map(|&sample| f64::from(sample)).collect()
 }
 
-pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
+pub(super) fn score_values(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
     scores.iter().flat_map(|scores| scores.values().copied()).collect()
 }
 

@@ -5,7 +5,7 @@ use atsplat_splat::{RenderOptions, View};
 use glam::DVec2;
 
 use super::expanded_tokens::expanded_tokens;
-use super::uncertainty::of_block;
+use super::uncertainty::uncertainty_of_block;
 use super::{ExpandedToken, ExpansionError, Subject, Uncertainty, seen_by};
 
 /// Token expansion in one trial.
@@ -61,30 +61,30 @@ pub fn measure_trial(
     let expanded_tokens = expanded_tokens(&trace);
     let first = trial.context().first().map(|view| View { camera: view.camera, size: view.size });
     let mut blocks = Vec::new();
-    for (at, made) in trace.reconstruction.blocks.iter().enumerate() {
+    for (index, made) in trace.reconstruction.blocks.iter().enumerate() {
         let scores: Vec<f64> = made.scores.iter().flatten().copied().map(f64::from).collect();
         if scores.is_empty() && made.selected.is_empty() {
             continue;
         }
-        let predictions = predictions(&trace, at, &subject)?;
-        let of_block: Vec<ExpandedToken> =
-            expanded_tokens.iter().filter(|expanded| expanded.block == at + 1).cloned().collect();
+        let predictions = predictions(&trace, index, &subject)?;
+        let of_this_block: Vec<ExpandedToken> =
+            expanded_tokens.iter().filter(|expanded| expanded.block == index + 1).cloned().collect();
         blocks.push(BlockMeasurement {
-            block: at + 1,
+            block: index + 1,
             tokens: made.parents.iter().max().map_or(0, |last| last + 1),
             expanded: made.selected.len(),
             scores,
             correlation: mean(predictions.iter().filter_map(|prediction| prediction.correlation)),
             contrast: mean(predictions.iter().filter_map(contrast)),
-            children: first.as_ref().map(|view| spread(&of_block, view)).transpose()?.flatten(),
+            children: first.as_ref().map(|view| spread(&of_this_block, view)).transpose()?.flatten(),
         });
     }
     Ok(TrialMeasurement { scene: trial.scene().to_owned(), blocks })
 }
 
 /// The uncertainty in each target; empty if the block does not score its tokens.
-fn predictions(trace: &Trace, at: usize, subject: &Subject) -> Result<Vec<Uncertainty>, ExpansionError> {
-    let of_target = |target| of_block(trace, at, target, &subject.options).transpose();
+fn predictions(trace: &Trace, index: usize, subject: &Subject) -> Result<Vec<Uncertainty>, ExpansionError> {
+    let of_target = |target| uncertainty_of_block(trace, index, target, &subject.options).transpose();
     subject.targets.iter().filter_map(of_target).collect()
 }
 

@@ -99,7 +99,7 @@ pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionErr
     }
     let stages = stages::stages(network, (&encoded, &trace), subject)?;
     let targets = subject.targets.iter().zip(stages).map(|(target, stages)| {
-        let uncertainty = uncertainty::of_last_block(&trace, target, &subject.options)?;
+        let uncertainty = uncertainty::uncertainty_of_last_block(&trace, target, &subject.options)?;
         let depth = depth(&trace.reconstruction.gaussians, &target.view, &subject.options)?;
         Ok(TargetStudy { stages, depth, uncertainty })
     });

@@ -32,7 +32,7 @@ pub struct Uncertainty {
 }
 
 /// Uncertainty of the last block that scores its tokens.
-pub(super) fn of_last_block(
+pub(super) fn uncertainty_of_last_block(
     trace: &Trace,
     target: &Target,
     options: &RenderOptions,
@@ -40,17 +40,17 @@ pub(super) fn of_last_block(
     let Some(last) = trace.reconstruction.blocks.iter().rposition(|block| block.scores.is_some()) else {
         return Ok(None);
     };
-    of_block(trace, last, target, options)
+    uncertainty_of_block(trace, last, target, options)
 }
 
 /// Uncertainty of a block, counted from 0; `None` if it does not score its tokens.
-pub(super) fn of_block(
+pub(super) fn uncertainty_of_block(
     trace: &Trace,
-    at: usize,
+    index: usize,
     target: &Target,
     options: &RenderOptions,
 ) -> Result<Option<Uncertainty>, ExpansionError> {
-    let Some((block, gaussians)) = trace.reconstruction.blocks.get(at).zip(trace.entering.get(at)) else {
+    let Some((block, gaussians)) = trace.reconstruction.blocks.get(index).zip(trace.entering.get(index)) else {
         return Ok(None);
     };
     let Some(scores) = &block.scores else { return Ok(None) };
@@ -69,7 +69,7 @@ pub(super) fn of_block(
         block.selected.iter().flat_map(|token| token * per_token..(token + 1) * per_token).collect();
     let chosen = render(&gaussians.select(&of_selected)?, &target.view, options)?;
     Ok(Some(Uncertainty {
-        block: at + 1,
+        block: index + 1,
         size: rendering.size,
         render: seen,
         correlation: rank_correlation(&error, &predicted),

@@ -142,7 +142,7 @@ impl Start {
                 let near = config.constants.near;
                 return Ok(in_frustums(views, *count, depths, near, config.seed, strategy)?.into());
             }
-            Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored, strategy)?),
+            Self::At(file) if !file.is_dir() => return Ok(read_gaussians(file, opacities_as_stored, strategy)?),
             Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,
             Self::Points => points_of_scene(of.data, &of.scene.key)?,
         };
@@ -183,7 +183,7 @@ fn points_of_scene(data: &Path, scene: &str) -> Result<PathBuf, StartError> {
 }
 
 /// The Gaussians of a file that can be optimised, repaired as [`Fit::new`](atsplat_fit::Fit::new) repairs them.
-fn of_file(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result<StartGaussians, SplatError> {
+fn read_gaussians(path: &Path, opacities_as_stored: bool, strategy: Strategy) -> Result<StartGaussians, SplatError> {
     let (gaussians, import) = files::read(path)?;
     let stored = import.validation.total;
     let (gaussians, mut warnings) = files::interpret(gaussians, &import, opacities_as_stored, path)?;

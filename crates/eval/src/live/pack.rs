@@ -35,33 +35,34 @@ pub struct Packed {
 /// without a 3D filter, as a network predicts them.
 pub(super) fn pack(gaussians: &Gaussians, min_alpha: f64) -> (Packed, Vec<usize>) {
     let parts = gaussians.parts();
-    let kept: Vec<usize> = (0..gaussians.len()).filter(|&at| f64::from(opacity(parts, at)) >= min_alpha).collect();
+    let kept: Vec<usize> =
+        (0..gaussians.len()).filter(|&index| f64::from(opacity(parts, index)) >= min_alpha).collect();
     let mut packed = Packed {
-        low: [0, 1, 2].map(|axis| extreme(kept.iter().map(|&at| parts.means[at][axis]), f32::minimum_of)),
-        high: [0, 1, 2].map(|axis| extreme(kept.iter().map(|&at| parts.means[at][axis]), f32::maximum_of)),
+        low: [0, 1, 2].map(|axis| extreme(kept.iter().map(|&index| parts.means[index][axis]), f32::minimum_of)),
+        high: [0, 1, 2].map(|axis| extreme(kept.iter().map(|&index| parts.means[index][axis]), f32::maximum_of)),
         log_scales: [f32::minimum_of, f32::maximum_of]
-            .map(|better| extreme(kept.iter().flat_map(|&at| parts.log_scales[at]), better)),
-        brightest: extreme(kept.iter().flat_map(|&at| colour(parts, at)), f32::maximum_of).maximum_of(1.0),
+            .map(|better| extreme(kept.iter().flat_map(|&index| parts.log_scales[index]), better)),
+        brightest: extreme(kept.iter().flat_map(|&index| colour(parts, index)), f32::maximum_of).maximum_of(1.0),
         bytes: Vec::with_capacity(kept.len() * BYTES),
     };
     packed.log_scales[0] = packed.log_scales[0].maximum_of(packed.log_scales[1] - LARGEST_RATIO);
-    for &at in &kept {
-        packed.push(parts, at);
+    for &index in &kept {
+        packed.push(parts, index);
     }
     (packed, kept)
 }
 
 impl Packed {
-    fn push(&mut self, parts: &GaussianParts, at: usize) {
+    fn push(&mut self, parts: &GaussianParts, index: usize) {
         for axis in 0..3 {
-            let step = level(parts.means[at][axis], [self.low[axis], self.high[axis]], 65535.0);
+            let step = level(parts.means[index][axis], [self.low[axis], self.high[axis]], 65535.0);
             self.bytes.extend(step.to_le_bytes());
         }
-        let scales = parts.log_scales[at].map(|log| level(log, self.log_scales, 255.0));
-        let imaginary = imaginary_of(parts.quaternions[at]);
+        let scales = parts.log_scales[index].map(|log| level(log, self.log_scales, 255.0));
+        let imaginary = imaginary_of(parts.quaternions[index]);
         let rotation = imaginary.map(|part| level(part, [-LARGEST_IMAGINARY, LARGEST_IMAGINARY], 254.0));
-        let colour = colour(parts, at).map(|channel| level(channel, [0.0, self.brightest], 255.0));
-        let opacity = level(opacity(parts, at), [0.0, 1.0], 255.0);
+        let colour = colour(parts, index).map(|channel| level(channel, [0.0, self.brightest], 255.0));
+        let opacity = level(opacity(parts, index), [0.0, 1.0], 255.0);
         let bytes = scales.into_iter().chain(rotation).chain(colour).chain([opacity]);
         self.bytes.extend(bytes.map(|step| step.to_le_bytes()[0]));
     }
@@ -79,15 +80,15 @@ pub(super) fn level(value: f32, [low, high]: [f32; 2], steps: f32) -> u16 {
     (share.clamp(0.0, 1.0) * steps).round() as u16
 }
 
-fn opacity(parts: &GaussianParts, at: usize) -> f32 {
-    1.0 / (1.0 + (-parts.opacity_logits[at]).exp())
+fn opacity(parts: &GaussianParts, index: usize) -> f32 {
+    1.0 / (1.0 + (-parts.opacity_logits[index]).exp())
 }
 
 /// Colour without dependence on the view, at least 0.
 #[expect(clippy::cast_possible_truncation, reason = "a constant of f32")]
-fn colour(parts: &GaussianParts, at: usize) -> [f32; 3] {
+fn colour(parts: &GaussianParts, index: usize) -> [f32; 3] {
     let stored = atsplat_splat::sh_coefficients(parts.sh_degree);
-    parts.sh[at * stored].map(|coefficient| (0.5 + sh::C0 as f32 * coefficient).maximum_of(0.0))
+    parts.sh[index * stored].map(|coefficient| (0.5 + sh::C0 as f32 * coefficient).maximum_of(0.0))
 }
 
 /// The imaginary part of the equivalent rotation with the largest real part.
@@ -107,18 +108,18 @@ mod tests {
     use glam::{DMat3, DQuat, DVec3};
 
     /// What the page reads, written from the description of the format.
-    fn unpacked(packed: &Packed, at: usize) -> ([f64; 3], DMat3, [f64; 3], f64) {
-        let bytes = &packed.bytes[at * BYTES..][..BYTES];
+    fn unpacked(packed: &Packed, index: usize) -> ([f64; 3], DMat3, [f64; 3], f64) {
+        let bytes = &packed.bytes[index * BYTES..][..BYTES];
         let share = |byte: u8| f64::from(byte) / 255.0;
         let mean = [0, 1, 2].map(|axis| {
             let share = f64::from(u16::from_le_bytes([bytes[2 * axis], bytes[2 * axis + 1]])) / 65535.0;
             f64::from(packed.low[axis]) + share * f64::from(packed.high[axis] - packed.low[axis])
         });
         let [least, most] = packed.log_scales.map(f64::from);
-        let scales = DVec3::from([6, 7, 8].map(|at| (least + share(bytes[at]) * (most - least)).exp()));
-        let [x, y, z] = [9, 10, 11].map(|at| (f64::from(bytes[at]) / 127.0 - 1.0) * 0.5f64.sqrt());
+        let scales = DVec3::from([6, 7, 8].map(|index| (least + share(bytes[index]) * (most - least)).exp()));
+        let [x, y, z] = [9, 10, 11].map(|index| (f64::from(bytes[index]) / 127.0 - 1.0) * 0.5f64.sqrt());
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, (1.0 - x * x - y * y - z * z).sqrt()));
-        let colour = [12, 13, 14].map(|at| share(bytes[at]) * f64::from(packed.brightest));
+        let colour = [12, 13, 14].map(|index| share(bytes[index]) * f64::from(packed.brightest));
         let covariance = rotation * DMat3::from_diagonal(scales * scales) * rotation.transpose();
         (mean, covariance, colour, share(bytes[15]))
     }
@@ -132,30 +133,30 @@ mod tests {
             means: (0..count).map(|_| [draw(-3.0, 1.0), draw(0.0, 2.0), draw(1.0, 20.0)]).collect(),
             quaternions: (0..count).map(|_| [0; 4].map(|_| draw(-2.0, 2.0))).collect(),
             log_scales: (0..count).map(|_| [0; 3].map(|_| draw(-6.0, -1.0))).collect(),
-            opacity_logits: (0..count).map(|at| if at % 5 == 0 { -9.0 } else { draw(-3.0, 4.0) }).collect(),
+            opacity_logits: (0..count).map(|index| if index % 5 == 0 { -9.0 } else { draw(-3.0, 4.0) }).collect(),
             sh: (0..count).map(|_| [draw(-3.0, 3.0), draw(-1.0, 1.0), draw(-1.0, 1.0)]).collect(),
             ..GaussianParts::default()
         };
         let gaussians = Gaussians::new(parts.clone()).unwrap();
         let (packed, kept) = pack(&gaussians, 1.0 / 255.0);
         assert_eq!((kept.len(), packed.bytes.len()), (320, 320 * BYTES));
-        assert!(kept.iter().all(|at| at % 5 != 0) && packed.brightest > 1.2);
-        for (place, &at) in kept.iter().enumerate() {
+        assert!(kept.iter().all(|index| index % 5 != 0) && packed.brightest > 1.2);
+        for (place, &index) in kept.iter().enumerate() {
             let (mean, covariance, colour, opacity) = unpacked(&packed, place);
-            Tolerance::absolute(2e-4).assert(mean, parts.means[at].map(f64::from), "mean");
-            let [w, x, y, z] = parts.quaternions[at].map(f64::from);
+            Tolerance::absolute(2e-4).assert(mean, parts.means[index].map(f64::from), "mean");
+            let [w, x, y, z] = parts.quaternions[index].map(f64::from);
             let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-            let scales = DVec3::from(parts.log_scales[at].map(|log| f64::from(log).exp()));
+            let scales = DVec3::from(parts.log_scales[index].map(|log| f64::from(log).exp()));
             let expected = rotation * DMat3::from_diagonal(scales * scales) * rotation.transpose();
             let largest = scales.max_element() * scales.max_element();
             let difference = (covariance - expected).to_cols_array().map(|entry| (entry / largest).abs());
             assert!(difference.iter().all(|share| *share < 0.03), "{difference:?}");
-            let seen = parts.sh[at]
+            let seen = parts.sh[index]
                 .map(|band| if f64::from(band) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(band) });
             Tolerance::absolute(4e-3).assert(colour, seen, "colour");
             Tolerance::absolute(2e-3).assert(
                 [opacity],
-                [1.0 / (1.0 + (-f64::from(parts.opacity_logits[at])).exp())],
+                [1.0 / (1.0 + (-f64::from(parts.opacity_logits[index])).exp())],
                 "",
             );
         }

@@ -45,13 +45,18 @@ impl ChangedConstants {
 
 impl ConstantsChoice {
     /// The constants for a trial of this protocol, for Gaussians in its world frame.
-    pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
-        self.of_unit(convention, planes, 1.0)
+    pub fn constants_for(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
+        self.constants_in_unit(convention, planes, 1.0)
     }
 
     /// The constants for a trial of this protocol, in whose world the unit of the Gaussians' frame has the length `unit`: near and
     /// far planes that are not the protocol's are converted from it.
-    pub(super) fn of_unit(&self, convention: &RendererConvention, planes: NearFar, unit: f64) -> RendererConstants {
+    pub(super) fn constants_in_unit(
+        &self,
+        convention: &RendererConvention,
+        planes: NearFar,
+        unit: f64,
+    ) -> RendererConstants {
         let constants = match self {
             Self::FromPreset => constants_of(convention, planes),
             Self::Fixed(constants) => constants.clone(),
@@ -186,10 +191,14 @@ mod tests {
         ];
         for (what, choice, in_trial, in_dataset) in cases {
             for (unit, expected) in [(1.0, in_trial), (2.5, in_dataset)] {
-                let found = choice.of_unit(&convention, planes, unit);
+                let found = choice.constants_in_unit(&convention, planes, unit);
                 assert_eq!([found.near, found.far].map(f64::to_bits), expected.map(f64::to_bits), "{what}, {unit}");
             }
-            assert_eq!(choice.of(&convention, planes), choice.of_unit(&convention, planes, 1.0), "{what}");
+            assert_eq!(
+                choice.constants_for(&convention, planes),
+                choice.constants_in_unit(&convention, planes, 1.0),
+                "{what}"
+            );
         }
     }
 
@@ -207,6 +216,6 @@ mod tests {
         assert_eq!((constants.extent, constants.principal_point), (Extent::Exact, PrincipalPoint::Full));
         constants.check().unwrap();
         let fixed = ConstantsChoice::Fixed(RendererConstants::default());
-        assert_eq!(fixed.of(&convention, planes), RendererConstants::default());
+        assert_eq!(fixed.constants_for(&convention, planes), RendererConstants::default());
     }
 }

@@ -184,7 +184,7 @@ fn first_folder_of_a_scene(
     requested: &[RequestedScene<'_>],
 ) -> Option<(PathBuf, Vec<usize>)> {
     requested.iter().find_map(|RequestedScene { scene, frames }| {
-        let mut folders = names.of(scene, 0).into_iter().filter_map(|name| below(folder, &name));
+        let mut folders = names.accepted(scene, 0).into_iter().filter_map(|name| below(folder, &name));
         Some((folders.find(|folder| folder.is_dir())?, frames.to_vec()))
     })
 }

@@ -162,7 +162,7 @@ impl Optimised {
             seed: trial_seed(self.seed, input.trial),
             background: Background::of(self.splatting.background_of(input)),
             max_gaussians: self.limit.unwrap_or(usize::MAX),
-            constants: self.splatting.constants.of(convention, input.trial.near_far()),
+            constants: self.splatting.constants.constants_for(convention, input.trial.near_far()),
             ..FitConfig::new(self.strategy, 1)
         }
     }

@@ -87,7 +87,7 @@ impl Ply {
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
         let (scene, entry) = (trial.scene(), trial.entry_number());
-        let names = self.names.of(scene, entry);
+        let names = self.names.accepted(scene, entry);
         let all = names.iter().flat_map(|name| candidates(&self.folder, name, scene, &self.names));
         let mut found = Vec::new();
         for (path, _) in all {
@@ -179,15 +179,15 @@ fn trained(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Result
 /// How a scene's Gaussians are stored below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Result<Option<Layout>, String> {
     let scene = requested.scene;
-    for name in names.of(scene, 0) {
-        let of = |ending: &str| Layout(format!("SCENE{}{ending}", if name == scene { "" } else { "-0" }));
+    for name in names.accepted(scene, 0) {
+        let layout = |ending: &str| Layout(format!("SCENE{}{ending}", if name == scene { "" } else { "-0" }));
         for (path, ending) in candidates(folder, &name, scene, names) {
             if is_file(&path)? {
-                return Ok(Some(of(&ending)));
+                return Ok(Some(layout(&ending)));
             }
         }
         if let Some((_, ending)) = trained(folder, &name, scene, names)?.first() {
-            return Ok(Some(of(ending)));
+            return Ok(Some(layout(ending)));
         }
     }
     Ok(None)

@@ -83,7 +83,7 @@ impl Renders {
 
     /// The files of a trial in all folders that its scene may have: one of them may be left from another run.
     fn files_of(&self, trial: &Trial) -> FrameFiles {
-        let names = self.names.of(trial.scene(), trial.entry_number()).into_iter();
+        let names = self.names.accepted(trial.scene(), trial.entry_number()).into_iter();
         let folders = names.flat_map(|name| folders(&self.folder, &name, trial.scene(), &self.names));
         FrameFiles::of(folders, trial.targets().iter().map(|target| target.frame))
     }
@@ -113,7 +113,7 @@ fn folders(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Vec<Pa
 
 /// How a scene's images are laid out below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Result<Option<Layout>, String> {
-    for name in names.of(requested.scene, 0) {
+    for name in names.accepted(requested.scene, 0) {
         let folders = folders(folder, &name, requested.scene, names);
         let Some((at, file)) = FrameFiles::of(folders.clone(), []).any_of(requested.frames)? else { continue };
         let suffix = if name == requested.scene { "" } else { "-0" };

@@ -35,7 +35,7 @@ impl SceneNames {
 
     /// The accepted names of an index entry of a scene: `<scene>` if no index has several entries of it, `<scene>-<entry>`, and the
     /// name under which a store keeps its images. Of several entries, `<scene>` may be any: that of the one that was written last.
-    pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
+    pub(super) fn accepted(&self, scene: &str, entry: usize) -> Vec<String> {
         let (available, _) = self.available_and_taken(scene, entry);
         available
     }
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn the_name_of_a_scene_is_not_an_entry_of_another() {
-        let of = |keys: &[&str], scene, entry| (names(keys).of(scene, entry), names(keys).note(scene, entry));
+        let of = |keys: &[&str], scene, entry| (names(keys).accepted(scene, entry), names(keys).note(scene, entry));
         let no_note = String::new();
         assert_eq!(of(&[], "room", 0), (vec!["room".to_owned(), "room-0".to_owned()], no_note.clone()));
         let both = ["room", "room-0"];

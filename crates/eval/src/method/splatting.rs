@@ -151,7 +151,7 @@ impl Splatting {
 
     /// The constants for a trial in whose world the unit of the Gaussians' frame has this length.
     pub(super) fn constants_in(&self, input: TrialInput<'_>, unit: f64) -> RendererConstants {
-        self.constants.of_unit(&input.preset.renderer, input.trial.near_far(), unit)
+        self.constants.constants_in_unit(&input.preset.renderer, input.trial.near_far(), unit)
     }
 
     /// Like [`Self::predict`], for Gaussians that were optimised for a renderer: with its constants, mode and degree.

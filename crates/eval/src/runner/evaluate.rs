@@ -77,9 +77,10 @@ impl Evaluation<'_> {
         method: &dyn Method,
     ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
         let trial = &decoded.trial;
-        let unscored = trial.targets().iter().enumerate().map(|(at, target)| {
-            let truth_hash = decoded.truths.get(at).and_then(|truth| truth.as_ref().ok()).map(|t| hash_of_bytes(t));
-            TargetRow { truth_hash, ..unscored_row(&key, trial, target, at) }
+        let unscored = trial.targets().iter().enumerate().map(|(position, target)| {
+            let truth_hash =
+                decoded.truths.get(position).and_then(|truth| truth.as_ref().ok()).map(|t| hash_of_bytes(t));
+            TargetRow { truth_hash, ..unscored_row(&key, trial, target, position) }
         });
         if let Some(store) = self.images.all() {
             write_inputs(store, &key, decoded)?;

@@ -27,8 +27,9 @@ impl Plan<'_> {
         let requested = |scenes: usize| {
             let mut requested: Vec<RequestedScene<'_>> = Vec::new();
             for index in &indices {
-                for at in spread(index.scenes.len(), scenes) {
-                    let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
+                for position in spread(index.scenes.len(), scenes) {
+                    let entry =
+                        index.scenes.get_index(position).and_then(|(scene, entries)| Some((scene, entries.first()?)));
                     requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
                 }
             }

@@ -62,8 +62,8 @@ impl std::fmt::Debug for Dataset {
 impl Plan<'_> {
     /// Number of results, including those already in the store and entries without a trial.
     pub fn results(&self) -> u64 {
-        let of = |dataset: &Dataset| self.selected(dataset).index.entries().count() as u64;
-        self.datasets.iter().map(of).sum::<u64>() * self.methods.len() as u64
+        let entries = |dataset: &Dataset| self.selected(dataset).index.entries().count() as u64;
+        self.datasets.iter().map(entries).sum::<u64>() * self.methods.len() as u64
     }
 
     /// How often the run calls `step`: once per result, and once per timed method and protocol.
@@ -177,7 +177,7 @@ impl Plan<'_> {
     }
 
     pub(crate) fn selected(&self, dataset: &Dataset) -> Selected {
-        self.selection.of(&dataset.index.index, dataset.source.keys())
+        self.selection.select(&dataset.index.index, dataset.source.keys())
     }
 }
 

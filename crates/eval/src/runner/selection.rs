@@ -30,18 +30,19 @@ pub(crate) struct Selected {
 impl Selection {
     /// The part of a dataset's index that is run: scenes with entries that are in the data.
     pub fn index_of(self, dataset: &Dataset) -> EvaluationIndex {
-        self.of(&dataset.index.index, dataset.source.keys()).index
+        self.select(&dataset.index.index, dataset.source.keys()).index
     }
 
     /// Scenes with entries that a dataset lacks, whatever the limit.
     pub fn missing_in(self, dataset: &Dataset) -> Vec<String> {
-        self.of(&dataset.index.index, dataset.source.keys()).missing
+        self.select(&dataset.index.index, dataset.source.keys()).missing
     }
 
     /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes neighbours in the
     /// dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
-    pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
-        let known: HashMap<&str, usize> = keys.iter().enumerate().map(|(at, key)| (key.as_str(), at)).collect();
+    pub(super) fn select(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
+        let known: HashMap<&str, usize> =
+            keys.iter().enumerate().map(|(position, key)| (key.as_str(), position)).collect();
         let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
         let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains_key(key.as_str()));
         let in_index = present.iter().map(|(key, _)| *key);
@@ -51,11 +52,12 @@ impl Selection {
         let scenes_sha256 = Sha256Digest::of_parts(lines);
         let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(present.len());
         let positions = spread(present.len(), limit);
-        let mut scenes: Vec<_> = positions.into_iter().filter_map(|at| present.get(at)).enumerate().collect();
+        let mut scenes: Vec<_> =
+            positions.into_iter().filter_map(|position| present.get(position)).enumerate().collect();
         scenes.sort_by_key(|(_, (key, _))| known.get(key.as_str()));
         let mut scenes = self.part_of(&scenes).to_vec();
         // In the index's order again.
-        scenes.sort_by_key(|(at, _)| *at);
+        scenes.sort_by_key(|(position, _)| *position);
         let scenes = scenes.into_iter().map(|(_, (key, entries))| ((*key).clone(), (*entries).clone()));
         let index = EvaluationIndex { scenes: scenes.collect() };
         Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect(), scenes_sha256 }
@@ -101,7 +103,7 @@ mod tests {
     fn shards_partition_the_limited_index() {
         let index = index(11);
         let keys: Vec<String> = index.scenes.keys().filter(|key| *key != "s3").cloned().collect();
-        let selected = |shard| Selection { limit: Some(7), shard }.of(&index, &keys);
+        let selected = |shard| Selection { limit: Some(7), shard }.select(&index, &keys);
         let whole = selected(None);
         assert_eq!((whole.index.scenes.len(), whole.missing.as_slice()), (7, &["s3".to_owned()][..]));
         let parts = (1..=3).map(|number| selected(Some(Shard { number, count: 3 })).index);
@@ -146,10 +148,10 @@ mod tests {
         let keys: Vec<String> = [3, 1, 7, 5, 0, 2, 4, 6].map(|scene| format!("s{scene}")).to_vec();
         let parts = (1..=4).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 4 }) });
         let parts: Vec<Vec<String>> =
-            parts.map(|selection| selection.of(&index, &keys).index.scenes.into_keys().collect()).collect();
+            parts.map(|selection| selection.select(&index, &keys).index.scenes.into_keys().collect()).collect();
         assert_eq!(parts, [["s1", "s3"], ["s5", "s7"], ["s0", "s2"], ["s4", "s6"]]);
         let uneven = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 3 }) });
-        let sizes: Vec<usize> = uneven.map(|selection| selection.of(&index, &keys).index.scenes.len()).collect();
+        let sizes: Vec<usize> = uneven.map(|selection| selection.select(&index, &keys).index.scenes.len()).collect();
         assert_eq!(sizes, [2, 3, 3]);
     }
 }

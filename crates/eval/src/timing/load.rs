@@ -112,11 +112,11 @@ struct CpuTime {
 const TICKS_PER_SEC: f64 = 100.0;
 
 fn cpu_time() -> Option<CpuTime> {
-    of_stat(&fs::read_to_string("/proc/stat").ok()?)
+    cpu_time_of_stat(&fs::read_to_string("/proc/stat").ok()?)
 }
 
 /// `/proc/stat`: user, nice, system, idle, iowait, irq, softirq, steal; guests are in user already (`proc_stat(5)`).
-fn of_stat(stat: &str) -> Option<CpuTime> {
+fn cpu_time_of_stat(stat: &str) -> Option<CpuTime> {
     let ticks: Vec<f64> = stat
         .lines()
         .find_map(|line| line.strip_prefix("cpu "))?
@@ -158,10 +158,10 @@ fn load_average() -> Option<f64> {
 }
 
 fn mean_mhz() -> Option<f64> {
-    of_cpuinfo(&fs::read_to_string("/proc/cpuinfo").ok()?)
+    mean_mhz_of_cpuinfo(&fs::read_to_string("/proc/cpuinfo").ok()?)
 }
 
-fn of_cpuinfo(text: &str) -> Option<f64> {
+fn mean_mhz_of_cpuinfo(text: &str) -> Option<f64> {
     let clocks =
         text.lines().filter_map(|line| line.strip_prefix("cpu MHz")?.split_once(':')?.1.trim().parse::<f64>().ok());
     let (sum, count) = clocks.fold((0.0, 0u32), |(sum, count), mhz| (sum + mhz, count + 1));
@@ -179,10 +179,10 @@ mod tests {
 
     #[test]
     fn busy_time_excludes_idle_and_iowait() {
-        let machine = of_stat(STAT).unwrap();
+        let machine = cpu_time_of_stat(STAT).unwrap();
         Tolerance::F64.assert([machine.busy_secs, machine.cpus], [6.1, 2.0], "user, nice, system, irq, softirq, steal");
-        assert_eq!(of_stat("cpu 1 2 3\n"), None);
-        assert_eq!(of_stat(""), None);
+        assert_eq!(cpu_time_of_stat("cpu 1 2 3\n"), None);
+        assert_eq!(cpu_time_of_stat(""), None);
     }
 
     #[test]
@@ -190,8 +190,12 @@ mod tests {
         let stat = "42 (a (b) c) R 1 1 1 0 -1 0 7 8 9 10 150 50 3 4 20 0 1 0 5 6 7";
         Tolerance::F64.assert(processor_secs_of_stat(stat), [2.07], "user and system time, and those of children");
         assert_eq!(processor_secs_of_stat("42 no name"), None);
-        Tolerance::F64.assert(of_cpuinfo("cpu MHz\t\t: 2600.0\nflags\t: x\ncpu MHz\t\t: 2000.0\n"), [2300.0], "MHz");
-        assert_eq!(of_cpuinfo("BogoMIPS : 50"), None);
+        Tolerance::F64.assert(
+            mean_mhz_of_cpuinfo("cpu MHz\t\t: 2600.0\nflags\t: x\ncpu MHz\t\t: 2000.0\n"),
+            [2300.0],
+            "MHz",
+        );
+        assert_eq!(mean_mhz_of_cpuinfo("BogoMIPS : 50"), None);
     }
 
     /// Two processors for two seconds: 3.2 of 4 seconds were busy, 3 of them with the pass.

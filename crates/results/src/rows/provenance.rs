@@ -194,8 +194,8 @@ impl Provenance {
 
     /// The graphics adapters of the methods, each once.
     pub fn adapters(methods: &[MethodRecord]) -> Option<String> {
-        let of = |method: &'_ MethodRecord| [method.network_adapter.clone(), method.renderer_adapter.clone()];
-        let adapters: BTreeSet<AdapterRecord> = methods.iter().flat_map(of).flatten().collect();
+        let both = |method: &'_ MethodRecord| [method.network_adapter.clone(), method.renderer_adapter.clone()];
+        let adapters: BTreeSet<AdapterRecord> = methods.iter().flat_map(both).flatten().collect();
         let names: Vec<String> = adapters.iter().map(ToString::to_string).collect();
         (!names.is_empty()).then(|| names.join("; "))
     }

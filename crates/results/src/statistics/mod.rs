@@ -26,7 +26,7 @@ pub use cost::{Cost, cost};
 
 pub use paired::{Paired, paired, paired_between, paired_of, paired_scene_means, scene_differences};
 pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
-pub use seeds::{Seeds, difference_of_seeds, of_seeds};
+pub use seeds::{Seeds, difference_of_seeds, mean_over_seeds};
 pub use selection::{SelectedTarget, is_psnr, score_of};
 pub use significance::{sign_test, student_quantile};
 pub use summary::{Summary, mean_of, summary, summary_of};

@@ -32,7 +32,7 @@ pub struct Seeds {
 /// The interval is Student's, with the variances of scenes and of trainings added and Satterthwaite's degrees of freedom:
 /// two or three trainings are too few to be resampled. Both variances contain the part of each score that is of its scene in this
 /// training alone, so that the interval is rather too wide.
-pub fn of_seeds(trainings: &[Vec<SceneMean>]) -> Option<Seeds> {
+pub fn mean_over_seeds(trainings: &[Vec<SceneMean>]) -> Option<Seeds> {
     let Matrix { table, weights } = matrix(trainings)?;
     let scenes = over_scenes(&table);
     let seeds = spread(&over_seeds(&table, &weights)).filter(|_| table.len() > 1)?;
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn a_scene_counts_as_in_the_protocols_mean() {
         let training = |offset: f64| vec![scene("a", 3.0, 10.0 + offset), scene("b", 1.0, 30.0 - offset)];
-        let found = of_seeds(&[training(-1.0), training(1.0)]).unwrap();
+        let found = mean_over_seeds(&[training(-1.0), training(1.0)]).unwrap();
         Tolerance::F64.assert([found.mean, found.training_deviation], [15.0, 0.5f64.sqrt()], "14.5 and 15.5");
         // Contributions 3/2 · (10 − 15) and 1/2 · (30 − 15).
         Tolerance::F64.assert([found.scene_deviation], [2.0f64.sqrt() * 7.5], "scenes");
@@ -173,7 +173,7 @@ mod tests {
             for step in [0.1, 0.3, 0.7, 1.1, 1.9, 2.3] {
                 let training: Vec<SceneMean> =
                     (0..count).map(|at| scene(&at.to_string(), 1.0, 20.0 + step * f64::from(at))).collect();
-                let found = of_seeds(&[training.clone(), training]).unwrap();
+                let found = mean_over_seeds(&[training.clone(), training]).unwrap();
                 let half = quantile * found.scene_deviation / f64::from(count).sqrt();
                 let interval = [found.mean - half, found.mean + half];
                 Tolerance::relative(1e-9).assert(

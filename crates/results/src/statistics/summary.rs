@@ -69,17 +69,17 @@ pub fn mean_of(selected: &[SelectedTarget], aggregation: Aggregation) -> Option<
 
 /// Like [`summary_of`], without an interval: nothing is resampled.
 pub(crate) fn summary_without_interval(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
-    of_clusters(selected, &clusters(selected, aggregation)).0
+    summary_of_clusters(selected, &clusters(selected, aggregation)).0
 }
 
 fn with_interval(selected: &[SelectedTarget], aggregation: Aggregation, least_scenes: u64) -> Summary {
-    let (summary, parts) = of_clusters(selected, &clusters(selected, aggregation));
+    let (summary, parts) = summary_of_clusters(selected, &clusters(selected, aggregation));
     let has_interval = summary.mean.is_some() && summary.scenes >= least_scenes;
     Summary { interval: has_interval.then(|| interval_of_mean(&parts)).flatten(), ..summary }
 }
 
 /// Everything but the interval, and the parts to resample.
-fn of_clusters(selected: &[SelectedTarget], clusters: &[Cluster<'_>]) -> (Summary, Vec<[f64; 2]>) {
+fn summary_of_clusters(selected: &[SelectedTarget], clusters: &[Cluster<'_>]) -> (Summary, Vec<[f64; 2]>) {
     let (mean, parts) = mean_of_clusters(clusters);
     let mut summary = Summary {
         mean,

@@ -424,7 +424,7 @@ fn trainings_and_scenes_have_separate_deviations() {
         (0..6u8).map(|at| scene_mean(&format!("{at}"), 20.0 + 2.0 * f64::from(at) + offset)).collect::<Vec<_>>()
     };
     let trainings = [training(-0.3), training(0.0), training(0.3)];
-    let found = of_seeds(&trainings).unwrap();
+    let found = mean_over_seeds(&trainings).unwrap();
     Tolerance::relative(1e-9).assert(
         [found.mean, found.training_deviation, found.scene_deviation],
         [25.0, 0.3, 14.0f64.sqrt()],
@@ -434,7 +434,7 @@ fn trainings_and_scenes_have_separate_deviations() {
     // Var = 14/6 + 0.09/3; Satterthwaite: its square over (14/6)²/5 + 0.03²/2 is 5.13 degrees of freedom, so 5.
     let half = 2.570_581_835_636_314 * (14.0 / 6.0 + 0.03f64).sqrt();
     Tolerance::relative(1e-9).assert(found.interval.unwrap(), [25.0 - half, 25.0 + half], "interval");
-    assert_eq!(of_seeds(&trainings[..1]), None, "one training has no spread");
+    assert_eq!(mean_over_seeds(&trainings[..1]), None, "one training has no spread");
 
     // The difference to one other network: heights of scenes cancel, the spread of trainings does not.
     let found = difference_of_seeds(&trainings, &[training(1.0)]).unwrap();

@@ -97,12 +97,12 @@ fn over_overlap(targets: &[SelectedTarget<'_>]) -> Result<Trend, NoTrend> {
     if high - low < LEAST_RANGE - ROUNDING {
         return Err(NoTrend::CloseOverlaps { expected: LEAST_RANGE, found: high - low });
     }
-    of_sums(&one_line(&scenes))
+    trend_of_sums(&one_line(&scenes))
 }
 
 fn over_distance(targets: &[SelectedTarget<'_>]) -> Result<Trend, NoTrend> {
     let outside = |distance: i64| (distance != 0).then(|| distance.unsigned_abs() as f64);
-    of_sums(&parallel_lines(by_scene(targets, |target| target.distance.and_then(outside)).into_values()))
+    trend_of_sums(&parallel_lines(by_scene(targets, |target| target.distance.and_then(outside)).into_values()))
 }
 
 /// The points of every scene, of the targets that have the property and a score.
@@ -131,7 +131,7 @@ pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Result<Trend, NoTren
             scenes.entry(&scene.scene).or_default().push([*value, scene.mean]);
         }
     }
-    of_sums(&parallel_lines(scenes.into_values().filter(|points| points.len() == settings.len())))
+    trend_of_sums(&parallel_lines(scenes.into_values().filter(|points| points.len() == settings.len())))
 }
 
 /// Sums of a scene from which a slope follows: count, x, y, x², xy.
@@ -186,7 +186,7 @@ const fn enough<T>(scenes: &[T]) -> Result<(), NoTrend> {
     if found < MIN_SCENES { Err(NoTrend::FewScenes { expected: MIN_SCENES, found }) } else { Ok(()) }
 }
 
-fn of_sums(scenes: &[Sums]) -> Result<Trend, NoTrend> {
+fn trend_of_sums(scenes: &[Sums]) -> Result<Trend, NoTrend> {
     enough(scenes)?;
     let all = scenes.iter().fold([0.0; 5], |all: Sums, scene| std::array::from_fn(|at| all[at] + scene[at]));
     let found = slope(all);

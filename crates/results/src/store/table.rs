@@ -63,7 +63,7 @@ impl<'a> Table<'a> {
     ) -> Result<Vec<T>, ResultsError> {
         let series = |name| self.frame.column(name).expect("a column of the schema").as_materialized_series();
         let columns = self.columns.iter().map(|column| (column.name.as_str(), series(&column.name))).collect();
-        (0..self.frame.height()).map(|at| convert(&Row { columns: &columns, path: self.path, at })).collect()
+        (0..self.frame.height()).map(|index| convert(&Row { columns: &columns, path: self.path, index })).collect()
     }
 }
 
@@ -79,7 +79,7 @@ fn parsed(bytes: Vec<u8>) -> Result<DataFrame, String> {
 pub(super) struct Row<'t> {
     columns: &'t HashMap<&'t str, &'t Series>,
     path: &'t Path,
-    at: usize,
+    index: usize,
 }
 
 impl<'t> Row<'t> {
@@ -102,7 +102,7 @@ impl<'t> Row<'t> {
     }
 
     pub(super) fn optional_text(&self, name: &str) -> Option<String> {
-        self.column(name, Series::str)?.get(self.at).map(str::to_owned)
+        self.column(name, Series::str)?.get(self.index).map(str::to_owned)
     }
 
     pub(super) fn text(&self, name: &str) -> Result<String, ResultsError> {
@@ -121,11 +121,11 @@ impl<'t> Row<'t> {
     }
 
     pub(super) fn flag(&self, name: &str) -> Result<bool, ResultsError> {
-        self.required(name, self.column(name, Series::bool).and_then(|column| column.get(self.at)))
+        self.required(name, self.column(name, Series::bool).and_then(|column| column.get(self.index)))
     }
 
     pub(super) fn optional_count(&self, name: &str) -> Option<u64> {
-        self.column(name, Series::u64)?.get(self.at)
+        self.column(name, Series::u64)?.get(self.index)
     }
 
     pub(super) fn count(&self, name: &str) -> Result<u64, ResultsError> {
@@ -139,11 +139,11 @@ impl<'t> Row<'t> {
     }
 
     pub(super) fn integer(&self, name: &str) -> Result<i64, ResultsError> {
-        self.required(name, self.column(name, Series::i64).and_then(|column| column.get(self.at)))
+        self.required(name, self.column(name, Series::i64).and_then(|column| column.get(self.index)))
     }
 
     pub(super) fn optional_number(&self, name: &str) -> Option<f64> {
-        self.column(name, Series::f64)?.get(self.at)
+        self.column(name, Series::f64)?.get(self.index)
     }
 
     pub(super) fn texts(&self, name: &str) -> Result<Vec<String>, ResultsError> {
@@ -165,7 +165,7 @@ impl<'t> Row<'t> {
         of: impl Fn(&Series) -> PolarsResult<Option<Vec<T>>>,
     ) -> Result<Vec<T>, ResultsError> {
         let Some(column) = self.column(name, Series::list) else { return Ok(Vec::new()) };
-        let list = column.get_as_series(self.at).map(|series| of(&series)).transpose();
+        let list = column.get_as_series(self.index).map(|series| of(&series)).transpose();
         let list = list.map_err(|error| self.invalid(name, "a list", error))?;
         list.flatten().ok_or_else(|| self.invalid(name, "a list without nulls", "a null"))
     }
@@ -177,6 +177,6 @@ impl<'t> Row<'t> {
 
     /// The error for an invalid value.
     pub(super) fn invalid(&self, column: &str, expected: &str, found: impl Display) -> ResultsError {
-        ResultsError::malformed(self.path, format!("column {column}, row {}", self.at), expected, found)
+        ResultsError::malformed(self.path, format!("column {column}, row {}", self.index), expected, found)
     }
 }

@@ -184,8 +184,8 @@ pub fn frontier(
     step: f64,
 ) -> Frontier {
     let (mut points, mut left_out) = (Vec::new(), Vec::new());
-    for (at, sample) in samples.iter().enumerate() {
-        match point(at, sample, axis) {
+    for (position, sample) in samples.iter().enumerate() {
+        match point(position, sample, axis) {
             Ok(point) => points.push(point),
             Err(reason) => left_out.push((sample.label.clone(), reason)),
         }
@@ -199,12 +199,12 @@ pub fn frontier(
     });
     let ranking = Ranking { contrasts, direction };
     let positions = ranking.rank(&mut points);
-    let on_frontier: Vec<&Point> = positions.into_iter().filter_map(|at| points.get(at)).collect();
+    let on_frontier: Vec<&Point> = positions.into_iter().filter_map(|position| points.get(position)).collect();
     let (prices, knee) = (prices(&on_frontier, step), ranking.knee(&on_frontier));
     Frontier { axis, points, prices, knee, left_out }
 }
 
-fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
+fn point(position: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
     let Sample { label, quality, secs, gaussians, .. } = sample.clone();
     let quality = quality.map_err(|why| format!("nothing was scored: {why}"))?;
     if !quality.is_finite() {
@@ -236,7 +236,7 @@ fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
         gaussians,
         standing,
         against,
-        sample: at,
+        sample: position,
     })
 }
 
@@ -250,8 +250,8 @@ impl Ranking<'_> {
     /// Sets the standing of every point, cheapest first; returns the positions of those on the frontier.
     fn rank(&self, points: &mut [Point]) -> Vec<usize> {
         let mut frontier: Vec<usize> = Vec::new();
-        for at in 0..points.len() {
-            let difference = frontier.last().and_then(|last| self.difference(&points[at], &points[*last]));
+        for position in 0..points.len() {
+            let difference = frontier.last().and_then(|last| self.difference(&points[position], &points[*last]));
             let standing = match (frontier.is_empty(), difference) {
                 (true, _) => Standing::Frontier,
                 (false, Some(difference)) if self.is_better(&difference) => Standing::Frontier,
@@ -259,17 +259,17 @@ impl Ranking<'_> {
                 (false, _) => Standing::NotDistinguishable,
             };
             if standing == Standing::Frontier {
-                self.drop_dominated(points, &mut frontier, at);
+                self.drop_dominated(points, &mut frontier, position);
             }
-            let against = frontier.last().and_then(|last| self.compared(&points[at], &points[*last]));
-            points[at].against = against;
-            points[at].standing = standing;
-            frontier.extend((standing == Standing::Frontier).then_some(at));
+            let against = frontier.last().and_then(|last| self.compared(&points[position], &points[*last]));
+            points[position].against = against;
+            points[position].standing = standing;
+            frontier.extend((standing == Standing::Frontier).then_some(position));
         }
         self.compare_with_final(points, &frontier);
         // The cheapest point has no predecessor and is compared with its successor.
         if let Some(cheapest) = frontier.first().copied() {
-            let next = frontier.get(1).copied().or_else(|| (0..points.len()).find(|at| *at != cheapest));
+            let next = frontier.get(1).copied().or_else(|| (0..points.len()).find(|position| *position != cheapest));
             points[cheapest].against = next.and_then(|next| self.compared(&points[cheapest], &points[next]));
         }
         frontier
@@ -279,24 +279,24 @@ impl Ranking<'_> {
     /// dropped since, or be followed by one of the same cost. Of those that cost no more, or the same, the last with common targets
     /// counts, unless the point is better: that one was not the last when they were compared.
     fn compare_with_final(&self, points: &mut [Point], frontier: &[usize]) {
-        for at in (0..points.len()).filter(|at| !frontier.contains(at)) {
-            let point = &points[at];
+        for position in (0..points.len()).filter(|position| !frontier.contains(position)) {
+            let point = &points[position];
             let known = point.against.as_ref().map(|against| against.label.as_str());
             let is_known = |on: &usize| known == Some(points[*on].label.as_str());
             if point.standing == Standing::Worse && frontier.iter().any(is_known) {
                 continue;
             }
-            let costs_no_more = |on: &usize| *on < at || same_cost(&points[*on], point);
+            let costs_no_more = |on: &usize| *on < position || same_cost(&points[*on], point);
             let others = frontier.iter().rev().copied().filter(costs_no_more).take_while(|on| !is_known(on));
             let mut differences = others.filter_map(|on| Some((on, self.difference(point, &points[on])?)));
             let Some((last, difference)) = differences.find(|(_, difference)| !self.is_better(difference)) else {
                 continue;
             };
             if self.is_better(&difference.negated()) {
-                points[at].standing = Standing::Worse;
+                points[position].standing = Standing::Worse;
             }
             let label = points[last].label.clone();
-            points[at].against = Some(PointDifference { label, difference });
+            points[position].against = Some(PointDifference { label, difference });
         }
     }
 

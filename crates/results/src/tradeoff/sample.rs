@@ -93,7 +93,7 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
         let machine = machine_of(results, &preset.name);
         let scored = scored(results, machine.as_ref(), &preset.name, metric, leaked, aggregation);
         let machines = machine.into_iter().collect();
-        let tradeoff = of_scored((&preset.name, &preset.hash), metric, scored, aggregation, machines);
+        let tradeoff = tradeoff_of_scored((&preset.name, &preset.hash), metric, scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
     let presets = results.provenance.presets.iter();
@@ -124,7 +124,8 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let aggregation = common.unwrap_or(Aggregation::SceneMeans);
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines = machine.into_iter().collect();
-    let mut tradeoff = of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);
+    let mut tradeoff =
+        tradeoff_of_scored(("different protocols", &hashes.join(" ")), metric, all, aggregation, machines);
     tradeoff.notes.extend(note);
     Ok(with_targets(tradeoff, results, presets, leaked))
 }
@@ -171,7 +172,7 @@ fn with_targets(tradeoff: Tradeoff, results: &Results, presets: &[PresetRecord],
     Tradeoff { targets: found.len() as u64, leaked, ..tradeoff }
 }
 
-fn of_scored(
+fn tradeoff_of_scored(
     (preset, protocol): (&str, &str),
     metric: &str,
     mut scored: Vec<Scored<'_>>,
@@ -182,7 +183,7 @@ fn of_scored(
     let paired = pair_gaussians(&mut scored);
     let samples: Vec<Sample> = scored.iter().map(|setting| setting.sample.clone()).collect();
     let contrasts = |terms: &[(usize, f64)]| {
-        let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.selected.as_slice(), *weight));
+        let term = |(index, weight): &(usize, f64)| Some((scored.get(*index)?.selected.as_slice(), *weight));
         contrast(&terms.iter().map(term).collect::<Option<Vec<_>>>()?, aggregation)
     };
     let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();

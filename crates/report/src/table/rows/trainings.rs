@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use atsplat_metrics::Definition;
 use atsplat_numeric::distinct;
-use atsplat_results::statistics::{SceneMean, of_seeds, weighted_scene_means};
+use atsplat_results::statistics::{SceneMean, mean_over_seeds, weighted_scene_means};
 
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, TableDefinition, TargetSet};
 use crate::table::comparison::differ_in_weights;
@@ -130,7 +130,7 @@ impl TrainingGroup<'_> {
 
     fn metric_cell(&self, index: CellIndex, metric: &'static Definition, methods: &[MethodRun<'_>]) -> Option<Cell> {
         let scene_means: Vec<Vec<SceneMean>> = methods.iter().map(|run| run.weighted_scene_means(metric)).collect();
-        let found = of_seeds(&scene_means)?;
+        let found = mean_over_seeds(&scene_means)?;
         let trainings = Trainings {
             count: found.seeds,
             training_deviation: found.training_deviation,
