@@ -9,9 +9,16 @@ use super::math::Exp2;
 use super::project::Splat;
 use crate::RendererConstants;
 
-/// Values per pixel: transmittance, red, green, blue; with extra channels also depth, scalar and median depth.
-///
-/// The transmittance of a finished pixel is negated, so that no later splat passes the threshold.
+/// The plane of a block with each pixel's transmittance; that of a finished pixel is negated, so that no later splat passes the
+/// threshold.
+pub(super) const TRANSMITTANCE: usize = 0;
+/// The plane of red; then of green and blue.
+pub(super) const RGB: usize = 1;
+pub(super) const DEPTH: usize = 4;
+pub(super) const SCALAR: usize = 5;
+pub(super) const MEDIAN_DEPTH: usize = 6;
+
+/// Values per pixel: transmittance and colour; with extra channels also depth, scalar and median depth.
 pub(super) const fn plane_count(extra: bool) -> usize {
     if extra { 7 } else { 4 }
 }
@@ -39,9 +46,9 @@ impl WithSimd for Composite<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         // The common case does not pay for channels that were not requested.
         if self.params.extra {
-            composite::<S, true, 7>(simd, self);
+            composite::<S, true, { plane_count(true) }>(simd, self);
         } else {
-            composite::<S, false, 4>(simd, self);
+            composite::<S, false, { plane_count(false) }>(simd, self);
         }
     }
 }
@@ -114,20 +121,20 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
         for v in 0..vectors {
             let power = ellipse.power(simd, y[v]).0;
             let alpha = simd.min_f32s(thresholds.max_alpha, simd.mul_f32s(opacity, exp2.of_negative(simd, power)));
-            let before = planes[0][v];
+            let before = planes[TRANSMITTANCE][v];
             let Blended { weight, after, hit } = thresholds.blend(simd, alpha, before);
             if EXTRA {
                 let depth = splat(record.depth);
-                planes[PLANES - 3][v] = simd.mul_add_e_f32s(weight, depth, planes[PLANES - 3][v]);
-                planes[PLANES - 2][v] = simd.mul_add_e_f32s(weight, splat(record.scalar), planes[PLANES - 2][v]);
+                planes[DEPTH][v] = simd.mul_add_e_f32s(weight, depth, planes[DEPTH][v]);
+                planes[SCALAR][v] = simd.mul_add_e_f32s(weight, splat(record.scalar), planes[SCALAR][v]);
                 let from_above = simd.greater_than_f32s(before, half);
                 let to_below = simd.greater_than_or_equal_f32s(half, after);
                 let crosses = simd.and_m32s(hit, simd.and_m32s(from_above, to_below));
-                planes[PLANES - 1][v] = simd.select_f32s(crosses, depth, planes[PLANES - 1][v]);
+                planes[MEDIAN_DEPTH][v] = simd.select_f32s(crosses, depth, planes[MEDIAN_DEPTH][v]);
             }
-            planes[0][v] = after;
+            planes[TRANSMITTANCE][v] = after;
             for (channel, value) in record.rgb.iter().enumerate() {
-                planes[1 + channel][v] = simd.mul_add_e_f32s(weight, splat(*value), planes[1 + channel][v]);
+                planes[RGB + channel][v] = simd.mul_add_e_f32s(weight, splat(*value), planes[RGB + channel][v]);
             }
         }
     }
@@ -136,11 +143,17 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
             *stored = *value;
         }
     }
-    let mut max_transmittance = planes[0][0];
-    for value in planes[0].iter().take(vectors).skip(1) {
-        max_transmittance = simd.max_f32s(max_transmittance, *value);
+    are_finished(simd, &planes[TRANSMITTANCE])
+}
+
+/// Whether every pixel of a block is finished.
+#[inline(always)]
+pub(super) fn are_finished<S: Simd>(simd: S, transmittance: &[S::f32s; MOST_VECTORS]) -> bool {
+    let mut largest = transmittance[0];
+    for value in transmittance.iter().take(vectors::<S>()).skip(1) {
+        largest = simd.max_f32s(largest, *value);
     }
-    simd.reduce_max_f32s(max_transmittance) <= 0.0
+    simd.reduce_max_f32s(largest) <= 0.0
 }
 
 /// Number of vectors per block.

@@ -5,8 +5,11 @@ use pulp::{Simd, WithSimd};
 use super::RasterParams;
 use super::batch::{BLOCK, Batch, Cell, LANES, Record};
 use super::bins::Entry;
-use super::composite::{Blended, Ellipse, Grid, MOST_VECTORS, Thresholds, masked, plane_count, vectors};
+use super::composite::{
+    self, Blended, Ellipse, Grid, MOST_VECTORS, Thresholds, are_finished, masked, plane_count, vectors,
+};
 use super::math::Exp2;
+use super::pixel_sums::{ABSOLUTE, DEPTH, E, EX, EXX, EXY, EY, EYY, RGB, SCALAR, SUMS, SUMS_OF_COLOUR};
 use super::project::{Splat, is_slanted};
 use crate::ImageGradients;
 use crate::constants::ClampedGradient;
@@ -18,24 +21,31 @@ const BATCH: usize = 96;
 /// 4, 8 and 16 lanes add in the same order.
 const SUM_LANES: usize = 8;
 
-/// Number of sums over a cell's pixels per splat: the moments `e, ex, ey, exx, exy, eyy`, with `x` and `y` in pixels
-/// from the splat's base and `e` the gradient with respect to the exponent `½ dᵀ Σ⁻¹ d`; then the gradients with
-/// respect to red, green, blue, depth and scalar. For a splat that [`is_slanted`], the whitened coordinate `u` takes the place
-/// of `x`: the moments `eu, euu, euy`.
-pub(super) const SUMS: usize = 11;
-
+/// A splat's accumulators.
 type Lanes = [[f32; SUM_LANES]; SUMS];
 
-/// The image gradients of a cell, block by block; of each block one plane of 16 pixels after the other: the value of
-/// everything behind the current splat, weighted by the gradients; the transmittance; then the gradients of red, green,
-/// blue, depth and scalar.
+/// The image gradients of a cell, block by block; of each block one plane of 16 pixels after the other.
 #[derive(Debug)]
 pub(super) struct CellGradient {
     values: Vec<f32>,
     sums: Vec<Lanes>,
 }
 
+/// The plane of the value of everything behind the current splat, weighted by the gradients.
+const BEHIND: usize = 0;
+const TRANSMITTANCE: usize = 1;
+/// The plane of the gradient with respect to red; then to green and blue.
+const D_RGB: usize = 2;
+const D_DEPTH: usize = 5;
+const D_SCALAR: usize = 6;
+/// Number of planes.
 const PLANES: usize = 7;
+
+/// The planes of a block in registers.
+type Planes<S> = [[<S as Simd>::f32s; MOST_VECTORS]; PLANES];
+
+/// What a splat adds to its sums at the pixels of a block.
+type Terms<S> = [[<S as Simd>::f32s; MOST_VECTORS]; SUMS];
 
 impl Default for CellGradient {
     fn default() -> Self {
@@ -65,26 +75,27 @@ impl CellGradient {
                 let (column, row) = (cell.left + left + lane % BLOCK, cell.top + top + lane / BLOCK);
                 let mut set = |plane: usize, value: f32| values[plane * LANES + lane] = value;
                 if column >= width || row >= height {
-                    (0..PLANES).for_each(|plane| set(plane, if plane == 1 { -1.0 } else { 0.0 }));
+                    (0..PLANES).for_each(|plane| set(plane, if plane == TRANSMITTANCE { -1.0 } else { 0.0 }));
                     continue;
                 }
                 let composited = |plane: usize| pixels[plane * LANES + lane];
                 let gradient = images.at(row * width + column);
-                let transmittance = composited(0).abs();
+                let transmittance = composited(composite::TRANSMITTANCE).abs();
                 let mut behind = -transmittance * gradient.alpha;
                 if extra {
-                    behind += composited(4) * gradient.depth;
-                    behind += if scalar_passes { composited(5) * gradient.scalar } else { 0.0 };
+                    behind += composited(composite::DEPTH) * gradient.depth;
+                    behind += if scalar_passes { composited(composite::SCALAR) * gradient.scalar } else { 0.0 };
                 }
                 for (channel, d_channel) in gradient.rgb.into_iter().enumerate() {
-                    behind += d_channel * (composited(1 + channel) + transmittance * params.background[channel]);
+                    let colour = composited(composite::RGB + channel) + transmittance * params.background[channel];
+                    behind += d_channel * colour;
                     background[channel] += f64::from(d_channel) * f64::from(transmittance);
-                    set(2 + channel, d_channel);
+                    set(D_RGB + channel, d_channel);
                 }
-                set(0, behind);
-                set(1, 1.0);
-                set(5, gradient.depth);
-                set(6, gradient.scalar);
+                set(BEHIND, behind);
+                set(TRANSMITTANCE, 1.0);
+                set(D_DEPTH, gradient.depth);
+                set(D_SCALAR, gradient.scalar);
             }
         }
         background
@@ -106,13 +117,6 @@ pub(super) struct CompositeBackward<'a> {
     pub(super) absolute: bool,
 }
 
-/// Positions of the sums over pixels of the gradient's magnitude with respect to the centre, along `x` and `y`, divided by
-/// [`ABSOLUTE_UNIT`]; in place of depth and scalar.
-pub(super) const ABSOLUTE: [usize; 2] = [9, 10];
-
-/// The exponent is `ln 2` times a sum of two squares.
-pub(super) const ABSOLUTE_UNIT: f64 = 2.0 * std::f64::consts::LN_2;
-
 impl WithSimd for CompositeBackward<'_> {
     type Output = ();
 
@@ -129,7 +133,7 @@ impl WithSimd for CompositeBackward<'_> {
 }
 
 #[inline(always)]
-fn composite_backward<S: Simd, const EXTRA: bool, const ABSOLUTE: bool>(simd: S, task: CompositeBackward<'_>) {
+fn composite_backward<S: Simd, const EXTRA: bool, const WITH_ABSOLUTE: bool>(simd: S, task: CompositeBackward<'_>) {
     let CompositeBackward { params, order, list, splats, cell, batch, gradient, sums, .. } = task;
     let CellGradient { values, sums: lanes } = gradient;
     let backward = BlockBackward::<S> {
@@ -149,7 +153,10 @@ fn composite_backward<S: Simd, const EXTRA: bool, const ABSOLUTE: bool>(simd: S,
         }
         for (block, values) in values.chunks_exact_mut(PLANES * LANES).enumerate().take(blocks) {
             let list = batch.list(block);
-            if !list.is_empty() && backward.block::<EXTRA, ABSOLUTE>(simd, batch, list, cell.at(block), values, lanes) {
+            if list.is_empty() {
+                continue;
+            }
+            if backward.block::<EXTRA, WITH_ABSOLUTE>(simd, batch, list, cell.at(block), values, lanes) {
                 open &= !(1 << block);
             }
         }
@@ -174,9 +181,9 @@ struct BlockBackward<S: Simd> {
 }
 
 impl<S: Simd> BlockBackward<S> {
-    /// Returns whether every pixel of the block is finished.
+    /// Adds to the accumulators of the splats in `list`, and returns whether every pixel of the block is finished.
     #[inline(always)]
-    fn block<const EXTRA: bool, const ABSOLUTE: bool>(
+    fn block<const EXTRA: bool, const WITH_ABSOLUTE: bool>(
         &self,
         simd: S,
         batch: &Batch,
@@ -185,7 +192,7 @@ impl<S: Simd> BlockBackward<S> {
         values: &mut [f32],
         lanes: &mut [Lanes],
     ) -> bool {
-        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let zero = simd.splat_f32s(0.0);
         let vectors = vectors::<S>();
         let (stored, _) = S::as_mut_simd_f32s(values);
         let mut planes = [[zero; MOST_VECTORS]; PLANES];
@@ -201,136 +208,155 @@ impl<S: Simd> BlockBackward<S> {
             let ellipse = Ellipse::new(simd, record, x);
             let mut terms = [[zero; MOST_VECTORS]; SUMS];
             for v in 0..vectors {
-                let (power, y) = ellipse.power(simd, y[v]);
-                let full = simd.mul_f32s(simd.splat_f32s(record.opacity), self.exp2.of_negative(simd, power));
-                let alpha = simd.min_f32s(self.thresholds.max_alpha, full);
-                let before = planes[1][v];
-                let Blended { weight, after, hit } = self.thresholds.blend(simd, alpha, before);
-                let d_weight = self.d_weight::<EXTRA>(simd, record, &planes, v);
-                planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, d_weight));
-                planes[1][v] = after;
-                let one_minus_alpha = simd.sub_f32s(one, alpha);
-                let d_alpha =
-                    simd.sub_f32s(simd.mul_f32s(before, d_weight), simd.div_f32s(planes[0][v], one_minus_alpha));
-                let e = simd.neg_f32s(simd.mul_f32s(full, d_alpha));
-                let mut e = masked(simd, hit, e);
-                if self.clamp_stops {
-                    e = simd.select_f32s(simd.greater_than_f32s(full, self.thresholds.max_alpha), zero, e);
-                }
-                let ey = simd.mul_f32s(e, y);
-                terms[0][v] = e;
-                terms[2][v] = ey;
-                terms[5][v] = simd.mul_f32s(ey, y);
-                if ABSOLUTE {
-                    let e = simd.abs_f32s(e);
-                    for (sum, slope) in ellipse.slopes(simd, record, y).into_iter().enumerate() {
-                        terms[9 + sum][v] = simd.mul_f32s(e, simd.abs_f32s(slope));
-                    }
-                }
-                for channel in 0..if EXTRA { 5 } else { 3 } {
-                    terms[6 + channel][v] = simd.mul_f32s(weight, planes[2 + channel][v]);
-                }
+                let splat = (record, &ellipse);
+                self.pass_splat::<EXTRA, WITH_ABSOLUTE>(simd, splat, &y, v, &mut planes, &mut terms);
             }
             if is_slanted(record.whitener) {
-                for v in 0..vectors {
-                    let e = terms[0][v];
-                    let [u, y] = ellipse.along(simd, y[v]);
-                    // Where nothing is drawn, `u` may be infinite.
-                    let u = simd.select_f32s(simd.equal_f32s(e, zero), zero, u);
-                    let eu = simd.mul_f32s(e, u);
-                    (terms[1][v], terms[3][v], terms[4][v]) = (eu, simd.mul_f32s(eu, u), simd.mul_f32s(eu, y));
-                }
-                add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, None, lanes);
+                set_slanted_moments(simd, &ellipse, &y, &mut terms);
+                add_terms::<S>(simd, EXTRA || WITH_ABSOLUTE, &terms, None, lanes);
             } else {
-                add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, Some(ellipse.x), lanes);
+                add_terms::<S>(simd, EXTRA || WITH_ABSOLUTE, &terms, Some(ellipse.x), lanes);
             }
         }
-        for (plane, stored) in planes.iter().take(2).zip(stored.chunks_exact_mut(vectors)) {
+        // The planes of gradients, which come last, do not change.
+        for (plane, stored) in planes.iter().take(D_RGB).zip(stored.chunks_exact_mut(vectors)) {
             for (value, stored) in plane.iter().zip(stored) {
                 *stored = *value;
             }
         }
-        let mut max_transmittance = planes[1][0];
-        for value in planes[1].iter().take(vectors).skip(1) {
-            max_transmittance = simd.max_f32s(max_transmittance, *value);
+        are_finished(simd, &planes[TRANSMITTANCE])
+    }
+
+    /// Takes vector `v` of the block's pixels past a splat, and sets its terms there, except the moments along columns.
+    #[inline(always)]
+    fn pass_splat<const EXTRA: bool, const WITH_ABSOLUTE: bool>(
+        &self,
+        simd: S,
+        (record, ellipse): (&Record, &Ellipse<S>),
+        y: &[S::f32s; MOST_VECTORS],
+        v: usize,
+        planes: &mut Planes<S>,
+        terms: &mut Terms<S>,
+    ) {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let (power, y) = ellipse.power(simd, y[v]);
+        let full = simd.mul_f32s(simd.splat_f32s(record.opacity), self.exp2.of_negative(simd, power));
+        let alpha = simd.min_f32s(self.thresholds.max_alpha, full);
+        let before = planes[TRANSMITTANCE][v];
+        let Blended { weight, after, hit } = self.thresholds.blend(simd, alpha, before);
+        let d_weight = self.d_weight::<EXTRA>(simd, record, planes, v);
+        planes[BEHIND][v] = simd.sub_f32s(planes[BEHIND][v], simd.mul_f32s(weight, d_weight));
+        planes[TRANSMITTANCE][v] = after;
+        let one_minus_alpha = simd.sub_f32s(one, alpha);
+        let d_alpha = simd.sub_f32s(simd.mul_f32s(before, d_weight), simd.div_f32s(planes[BEHIND][v], one_minus_alpha));
+        let e = simd.neg_f32s(simd.mul_f32s(full, d_alpha));
+        let mut e = masked(simd, hit, e);
+        if self.clamp_stops {
+            e = simd.select_f32s(simd.greater_than_f32s(full, self.thresholds.max_alpha), zero, e);
         }
-        simd.reduce_max_f32s(max_transmittance) <= 0.0
+        let ey = simd.mul_f32s(e, y);
+        terms[E][v] = e;
+        terms[EY][v] = ey;
+        terms[EYY][v] = simd.mul_f32s(ey, y);
+        if WITH_ABSOLUTE {
+            let e = simd.abs_f32s(e);
+            let [along_columns, along_rows] = ellipse.slopes(simd, record, y);
+            terms[ABSOLUTE[0]][v] = simd.mul_f32s(e, simd.abs_f32s(along_columns));
+            terms[ABSOLUTE[1]][v] = simd.mul_f32s(e, simd.abs_f32s(along_rows));
+        }
+        // Depth and scalar follow the colours in the sums as in the planes.
+        for channel in 0..if EXTRA { 5 } else { 3 } {
+            terms[RGB + channel][v] = simd.mul_f32s(weight, planes[D_RGB + channel][v]);
+        }
     }
 
     /// Gradient with respect to the splat's compositing weight at a vector of pixels.
     #[inline(always)]
-    fn d_weight<const EXTRA: bool>(
-        &self,
-        simd: S,
-        record: &Record,
-        planes: &[[S::f32s; MOST_VECTORS]; PLANES],
-        v: usize,
-    ) -> S::f32s {
+    fn d_weight<const EXTRA: bool>(&self, simd: S, record: &Record, planes: &Planes<S>, v: usize) -> S::f32s {
         let [r, g, b] = record.rgb;
-        let mut d_weight = simd.mul_f32s(simd.splat_f32s(r), planes[2][v]);
-        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(g), planes[3][v], d_weight);
-        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(b), planes[4][v], d_weight);
+        let mut d_weight = simd.mul_f32s(simd.splat_f32s(r), planes[D_RGB][v]);
+        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(g), planes[D_RGB + 1][v], d_weight);
+        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(b), planes[D_RGB + 2][v], d_weight);
         if EXTRA {
-            d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.depth), planes[5][v], d_weight);
+            d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.depth), planes[D_DEPTH][v], d_weight);
             if self.scalar_passes {
-                d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.scalar), planes[6][v], d_weight);
+                d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.scalar), planes[D_SCALAR][v], d_weight);
             }
         }
         d_weight
     }
 }
 
-/// Adds a block's terms to the accumulators. The terms along `x`, if it is given, are computed here, because every vector has
-/// the same pixel columns.
+/// Sets a slanted splat's moments along the whitened coordinate `u`, which changes from row to row.
 #[inline(always)]
-fn add_terms<S: Simd>(
-    simd: S,
-    extra: bool,
-    terms: &[[S::f32s; MOST_VECTORS]; SUMS],
-    x: Option<S::f32s>,
-    lanes: &mut Lanes,
-) {
-    if S::F32_LANES > SUM_LANES {
-        let mut folded = [[0.0f32; SUM_LANES]; SUMS];
-        for (folded, terms) in folded.iter_mut().zip(terms) {
-            let mut flat = [0.0f32; LANES];
-            S::as_mut_simd_f32s(&mut flat).0.iter_mut().for_each(|slot| *slot = terms[0]);
-            let (low, high) = flat.split_at(SUM_LANES);
-            for ((slot, low), high) in folded.iter_mut().zip(low).zip(high) {
-                *slot = low + high;
-            }
-        }
-        if let Some(x) = x {
-            let mut columns = [0.0f32; LANES];
-            S::as_mut_simd_f32s(&mut columns).0.iter_mut().for_each(|slot| *slot = x);
-            for (lane, x) in columns.iter().enumerate().take(SUM_LANES) {
-                folded[1][lane] = folded[0][lane] * x;
-                folded[3][lane] = folded[1][lane] * x;
-                folded[4][lane] = folded[2][lane] * x;
-            }
-        }
-        for (sum, folded) in lanes.iter_mut().zip(folded).take(if extra { SUMS } else { 9 }) {
-            for (sum, value) in sum.iter_mut().zip(folded) {
-                *sum += value;
-            }
-        }
-        return;
+fn set_slanted_moments<S: Simd>(simd: S, ellipse: &Ellipse<S>, y: &[S::f32s; MOST_VECTORS], terms: &mut Terms<S>) {
+    for v in 0..vectors::<S>() {
+        let e = terms[E][v];
+        let [u, y] = ellipse.along(simd, y[v]);
+        // Where nothing is drawn, `u` may be infinite.
+        let u = simd.select_f32s(simd.equal_f32s(e, simd.splat_f32s(0.0)), simd.splat_f32s(0.0), u);
+        let eu = simd.mul_f32s(e, u);
+        (terms[EX][v], terms[EXX][v], terms[EXY][v]) = (eu, simd.mul_f32s(eu, u), simd.mul_f32s(eu, y));
     }
+}
+
+/// Adds a block's terms to the accumulators; `all` of them, or only those of colour. The terms along `x`, if it is given, are
+/// computed here, because every vector has the same pixel columns.
+#[inline(always)]
+fn add_terms<S: Simd>(simd: S, all: bool, terms: &Terms<S>, x: Option<S::f32s>, lanes: &mut Lanes) {
+    if S::F32_LANES > SUM_LANES {
+        add_one_vector::<S>(all, terms, x, lanes);
+    } else {
+        add_vectors(simd, all, terms, x, lanes);
+    }
+}
+
+/// As [`add_terms`], where a single vector has the block's 16 pixels.
+#[inline(always)]
+fn add_one_vector<S: Simd>(all: bool, terms: &Terms<S>, x: Option<S::f32s>, lanes: &mut Lanes) {
+    let mut folded = [[0.0f32; SUM_LANES]; SUMS];
+    for (folded, terms) in folded.iter_mut().zip(terms) {
+        let mut flat = [0.0f32; LANES];
+        S::as_mut_simd_f32s(&mut flat).0.iter_mut().for_each(|slot| *slot = terms[0]);
+        let (low, high) = flat.split_at(SUM_LANES);
+        for ((slot, low), high) in folded.iter_mut().zip(low).zip(high) {
+            *slot = low + high;
+        }
+    }
+    if let Some(x) = x {
+        let mut columns = [0.0f32; LANES];
+        S::as_mut_simd_f32s(&mut columns).0.iter_mut().for_each(|slot| *slot = x);
+        for (lane, x) in columns.iter().enumerate().take(SUM_LANES) {
+            folded[EX][lane] = folded[E][lane] * x;
+            folded[EXX][lane] = folded[EX][lane] * x;
+            folded[EXY][lane] = folded[EY][lane] * x;
+        }
+    }
+    for (sum, folded) in lanes.iter_mut().zip(folded).take(if all { SUMS } else { SUMS_OF_COLOUR }) {
+        for (sum, value) in sum.iter_mut().zip(folded) {
+            *sum += value;
+        }
+    }
+}
+
+/// As [`add_terms`], where a vector has at most 8 pixels.
+#[inline(always)]
+fn add_vectors<S: Simd>(simd: S, all: bool, terms: &Terms<S>, x: Option<S::f32s>, lanes: &mut Lanes) {
     let halves = SUM_LANES / S::F32_LANES;
     for half in 0..halves {
-        let fold = |of: usize| simd.add_f32s(terms[of][half], terms[of][half + halves]);
-        let (e, ey) = (fold(0), fold(2));
+        let fold = |sum: usize| simd.add_f32s(terms[sum][half], terms[sum][half + halves]);
+        let (e, ey) = (fold(E), fold(EY));
         let (ex, exx, exy) = if let Some(x) = x {
             let ex = simd.mul_f32s(e, x);
             (ex, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x))
         } else {
-            (fold(1), fold(3), fold(4))
+            (fold(EX), fold(EXX), fold(EXY))
         };
-        let mut folded = [e, ex, ey, exx, exy, fold(5), fold(6), fold(7), fold(8), e, e];
-        if extra {
-            (folded[9], folded[10]) = (fold(9), fold(10));
+        let mut folded = [e, ex, ey, exx, exy, fold(EYY), fold(RGB), fold(RGB + 1), fold(RGB + 2), e, e];
+        if all {
+            (folded[DEPTH], folded[SCALAR]) = (fold(DEPTH), fold(SCALAR));
         }
-        for (sum, value) in lanes.iter_mut().zip(folded).take(if extra { SUMS } else { 9 }) {
+        for (sum, value) in lanes.iter_mut().zip(folded).take(if all { SUMS } else { SUMS_OF_COLOUR }) {
             let slot = &mut S::as_mut_simd_f32s(sum).0[half];
             *slot = simd.add_f32s(*slot, value);
         }

@@ -4,7 +4,7 @@ use bytemuck::Zeroable as _;
 use pulp::{Simd, WithSimd};
 
 use super::colour::Basis;
-use super::composite_backward::SUMS;
+use super::pixel_sums::{DEPTH, RGB, SCALAR, SUMS};
 use super::project::{Screen, Splat, is_slanted};
 use super::project_backward::{ForwardState, GaussianGradients, SplatGradients};
 use super::shape::Shapes;
@@ -113,10 +113,10 @@ impl WithSimd for ProjectBackward<'_> {
                 d_splat.set(lane, &screen, splat, totals);
                 // Empty if the Gaussians have no scalars.
                 if let Some(slot) = rows.scalars.get_mut(row) {
-                    *slot = saturated(totals[10]);
+                    *slot = saturated(totals[SCALAR]);
                 }
                 // Leaves room for the basis: three times as much is still a finite f32.
-                let d_rgb = [6, 7, 8].map(|channel: usize| to_f32(totals[channel].clamp(-1e38, 1e38)));
+                let d_rgb = [RGB, RGB + 1, RGB + 2].map(|sum| to_f32(totals[sum].clamp(-1e38, 1e38)));
                 let stored = basis.stored();
                 let sh = &mut rows.sh[row * stored..(row + 1) * stored];
                 let d_direction = basis.backward(parts, start + lane, lane, (splat.rgb, d_rgb), sh);
@@ -155,7 +155,7 @@ impl SplatGradients {
         for ((row, base), centre) in from_centre.iter_mut().zip(splat.base).zip(&screen.centre) {
             row[lane] = f64::from(base) + 0.5 - centre[lane];
         }
-        depth[lane] = totals[9];
+        depth[lane] = totals[DEPTH];
     }
 }
 

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::batch::{BLOCK, CELL, Cell, LANES};
 use super::bins::Tiling;
-use super::composite::plane_count;
+use super::composite::{self, plane_count};
 use super::{RasterParams, TileSize, has_extra_channels};
 use crate::{RenderOptions, Rendering, View};
 
@@ -83,12 +83,15 @@ pub(super) fn write(layout: Layout, pixels: &[f32], params: &RasterParams<'_>, r
         for (from, (rgb, alpha)) in layout.quads(row).zip(rgb.chunks_mut(BLOCK).zip(alpha.chunks_mut(BLOCK))) {
             #[expect(clippy::expect_used, reason = "every plane has four pixels per row of a block")]
             let quad = |plane: usize| pixels[from + plane * LANES..].first_chunk().expect("four pixels");
-            let (over, opaque) = colour(quad(0), quad(1), quad(2), quad(3));
+            let (red, green, blue) = (quad(composite::RGB), quad(composite::RGB + 1), quad(composite::RGB + 2));
+            let (over, opaque) = colour(quad(composite::TRANSMITTANCE), red, green, blue);
             rgb.iter_mut().zip(over).for_each(|(slot, value)| *slot = value);
             alpha.iter_mut().zip(opaque).for_each(|(slot, value)| *slot = value);
         }
     });
-    for (plane, image) in [(4, depth), (5, scalar), (6, median_depth)] {
+    for (plane, image) in
+        [(composite::DEPTH, depth), (composite::SCALAR, scalar), (composite::MEDIAN_DEPTH, median_depth)]
+    {
         let Some(image) = image else { continue };
         image.par_chunks_mut(width).enumerate().for_each(|(row, values)| {
             for (from, values) in layout.quads(row).zip(values.chunks_mut(BLOCK)) {

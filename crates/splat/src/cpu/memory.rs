@@ -2,9 +2,9 @@
 
 use super::TileSize;
 use super::bins::{self, Entry, RUN};
-use super::composite_backward::SUMS;
 use super::frame::Frame;
 use super::images::Layout;
+use super::pixel_sums::SUMS;
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
 /// Remainder of a memory limit.

@@ -15,6 +15,7 @@ mod images;
 mod math;
 mod memory;
 mod order;
+mod pixel_sums;
 mod processor;
 mod project;
 mod project_backward;

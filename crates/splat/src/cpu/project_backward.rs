@@ -16,7 +16,7 @@ use glam::DVec2;
 /// Gradients of a chunk of splats.
 #[derive(Debug, Zeroable)]
 pub(super) struct SplatGradients {
-    /// Moments over pixels, see [`super::composite_backward::SUMS`]: `e, ex, ey`, then `exx, exy, eyy`.
+    /// Moments over pixels, see [`super::pixel_sums`]: `e, ex, ey`, then `exx, exy, eyy`.
     pub(super) moments: [[Row; 3]; 2],
     /// 1 where `u` takes the place of `x`, otherwise 0.
     pub(super) is_slanted: Row,

@@ -4,12 +4,13 @@ use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::composite::Composite;
-use super::composite_backward::{ABSOLUTE, ABSOLUTE_UNIT, CellGradient, CompositeBackward, SUMS};
+use super::composite_backward::{CellGradient, CompositeBackward};
 use super::frame::Frame;
 use super::gradients::{ProjectBackward, Rows, Totals};
 use super::images::Layout;
 use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
+use super::pixel_sums::{ABSOLUTE, ABSOLUTE_UNIT, SUMS};
 use super::scaled::Scaled;
 use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
 use crate::renderer::saturated;
