@@ -2,24 +2,92 @@
 
 use bytemuck::Zeroable as _;
 use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
 
+use super::bins::RUN;
 use super::colour::Basis;
-use super::pixel_sums::{DEPTH, RGB, SCALAR, SUMS};
+use super::frame::Frame;
+use super::pixel_sums::{ABSOLUTE, ABSOLUTE_UNIT, DEPTH, RGB, SCALAR, SUMS};
 use super::project::{Screen, Splat, is_slanted};
 use super::project_backward::{ForwardState, GaussianGradients, SplatGradients};
 use super::shape::Shapes;
-use super::to_f32;
 use super::wide::CHUNK;
+use super::{SimdLevel, to_f32};
 use crate::renderer::saturated;
 use crate::view::Optics;
-use crate::{Gaussians, Gradients, RenderOptions};
+use crate::{Gaussians, Gradients, RenderOptions, sh_coefficients};
+
+/// Backward pass from sums over tiles to all Gaussians.
+pub(super) struct BackwardOverRuns<'a> {
+    pub(super) gaussians: &'a Gaussians,
+    pub(super) options: &'a RenderOptions,
+    pub(super) optics: &'a Optics,
+    pub(super) simd: SimdLevel,
+    pub(super) frame: &'a Frame,
+    /// One per entry of the tiles' lists, divided by `unit`.
+    pub(super) sums: &'a [[f32; SUMS]],
+    /// Offsets in `sums` of each run's entries within each tile, run by run.
+    pub(super) offsets: &'a [usize],
+    pub(super) unit: f64,
+}
 
 /// Sums over all tiles for one splat.
-pub(super) type Totals = [f64; SUMS];
+type Totals = [f64; SUMS];
+
+impl BackwardOverRuns<'_> {
+    /// Sets the gradients of all Gaussians, absolute ones too unless `absolute_2d` is empty; returns the gradient of the pose.
+    pub(super) fn differentiate(&self, gradients: &mut Gradients<f32>, absolute_2d: &mut [[f32; 2]]) -> [f64; 6] {
+        let rows = Rows::of_runs(gradients, absolute_2d, sh_coefficients(self.gaussians.sh_degree()));
+        let contributions: Vec<Vec<[f64; 6]>> = rows
+            .into_par_iter()
+            .enumerate()
+            .map_init(Vec::new, |totals: &mut Vec<Totals>, (run, rows)| self.differentiate_run(run, rows, totals))
+            .collect();
+        // Summed in order over the drawn Gaussians only, so that run boundaries and culled Gaussians do not matter.
+        let mut pose = [0.0; 6];
+        for contribution in contributions.into_iter().flatten() {
+            for (sum, value) in pose.iter_mut().zip(contribution) {
+                *sum += value;
+            }
+        }
+        pose
+    }
+
+    /// Sets the gradients of a run's Gaussians; returns the contributions of the drawn ones to the pose gradient.
+    fn differentiate_run(&self, run: usize, mut rows: Rows<'_>, totals: &mut Vec<Totals>) -> Vec<[f64; 6]> {
+        let Self { gaussians, options, optics, frame, .. } = *self;
+        let first = run * RUN;
+        let end = if first + RUN < gaussians.len() { first + RUN } else { gaussians.len() };
+        let positions = frame.runs[run].positions.as_slice();
+        rows.clear();
+        self.sum_over_tiles(run, totals);
+        rows.take_absolute(first, positions, totals);
+        let splats = &frame.splats[first..end];
+        self.simd.dispatch(ProjectBackward { gaussians, options, optics, first, end, positions, splats, totals, rows })
+    }
+
+    /// Sums over all tiles for each splat of a run.
+    fn sum_over_tiles(&self, run: usize, totals: &mut Vec<Totals>) {
+        let Self { frame, sums, offsets, unit, .. } = *self;
+        let (bins, first, tiles) = (&frame.bins[run], run * RUN, frame.tiling().len());
+        totals.clear();
+        totals.resize(frame.runs[run].positions.len(), [0.0; SUMS]);
+        for tile in 0..tiles {
+            let list = bins.list(tile);
+            let from = offsets[run * tiles + tile];
+            for (entry, sums) in list.iter().zip(&sums[from..]) {
+                for (total, sum) in totals[entry.splat as usize - first].iter_mut().zip(sums) {
+                    *total += f64::from(*sum);
+                }
+            }
+        }
+        totals.as_flattened_mut().iter_mut().for_each(|total| *total *= unit);
+    }
+}
 
 /// The gradients of one run's Gaussians.
 #[derive(Debug, Default)]
-pub(super) struct Rows<'a> {
+struct Rows<'a> {
     means: &'a mut [[f32; 3]],
     quaternions: &'a mut [[f32; 4]],
     log_scales: &'a mut [[f32; 3]],
@@ -28,16 +96,18 @@ pub(super) struct Rows<'a> {
     scalars: &'a mut [f32],
     means_2d: &'a mut [[f32; 2]],
     conics: &'a mut [[f32; 3]],
+    /// Empty unless asked for.
+    absolute_2d: &'a mut [[f32; 2]],
 }
 
 impl<'a> Rows<'a> {
-    /// Splits gradients into runs of `length` Gaussians.
-    pub(super) fn of(gradients: &'a mut Gradients<f32>, length: usize, coefficients: usize) -> Vec<Self> {
-        let mut scalars = gradients.scalars.chunks_mut(length);
-        let shapes = gradients.quaternions.chunks_mut(length).zip(gradients.log_scales.chunks_mut(length));
-        let colours = gradients.opacity_logits.chunks_mut(length).zip(gradients.sh.chunks_mut(length * coefficients));
-        let screen = gradients.means_2d.chunks_mut(length).zip(gradients.conics.chunks_mut(length));
-        let all = gradients.means.chunks_mut(length).zip(shapes).zip(colours).zip(screen);
+    /// Splits gradients into those of each run.
+    fn of_runs(gradients: &'a mut Gradients<f32>, absolute_2d: &'a mut [[f32; 2]], coefficients: usize) -> Vec<Self> {
+        let (mut scalars, mut absolute_2d) = (gradients.scalars.chunks_mut(RUN), absolute_2d.chunks_mut(RUN));
+        let shapes = gradients.quaternions.chunks_mut(RUN).zip(gradients.log_scales.chunks_mut(RUN));
+        let colours = gradients.opacity_logits.chunks_mut(RUN).zip(gradients.sh.chunks_mut(RUN * coefficients));
+        let screen = gradients.means_2d.chunks_mut(RUN).zip(gradients.conics.chunks_mut(RUN));
+        let all = gradients.means.chunks_mut(RUN).zip(shapes).zip(colours).zip(screen);
         all.map(|(((means, (quaternions, log_scales)), (opacity_logits, sh)), (means_2d, conics))| Rows {
             means,
             quaternions,
@@ -47,13 +117,14 @@ impl<'a> Rows<'a> {
             scalars: scalars.next().unwrap_or(&mut []),
             means_2d,
             conics,
+            absolute_2d: absolute_2d.next().unwrap_or(&mut []),
         })
         .collect()
     }
 
     /// Zeroes everything: Gaussians that are not drawn have no gradient.
-    pub(super) fn clear(&mut self) {
-        let Self { means, quaternions, log_scales, opacity_logits, sh, scalars, means_2d, conics } = self;
+    fn clear(&mut self) {
+        let Self { means, quaternions, log_scales, opacity_logits, sh, scalars, means_2d, conics, absolute_2d } = self;
         means.as_flattened_mut().fill(0.0);
         quaternions.as_flattened_mut().fill(0.0);
         log_scales.as_flattened_mut().fill(0.0);
@@ -62,23 +133,35 @@ impl<'a> Rows<'a> {
         scalars.fill(0.0);
         means_2d.as_flattened_mut().fill(0.0);
         conics.as_flattened_mut().fill(0.0);
+        absolute_2d.as_flattened_mut().fill(0.0);
+    }
+
+    /// Moves the absolute gradients of the drawn Gaussians, if asked for, out of the totals, which have no channels in their place.
+    fn take_absolute(&mut self, first: usize, positions: &[u32], totals: &mut [Totals]) {
+        if self.absolute_2d.is_empty() {
+            return;
+        }
+        for (position, totals) in positions.iter().zip(totals) {
+            let sums = ABSOLUTE.map(|sum| std::mem::take(&mut totals[sum]));
+            self.absolute_2d[*position as usize - first] = sums.map(|sum| saturated(sum * ABSOLUTE_UNIT));
+        }
     }
 }
 
-/// Backward pass of projection for one run, from splats to Gaussians; returns each Gaussian's contribution to the pose
+/// Backward pass of projection for one run, from splats to Gaussians; returns each drawn Gaussian's contribution to the pose
 /// gradient.
-pub(super) struct ProjectBackward<'a> {
-    pub(super) gaussians: &'a Gaussians,
-    pub(super) options: &'a RenderOptions,
-    pub(super) optics: &'a Optics,
+struct ProjectBackward<'a> {
+    gaussians: &'a Gaussians,
+    options: &'a RenderOptions,
+    optics: &'a Optics,
     /// Half-open range of the run's Gaussians.
-    pub(super) first: usize,
-    pub(super) end: usize,
+    first: usize,
+    end: usize,
     /// Indices of the Gaussians of the run's splats, in the same order.
-    pub(super) positions: &'a [u32],
-    pub(super) splats: &'a [Splat],
-    pub(super) totals: &'a [Totals],
-    pub(super) rows: Rows<'a>,
+    positions: &'a [u32],
+    splats: &'a [Splat],
+    totals: &'a [Totals],
+    rows: Rows<'a>,
 }
 
 impl WithSimd for ProjectBackward<'_> {

@@ -6,11 +6,11 @@ use super::batch::Batch;
 use super::composite::Composite;
 use super::composite_backward::{CellGradient, CompositeBackward};
 use super::frame::Frame;
-use super::gradients::{ProjectBackward, Rows, Totals};
+use super::gradients::BackwardOverRuns;
 use super::images::Layout;
 use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
-use super::pixel_sums::{ABSOLUTE, ABSOLUTE_UNIT, SUMS};
+use super::pixel_sums::SUMS;
 use super::scaled::Scaled;
 use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
 use crate::renderer::saturated;
@@ -127,7 +127,6 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         absolute_2d: &mut Vec<[f32; 2]>,
     ) -> Result<(), SplatError> {
         images.check_colour_only()?;
-        absolute_2d.clear();
         absolute_2d.resize(self.gaussians.borrow().len(), [0.0; 2]);
         self.differentiate(images, gradients, Some(absolute_2d))
     }
@@ -144,91 +143,51 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         absolute_2d: Option<&mut [[f32; 2]]>,
     ) -> Result<(), SplatError> {
         let largest = images.check(&self.view)?;
-        let gaussians = self.gaussians.borrow();
         let optics = self.view.optics(&self.options.constants)?;
-        let frame = &mut self.frame;
-        let tiling = frame.tiling();
-        let tile_offsets = tile_offsets(&frame.bins, tiling.len());
-        let total = tile_offsets[tiling.len()];
-        let CpuOptions { simd, memory_limit, .. } = self.cpu;
-        let mut sums = std::mem::take(&mut frame.sums);
-        let mut budget = MemoryBudget::new(memory_limit);
-        budget.reserve(Rendering::<f32>::bytes(&self.view, &self.options))?;
-        budget.reserve(frame.allocated_bytes())?;
-        budget.reserve(memory::backward(gaussians, frame, total, Scaled::bytes(images)))?;
+        let tiles = self.frame.tiling().len();
+        let tile_offsets = tile_offsets(&self.frame.bins, tiles);
+        let entries = tile_offsets[tiles];
+        // Taken out of the frame: memory is checked for the sums to come, not for those of an earlier pass.
+        let mut sums = std::mem::take(&mut self.frame.sums);
+        self.check_memory(images, entries)?;
         let Scaled { images, unit } = Scaled::of(images, largest, &self.options);
         let images = &*images;
+        let gaussians = self.gaussians.borrow();
         gradients.fit(gaussians);
+        sums.resize(entries, [0.0; SUMS]);
 
-        sums.resize(total, [0.0; SUMS]);
         let params = RasterParams {
             options: &self.options,
             background: self.options.background.map(super::to_f32),
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
         };
-        let absolute = absolute_2d.is_some();
+        let (frame, simd, absolute) = (&self.frame, self.cpu.simd, absolute_2d.is_some());
         let background = backward_over_tiles(frame, simd, &params, absolute, images, &tile_offsets, &mut sums);
         gradients.background = background.map(|sum| saturated(sum * unit));
 
-        let Frame { splats, runs, bins, .. } = &*frame;
-        let coefficients = crate::sh_coefficients(gaussians.sh_degree());
-        let run_offsets = run_offsets(bins, &tile_offsets, tiling.len());
-        let rows = Rows::of(gradients, bins::RUN, coefficients);
-        let mut absolute_2d: Vec<&mut [[f32; 2]]> =
-            absolute_2d.map_or_else(Vec::new, |all| all.chunks_mut(bins::RUN).collect());
-        absolute_2d.resize_with(rows.len(), Default::default);
-        let pose_gradients: Vec<Vec<[f64; 6]>> = rows
-            .into_par_iter()
-            .zip(absolute_2d)
-            .zip(runs)
-            .zip(bins)
-            .enumerate()
-            .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, (((mut rows, absolute_2d), run), bins))| {
-                rows.clear();
-                let first = at * bins::RUN;
-                let end = if first + bins::RUN < gaussians.len() { first + bins::RUN } else { gaussians.len() };
-                totals.clear();
-                totals.resize(run.positions.len(), [0.0; SUMS]);
-                for tile in 0..tiling.len() {
-                    let list = bins.list(tile);
-                    let from = run_offsets[at * tiling.len() + tile];
-                    for (entry, sums) in list.iter().zip(&sums[from..]) {
-                        for (total, sum) in totals[entry.splat as usize - first].iter_mut().zip(sums) {
-                            *total += f64::from(*sum);
-                        }
-                    }
-                }
-                totals.as_flattened_mut().iter_mut().for_each(|total| *total *= unit);
-                if !absolute_2d.is_empty() {
-                    for (position, totals) in run.positions.iter().zip(totals.iter_mut()) {
-                        let sums = ABSOLUTE.map(|sum: usize| std::mem::take(&mut totals[sum]));
-                        absolute_2d[*position as usize - first] = sums.map(|sum| saturated(sum * ABSOLUTE_UNIT));
-                    }
-                }
-                simd.dispatch(ProjectBackward {
-                    gaussians,
-                    options: &self.options,
-                    optics: &optics,
-                    first,
-                    end,
-                    positions: &run.positions,
-                    splats: &splats[first..end],
-                    totals,
-                    rows,
-                })
-            })
-            .collect();
-        // Summed in order over the drawn Gaussians only, so that run boundaries and culled Gaussians do not matter.
-        let mut pose = [0.0; 6];
-        for share in pose_gradients.into_iter().flatten() {
-            for (sum, value) in pose.iter_mut().zip(share) {
-                *sum += value;
-            }
-        }
+        let runs = BackwardOverRuns {
+            gaussians,
+            options: &self.options,
+            optics: &optics,
+            simd,
+            frame,
+            sums: &sums,
+            offsets: &run_offsets(&frame.bins, &tile_offsets, tiles),
+            unit,
+        };
+        let pose = runs.differentiate(gradients, absolute_2d.unwrap_or_default());
         gradients.pose = pose.map(saturated);
         self.frame.sums = sums;
         Ok(())
+    }
+
+    /// Checks that the backward pass over `entries` of tile lists fits in memory next to the recording.
+    fn check_memory(&self, images: &ImageGradients<f32>, entries: usize) -> Result<(), SplatError> {
+        let mut budget = MemoryBudget::new(self.cpu.memory_limit);
+        budget.reserve(Rendering::<f32>::bytes(&self.view, &self.options))?;
+        budget.reserve(self.frame.allocated_bytes())?;
+        budget.reserve(memory::backward(self.gaussians.borrow(), &self.frame, entries, Scaled::bytes(images)))
     }
 }
 
