@@ -187,95 +187,163 @@ impl Group {
     }
 
     /// Finds the blocks that the ellipses touch, row by row; conservatively, perhaps a few too many.
-    ///
-    /// In whitened coordinates the ellipse is a disc `u² + v² ≤ cut` and a row is a strip of `v`. Within a strip the
-    /// disc extends furthest right where `√(cut − v²) − v·shear/down` is largest: at its unconstrained maximum, or at
-    /// the end of the strip nearest to it.
     #[inline(always)]
     fn find_blocks<S: Simd>(&mut self, simd: S, across: usize) {
-        const MARGIN: f32 = 0.05;
-        const BITS: [u32; 32] = bits();
-        const LAST: f32 = (BLOCK - 1) as f32;
-        let splat = |value: f32| simd.splat_f32s(value);
-        let (zero, one, most) = (splat(0.0), splat(1.0), splat(across as f32));
-        let (quarter, rows) = (splat(0.25), splat((across * BLOCK) as f32));
-        // Adding 2²³ moves a small integer into the low bits.
-        let (rounder, bits) = (splat(8_388_608.0), simd.splat_u32s(31));
-        let row = |values: &[f32; GROUP], at: usize| S::as_simd_f32s(values).0[at];
-        for at in 0..GROUP / S::F32_LANES {
-            let [along, shear, down] = [0, 1, 2].map(|n| row(&self.whitener[n], at));
-            let [shift_u, shift_v] = [0, 1].map(|n| row(&self.shift[n], at));
-            let [from_x, from_y] = [0, 1].map(|n| row(&self.from_base[n], at));
-            let cut = row(&self.cut, at);
-            let slack = simd.mul_f32s(cut, splat(-ROUNDING));
-            let slope = simd.div_f32s(shear, down);
-            let middle = {
-                let bounded = simd.min_f32s(simd.max_f32s(slope, splat(-STEEPEST)), splat(STEEPEST));
-                let stretched = simd.mul_add_e_f32s(bounded, bounded, one);
-                simd.mul_f32s(bounded, simd.sqrt_f32s(simd.div_f32s(cut, stretched)))
-            };
-            let per_pixel = simd.div_f32s(one, along);
-            // Pixels from the cell's left edge, where u is 0 in row v: (centre − v·slope) / along.
-            let centre = simd.sub_f32s(simd.mul_f32s(slope, shift_v), simd.mul_add_e_f32s(along, from_x, shift_u));
-            let margin = {
-                let size = |a, b| simd.abs_f32s(simd.mul_f32s(a, b));
-                let terms = simd.add_f32s(size(slope, shift_v), simd.abs_f32s(shift_u));
-                let terms = simd.add_f32s(terms, size(along, from_x));
-                let rows = simd.add_f32s(simd.abs_f32s(from_y), rows);
-                let terms = simd.mul_add_e_f32s(simd.abs_f32s(shear), rows, terms);
-                simd.mul_add_e_f32s(simd.mul_f32s(terms, per_pixel), splat(TERM_ROUNDING), splat(MARGIN))
-            };
-            let margin = simd.mul_f32s(margin, quarter);
-            let (low, high) = (simd.sub_f32s(splat(0.5 - LAST / 4.0), margin), simd.add_f32s(splat(0.5), margin));
+        for vector in 0..GROUP / S::F32_LANES {
+            let discs = Discs::<S>::new(simd, self, vector, across);
             let mut found = [simd.splat_u32s(0); 2];
-            for block_row in 0..across {
-                let edge = |pixel: usize| {
-                    let y = simd.add_f32s(from_y, splat(pixel as f32));
-                    simd.mul_add_e_f32s(down, y, shift_v)
-                };
-                let (top, bottom) = (edge(block_row * BLOCK), edge(block_row * BLOCK + BLOCK - 1));
-                let within = |v| simd.min_f32s(simd.max_f32s(v, top), bottom);
-                let (v_right, v_left) = (within(simd.neg_f32s(middle)), within(middle));
-                let half = |v| {
-                    let left = simd.sub_f32s(cut, simd.mul_f32s(v, v));
-                    (left, simd.sqrt_f32s(simd.max_f32s(left, zero)))
-                };
-                let ((inside, right), (_, left)) = (half(v_right), half(v_left));
-                let pixel = |u, v| {
-                    let x = simd.mul_f32s(simd.sub_f32s(simd.add_f32s(centre, u), simd.mul_f32s(slope, v)), per_pixel);
-                    simd.mul_f32s(x, quarter)
-                };
-                let clamp = |x, most| simd.min_f32s(simd.max_f32s(x, zero), most);
-                let past = clamp(simd.add_f32s(pixel(right, v_right), high), most);
-                let from = clamp(simd.add_f32s(pixel(simd.neg_f32s(left), v_left), low), past);
-                let ones = |x| {
-                    let count = simd.and_u32s(simd.transmute_u32s_f32s(simd.add_f32s(x, rounder)), bits);
-                    simd.wrapping_dyn_shl_u32s(simd.splat_u32s(1), count)
-                };
-                let columns = simd.sub_u32s(ones(past), ones(from));
-                let touched = simd.greater_than_or_equal_f32s(inside, slack);
-                let columns = simd.select_u32s(touched, columns, simd.splat_u32s(0));
-                let index = block_row * across;
-                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[index % 32]));
-                let word = &mut found[index / 32 % 2];
-                *word = simd.or_u32s(*word, shifted);
+            for row in 0..across {
+                let first = row * across;
+                #[expect(clippy::cast_possible_truncation, reason = "a remainder of 32")]
+                let bit = (first % 32) as u32;
+                let columns = simd.wrapping_dyn_shl_u32s(discs.columns(simd, row), simd.splat_u32s(bit));
+                let word = &mut found[first / 32 % 2];
+                *word = simd.or_u32s(*word, columns);
             }
             for (words, found) in self.ellipse.iter_mut().zip(found) {
-                S::as_mut_simd_u32s(words).0[at] = found;
+                S::as_mut_simd_u32s(words).0[vector] = found;
             }
         }
     }
 }
 
-/// The integers from 0 to 31.
-const fn bits() -> [u32; 32] {
-    let mut bits = [0; 32];
-    let mut at = 1;
-    while at < 32 {
-        bits[at] = bits[at - 1] + 1;
-        at += 1;
+/// A vector of ellipses. In whitened coordinates each is a disc `u² + v² ≤ cut`, and a row of blocks is a strip of `v`.
+///
+/// Within a strip the disc extends furthest right where `√(cut − v²) − v·shear/down` is largest: at its unconstrained maximum,
+/// or at the end of the strip nearest to it.
+struct Discs<S: Simd> {
+    cut: S::f32s,
+    /// Least `cut − v²` of a strip that touches the disc: below 0, because of rounding.
+    slack: S::f32s,
+    /// Where an unconstrained disc extends furthest left; furthest right at the negative.
+    middle: S::f32s,
+    /// `v` is `down·y + shift`, with `y` in rows from the base; `from_base` is that of the cell's first row.
+    down: S::f32s,
+    shift: S::f32s,
+    from_base: S::f32s,
+    /// The pixel at `u` and `v`, from the cell's left edge, is `(centre + u − slope·v) · per_pixel`.
+    centre: S::f32s,
+    slope: S::f32s,
+    per_pixel: S::f32s,
+    /// Added to the ends of a strip in blocks before they are rounded to the first block and past the last.
+    to_first: S::f32s,
+    to_past: S::f32s,
+    /// Number of blocks in a row.
+    across: S::f32s,
+}
+
+impl<S: Simd> Discs<S> {
+    #[inline(always)]
+    fn new(simd: S, group: &Group, vector: usize, across: usize) -> Self {
+        // In pixels.
+        const MARGIN: f32 = 0.05;
+        const LAST: f32 = (BLOCK - 1) as f32;
+        let one = simd.splat_f32s(1.0);
+        let row = |values: &[f32; GROUP]| S::as_simd_f32s(values).0[vector];
+        let [along, shear, down] = [0, 1, 2].map(|n| row(&group.whitener[n]));
+        let shift = [0, 1].map(|n| row(&group.shift[n]));
+        let from_base = [0, 1].map(|n| row(&group.from_base[n]));
+        let cut = row(&group.cut);
+        let slope = simd.div_f32s(shear, down);
+        let middle = {
+            let (least, most) = (simd.splat_f32s(-STEEPEST), simd.splat_f32s(STEEPEST));
+            let bounded = simd.min_f32s(simd.max_f32s(slope, least), most);
+            let stretched = simd.mul_add_e_f32s(bounded, bounded, one);
+            simd.mul_f32s(bounded, simd.sqrt_f32s(simd.div_f32s(cut, stretched)))
+        };
+        let per_pixel = simd.div_f32s(one, along);
+        // Where u is 0 in row v: (centre − v·slope) / along.
+        let along_to_cell = simd.mul_add_e_f32s(along, from_base[0], shift[0]);
+        let centre = simd.sub_f32s(simd.mul_f32s(slope, shift[1]), along_to_cell);
+        let rows = simd.splat_f32s((across * BLOCK) as f32);
+        let terms = size_of_terms(simd, [along, shear, slope], shift, from_base, rows);
+        let margin = simd.mul_add_e_f32s(
+            simd.mul_f32s(terms, per_pixel),
+            simd.splat_f32s(TERM_ROUNDING),
+            simd.splat_f32s(MARGIN),
+        );
+        let margin = simd.mul_f32s(margin, simd.splat_f32s(1.0 / BLOCK as f32));
+        Self {
+            cut,
+            slack: simd.mul_f32s(cut, simd.splat_f32s(-ROUNDING)),
+            middle,
+            down,
+            shift: shift[1],
+            from_base: from_base[1],
+            centre,
+            slope,
+            per_pixel,
+            to_first: simd.sub_f32s(simd.splat_f32s(0.5 - LAST / BLOCK as f32), margin),
+            to_past: simd.add_f32s(simd.splat_f32s(0.5), margin),
+            across: simd.splat_f32s(across as f32),
+        }
     }
-    bits
+
+    /// Masks of the blocks that the ellipses touch in a row of blocks.
+    #[inline(always)]
+    fn columns(&self, simd: S, row: usize) -> S::u32s {
+        let (top, bottom) = (self.v_at(simd, row * BLOCK), self.v_at(simd, row * BLOCK + BLOCK - 1));
+        let within = |v| simd.min_f32s(simd.max_f32s(v, top), bottom);
+        let (v_right, v_left) = (within(simd.neg_f32s(self.middle)), within(self.middle));
+        let ((inside, right), (_, left)) = (self.half_width(simd, v_right), self.half_width(simd, v_left));
+        let past = simd.add_f32s(self.block_at(simd, right, v_right), self.to_past);
+        let past = clamped(simd, past, self.across);
+        let first = simd.add_f32s(self.block_at(simd, simd.neg_f32s(left), v_left), self.to_first);
+        let first = clamped(simd, first, past);
+        let columns = simd.sub_u32s(bit_at(simd, past), bit_at(simd, first));
+        let touched = simd.greater_than_or_equal_f32s(inside, self.slack);
+        simd.select_u32s(touched, columns, simd.splat_u32s(0))
+    }
+
+    /// `v` of a row of pixels of the cell.
+    #[inline(always)]
+    fn v_at(&self, simd: S, row: usize) -> S::f32s {
+        let y = simd.add_f32s(self.from_base, simd.splat_f32s(row as f32));
+        simd.mul_add_e_f32s(self.down, y, self.shift)
+    }
+
+    /// `cut − v²`, which is negative outside the disc, and the root of it, half the disc's width in `u`.
+    #[inline(always)]
+    fn half_width(&self, simd: S, v: S::f32s) -> (S::f32s, S::f32s) {
+        let inside = simd.sub_f32s(self.cut, simd.mul_f32s(v, v));
+        (inside, simd.sqrt_f32s(simd.max_f32s(inside, simd.splat_f32s(0.0))))
+    }
+
+    /// Blocks from the cell's left edge.
+    #[inline(always)]
+    fn block_at(&self, simd: S, u: S::f32s, v: S::f32s) -> S::f32s {
+        let along = simd.sub_f32s(simd.add_f32s(self.centre, u), simd.mul_f32s(self.slope, v));
+        simd.mul_f32s(simd.mul_f32s(along, self.per_pixel), simd.splat_f32s(1.0 / BLOCK as f32))
+    }
+}
+
+/// Sum of the magnitudes of the terms of `u` in a cell with these `rows`: rounding errors are a share of it.
+#[inline(always)]
+fn size_of_terms<S: Simd>(
+    simd: S,
+    [along, shear, slope]: [S::f32s; 3],
+    [shift_u, shift_v]: [S::f32s; 2],
+    [from_x, from_y]: [S::f32s; 2],
+    rows: S::f32s,
+) -> S::f32s {
+    let size = |a, b| simd.abs_f32s(simd.mul_f32s(a, b));
+    let terms = simd.add_f32s(size(slope, shift_v), simd.abs_f32s(shift_u));
+    let terms = simd.add_f32s(terms, size(along, from_x));
+    let rows = simd.add_f32s(simd.abs_f32s(from_y), rows);
+    simd.mul_add_e_f32s(simd.abs_f32s(shear), rows, terms)
+}
+
+#[inline(always)]
+fn clamped<S: Simd>(simd: S, value: S::f32s, most: S::f32s) -> S::f32s {
+    simd.min_f32s(simd.max_f32s(value, simd.splat_f32s(0.0)), most)
+}
+
+/// The power of two of a number of blocks, rounded: its difference from a smaller one has the bits between them.
+#[inline(always)]
+fn bit_at<S: Simd>(simd: S, blocks: S::f32s) -> S::u32s {
+    // Adding 2²³ moves a small integer into the low bits.
+    let rounded = simd.transmute_u32s_f32s(simd.add_f32s(blocks, simd.splat_f32s(8_388_608.0)));
+    simd.wrapping_dyn_shl_u32s(simd.splat_u32s(1), simd.and_u32s(rounded, simd.splat_u32s(31)))
 }
 
 /// Mask of the blocks of a cell that overlap a rectangle of pixels.
