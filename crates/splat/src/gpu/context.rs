@@ -97,7 +97,7 @@ impl Context {
         name: String,
         options: &GpuOptions,
     ) -> Result<Self, GpuError> {
-        let limits = device.limits();
+        let (limits, overrides) = (device.limits(), &options.overrides);
         let shortfalls: [(_, u64, u64); 4] = [
             ("storage buffers of a kernel", limits.max_storage_buffers_per_shader_stage.into(), STORAGE_BUFFERS),
             ("shared bytes of a workgroup", limits.max_compute_workgroup_storage_size.into(), SHARED_BYTES),
@@ -111,15 +111,18 @@ impl Context {
             }
         }
         // Kernels index words with u32.
-        let allowed = [limits.max_storage_buffer_binding_size, limits.max_buffer_size, options.binding_limit];
+        let allowed = [limits.max_storage_buffer_binding_size, limits.max_buffer_size, overrides.binding_limit];
         let binding_limit = allowed.into_iter().fold(1 << 33, Ord::min) & !255;
-        let groups_limit = limits.max_compute_workgroups_per_dimension.min(options.groups_limit).max(1);
+        let groups_limit = limits.max_compute_workgroups_per_dimension.min(overrides.groups_limit).max(1);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let info = device.adapter_info();
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
-        let few_threads = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_software);
-        let thread_rows = if few_threads { 4 } else { 1 };
-        let has_subgroups = options.subgroups && device.features().contains(wgpu::Features::SUBGROUP);
+        let thread_rows = match overrides.threads {
+            Threads::Automatic if is_software => 4,
+            Threads::Few => 4,
+            Threads::Automatic | Threads::Many => 1,
+        };
+        let has_subgroups = overrides.subgroups && device.features().contains(wgpu::Features::SUBGROUP);
         Ok(Self {
             device,
             queue,
@@ -133,9 +136,9 @@ impl Context {
             memory_limit: options.memory_limit,
             thread_rows,
             least_subgroup: has_subgroups.then_some(info.subgroup_min_size),
-            entries_per_dispatch: options.entries_limit.max(1),
+            entries_per_dispatch: overrides.entries_limit.max(1),
             tiles_per_window: u64::MAX,
-            first_pairs: options.first_pairs,
+            first_pairs: overrides.first_pairs,
             columns_per_dispatch: u32::MAX,
             lost: Arc::default(),
             uncaptured: Arc::default(),

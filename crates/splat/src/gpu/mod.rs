@@ -62,7 +62,7 @@ pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGr
 pub use host::Uploaded;
 pub use image::{GpuImage, ImageFormat, ImageNumbers};
 pub use images::{GpuRendering, GpuStrip};
-pub use options::{GpuOptions, Threads};
+pub use options::{GpuOptions, GpuOverrides, Threads};
 pub use pending::{Pending, Settled};
 pub use self_test_cache::SelfTestCache;
 pub use self_test_result::{ProbeStage, SelfTestKey, SelfTestObserver, SelfTestResult, WrongResult};

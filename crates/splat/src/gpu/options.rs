@@ -7,6 +7,22 @@ pub struct GpuOptions {
     /// more. Not counted: up to 64 MiB of staging buffers, and other buffers of the caller, such as other scenes or
     /// earlier images.
     pub memory_limit: u64,
+    /// For tests.
+    #[doc(hidden)]
+    pub overrides: GpuOverrides,
+}
+
+impl Default for GpuOptions {
+    /// 8 GiB.
+    fn default() -> Self {
+        Self { memory_limit: 8 << 30, overrides: GpuOverrides::default() }
+    }
+}
+
+/// Lower limits than the adapter has, and other choices than it calls for; for tests and benchmarks.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuOverrides {
     /// Limit on the bytes of a buffer, if smaller than the adapter's.
     pub binding_limit: u64,
     /// Limit on the workgroups along one dimension of a dispatch, if smaller than the adapter's.
@@ -23,7 +39,21 @@ pub struct GpuOptions {
     pub subgroups: bool,
 }
 
+impl Default for GpuOverrides {
+    fn default() -> Self {
+        Self {
+            binding_limit: u64::MAX,
+            groups_limit: u32::MAX,
+            entries_limit: u32::MAX,
+            first_pairs: u64::MAX,
+            threads: Threads::Automatic,
+            subgroups: true,
+        }
+    }
+}
+
 /// Number of pixels per thread; only the last bits of gradients depend on it.
+#[doc(hidden)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Threads {
     /// Chosen by the kind of adapter.
@@ -33,19 +63,4 @@ pub enum Threads {
     Many,
     /// Sixteen pixels per thread: for software adapters.
     Few,
-}
-
-impl Default for GpuOptions {
-    /// 8 GiB, and the adapter's own limits.
-    fn default() -> Self {
-        Self {
-            memory_limit: 8 << 30,
-            binding_limit: u64::MAX,
-            groups_limit: u32::MAX,
-            entries_limit: u32::MAX,
-            first_pairs: u64::MAX,
-            threads: Threads::Automatic,
-            subgroups: true,
-        }
-    }
 }

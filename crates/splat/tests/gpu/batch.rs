@@ -2,11 +2,13 @@
 
 use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{GpuCounts, GpuError, GpuGaussians, GpuOptions, GpuPart, GpuRenderer};
+use atsplat_splat::gpu::{GpuCounts, GpuError, GpuGaussians, GpuOptions, GpuOverrides, GpuPart, GpuRenderer};
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Renderer, SplatError, View};
 use glam::{DMat3, DVec3};
 
-use crate::scenes::{cloud, everything, external_device, gpu, image_gradients, narrow, on_device, open, view};
+use crate::scenes::{
+    cloud, everything, external_device, gpu, image_gradients, narrow, on_device, open, overriding, view,
+};
 
 /// Each from elsewhere, through another lens.
 fn views(count: usize, width: u32, height: u32) -> Vec<View> {
@@ -197,7 +199,8 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_rejected() {
     let crowd = rejection(2, &views(162, 20, 20));
     assert!(matches!(crowd, SplatError::Gpu(GpuError::TooLarge { what: "views of a batch", .. })), "{crowd}");
 
-    let Some(mut small) = open(GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() }) else { return };
+    let small = GpuOverrides { binding_limit: 64 << 10, ..GpuOverrides::default() };
+    let Some(mut small) = open(overriding(small)) else { return };
     let resident = small.upload(&joined(&scenes(2, 100))).unwrap();
     let wide = small.render_batch(&resident, 2, &views(2, 64, 64), &everything()).unwrap_err();
     assert!(matches!(wide, SplatError::Gpu(GpuError::TooLarge { what: "pixels of a batch", .. })), "{wide}");

@@ -1,18 +1,18 @@
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuOverrides, GpuRenderer, Threads, Uploaded};
 use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
 use crate::scenes::{
     assert_bound, assert_identical, beside, cloud, dust, everything, gpu, image_gradients, narrow as narrow_images,
-    open, open_untested, view,
+    open, open_untested, overriding, view,
 };
 
 /// Parts of 640 Gaussians, strips of two tile rows, dispatches in two dimensions.
 #[test]
 fn small_limits_give_identical_results() {
-    let small = GpuOptions { binding_limit: 128 << 10, groups_limit: 25, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(small)) else { return };
+    let small = GpuOverrides { binding_limit: 128 << 10, groups_limit: 25, ..GpuOverrides::default() };
+    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(overriding(small))) else { return };
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
     assert!(limited.strips(&view).unwrap().len() > 1 && gpu.strips(&view).unwrap().len() == 1);
     assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
@@ -28,7 +28,8 @@ fn small_limits_give_identical_results() {
 /// The pixels per thread change no pixel; only sums over pixels round differently (bounded by the self-test).
 #[test]
 fn many_and_few_threads_give_identical_pixels() {
-    let renderers = [Threads::Many, Threads::Few].map(|threads| open(GpuOptions { threads, ..GpuOptions::default() }));
+    let renderers = [Threads::Many, Threads::Few]
+        .map(|threads| open(overriding(GpuOverrides { threads, ..GpuOverrides::default() })));
     let [Some(mut many), Some(mut few)] = renderers else { return };
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     for preset in ["exact", "inria"] {
@@ -46,15 +47,15 @@ fn subgroups_change_only_the_rounding_of_gradients() {
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     let images = narrow_images(&image_gradients(&view));
     for threads in [Threads::Many, Threads::Few] {
-        let whole = GpuOptions { threads, ..GpuOptions::default() };
-        let Some(trees) = open(whole) else { return };
+        let whole = GpuOverrides { threads, ..GpuOverrides::default() };
+        let Some(trees) = open(overriding(whole)) else { return };
         if !trees.device().features().contains(wgpu::Features::SUBGROUP) {
             skip("subgroups_change_only_the_rounding_of_gradients", "the adapter has no subgroups");
             return;
         }
-        let again = beside(&trees, whole);
-        let others = [GpuOptions { entries_limit: 37, ..whole }, GpuOptions { subgroups: false, ..whole }].map(open);
-        let [Some(in_parts), Some(by_index)] = others else { return };
+        let again = beside(&trees, overriding(whole));
+        let others = [GpuOverrides { entries_limit: 37, ..whole }, GpuOverrides { subgroups: false, ..whole }];
+        let [Some(in_parts), Some(by_index)] = others.map(|overrides| open(overriding(overrides))) else { return };
         let [trees, again, in_parts, by_index] = [trees, again, in_parts, by_index]
             .map(|mut gpu| gpu.backward(&gaussians, &view, &everything(), &images).unwrap());
         assert!(trees == again && trees == in_parts, "{threads:?}");
@@ -89,7 +90,7 @@ fn exceeding_a_limit_is_a_typed_error() {
     let tiny = GpuOptions { memory_limit: 100_000, ..GpuOptions::default() };
     let outcome = beside(&gpu, tiny).render(&cloud(2000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 100_000, .. })), "{outcome:?}");
-    let narrow = GpuOptions { binding_limit: 16 << 10, ..GpuOptions::default() };
+    let narrow = overriding(GpuOverrides { binding_limit: 16 << 10, ..GpuOverrides::default() });
     let outcome = beside(&gpu, narrow).render(&cloud(2000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
     // Windows are halved down to a single tile, whose pairs still do not fit 48 bytes each.

@@ -1,20 +1,20 @@
 //! Tile lists that need several dispatches.
 
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{GpuOptions, Threads};
+use atsplat_splat::gpu::{GpuOverrides, Threads};
 use atsplat_splat::{RenderOptions, Renderer, reference};
 
 use crate::scenes::{
-    assert_bound, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, needles, specks, straight,
-    view,
+    assert_bound, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, needles, overriding,
+    specks, straight, view,
 };
 
 /// Lists are split over many dispatches, as required by drivers that limit loop iterations.
 #[test]
 fn splitting_lists_gives_identical_results() {
-    let few = GpuOptions { entries_limit: 37, ..GpuOptions::default() };
+    let few = GpuOverrides { entries_limit: 37, ..GpuOverrides::default() };
     let Some(mut gpu) = gpu() else { return };
-    let mut limited = beside(&gpu, few);
+    let mut limited = beside(&gpu, overriding(few));
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     for options in [everything(), RenderOptions::default()] {
         assert_identical(&mut limited, &mut gpu, &gaussians, &view, &options);
@@ -48,7 +48,7 @@ fn renders_needles_across_a_whole_tile() {
     let gradients = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
     let Some(shared) = gpu() else { return };
     for threads in [Threads::Few, Threads::Many] {
-        let mut gpu = beside(&shared, GpuOptions { threads, ..GpuOptions::default() });
+        let mut gpu = beside(&shared, overriding(GpuOverrides { threads, ..GpuOverrides::default() }));
         assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, &format!("{threads:?}"));
         let actual = gpu.backward(&gaussians, &view, &everything(), &narrow(&images)).unwrap().map(f64::from);
         for ((name, actual), (_, expected)) in actual.fields().into_iter().zip(gradients.fields()) {

@@ -1,11 +1,12 @@
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
-    GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
+    GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuOverrides, GpuPart, GpuRenderer, GpuStripGradients,
 };
 use atsplat_splat::{Exposure, Gaussians, ImageGradients, RenderOptions, Renderer, SplatError, StoppedGradients};
 
 use crate::scenes::{
-    as_gradients, beside, cloud, everything, external_device, filtered, gpu, image_gradients, narrow, on_device, view,
+    as_gradients, beside, cloud, everything, external_device, filtered, gpu, image_gradients, narrow, on_device,
+    overriding, view,
 };
 
 /// Results on the device equal those that pass through the host.
@@ -109,9 +110,9 @@ fn gradients_pass_the_exposure_on_the_device() {
 /// Only some strips have gradients of depth and scalar.
 #[test]
 fn splitting_into_parts_and_strips_changes_nothing() {
-    let small = GpuOptions { binding_limit: 128 << 10, ..GpuOptions::default() };
+    let small = GpuOverrides { binding_limit: 128 << 10, ..GpuOverrides::default() };
     let Some(mut gpu) = gpu() else { return };
-    let mut limited = beside(&gpu, small);
+    let mut limited = beside(&gpu, overriding(small));
     let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
     let resident = limited.upload(&gaussians).unwrap();
     let rendering = limited.render_resident(&resident, &view, &everything()).unwrap();

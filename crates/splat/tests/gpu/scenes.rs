@@ -5,14 +5,19 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
-    AdapterChoice, GpuError, GpuImageGradients, GpuOptions, GpuRenderer, GpuStrip, GpuStripGradients, SelfTestKey,
-    SelfTestObserver, SelfTestResult, select,
+    AdapterChoice, GpuError, GpuImageGradients, GpuOptions, GpuOverrides, GpuRenderer, GpuStrip, GpuStripGradients,
+    SelfTestKey, SelfTestObserver, SelfTestResult, select,
 };
 use atsplat_splat::{Gaussians, ImageGradients, RenderOptions, Renderer, Rendering, View};
 use atsplat_tests::{skip, skip_without_graphics};
 use glam::{DMat3, DVec3};
 
 pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
+
+/// The default options, but for these overrides.
+pub(crate) fn overriding(overrides: GpuOverrides) -> GpuOptions {
+    GpuOptions { overrides, ..GpuOptions::default() }
+}
 
 /// Opens a renderer on a device of its own, which passes the self-test with these options; `None` if there is no adapter and none is
 /// required.

@@ -1,11 +1,11 @@
 //! What passes between the host and the device: submissions, waits and bytes, and renderings repeated with longer lists.
 
 use atsplat_numeric::Tolerance;
-use atsplat_splat::gpu::{GpuCounts, GpuOptions, GpuRenderer, ImageFormat, ImageNumbers};
+use atsplat_splat::gpu::{GpuCounts, GpuOverrides, GpuRenderer, ImageFormat, ImageNumbers};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
 use crate::scenes::{
-    as_gradients, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, open, view,
+    as_gradients, assert_identical, beside, cloud, everything, gpu, image_gradients, narrow, open, overriding, view,
 };
 
 /// What `work` added to the counts.
@@ -73,10 +73,10 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     let images = narrow(&image_gradients(&view));
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
     let gradients = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
-    let short = GpuOptions { first_pairs: 100, ..GpuOptions::default() };
+    let short = GpuOverrides { first_pairs: 100, ..GpuOverrides::default() };
     // 4096 entries are composited at first: fewer than a list has if one dispatch takes a single entry of it.
-    for options in [short, GpuOptions { first_pairs: 0, entries_limit: 37, ..short }] {
-        let mut short = beside(&gpu, options);
+    for overrides in [short, GpuOverrides { first_pairs: 0, entries_limit: 37, ..short }] {
+        let mut short = beside(&gpu, overriding(overrides));
         let (read, counts) = counted(&mut short, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
         assert_eq!(requests(counts), [2, 2, 1], "{counts:?}");
         assert!(read == expected);
@@ -85,7 +85,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
         assert!(short.backward(&gaussians, &view, &everything(), &images).unwrap() == gradients);
     }
 
-    let mut short = beside(&gpu, short);
+    let mut short = beside(&gpu, overriding(short));
     let resident = short.upload(&gaussians).unwrap();
     let (images, counts) =
         counted(&mut short, |gpu| [(); 2].map(|()| gpu.render_resident(&resident, &view, &everything()).unwrap()));
@@ -109,7 +109,8 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
 /// A reader of an image need not know of a repeat; a user of its buffers checks for one later.
 #[test]
 fn an_image_that_was_repeated_when_it_was_read_says_so() {
-    let Some(mut gpu) = open(GpuOptions { first_pairs: 100, ..GpuOptions::default() }) else { return };
+    let short = GpuOverrides { first_pairs: 100, ..GpuOverrides::default() };
+    let Some(mut gpu) = open(overriding(short)) else { return };
     let (gaussians, view) = (cloud(2000, 0, 7), view(97, 71));
     let resident = gpu.upload(&gaussians).unwrap();
     let repeats = [(); 2].map(|()| {
@@ -123,9 +124,9 @@ fn an_image_that_was_repeated_when_it_was_read_says_so() {
 /// Converted on the device; of several strips, whose lengths are not whole words; after a repeat, too.
 #[test]
 fn images_are_read_in_the_requested_format() {
-    let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
+    let short = GpuOverrides { binding_limit: 64 << 10, first_pairs: 100, ..GpuOverrides::default() };
     let Some(mut gpu) = gpu() else { return };
-    let mut limited = beside(&gpu, short);
+    let mut limited = beside(&gpu, overriding(short));
     let mut parts = cloud(2000, 0, 7).into_parts();
     parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| 6.0 * value));
     let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(97, 71));
@@ -182,9 +183,9 @@ fn half(bits: u16) -> f64 {
 /// Where memory holds fewer pairs than an image has, it is rendered in windows; their number is learnt, too.
 #[test]
 fn windows_are_learnt() {
-    let small = GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() };
+    let small = GpuOverrides { binding_limit: 64 << 10, ..GpuOverrides::default() };
     let Some(mut gpu) = gpu() else { return };
-    let mut limited = beside(&gpu, small);
+    let mut limited = beside(&gpu, overriding(small));
     let (gaussians, view) = (cloud(3000, 0, 7), view(97, 71));
     assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
     let images = narrow(&image_gradients(&view));
