@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use atsplat_camera::ImageSize;
-use atsplat_splat::cpu::{CpuOptions, CpuRenderer, TileSize};
+use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, ImageGradients, RenderOptions, View};
 use scene::scene;
 
@@ -53,8 +53,7 @@ fn by_patch(gaussians: &Gaussians, view: &View) -> Gaussians {
 }
 
 fn rounds(gaussians: &Gaussians, view: &View) {
-    // The backward pass uses tiles of 32 pixels; the forward pass does too, so that buffers are shared.
-    let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
+    let mut renderer = CpuRenderer::default();
     let options = RenderOptions::default();
     let images = ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
     let mut rendering = renderer.render(gaussians, view, &options).expect("an image");

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::batch::{BLOCK, CELL, Cell, LANES};
 use super::bins::Tiling;
 use super::composite::{self, plane_count};
-use super::{RasterParams, TileSize, has_extra_channels};
+use super::{RasterParams, has_extra_channels};
 use crate::{RenderOptions, Rendering, View};
 
 /// How a tiling's pixels are stored: cell by cell, each of them `stride` values.
@@ -25,9 +25,9 @@ impl Layout {
         Self { tiling, cells: tiling.side / cell, across: cell / BLOCK, extra }
     }
 
-    /// The layout of a view's pixels.
-    pub(super) fn of(view: &View, options: &RenderOptions, tile: TileSize) -> Self {
-        Self::new(Tiling::new(view.size, tile.pixels()), has_extra_channels(options))
+    /// The layout of a view's pixels in tiles of `tile` pixels a side.
+    pub(super) fn of(view: &View, options: &RenderOptions, tile: u32) -> Self {
+        Self::new(Tiling::new(view.size, tile), has_extra_channels(options))
     }
 
     /// Number of values per cell.

@@ -1,6 +1,5 @@
 //! Memory estimates, made before anything is allocated.
 
-use super::TileSize;
 use super::bins::{self, Entry, RUN};
 use super::frame::Frame;
 use super::images::Layout;
@@ -32,7 +31,7 @@ impl MemoryBudget {
 }
 
 /// Bytes of a view's [`Frame`], excluding tile lists, whose length is known later.
-pub(super) fn frame(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: TileSize) -> u64 {
+pub(super) fn frame(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: u32) -> u64 {
     let layout = Layout::of(view, options, tile);
     let pixels = times(4 * layout.per_tile(), layout.tiling.len());
     let starts = times(bins::start_bytes(layout.tiling), gaussians.len().div_ceil(RUN));

@@ -44,45 +44,26 @@ pub use simd::SimdLevel;
 pub struct CpuOptions {
     /// Instruction set.
     pub simd: SimdLevel,
-    /// Side of a tile in pixels: 16, 32 or 64.
-    pub tile: TileSize,
     /// Limit on the bytes of all buffers.
     pub memory_limit: u64,
 }
 
 impl Default for CpuOptions {
-    /// The best available instruction set, tiles of 32 pixels, 16 GiB.
+    /// The best available instruction set, 16 GiB.
     fn default() -> Self {
-        Self { simd: SimdLevel::best(), tile: TileSize::Pixels32, memory_limit: 16 << 30 }
+        Self { simd: SimdLevel::best(), memory_limit: 16 << 30 }
     }
 }
 
-/// Side of a tile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TileSize {
-    /// 16 pixels: for scenes with heavy occlusion.
-    Pixels16,
-    /// 32 pixels.
-    Pixels32,
-    /// 64 pixels: for few, large Gaussians.
-    Pixels64,
-}
-
-impl TileSize {
-    /// Side in pixels.
-    pub const fn pixels(self) -> u32 {
-        match self {
-            Self::Pixels16 => 16,
-            Self::Pixels32 => 32,
-            Self::Pixels64 => 64,
-        }
-    }
-}
+/// Side of a tile in pixels: a tile is one cell.
+const TILE: u32 = 32;
 
 /// A renderer that reuses its buffers from view to view.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct CpuRenderer {
     options: CpuOptions,
+    /// [`TILE`]; 16 and 64 only in tests, because images do not depend on it.
+    tile: u32,
     spare: Vec<Frame>,
     timings: Timings,
 }
@@ -106,7 +87,8 @@ struct Job<'a> {
     gaussians: &'a Gaussians,
     views: &'a [View],
     options: &'a RenderOptions,
-    tile: TileSize,
+    /// Side of a tile in pixels.
+    tile: u32,
 }
 
 /// Number of views that [`CpuRenderer::render_many`] projects together, if memory allows.
@@ -115,8 +97,8 @@ const VIEW_BATCH: usize = 4;
 impl CpuRenderer {
     /// A renderer without any buffers.
     pub fn new(options: CpuOptions) -> Self {
-        let simd = options.simd.or_portable();
-        Self { options: CpuOptions { simd, ..options }, ..Self::default() }
+        let options = CpuOptions { simd: options.simd.or_portable(), ..options };
+        Self { options, tile: TILE, spare: Vec::new(), timings: Timings::default() }
     }
 
     /// The instruction set in use: the requested one, or [`SimdLevel::Portable`] if the CPU lacks it.
@@ -157,8 +139,7 @@ impl CpuRenderer {
         options: &RenderOptions,
         rendering: &mut Rendering<f32>,
     ) -> Result<(), SplatError> {
-        let tile = self.options.tile;
-        let job = Job { gaussians, views: &[*view], options, tile };
+        let job = Job { gaussians, views: &[*view], options, tile: self.tile };
         let frames = self.render_frames(job, 0, &mut [rendering])?;
         self.recycle(frames);
         Ok(())
@@ -181,7 +162,7 @@ impl CpuRenderer {
         for view in views {
             view.optics(&options.constants)?;
         }
-        let tile = self.options.tile;
+        let tile = self.tile;
         let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(Rendering::<f32>::bytes(view, options)));
         let most = views.iter().map(|view| memory::frame(gaussians, view, options, tile)).max();
         let Some(frame) = most else { return Ok(Vec::new()) };
@@ -283,6 +264,12 @@ impl CpuRenderer {
     fn recycle(&mut self, frames: impl IntoIterator<Item = Frame>) {
         self.spare.extend(frames);
         self.spare.truncate(VIEW_BATCH);
+    }
+}
+
+impl Default for CpuRenderer {
+    fn default() -> Self {
+        Self::new(CpuOptions::default())
     }
 }
 

@@ -12,7 +12,7 @@ use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
 use super::pixel_sums::SUMS;
 use super::scaled::Scaled;
-use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
+use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TILE, bins};
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
@@ -44,8 +44,7 @@ impl CpuRenderer {
         let options = &*options.in_full();
         let mut rendering = Rendering::blank(view);
         // Always one cell per tile, so that sums over a tile have a fixed order.
-        let tile = TileSize::Pixels32;
-        let job = Job { gaussians: gaussians.borrow(), views: &[*view], options, tile };
+        let job = Job { gaussians: gaussians.borrow(), views: &[*view], options, tile: TILE };
         let frames = self.render_frames(job, 0, &mut [&mut rendering])?;
         #[expect(clippy::expect_used, reason = "one view was rendered")]
         let frame = frames.into_iter().next().expect("a frame per view");

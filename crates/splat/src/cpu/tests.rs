@@ -11,6 +11,13 @@ fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: Cp
     CpuRenderer::new(cpu).render(gaussians, view, options).unwrap()
 }
 
+/// Sides of tiles in pixels.
+const TILES: [u32; 3] = [16, 32, 64];
+
+fn with_tiles(cpu: CpuOptions, tile: u32) -> CpuRenderer {
+    CpuRenderer { tile, ..CpuRenderer::new(cpu) }
+}
+
 /// Number of values that differ by more than `bound`, and the largest difference.
 fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len());
@@ -95,11 +102,11 @@ fn an_endless_oblique_needle_has_no_holes() {
         let opaque = expected.alpha.iter().filter(|alpha| **alpha > 0.5).count();
         assert!(opaque > 150, "across the image: {opaque} pixels");
         for simd in SimdLevel::available() {
-            for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
-                let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
-                let actual = rendered(&gaussians, &view, &options, cpu);
+            for tile in TILES {
+                let mut renderer = with_tiles(CpuOptions { simd, ..CpuOptions::default() }, tile);
+                let actual = renderer.render(&gaussians, &view, &options).unwrap();
                 let (_, largest) = beyond(&actual.alpha, &expected.alpha, 0.0);
-                assert!(largest < 0.01, "{sine}, {simd:?}, {tile:?}: {largest}");
+                assert!(largest < 0.01, "{sine}, {simd:?}, tiles of {tile}: {largest}");
             }
         }
     }
@@ -109,12 +116,12 @@ fn an_endless_oblique_needle_has_no_holes() {
 fn tiles_threads_and_instruction_sets_do_not_change_images() {
     let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
     let expected = rendered(&gaussians, &view, &everything(), CpuOptions::default());
-    for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
+    for tile in TILES {
         for threads in [1, 3] {
             for simd in SimdLevel::with_fma() {
-                let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
-                let actual = on_threads(threads, || rendered(&gaussians, &view, &everything(), cpu));
-                assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
+                let mut renderer = with_tiles(CpuOptions { simd, ..CpuOptions::default() }, tile);
+                let actual = on_threads(threads, || renderer.render(&gaussians, &view, &everything()).unwrap());
+                assert!(actual == expected, "tiles of {tile}, {threads} threads, {simd:?}");
             }
         }
     }
@@ -187,11 +194,11 @@ fn threads_and_tiles_do_not_change_gradients() {
     let (gaussians, view) = (cloud(2000, 1, 23), view(90, 70));
     let images = narrow(&image_gradients(&view));
     let of = |threads: usize, tile| {
-        let mut renderer = CpuRenderer::new(CpuOptions { tile, ..CpuOptions::default() });
+        let mut renderer = with_tiles(CpuOptions::default(), tile);
         on_threads(threads, || renderer.backward(&gaussians, &view, &everything(), &images).unwrap())
     };
-    let expected = of(1, TileSize::Pixels32);
-    assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);
+    let expected = of(1, 32);
+    assert!(of(3, 16) == expected && of(2, 64) == expected);
 }
 
 #[path = "../../tests/common/cloud.rs"]

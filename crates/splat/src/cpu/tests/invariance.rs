@@ -58,9 +58,9 @@ fn distant_centres_match_the_reference_in_tiles_of_any_size() {
             parts.log_scales = vec![[(0.5 * distance).ln(), -3.5, -9.0]];
             parts.opacity_logits = vec![3.0];
             let gaussians = Gaussians::new(parts).unwrap();
-            let of = |tile| rendered(&gaussians, &view, &everything(), CpuOptions { tile, ..CpuOptions::default() });
-            let found = of(TileSize::Pixels32);
-            assert!(of(TileSize::Pixels16) == found && of(TileSize::Pixels64) == found, "{what}: tiles");
+            let [found, smaller, larger] = [32, 16, 64]
+                .map(|tile| with_tiles(CpuOptions::default(), tile).render(&gaussians, &view, &everything()).unwrap());
+            assert!(smaller == found && larger == found, "{what}: tiles");
             let expected = reference::render(&gaussians, &view, &everything()).unwrap();
             assert!(expected.alpha.iter().any(|alpha| *alpha > 0.1), "{what}: nothing to see");
             let (_, largest) = beyond(&found.alpha, &expected.alpha, 0.0);
@@ -253,9 +253,9 @@ fn needles_and_walls_match_the_reference() {
         let constants = RendererConstants::named(preset).unwrap();
         let options = RenderOptions { constants, ..everything() };
         let expected = reference::render(&gaussians, &view, &options).unwrap();
-        for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
-            let actual = rendered(&gaussians, &view, &options, CpuOptions { tile, ..CpuOptions::default() });
-            assert_close(&actual, &expected, &format!("{preset} {tile:?}"));
+        for tile in TILES {
+            let actual = with_tiles(CpuOptions::default(), tile).render(&gaussians, &view, &options).unwrap();
+            assert_close(&actual, &expected, &format!("{preset}, tiles of {tile}"));
         }
     }
 }
@@ -298,7 +298,7 @@ fn tile_lists_follow_the_ellipse() {
     let gaussians = Gaussians::new(parts).unwrap();
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let view = View { camera: Camera { camera_from_world: pose, ..view(512, 512).camera }, ..view(512, 512) };
-    let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
+    let mut renderer = CpuRenderer::default();
     renderer.render(&gaussians, &view, &RenderOptions::default()).unwrap();
     let frame = renderer.spare.first().unwrap();
     let listed: usize = (0..frame.tiling().len()).map(|tile| frame.bins[0].list(tile).len()).sum();
