@@ -14,5 +14,5 @@ fuzz_target!(|bytes: &[u8]| {
     assert_eq!(gaussians.len() + import.validation.rejected, import.validation.total);
     let (clean, _) = gaussians.cleaned(Cleaning::Repair);
     assert!(clean.validate().is_clean());
-    black_box(clean.bounds_of_ellipsoids(3.0));
+    black_box(clean.bounds_of_means());
 });

@@ -2,9 +2,8 @@
 
 use atsplat_camera::Sphere;
 use atsplat_numeric::{logit, sigmoid};
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
 
-use crate::gaussians::rotation;
 use crate::{Gaussians, LOG_SCALE_LIMIT};
 
 /// Gaussians with a smaller opacity are drawn nowhere, with the constants of published rasterizers.
@@ -41,6 +40,12 @@ fn axis_ends(mean: &[f32; 3], wxyz: &[f32; 4], log_scales: &[f32; 3]) -> [DVec3;
     let [x, y, z] = log_scales.map(|log| SIGMAS * f64::from(log).exp());
     let [x, y, z] = [axes.x_axis * x, axes.y_axis * y, axes.z_axis * z];
     [mean + x, mean - x, mean + y, mean - y, mean + z, mean - z]
+}
+
+/// The rotation of a Gaussian, by its quaternion of any length but 0.
+fn rotation(wxyz: &[f32; 4]) -> DMat3 {
+    let [w, x, y, z] = wxyz.map(f64::from);
+    DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize())
 }
 
 /// The smallest opacity logit of the Gaussians that are framed.

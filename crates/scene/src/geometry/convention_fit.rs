@@ -36,13 +36,6 @@ pub enum ConventionFit {
     TooFewMatches,
 }
 
-impl ConventionFit {
-    /// Whether the cameras can be used as declared.
-    pub const fn declared_fits(&self) -> bool {
-        matches!(self, Self::Fits { convention: Convention::Declared, .. })
-    }
-}
-
 /// The interpretation that fits by the scores of [`super::score_conventions`].
 ///
 /// An interpretation fits if its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points are in
@@ -144,10 +137,8 @@ mod tests {
     fn large_and_nan_medians_do_not_fit() {
         let nothing = ConventionFit::NothingFits { closest: Some(Convention::Declared) };
         assert_eq!(fitting_convention(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
-        assert!(
-            fitting_convention(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(),
-            "a larger image"
-        );
+        let larger_image = fitting_convention(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50);
+        assert_eq!(larger_image, fits(Convention::Declared, &[]));
         assert_eq!(fitting_convention(&[score(Convention::Declared, f64::NAN, 1.0)], 400.0, 50), nothing);
     }
 

@@ -6,7 +6,6 @@ mod transform;
 mod validate;
 
 pub use bounds::Bounds;
-pub(crate) use bounds::rotation;
 pub use clean::{Cleaning, LOGIT_OF_INFINITY};
 pub use validate::{Field, Finding, LOG_SCALE_LIMIT, LOGIT_LIMIT, Problem, Validation};
 
