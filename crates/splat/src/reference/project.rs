@@ -42,34 +42,13 @@ impl Splat {
 /// Intermediate values for the backward pass.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Intermediates {
+    pub(crate) shape: Shape,
     /// Mean in camera coordinates.
     pub(crate) in_camera: DVec3,
-    /// Rotation `world_from_gaussian`.
-    pub(crate) rotation: DMat3,
-    /// Standard deviations, after the 3D filter.
-    pub(crate) scales: DVec3,
-    /// Ratio of the Gaussian's own variances to the filtered ones.
-    pub(crate) unfiltered_share: DVec3,
-    /// Opacity after the sigmoid alone.
-    pub(crate) sigmoid: f64,
-    /// `1 − sigmoid`, computed without cancellation.
-    pub(crate) one_minus_sigmoid: f64,
-    /// Opacity factor of the 3D filter.
-    pub(crate) filter: f64,
+    pub(crate) near_mean: Linearisation,
+    pub(crate) covariance: Covariance,
     /// Opacity factor of anti-aliasing.
     pub(crate) compensation: f64,
-    /// `x/z` and `y/z` clamped for the Jacobian, and whether each was clamped.
-    pub(crate) slope: DVec2,
-    pub(crate) clamped: [bool; 2],
-    /// `∂pixel/∂slope` (lens and focal lengths) at the clamped slope.
-    pub(crate) pixel_from_slope: DMat2,
-    /// Rows of the Jacobian `∂pixel/∂(x, y, z)` in camera coordinates.
-    pub(crate) jacobian: [DVec3; 2],
-    /// 2D covariance without and with the blur.
-    pub(crate) cov2d: DMat2,
-    pub(crate) cov2d_blurred: DMat2,
-    /// Determinants of the two, computed without cancellation.
-    pub(crate) determinants: [f64; 2],
     /// Unit view direction, in the axis order of the spherical harmonics.
     pub(crate) direction: DVec3,
     /// Distance to the camera.
@@ -86,18 +65,66 @@ pub(crate) fn project(
     options: &RenderOptions,
 ) -> Result<Box<Splat>, Culled> {
     let constants = &options.constants;
-    let Some(Shape { mean, rotation, scales, unfiltered_share, sigmoid, one_minus_sigmoid, filter }) =
-        shape(gaussians, position)
-    else {
-        return Err(Culled::Invalid);
-    };
-    let in_camera = optics.rotation * mean + optics.translation;
+    let shape = shape(gaussians, position).ok_or(Culled::Invalid)?;
+    let in_camera = optics.rotation * shape.mean + optics.translation;
     if !in_camera.is_finite() {
         return Err(Culled::Invalid);
     }
     if !constants.keeps_depth(in_camera.z) {
         return Err(Culled::OutsideDepth);
     }
+    let (centre, near_mean) = linearise(in_camera, optics).ok_or(Culled::OutsideImage)?;
+    let covariance = Covariance::project(&shape, near_mean.jacobian, optics, constants.blur);
+    let [_, determinant] = covariance.determinants;
+    if !(determinant > 0.0 && determinant.is_finite() && centre.is_finite()) {
+        return Err(Culled::Invalid);
+    }
+    let compensation = covariance.compensation(options);
+    let opacity = shape.sigmoid * shape.filter * compensation;
+    if !(opacity >= constants.min_alpha) {
+        return Err(Culled::Faint);
+    }
+    let blurred = covariance.blurred;
+    let blurred = [blurred.x_axis.x, blurred.x_axis.y, blurred.y_axis.y];
+    let reach = reach(centre, blurred, opacity, size, constants).ok_or(Culled::OutsideImage)?;
+
+    let offset = shape.mean - optics.centre;
+    let distance = offset.length();
+    let direction = if distance > 0.0 { offset / distance } else { DVec3::Z };
+    let direction = constants.sh_axes.of(direction);
+    let raw_rgb = colour(gaussians, position, direction, options).ok_or(Culled::Invalid)?;
+    let scalar = gaussians.parts().scalars.as_ref().map_or(0.0, |scalars| f64::from(scalars[position]));
+    if !(scalar.abs() <= LARGEST_CHANNEL) {
+        return Err(Culled::Invalid);
+    }
+    Ok(Box::new(Splat {
+        position,
+        depth: in_camera.z,
+        centre,
+        conic: covariance.conic(),
+        whitener: covariance.whitener(),
+        opacity,
+        rgb: DVec3::from_array(raw_rgb.to_array().map(|value| if value < 0.0 { 0.0 } else { value })),
+        scalar,
+        reach,
+        parts: Intermediates { shape, in_camera, near_mean, covariance, compensation, direction, distance, raw_rgb },
+    }))
+}
+
+/// The map from camera coordinates to pixels near a mean.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Linearisation {
+    /// `x/z` and `y/z` clamped for the Jacobian, and whether each was clamped.
+    pub(crate) slope: DVec2,
+    pub(crate) clamped: [bool; 2],
+    /// `∂pixel/∂slope` (lens and focal lengths) at the clamped slope.
+    pub(crate) pixel_from_slope: DMat2,
+    /// Rows of the Jacobian `∂pixel/∂(x, y, z)` in camera coordinates.
+    pub(crate) jacobian: [DVec3; 2],
+}
+
+/// The projected mean in pixels, and the map near it; `None` outside the lens.
+fn linearise(in_camera: DVec3, optics: &Optics) -> Option<(DVec2, Linearisation)> {
     let true_slope = in_camera.truncate() / in_camera.z;
     let slope = true_slope.clamp(optics.jacobian_range[0], optics.jacobian_range[1]);
     let within = true_slope.cmpge(optics.jacobian_range[0]) & true_slope.cmple(optics.jacobian_range[1]);
@@ -105,77 +132,13 @@ pub(crate) fn project(
     let focal = DMat2::from_diagonal(optics.focal);
     let (centre, pixel_from_slope) = match &optics.lens {
         None => (focal * true_slope + optics.principal, focal),
-        Some(lens) => match (lens.distorted_from_undistorted(true_slope), lens.jacobian(slope)) {
-            (Ok(distorted), Ok(jacobian)) => (focal * distorted + optics.principal, focal * jacobian),
-            _ => return Err(Culled::OutsideImage),
-        },
+        Some(lens) => {
+            let distorted = lens.distorted_from_undistorted(true_slope).ok()?;
+            (focal * distorted + optics.principal, focal * lens.jacobian(slope).ok()?)
+        }
     };
     let jacobian = jacobian(pixel_from_slope, slope, in_camera.z);
-
-    let axes = rotation * DMat3::from_diagonal(scales);
-    let screen = jacobian.map(|row| axes.transpose() * (optics.rotation.transpose() * row));
-    let cov2d = DMat2::from_cols(
-        DVec2::new(screen[0].dot(screen[0]), screen[0].dot(screen[1])),
-        DVec2::new(screen[0].dot(screen[1]), screen[1].dot(screen[1])),
-    );
-    let cov2d_blurred = cov2d + DMat2::from_diagonal(DVec2::splat(constants.blur));
-    // |u|²|v|² − (u·v)² cancels for needle-shaped Gaussians; the cross product does not.
-    let inner_determinant = screen[0].cross(screen[1]).length_squared();
-    let trace = cov2d.x_axis.x + cov2d.y_axis.y;
-    let determinant = inner_determinant + constants.blur * trace + constants.blur * constants.blur;
-    if !(determinant > 0.0 && determinant.is_finite() && centre.is_finite()) {
-        return Err(Culled::Invalid);
-    }
-    let conic = DVec3::new(cov2d_blurred.y_axis.y, -cov2d_blurred.x_axis.y, cov2d_blurred.x_axis.x) / determinant;
-    let (xy, yy) = (cov2d_blurred.x_axis.y, cov2d_blurred.y_axis.y);
-    let along = (yy / determinant).sqrt();
-    let whitener = DVec3::new(along, -xy / yy * along, yy.sqrt().recip());
-
-    let ratio = (inner_determinant / determinant).sqrt();
-    let compensation = match options.mode {
-        RasterMode::Classic => 1.0,
-        RasterMode::Antialiased if ratio < constants.min_compensation => constants.min_compensation,
-        RasterMode::Antialiased => ratio,
-    };
-    let opacity = sigmoid * filter * compensation;
-    if !(opacity >= constants.min_alpha) {
-        return Err(Culled::Faint);
-    }
-    let covariance = [cov2d_blurred.x_axis.x, cov2d_blurred.x_axis.y, cov2d_blurred.y_axis.y];
-    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Err(Culled::OutsideImage) };
-
-    let offset = mean - optics.centre;
-    let distance = offset.length();
-    let direction = if distance > 0.0 { offset / distance } else { DVec3::Z };
-    let direction = constants.sh_axes.of(direction);
-    let Some(raw_rgb) = colour(gaussians, position, direction, options) else { return Err(Culled::Invalid) };
-    let scalar = gaussians.parts().scalars.as_ref().map_or(0.0, |scalars| f64::from(scalars[position]));
-    if !(scalar.abs() <= LARGEST_CHANNEL) {
-        return Err(Culled::Invalid);
-    }
-    let parts = Intermediates {
-        in_camera,
-        rotation,
-        scales,
-        unfiltered_share,
-        sigmoid,
-        one_minus_sigmoid,
-        filter,
-        compensation,
-        slope,
-        clamped,
-        pixel_from_slope,
-        jacobian,
-        cov2d,
-        cov2d_blurred,
-        determinants: [inner_determinant, determinant],
-        direction,
-        distance,
-        raw_rgb,
-    };
-    let rgb = DVec3::from_array(raw_rgb.to_array().map(|value| if value < 0.0 { 0.0 } else { value }));
-    let depth = in_camera.z;
-    Ok(Box::new(Splat { position, depth, centre, conic, whitener, opacity, rgb, scalar, reach, parts }))
+    Some((centre, Linearisation { slope, clamped, pixel_from_slope, jacobian }))
 }
 
 /// `∂pixel/∂(x, y, z)` at a point `slope·z`: `A/z · [1 | −slope]`.
@@ -184,17 +147,76 @@ fn jacobian(pixel_from_slope: DMat2, slope: DVec2, depth: f64) -> [DVec3; 2] {
     [rows.x_axis, rows.y_axis].map(|row| row.extend(-row.dot(slope)) / depth)
 }
 
-struct Shape {
-    mean: DVec3,
-    rotation: DMat3,
-    scales: DVec3,
-    unfiltered_share: DVec3,
-    sigmoid: f64,
-    one_minus_sigmoid: f64,
-    filter: f64,
+/// The covariance of a Gaussian in the image.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Covariance {
+    /// Without and with the blur.
+    pub(crate) plain: DMat2,
+    pub(crate) blurred: DMat2,
+    /// Determinants of the two, computed without cancellation.
+    pub(crate) determinants: [f64; 2],
 }
 
-/// The camera-independent values of a Gaussian; `None` if a parameter is invalid.
+impl Covariance {
+    fn project(shape: &Shape, jacobian: [DVec3; 2], optics: &Optics, blur: f64) -> Self {
+        let axes = shape.rotation * DMat3::from_diagonal(shape.scales);
+        let screen = jacobian.map(|row| axes.transpose() * (optics.rotation.transpose() * row));
+        let plain = DMat2::from_cols(
+            DVec2::new(screen[0].dot(screen[0]), screen[0].dot(screen[1])),
+            DVec2::new(screen[0].dot(screen[1]), screen[1].dot(screen[1])),
+        );
+        let blurred = plain + DMat2::from_diagonal(DVec2::splat(blur));
+        // |u|²|v|² − (u·v)² cancels for needle-shaped Gaussians; the cross product does not.
+        let inner = screen[0].cross(screen[1]).length_squared();
+        let trace = plain.x_axis.x + plain.y_axis.y;
+        Self { plain, blurred, determinants: [inner, inner + blur * trace + blur * blur] }
+    }
+
+    /// See [`Splat::conic`].
+    fn conic(&self) -> DVec3 {
+        let [_, determinant] = self.determinants;
+        DVec3::new(self.blurred.y_axis.y, -self.blurred.x_axis.y, self.blurred.x_axis.x) / determinant
+    }
+
+    /// See [`Splat::whitener`].
+    fn whitener(&self) -> DVec3 {
+        let [_, determinant] = self.determinants;
+        let (xy, yy) = (self.blurred.x_axis.y, self.blurred.y_axis.y);
+        let along = (yy / determinant).sqrt();
+        DVec3::new(along, -xy / yy * along, yy.sqrt().recip())
+    }
+
+    /// Opacity factor of anti-aliasing.
+    fn compensation(&self, options: &RenderOptions) -> f64 {
+        let [inner, outer] = self.determinants;
+        let (ratio, least) = ((inner / outer).sqrt(), options.constants.min_compensation);
+        match options.mode {
+            RasterMode::Classic => 1.0,
+            RasterMode::Antialiased if ratio < least => least,
+            RasterMode::Antialiased => ratio,
+        }
+    }
+}
+
+/// The camera-independent values of a Gaussian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shape {
+    pub(crate) mean: DVec3,
+    /// `world_from_gaussian`.
+    pub(crate) rotation: DMat3,
+    /// Standard deviations, after the 3D filter.
+    pub(crate) scales: DVec3,
+    /// Ratio of the Gaussian's own variances to the filtered ones.
+    pub(crate) unfiltered_share: DVec3,
+    /// Opacity after the sigmoid alone.
+    pub(crate) sigmoid: f64,
+    /// `1 − sigmoid`, computed without cancellation.
+    pub(crate) one_minus_sigmoid: f64,
+    /// Opacity factor of the 3D filter.
+    pub(crate) filter: f64,
+}
+
+/// [`Shape`]; `None` if a parameter is invalid.
 fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
     let parts = gaussians.parts();
     let mean = parts.means[position].map(f64::from);

@@ -2,7 +2,7 @@ use atsplat_camera::Lens;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::composite_backward::SplatGradient;
-use super::project::{Intermediates, Splat};
+use super::project::{Intermediates, Shape, Splat};
 use crate::constants::{ClampedGradient, ShAxes};
 use crate::view::Optics;
 use crate::{Gaussians, RasterMode, RenderOptions, sh, sh_coefficients};
@@ -36,7 +36,8 @@ pub(crate) fn gaussian_gradient(
 
     let stored = gaussians.parts().quaternions[splat.position].map(f64::from);
     // With a filter f, the effective scale √(s² + f²) has the derivative s²/√(s² + f²) with respect to log s.
-    let log_scales = acc.log_scales + acc.scales * parts.scales * parts.unfiltered_share;
+    let Shape { scales, unfiltered_share, .. } = parts.shape;
+    let log_scales = acc.log_scales + acc.scales * scales * unfiltered_share;
     // The view direction runs from the camera centre, −Rᵀt, to the mean.
     let d_rotation = parts.in_camera.cross(acc.in_camera) + axial(acc.view_rotation * optics.rotation.transpose());
     GaussianGradient {
@@ -75,32 +76,34 @@ impl Accumulated {
 
 /// `opacity = sigmoid · filter · compensation`.
 fn through_opacity(options: &RenderOptions, splat: &Splat, d_splat: &SplatGradient, acc: &mut Accumulated) {
-    let parts = &splat.parts;
-    acc.logit = d_splat.opacity * parts.filter * parts.compensation * parts.sigmoid * parts.one_minus_sigmoid;
+    let Intermediates { shape, covariance, compensation, .. } = splat.parts;
+    acc.logit = d_splat.opacity * shape.filter * compensation * shape.sigmoid * shape.one_minus_sigmoid;
     // filter² = Π s²/(s² + f²), whose logarithm has the derivative 2(1 − ratio) with respect to each log s.
     let d_log_filter = d_splat.opacity * splat.opacity;
-    acc.log_scales = d_log_filter * (DVec3::ONE - parts.unfiltered_share);
-    if options.mode == RasterMode::Antialiased && parts.compensation > options.constants.min_compensation {
+    acc.log_scales = d_log_filter * (DVec3::ONE - shape.unfiltered_share);
+    if options.mode == RasterMode::Antialiased && compensation > options.constants.min_compensation {
         // ½ √(det/det') (Σ⁻¹ − Σ'⁻¹), written so that Σ need not be invertible.
-        let d_compensation = d_splat.opacity * parts.sigmoid * parts.filter;
-        let [inner, outer] = parts.determinants;
-        let ratio = adjugate(parts.cov2d) * outer.recip() - adjugate(parts.cov2d_blurred) * (inner / (outer * outer));
-        acc.cov2d = ratio * (0.5 * d_compensation / parts.compensation);
+        let d_compensation = d_splat.opacity * shape.sigmoid * shape.filter;
+        let [inner, outer] = covariance.determinants;
+        let (plain, blurred) = (adjugate(covariance.plain), adjugate(covariance.blurred));
+        let ratio = plain * outer.recip() - blurred * (inner / (outer * outer));
+        acc.cov2d = ratio * (0.5 * d_compensation / compensation);
     }
 }
 
 /// From the exponent to 2D covariance, then to rotation, scales and view rotation; returns the gradient of the Jacobian's
 /// rows.
 fn through_covariance(optics: &Optics, splat: &Splat, d_splat: &SplatGradient, acc: &mut Accumulated) -> [DVec3; 2] {
-    let (parts, whitener, moments) = (&splat.parts, splat.whitener, d_splat.moments);
+    let Intermediates { shape, near_mean, .. } = splat.parts;
+    let (whitener, moments) = (splat.whitener, d_splat.moments);
     // The exponent is half the square of L d; its gradient with respect to the covariance is −½ Lᵀ (L d)(L d)ᵀ L.
     let whitener = DMat2::from_cols(DVec2::new(whitener.x, 0.0), DVec2::new(whitener.y, whitener.z));
     let moments = DMat2::from_cols(DVec2::new(moments.x, moments.y), DVec2::new(moments.y, moments.z));
     let d_covariance = acc.cov2d - whitener.transpose() * moments * whitener * 0.5;
 
     // cov2d = V Vᵀ with V = J W R S.
-    let axes = parts.rotation * DMat3::from_diagonal(parts.scales);
-    let world = parts.jacobian.map(|row| optics.rotation.transpose() * row);
+    let axes = shape.rotation * DMat3::from_diagonal(shape.scales);
+    let world = near_mean.jacobian.map(|row| optics.rotation.transpose() * row);
     let screen = world.map(|row| axes.transpose() * row);
     let d_screen = [
         2.0 * (d_covariance.x_axis.x * screen[0] + d_covariance.x_axis.y * screen[1]),
@@ -108,14 +111,14 @@ fn through_covariance(optics: &Optics, splat: &Splat, d_splat: &SplatGradient, a
     ];
     // Rows: screen = axesᵀ · world, so d_axes = world ⊗ d_screen.
     let d_axes = outer(world[0], d_screen[0]) + outer(world[1], d_screen[1]);
-    acc.rotation = d_axes * DMat3::from_diagonal(parts.scales);
+    acc.rotation = d_axes * DMat3::from_diagonal(shape.scales);
     let columns = |m: &DMat3| [m.x_axis, m.y_axis, m.z_axis];
     let of_scale: Vec<f64> =
-        columns(&parts.rotation).iter().zip(columns(&d_axes)).map(|(axis, gradient)| axis.dot(gradient)).collect();
+        columns(&shape.rotation).iter().zip(columns(&d_axes)).map(|(axis, gradient)| axis.dot(gradient)).collect();
     acc.scales = DVec3::from_slice(&of_scale);
 
     let d_world = d_screen.map(|row| axes * row);
-    acc.view_rotation = outer(parts.jacobian[0], d_world[0]) + outer(parts.jacobian[1], d_world[1]);
+    acc.view_rotation = outer(near_mean.jacobian[0], d_world[0]) + outer(near_mean.jacobian[1], d_world[1]);
     d_world.map(|row| optics.rotation * row)
 }
 
@@ -128,10 +131,11 @@ fn through_projection(
     d_jacobian: [DVec3; 2],
     acc: &mut Accumulated,
 ) {
-    let depth = parts.in_camera.z;
+    let Intermediates { in_camera, near_mean, .. } = *parts;
+    let depth = in_camera.z;
     acc.in_camera.z += d_splat.depth;
 
-    let true_slope = parts.in_camera.truncate() / depth;
+    let true_slope = in_camera.truncate() / depth;
     let lens_jacobian = match &optics.lens {
         None => DMat2::from_diagonal(optics.focal),
         // A drawn Gaussian is inside the lens, but for the last bit of a fisheye's largest angle.
@@ -142,17 +146,17 @@ fn through_projection(
 
     // J = A/z · [1 | −slope]
     let [first, second] = d_jacobian;
-    let along = first.dot(parts.jacobian[0]) + second.dot(parts.jacobian[1]);
+    let along = first.dot(near_mean.jacobian[0]) + second.dot(near_mean.jacobian[1]);
     acc.in_camera.z -= along / depth;
     let d_last = DVec2::new(first.z, second.z);
-    let mut d_slope = -(parts.pixel_from_slope.transpose() * d_last) / depth;
+    let mut d_slope = -(near_mean.pixel_from_slope.transpose() * d_last) / depth;
     if let Some(lens) = &optics.lens {
-        let rows = [first, second].map(|row| (row.truncate() - parts.slope * row.z) / depth);
-        d_slope += through_lens(lens, parts.slope, optics.focal, rows);
+        let rows = [first, second].map(|row| (row.truncate() - near_mean.slope * row.z) / depth);
+        d_slope += through_lens(lens, near_mean.slope, optics.focal, rows);
     }
     let pairs = [
-        (parts.clamped[0], d_slope.x, true_slope.x, parts.slope.x),
-        (parts.clamped[1], d_slope.y, true_slope.y, parts.slope.y),
+        (near_mean.clamped[0], d_slope.x, true_slope.x, near_mean.slope.x),
+        (near_mean.clamped[1], d_slope.y, true_slope.y, near_mean.slope.y),
     ];
     for (axis, (clamped, d_slope, true_slope, slope)) in pairs.into_iter().enumerate() {
         if !clamped {
