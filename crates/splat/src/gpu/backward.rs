@@ -178,13 +178,12 @@ fn part_gradients(
 ) -> Result<(), GpuError> {
     let context = recorder.context();
     let (uniform, splats) = job.launch(context, blocks, (part, first));
-    let record = u64::from(layout::RECORD);
-    let coefficients = 3 * sh_coefficients(job.gaussians.sh_degree) as u64;
-    let records = pool.get(context, "records", 0, 4 * record * splats)?;
+    let records = pool.get(context, "records", 0, 4 * u64::from(layout::RECORD) * splats)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
+    let sh_bytes = 4 * numbers_of_sh(job);
     // In a batch, views have their own gradients at first.
     let mut of_views = |name, each: u64| pool.get(context, name, 0, if job.is_batch() { each * splats } else { 4 });
-    let for_views = [of_views("SH gradients of views", 4 * coefficients)?, of_views("scalar gradients of views", 4)?];
+    let for_views = [of_views("SH gradients of views", sh_bytes)?, of_views("scalar gradients of views", 4)?];
     let [d_sh, d_scalars] = match &gradients.scalars {
         _ if job.is_batch() => for_views.each_ref(),
         Some(scalars) => [&gradients.sh, scalars],
@@ -204,40 +203,51 @@ fn part_gradients(
         &records,
     ];
     recorder.dispatch(Kernel::ProjectBackward.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
+    unpack(recorder, (job, splats, first), [&records, d_sh, d_scalars], sums, gradients)
+}
 
-    let mut unpack = |source: &wgpu::Buffer, record: u64, to: &Unpacked<'_>, gaussians: [u64; 3]| {
-        let [count, each, views] = gaussians;
-        let Unpacked { result, from, width, stride, first } = *to;
-        let uniform = [words(&[count, from, width, stride]), words(&[first, record, each, views])].concat();
-        recorder.dispatch(Kernel::Unpack, &uniform, &[source, result], count.div_ceil(64))
-    };
+/// Numbers of a Gaussian's SH coefficients.
+fn numbers_of_sh(job: Job<'_>) -> u64 {
+    3 * sh_coefficients(job.gaussians.sh_degree) as u64
+}
+
+/// From what the kernels wrote for each splat to the gradients of one part's Gaussians and the contributions to the pose gradient;
+/// in a batch, gradients of Gaussians are summed over views.
+fn unpack(
+    recorder: &mut Recorder<'_>,
+    (job, splats, first): (Job<'_>, u64, u32),
+    [records, d_sh, d_scalars]: [&wgpu::Buffer; 3],
+    sums: &Sums,
+    gradients: &GpuGradientPart,
+) -> Result<(), GpuError> {
+    let records = (records, u64::from(layout::RECORD));
     let of_splats = [splats, splats, 1];
     let of_gaussians = if job.is_batch() {
         [job.gaussians.len(), job.gaussians_of_scene(), job.views_of_scene().into()]
     } else {
         of_splats
     };
-    let field = |result, from: u32, width| Unpacked { result, from: from.into(), width, stride: width, first: 0 };
     let fields = [
-        field(&gradients.means, layout::OF_MEAN, 3),
-        field(&gradients.quaternions, layout::OF_QUATERNION, 4),
-        field(&gradients.log_scales, layout::OF_LOG_SCALES, 3),
-        field(&gradients.opacity_logits, layout::OF_LOGIT, 1),
-        field(&gradients.means_2d, layout::OF_CENTRE, 2),
-        field(&gradients.conics, layout::OF_CONIC, 3),
+        Unpacked::new(&gradients.means, layout::OF_MEAN, 3),
+        Unpacked::new(&gradients.quaternions, layout::OF_QUATERNION, 4),
+        Unpacked::new(&gradients.log_scales, layout::OF_LOG_SCALES, 3),
+        Unpacked::new(&gradients.opacity_logits, layout::OF_LOGIT, 1),
+        Unpacked::new(&gradients.means_2d, layout::OF_CENTRE, 2),
+        Unpacked::new(&gradients.conics, layout::OF_CONIC, 3),
     ];
-    let screen = gradients.screen.as_ref().map(|screen| field(screen, layout::OF_SCREEN, 2));
-    for to in fields.iter().chain(&screen) {
-        unpack(&records, record, to, of_gaussians)?;
+    let screen = gradients.screen.as_ref().map(|screen| Unpacked::new(screen, layout::OF_SCREEN, 2));
+    for field in fields.iter().chain(&screen) {
+        field.unpack(recorder, records, of_gaussians)?;
     }
     for (result, from) in [(&sums.rotations, layout::OF_ROTATION), (&sums.translations, layout::OF_TRANSLATION)] {
-        let to = Unpacked { result, from: from.into(), width: 3, stride: 4, first: first.into() };
-        unpack(&records, record, &to, of_splats)?;
+        let field = Unpacked { stride: 4, first: first.into(), ..Unpacked::new(result, from, 3) };
+        field.unpack(recorder, records, of_splats)?;
     }
     if job.is_batch() {
-        unpack(d_sh, coefficients, &field(&gradients.sh, 0, coefficients), of_gaussians)?;
+        let numbers = numbers_of_sh(job);
+        Unpacked::new(&gradients.sh, 0, numbers).unpack(recorder, (d_sh, numbers), of_gaussians)?;
         if let Some(scalars) = &gradients.scalars {
-            unpack(d_scalars, 1, &field(scalars, 0, 1), of_gaussians)?;
+            Unpacked::new(scalars, 0, 1).unpack(recorder, (d_scalars, 1), of_gaussians)?;
         }
     }
     Ok(())
@@ -253,6 +263,25 @@ struct Unpacked<'a> {
     /// Numbers of each Gaussian in the result, and its first Gaussian there.
     stride: u64,
     first: u64,
+}
+
+impl<'a> Unpacked<'a> {
+    /// Numbers that fill the result.
+    fn new(result: &'a wgpu::Buffer, from: u32, width: u64) -> Self {
+        Self { result, from: from.into(), width, stride: width, first: 0 }
+    }
+
+    /// From records of `numbers` each: of `count` Gaussians, `each` per scene, summed over its `views`.
+    fn unpack(
+        &self,
+        recorder: &mut Recorder<'_>,
+        (records, numbers): (&wgpu::Buffer, u64),
+        [count, each, views]: [u64; 3],
+    ) -> Result<(), GpuError> {
+        let Self { result, from, width, stride, first } = *self;
+        let uniform = [words(&[count, from, width, stride]), words(&[first, numbers, each, views])].concat();
+        recorder.dispatch(Kernel::Unpack, &uniform, &[records, result], count.div_ceil(64))
+    }
 }
 
 /// Sums vectors as a tree, into `result` at `offset`.
