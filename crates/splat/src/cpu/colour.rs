@@ -52,10 +52,10 @@ impl Basis {
         let [x, y, z] = &self.unit;
         let used = sh_coefficients(self.degree);
         let eights = x.as_chunks().0.iter().zip(y.as_chunks().0).zip(z.as_chunks().0);
-        for (at, ((x, y), z)) in eights.enumerate() {
+        for (eight, ((x, y), z)) in eights.enumerate() {
             let basis = sh::basis(self.degree, [F32x8(*x), F32x8(*y), F32x8(*z)]);
             for (row, value) in self.values.iter_mut().zip(basis).take(used).skip(1) {
-                row.as_chunks_mut().0[at] = value.0;
+                row.as_chunks_mut().0[eight] = value.0;
             }
         }
     }
@@ -94,8 +94,8 @@ impl Basis {
         // successor.
         let Some((last, others)) = upper.split_last() else { return Some([sum[0], sum[1], sum[2]]) };
         let flat = upper.as_flattened();
-        for ((at, _), basis) in others.iter().enumerate().zip(&self.values[1..]) {
-            let &[r, g, b, next] = flat.get(3 * at..)?.first_chunk()?;
+        for ((index, _), basis) in others.iter().enumerate().zip(&self.values[1..]) {
+            let &[r, g, b, next] = flat.get(3 * index..)?.first_chunk()?;
             let value = basis[lane % CHUNK];
             sum = [sum[0] + r * value, sum[1] + g * value, sum[2] + b * value, sum[3] + next * value];
         }
@@ -118,11 +118,11 @@ impl Basis {
         self.gradients.resize(used, [[0.0; CHUNK]; 3]);
         let [x, y, z] = &self.unit;
         let eights = x.as_chunks().0.iter().zip(y.as_chunks().0).zip(z.as_chunks().0);
-        for (at, ((x, y), z)) in eights.enumerate() {
+        for (eight, ((x, y), z)) in eights.enumerate() {
             let gradients = sh::basis_gradient(self.degree, [F32x8(*x), F32x8(*y), F32x8(*z)]);
             for (rows, gradients) in self.gradients.iter_mut().zip(gradients) {
                 for (row, slope) in rows.iter_mut().zip(gradients) {
-                    row.as_chunks_mut().0[at] = slope.0;
+                    row.as_chunks_mut().0[eight] = slope.0;
                 }
             }
         }
@@ -164,20 +164,25 @@ impl Basis {
 /// Unit directions from the camera, in the axis order of the spherical harmonics.
 #[inline(always)]
 pub(super) fn directions<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, axes: ShAxes, rows: &mut [Row; 3]) {
-    for at in 0..CHUNK / S::F64_LANES {
-        let ([x, y, z], _) = view_direction(simd, shapes, optics, at);
+    for vector in 0..CHUNK / S::F64_LANES {
+        let ([x, y, z], _) = view_direction(simd, shapes, optics, vector);
         let unit = match axes {
             ShAxes::Standard => [x, y, z],
             ShAxes::E3nn => [z, x, y],
         };
-        store3(unit, rows, at);
+        store3(unit, rows, vector);
     }
 }
 
 /// Unit direction from the camera, +z at the camera centre, and the distance.
 #[inline(always)]
-pub(super) fn view_direction<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, at: usize) -> ([Wide<S>; 3], Wide<S>) {
-    let [x, y, z] = load3(simd, &shapes.mean, at);
+pub(super) fn view_direction<S: Simd>(
+    simd: S,
+    shapes: &Shapes,
+    optics: &Optics,
+    vector: usize,
+) -> ([Wide<S>; 3], Wide<S>) {
+    let [x, y, z] = load3(simd, &shapes.mean, vector);
     let centre = splat3(simd, optics.centre.to_array());
     let (x, y, z) = (x - centre[0], y - centre[1], z - centre[2]);
     let distance = dot([x, y, z], [x, y, z]).sqrt();

@@ -72,7 +72,7 @@ fn composite<S: Simd, const EXTRA: bool, const PLANES: usize>(simd: S, task: Com
                 (&grid, &thresholds, &exp2),
                 batch,
                 list,
-                cell.at(block),
+                cell.corner(block),
                 pixels,
             );
             if done {
@@ -88,7 +88,7 @@ fn composite<S: Simd, const EXTRA: bool, const PLANES: usize>(simd: S, task: Com
 impl Cell {
     /// Column and row of a block's first pixel, relative to the cell's.
     #[inline(always)]
-    pub(super) const fn at(self, block: usize) -> [usize; 2] {
+    pub(super) const fn corner(self, block: usize) -> [usize; 2] {
         [block % self.across * BLOCK, block / self.across * BLOCK]
     }
 }
@@ -100,7 +100,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     (grid, thresholds, exp2): (&Grid<S>, &Thresholds<S>, &Exp2<S>),
     batch: &Batch,
     list: &[u8],
-    at: [usize; 2],
+    corner: [usize; 2],
     pixels: &mut [f32],
 ) -> bool {
     let vectors = vectors::<S>();
@@ -112,7 +112,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
             *value = *stored;
         }
     }
-    let (x, y) = grid.at(simd, at);
+    let (x, y) = grid.at(simd, corner);
     for number in list {
         let record = batch.record(*number);
         let splat = |value: f32| simd.splat_f32s(value);
@@ -170,7 +170,7 @@ pub(super) fn clear(pixels: &mut [f32], planes: usize, cell: Cell, params: &Rast
     let mut open = 0;
     for (block, pixels) in pixels.chunks_exact_mut(planes * LANES).enumerate().take(cell.across * cell.across) {
         pixels.fill(0.0);
-        let [column, row] = cell.at(block);
+        let [column, row] = cell.corner(block);
         for (lane, transmittance) in pixels.iter_mut().take(LANES).enumerate() {
             let within = column + lane % BLOCK < width && row + lane / BLOCK < height;
             *transmittance = if within { 1.0 } else { -1.0 };

@@ -70,7 +70,7 @@ impl CellGradient {
         let scalar_passes = !params.options.gradients.scalar_stops;
         let blocks = self.values.chunks_exact_mut(PLANES * LANES).zip(pixels.chunks_exact(plane_count(extra) * LANES));
         for (block, (values, pixels)) in blocks.enumerate() {
-            let [left, top] = cell.at(block);
+            let [left, top] = cell.corner(block);
             for lane in 0..LANES {
                 let (column, row) = (cell.left + left + lane % BLOCK, cell.top + top + lane / BLOCK);
                 let mut set = |plane: usize, value: f32| values[plane * LANES + lane] = value;
@@ -156,7 +156,7 @@ fn composite_backward<S: Simd, const EXTRA: bool, const WITH_ABSOLUTE: bool>(sim
             if list.is_empty() {
                 continue;
             }
-            if backward.block::<EXTRA, WITH_ABSOLUTE>(simd, batch, list, cell.at(block), values, lanes) {
+            if backward.block::<EXTRA, WITH_ABSOLUTE>(simd, batch, list, cell.corner(block), values, lanes) {
                 open &= !(1 << block);
             }
         }
@@ -188,7 +188,7 @@ impl<S: Simd> BlockBackward<S> {
         simd: S,
         batch: &Batch,
         list: &[u8],
-        at: [usize; 2],
+        corner: [usize; 2],
         values: &mut [f32],
         lanes: &mut [Lanes],
     ) -> bool {
@@ -201,7 +201,7 @@ impl<S: Simd> BlockBackward<S> {
                 *value = *stored;
             }
         }
-        let (x, y) = self.grid.at(simd, at);
+        let (x, y) = self.grid.at(simd, corner);
         for number in list {
             let record = batch.record(*number);
             let lanes = &mut lanes[usize::from(*number)];

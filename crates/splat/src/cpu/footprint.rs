@@ -37,46 +37,46 @@ impl Footprints {
         for (squared, cut) in self.squared_radius.iter_mut().zip(&self.cut) {
             *squared = 2.0 * std::f64::consts::LN_2 * f64::from(*cut);
         }
-        for at in 0..CHUNK / S::F64_LANES {
-            self.reach(simd, screen, view, constants, at);
-            self.base_pixel(simd, screen, view, at);
+        for vector in 0..CHUNK / S::F64_LANES {
+            self.reach(simd, screen, view, constants, vector);
+            self.base_pixel(simd, screen, view, vector);
         }
     }
 
     /// The pixels in the bounding box of the ellipse on which alpha falls to `min_alpha`.
     #[inline(always)]
-    fn reach<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, constants: &RendererConstants, at: usize) {
+    fn reach<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, constants: &RendererConstants, vector: usize) {
         // Much larger than any rounding error of the threshold.
         const MARGIN: f64 = 0.01;
         let splat = |value| Wide::splat(simd, value);
         let (zero, half) = (splat(0.0), splat(0.5));
-        let squared = Wide::load(simd, &self.squared_radius, at).clamp(zero, splat(f64::MAX));
+        let squared = Wide::load(simd, &self.squared_radius, vector).clamp(zero, splat(f64::MAX));
         let [columns, rows] = &mut self.ranges;
         let axes = [(0, 0, view.size.width, columns), (1, 2, view.size.height, rows)];
         for (axis, variance, length, range) in axes {
             let length = splat(f64::from(length));
-            let centre = Wide::load(simd, &screen.centre[axis], at);
-            let variance = Wide::load(simd, &screen.cov2d[variance], at) + splat(constants.blur);
+            let centre = Wide::load(simd, &screen.centre[axis], vector);
+            let variance = Wide::load(simd, &screen.cov2d[variance], vector) + splat(constants.blur);
             let radius = (variance * squared).sqrt() * splat(1.0 + MARGIN) + splat(MARGIN);
             let first = (centre - radius - half).clamp(zero, length);
             let past = (centre + radius + half).clamp(zero, length);
-            store2([-(-first).floor(), past.floor()], range, at);
+            store2([-(-first).floor(), past.floor()], range, vector);
         }
     }
 
     /// The pixel containing the centre, or the nearest one at the image's edge: distances from it to all image pixels are exact in
     /// f32, and small. And the whitened vector to it, computed in f64, which is small too if the Gaussian reaches the image.
     #[inline(always)]
-    fn base_pixel<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, at: usize) {
+    fn base_pixel<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, vector: usize) {
         let splat = |value| Wide::splat(simd, value);
-        let [across, shear, down] = load3(simd, &screen.whitener, at);
-        let centre = load2(simd, &screen.centre, at);
+        let [across, shear, down] = load3(simd, &screen.whitener, vector);
+        let centre = load2(simd, &screen.centre, vector);
         let base = |centre: Wide<S>, length: u32| centre.clamp(splat(0.0), splat(f64::from(length))).floor();
         let base = [base(centre[0], view.size.width), base(centre[1], view.size.height)];
         let x = base[0] + splat(0.5) - centre[0];
         let y = base[1] + splat(0.5) - centre[1];
-        store2(base, &mut self.base, at);
-        store2([across * x + shear * y, down * y], &mut self.shift, at);
+        store2(base, &mut self.base, vector);
+        store2([across * x + shear * y, down * y], &mut self.shift, vector);
     }
 
     /// Half-open range of columns, then rows, that a Gaussian may reach.

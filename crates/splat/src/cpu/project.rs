@@ -142,33 +142,33 @@ impl Default for Screen {
 impl Screen {
     #[inline(always)]
     pub(super) fn project<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, options: &RenderOptions) {
-        for at in 0..CHUNK / S::F64_LANES {
-            self.transform_means(simd, shapes, optics, at);
+        for vector in 0..CHUNK / S::F64_LANES {
+            self.transform_means(simd, shapes, optics, vector);
         }
         self.project_means(optics);
-        for at in 0..CHUNK / S::F64_LANES {
-            self.project_covariances(simd, shapes, optics, options, at);
+        for vector in 0..CHUNK / S::F64_LANES {
+            self.project_covariances(simd, shapes, optics, options, vector);
         }
     }
 
     /// Transforms means to camera coordinates.
     #[inline(always)]
-    fn transform_means<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, at: usize) {
+    fn transform_means<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, vector: usize) {
         let splat = |value| Wide::splat(simd, value);
-        let mean = load3(simd, &shapes.mean, at);
+        let mean = load3(simd, &shapes.mean, vector);
         let [a, b, c] = optics.rotation.to_cols_array_2d();
         let axes = [splat3(simd, a), splat3(simd, b), splat3(simd, c)];
         let [x, y, z] = combine(axes, mean);
         let translation = splat3(simd, optics.translation.to_array());
         let (x, y, z) = (x + translation[0], y + translation[1], z + translation[2]);
-        z.store(&mut self.depth, at);
+        z.store(&mut self.depth, vector);
         let inv_depth = splat(1.0) / z;
         let (x, y) = (x * inv_depth, y * inv_depth);
         let [low, high] = optics.jacobian_range;
         let clamped_slope = [x.clamp(splat(low.x), splat(high.x)), y.clamp(splat(low.y), splat(high.y))];
         let [slopes, clamped] = &mut self.slope;
-        store2([x, y], slopes, at);
-        store2(clamped_slope, clamped, at);
+        store2([x, y], slopes, vector);
+        store2(clamped_slope, clamped, vector);
     }
 
     /// Projects means to pixels, through the lens.
@@ -203,11 +203,11 @@ impl Screen {
 
     /// Rows of `∂pixel/∂slope` at the clamped slope.
     #[inline(always)]
-    pub(super) fn pixel_from_slope<S: Simd>(&self, simd: S, optics: &Optics, at: usize) -> [[Wide<S>; 2]; 2] {
+    pub(super) fn pixel_from_slope<S: Simd>(&self, simd: S, optics: &Optics, vector: usize) -> [[Wide<S>; 2]; 2] {
         let splat = |value| Wide::splat(simd, value);
         if optics.lens.is_some() {
             let [x, y] = &self.lens;
-            return [load2(simd, x, at), load2(simd, y, at)];
+            return [load2(simd, x, vector), load2(simd, y, vector)];
         }
         [[splat(optics.focal.x), splat(0.0)], [splat(0.0), splat(optics.focal.y)]]
     }
@@ -220,16 +220,16 @@ impl Screen {
         shapes: &Shapes,
         optics: &Optics,
         options: &RenderOptions,
-        at: usize,
+        vector: usize,
     ) {
         let splat = |value| Wide::splat(simd, value);
         let constants = &options.constants;
-        let depth = Wide::load(simd, &self.depth, at);
+        let depth = Wide::load(simd, &self.depth, vector);
         let inv_depth = splat(1.0) / depth;
-        let slope = load2(simd, &self.slope[1], at);
-        let [x, y] = self.pixel_from_slope(simd, optics, at);
+        let slope = load2(simd, &self.slope[1], vector);
+        let [x, y] = self.pixel_from_slope(simd, optics, vector);
         let [first, second, third] = &shapes.axes;
-        let axes = [load3(simd, first, at), load3(simd, second, at), load3(simd, third, at)];
+        let axes = [load3(simd, first, vector), load3(simd, second, vector), load3(simd, third, vector)];
         let u = dot_each(axes, to_world(simd, optics, jacobian(x, slope, inv_depth)));
         let v = dot_each(axes, to_world(simd, optics, jacobian(y, slope, inv_depth)));
         let (uu, uv, vv) = (dot(u, u), dot(u, v), dot(v, v));
@@ -241,16 +241,16 @@ impl Screen {
         let yy = vv + blur;
         let along = splat(HALF_LOG2_E) * (yy / determinant).sqrt();
         let narrow = splat(1.0) / yy;
-        let mut opacity = Wide::load(simd, &shapes.opacity, at);
+        let mut opacity = Wide::load(simd, &shapes.opacity, vector);
         if options.mode == RasterMode::Antialiased {
             let (ratio, least) = ((inner / determinant).sqrt(), splat(constants.min_compensation));
             opacity = opacity * least.where_above(least, ratio, ratio);
         }
-        store3([uu, uv, vv], &mut self.cov2d, at);
-        store2([inner, determinant], &mut self.determinants, at);
+        store3([uu, uv, vv], &mut self.cov2d, vector);
+        store2([inner, determinant], &mut self.determinants, vector);
         let shear = -(uv * narrow * along);
-        store3([along, shear, splat(HALF_LOG2_E) * narrow.sqrt()], &mut self.whitener, at);
-        opacity.store(&mut self.opacity, at);
+        store3([along, shear, splat(HALF_LOG2_E) * narrow.sqrt()], &mut self.whitener, vector);
+        opacity.store(&mut self.opacity, vector);
     }
 
     /// The pixels that a Gaussian may reach, or why it is culled.

@@ -61,8 +61,8 @@ impl Shapes {
         if let Some(filters) = parts.filter_3d.as_ref().and_then(|filters| filters.get(first..first + self.count)) {
             self.apply_filter(filters);
         }
-        for at in 0..CHUNK / S::F64_LANES {
-            self.compute_axes(simd, at);
+        for vector in 0..CHUNK / S::F64_LANES {
+            self.compute_axes(simd, vector);
         }
     }
 
@@ -133,17 +133,17 @@ impl Shapes {
 
     /// Computes the axes from quaternions and scales.
     #[inline(always)]
-    fn compute_axes<S: Simd>(&mut self, simd: S, at: usize) {
+    fn compute_axes<S: Simd>(&mut self, simd: S, vector: usize) {
         let [w, x, y, z] = &self.quaternion;
         let rotation = rotation([
-            Wide::load(simd, w, at),
-            Wide::load(simd, x, at),
-            Wide::load(simd, y, at),
-            Wide::load(simd, z, at),
+            Wide::load(simd, w, vector),
+            Wide::load(simd, x, vector),
+            Wide::load(simd, y, vector),
+            Wide::load(simd, z, vector),
         ]);
         for ((axis, [x, y, z]), scales) in self.axes.iter_mut().zip(rotation).zip(&self.scales) {
-            let scale = Wide::load(simd, scales, at);
-            store3([x * scale, y * scale, z * scale], axis, at);
+            let scale = Wide::load(simd, scales, vector);
+            store3([x * scale, y * scale, z * scale], axis, vector);
         }
     }
 }

@@ -29,15 +29,15 @@ impl<S: Simd> Wide<S> {
         Self { simd, lanes: simd.splat_f64s(value) }
     }
 
-    /// The vector at index `at` of a row.
+    /// A vector of a row, by index.
     #[inline(always)]
-    pub(super) fn load(simd: S, row: &Row, at: usize) -> Self {
-        Self { simd, lanes: S::as_simd_f64s(row).0[at] }
+    pub(super) fn load(simd: S, row: &Row, vector: usize) -> Self {
+        Self { simd, lanes: S::as_simd_f64s(row).0[vector] }
     }
 
     #[inline(always)]
-    pub(super) fn store(self, row: &mut Row, at: usize) {
-        S::as_mut_simd_f64s(row).0[at] = self.lanes;
+    pub(super) fn store(self, row: &mut Row, vector: usize) {
+        S::as_mut_simd_f64s(row).0[vector] = self.lanes;
     }
 
     #[inline(always)]
@@ -112,28 +112,28 @@ pub(super) fn splat3<S: Simd>(simd: S, [x, y, z]: [f64; 3]) -> [Wide<S>; 3] {
 }
 
 #[inline(always)]
-pub(super) fn load2<S: Simd>(simd: S, [x, y]: &[Row; 2], at: usize) -> [Wide<S>; 2] {
-    [Wide::load(simd, x, at), Wide::load(simd, y, at)]
+pub(super) fn load2<S: Simd>(simd: S, [x, y]: &[Row; 2], vector: usize) -> [Wide<S>; 2] {
+    [Wide::load(simd, x, vector), Wide::load(simd, y, vector)]
 }
 
 #[inline(always)]
-pub(super) fn load3<S: Simd>(simd: S, [x, y, z]: &[Row; 3], at: usize) -> [Wide<S>; 3] {
-    [Wide::load(simd, x, at), Wide::load(simd, y, at), Wide::load(simd, z, at)]
+pub(super) fn load3<S: Simd>(simd: S, [x, y, z]: &[Row; 3], vector: usize) -> [Wide<S>; 3] {
+    [Wide::load(simd, x, vector), Wide::load(simd, y, vector), Wide::load(simd, z, vector)]
 }
 
 #[inline(always)]
-pub(super) fn store2<S: Simd>([x, y]: [Wide<S>; 2], rows: &mut [Row; 2], at: usize) {
+pub(super) fn store2<S: Simd>([x, y]: [Wide<S>; 2], rows: &mut [Row; 2], vector: usize) {
     let [row_x, row_y] = rows;
-    x.store(row_x, at);
-    y.store(row_y, at);
+    x.store(row_x, vector);
+    y.store(row_y, vector);
 }
 
 #[inline(always)]
-pub(super) fn store3<S: Simd>([x, y, z]: [Wide<S>; 3], rows: &mut [Row; 3], at: usize) {
+pub(super) fn store3<S: Simd>([x, y, z]: [Wide<S>; 3], rows: &mut [Row; 3], vector: usize) {
     let [row_x, row_y, row_z] = rows;
-    x.store(row_x, at);
-    y.store(row_y, at);
-    z.store(row_z, at);
+    x.store(row_x, vector);
+    y.store(row_y, vector);
+    z.store(row_z, vector);
 }
 
 macro_rules! operator {
