@@ -113,17 +113,19 @@ pub enum ShAxes {
 
 impl ShAxes {
     /// The direction in which the basis is evaluated, of a unit direction in world axes.
-    pub(crate) const fn of(self, direction: DVec3) -> DVec3 {
+    pub(crate) const fn permuted(self, direction: DVec3) -> DVec3 {
         match self {
             Self::Standard => direction,
             Self::E3nn => DVec3::new(direction.z, direction.x, direction.y),
         }
     }
 
-    /// A rotation of the world in the axes in which the basis is evaluated: `P R Pᵀ` for the permutation `P` of [`Self::of`].
+    /// A rotation of the world in the axes in which the basis is evaluated: `P R Pᵀ` for the permutation `P` of [`Self::permuted`].
     pub(crate) fn rotation(self, world: DMat3) -> DMat3 {
         // Permutes the rows, then, transposed, the columns.
-        let rows = |of: DMat3| DMat3::from_cols(self.of(of.x_axis), self.of(of.y_axis), self.of(of.z_axis));
+        let rows = |matrix: DMat3| {
+            DMat3::from_cols(self.permuted(matrix.x_axis), self.permuted(matrix.y_axis), self.permuted(matrix.z_axis))
+        };
         rows(rows(world).transpose()).transpose()
     }
 }

@@ -39,7 +39,7 @@ impl Exposure {
     }
 
     /// The exposed colour.
-    pub fn of(&self, rgb: [f64; 3]) -> [f64; 3] {
+    pub fn apply(&self, rgb: [f64; 3]) -> [f64; 3] {
         let mut seen = self.offset;
         for (sum, row) in seen.iter_mut().zip(self.matrix) {
             *sum += row.iter().zip(rgb).map(|(entry, channel)| entry * channel).sum::<f64>();
@@ -79,7 +79,7 @@ impl Exposure {
     pub fn composited_gradient<T: Into<f64>>(&self, d_exposed: [T; 3]) -> [f64; 3] {
         let [a, b, c] = self.matrix;
         let transposed = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
-        Self { matrix: transposed, offset: [0.0; 3] }.of(d_exposed.map(Into::into))
+        Self { matrix: transposed, offset: [0.0; 3] }.apply(d_exposed.map(Into::into))
     }
 
     fn entries(&self) -> impl Iterator<Item = f64> {
@@ -111,7 +111,7 @@ impl RenderOptions {
         const CHUNK: usize = 1 << 14;
         if let Some(exposure) = &self.exposure {
             let pixels = rendering.rgb.par_iter_mut().with_min_len(CHUNK);
-            pixels.for_each(|rgb| *rgb = exposure.of(rgb.map(Into::into)).map(number));
+            pixels.for_each(|rgb| *rgb = exposure.apply(rgb.map(Into::into)).map(number));
         }
     }
 
@@ -142,10 +142,10 @@ mod tests {
         let array = [[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]];
         let exposure = Exposure::from_3dgs(array);
         Tolerance::EXACT.assert(exposure.to_3dgs().into_iter().flatten(), array.into_iter().flatten(), "round trip");
-        let seen = exposure.of([0.5, 0.25, 0.75]);
+        let seen = exposure.apply([0.5, 0.25, 0.75]);
         Tolerance::F64.assert(seen, [0.5725, 0.1925, 0.955], "exposed");
         Tolerance::F64.assert([exposure.gain()], [1.6], "row of blue");
-        Tolerance::EXACT.assert(Exposure::uniform(2.0).of([1.0, 0.5, 0.25]), [2.0, 1.0, 0.5], "twice as bright");
+        Tolerance::EXACT.assert(Exposure::uniform(2.0).apply([1.0, 0.5, 0.25]), [2.0, 1.0, 0.5], "twice as bright");
     }
 
     #[test]

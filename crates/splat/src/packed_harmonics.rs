@@ -118,7 +118,7 @@ impl PackedHarmonics {
         let mut stored = parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)).enumerate().step_by(step);
         let bits = |rgb: &[f32; 3]| rgb.map(f32::to_bits);
         let differs = |position: usize, sh: &[[f32; 3]]| {
-            self.of(position).is_none_or(|(first, upper)| {
+            self.coefficients(position).is_none_or(|(first, upper)| {
                 let kept = std::iter::once(&first).chain(upper);
                 sh.len() <= upper.len() || kept.zip(sh).any(|(kept, stored)| bits(kept) != bits(stored))
             })
@@ -128,7 +128,7 @@ impl PackedHarmonics {
 
     /// A Gaussian's first coefficient, and those above degree 0.
     #[inline(always)]
-    pub(crate) fn of(&self, position: usize) -> Option<([f32; 3], &[[f32; 3]])> {
+    pub(crate) fn coefficients(&self, position: usize) -> Option<([f32; 3], &[[f32; 3]])> {
         let head = self.heads.get(position)?;
         let start = head.start as usize;
         Some((head.first, self.upper.get(start..start + sh_coefficients(head.degree) - 1)?))

@@ -31,7 +31,7 @@ fn exposure_applies_after_compositing_to_colour_only() {
     let options = RenderOptions { exposure: None, ..case.options.clone() };
     let before = reference::render(&case.gaussians, &case.view, &options).unwrap();
     let after = reference::render(&case.gaussians, &case.view, &case.options).unwrap();
-    let expected: Vec<[f64; 3]> = before.rgb.iter().map(|rgb| exposure.of(*rgb)).collect();
+    let expected: Vec<[f64; 3]> = before.rgb.iter().map(|rgb| exposure.apply(*rgb)).collect();
     Tolerance::F64.assert(after.rgb.iter().flatten().copied(), expected.into_iter().flatten(), "rgb");
     assert_eq!(Rendering { rgb: before.rgb.clone(), ..after }, before);
 }

@@ -92,7 +92,7 @@ fn view_of_run(views: &TrainingViews, number: usize) -> &TrainingView {
 
 /// The image as an exposure shows it.
 fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(narrowed)).collect()
+    rgb.iter().map(|rgb| exposure.apply(rgb.map(f64::from)).map(narrowed)).collect()
 }
 
 /// Whether all values are finite: infinities and NaN have the largest exponents.

@@ -63,7 +63,7 @@ fn perturbed_cameras_and_exposures_are_recovered() {
         let exposure = Exposure { offset: [number(0.05); 3], ..Exposure::uniform(1.0 + number(0.2)) };
         for rgb in &mut view.rgb {
             #[expect(clippy::cast_possible_truncation, reason = "pixels are f32")]
-            let seen = exposure.of(rgb.map(f64::from)).map(|value| value as f32);
+            let seen = exposure.apply(rgb.map(f64::from)).map(|value| value as f32);
             *rgb = seen;
         }
     }

@@ -41,7 +41,8 @@ impl Tiling {
         self.columns * self.rows
     }
 
-    fn of(self, splat: &Splat) -> Reach {
+    /// The tiles that a splat's rectangle of pixels overlaps.
+    fn reach_of(self, splat: &Splat) -> Reach {
         // Tile sides are powers of two.
         let log2 = self.side.trailing_zeros();
         let past_of = |past: u16| if past == 0 { 0 } else { ((past - 1) >> log2) + 1 };
@@ -132,7 +133,7 @@ impl Bins {
     pub(super) fn count(&mut self, splats: &[Splat], tiling: Tiling) -> u64 {
         let Self { reaches, starts, .. } = self;
         reaches.clear();
-        reaches.extend(splats.iter().map(|splat| (depth_key(splat.depth), tiling.of(splat))));
+        reaches.extend(splats.iter().map(|splat| (depth_key(splat.depth), tiling.reach_of(splat))));
         starts.clear();
         starts.resize(tiling.len() + 2, 0);
         let mut total = 0;

@@ -72,7 +72,7 @@ impl Basis {
         let lane = lane % CHUNK;
         let used = sh_coefficients(self.degree);
         let (first, upper) = if let Some(packed) = packed {
-            packed.of(position)?
+            packed.coefficients(position)?
         } else {
             let (first, upper) = parts.sh.get(position * self.stored..)?.get(..used)?.split_first()?;
             (*first, upper)

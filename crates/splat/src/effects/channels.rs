@@ -22,7 +22,7 @@ impl ExtraImage {
     }
 
     /// The image in a rendering, if it was rendered.
-    pub(super) fn of<T>(self, rendering: &Rendering<T>) -> Option<&[T]> {
+    pub(super) fn values_in<T>(self, rendering: &Rendering<T>) -> Option<&[T]> {
         match self {
             Self::Depth => rendering.depth.as_deref(),
             Self::Scalar => rendering.scalar.as_deref(),
@@ -108,7 +108,7 @@ mod tests {
             };
             *image.slot(&mut rendering) = Some(vec![0.5]);
             let found = [&rendering.depth, &rendering.scalar, &rendering.median_depth].map(Option::is_some);
-            assert_eq!((found, image.of(&rendering)), (expected, Some(&[0.5][..])), "{name}");
+            assert_eq!((found, image.values_in(&rendering)), (expected, Some(&[0.5][..])), "{name}");
         }
         assert_eq!((image_of("lens"), image_of("median_depth")), (None, None));
     }

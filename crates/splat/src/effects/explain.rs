@@ -150,7 +150,7 @@ fn changes(a: &Rendering<f32>, b: &Rendering<f32>) -> impl Iterator<Item = f64> 
 
 fn share_of_pixels(effect: &dyn Effect, [with, without]: &[Rendering<f32>; 2], tolerance: f64) -> f64 {
     let count = match effect.image() {
-        Some(image) => image.of(with).into_iter().flatten().filter(|value| **value != 0.0).count(),
+        Some(image) => image.values_in(with).into_iter().flatten().filter(|value| **value != 0.0).count(),
         None => changes(with, without).filter(|change| !(*change <= tolerance)).count(),
     };
     if with.rgb.is_empty() { 0.0 } else { count as f64 / with.rgb.len() as f64 }

@@ -91,7 +91,7 @@ pub(crate) fn project(
     let offset = shape.mean - optics.centre;
     let distance = offset.length();
     let direction = if distance > 0.0 { offset / distance } else { DVec3::Z };
-    let direction = constants.sh_axes.of(direction);
+    let direction = constants.sh_axes.permuted(direction);
     let raw_rgb = colour(gaussians, position, direction, options).ok_or(Culled::Invalid)?;
     let scalar = gaussians.parts().scalars.as_ref().map_or(0.0, |scalars| f64::from(scalars[position]));
     if !(scalar.abs() <= LARGEST_CHANNEL) {
@@ -259,7 +259,7 @@ fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &Re
     let stored = sh_coefficients(parts.sh_degree);
     let used = &parts.sh[position * stored..][..sh_coefficients(degree)];
     let (first, upper) = match &options.harmonics {
-        Some(packed) => packed.of(position)?,
+        Some(packed) => packed.coefficients(position)?,
         None => (used[0], &used[1..]),
     };
     let coefficients = std::iter::once(&first).chain(upper).map(|coefficient| coefficient.map(f64::from));

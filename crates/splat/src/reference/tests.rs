@@ -89,7 +89,7 @@ fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str
     let others = others.filter(|parameter| !matches!(parameter, Parameter::Sh(..)));
     let sh = (0..gaussians.parts().sh.len()).flat_map(|at| [0, 1, 2].map(|channel| Parameter::Sh(at, channel)));
     for parameter in others.chain(sh).chain((0..6).map(Parameter::Pose)) {
-        let analytic = parameter.of(&gradients).unwrap();
+        let analytic = parameter.gradient_in(&gradients).unwrap();
         let numeric = differences(|step| {
             if let Parameter::Pose(axis) = parameter {
                 loss(gaussians, &moved(view, axis, step).unwrap(), options)

@@ -53,7 +53,8 @@ impl Differences {
         let sizes = sizes(&whole);
         let of = scene.parameters()?.into_par_iter().filter_map(|(parameter, step)| {
             let (_, size) = sizes.into_iter().find(|(field, _)| *field == parameter.field())?;
-            let value = scene.difference(parameter, step, size)? - (parameter.of(&whole)? - parameter.of(&cut)?);
+            let value = scene.difference(parameter, step, size)?
+                - (parameter.gradient_in(&whole)? - parameter.gradient_in(&cut)?);
             Some(Difference { parameter, value, size })
         });
         Ok(Self { of: of.collect(), images })
@@ -71,7 +72,7 @@ impl Differences {
         let compared = self.of.len() as u64;
         let mut error = MeasuredError { kind: ErrorKind::Differences, absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
-            let difference = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
+            let difference = (parameter.gradient_in(&gradients).unwrap_or(f64::NAN) - value).abs();
             error.absolute = error.absolute.maximum_of(difference);
             error.relative = error.relative.maximum_of(relative(difference, *size));
         }

@@ -45,7 +45,7 @@ impl Parameter {
     }
 
     /// The gradient with respect to it.
-    pub(crate) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
+    pub(crate) fn gradient_in<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
         let value = match self {
             Self::Mean(at, axis) => gradients.means.get(at)?.get(axis)?,
             Self::Quaternion(at, axis) => gradients.quaternions.get(at)?.get(axis)?,
