@@ -293,14 +293,14 @@ impl<T: Copy + Default> ImageGradients<T> {
     /// The gradient at one pixel of images that passed [`Self::check`].
     #[expect(clippy::expect_used, reason = "every image has one value per pixel")]
     pub(crate) fn at(&self, pixel: usize) -> PixelGradient<T> {
-        let of = |image: &Option<Vec<T>>| {
+        let value = |image: &Option<Vec<T>>| {
             image.as_ref().map_or_else(T::default, |image| *image.get(pixel).expect("a pixel of the image"))
         };
         PixelGradient {
             rgb: *self.rgb.get(pixel).expect("a pixel of the image"),
-            alpha: of(&self.alpha),
-            depth: of(&self.depth),
-            scalar: of(&self.scalar),
+            alpha: value(&self.alpha),
+            depth: value(&self.depth),
+            scalar: value(&self.scalar),
         }
     }
 }

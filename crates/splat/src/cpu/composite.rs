@@ -191,10 +191,10 @@ pub(super) struct Grid<S: Simd> {
 impl<S: Simd> Grid<S> {
     #[inline(always)]
     pub(super) fn new(simd: S) -> Self {
-        let lanes = |of: fn(usize) -> usize| {
+        let lanes = |coordinate: fn(usize) -> usize| {
             let mut values = [0.0f32; LANES];
             for (lane, value) in values.iter_mut().enumerate() {
-                *value = of(lane) as f32;
+                *value = coordinate(lane) as f32;
             }
             let mut vectors = [simd.splat_f32s(0.0); MOST_VECTORS];
             for (vector, values) in vectors.iter_mut().zip(S::as_simd_f32s(&values).0) {

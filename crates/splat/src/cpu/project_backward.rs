@@ -200,8 +200,7 @@ impl GaussianGradients {
         let ForwardState { screen, optics, .. } = *at;
         let Some(lens) = &optics.lens else { return };
         for lane in 0..CHUNK {
-            let [slope, clamped_slope] =
-                [0, 1].map(|of| DVec2::new(screen.slope[of][0][lane], screen.slope[of][1][lane]));
+            let [slope, clamped_slope] = screen.slope.each_ref().map(|[x, y]| DVec2::new(x[lane], y[lane]));
             let rows = [0, 1].map(|row| {
                 let d_row = &self.d_jacobian[row];
                 (DVec2::new(d_row[0][lane], d_row[1][lane]) - clamped_slope * d_row[2][lane]) / screen.depth[lane]

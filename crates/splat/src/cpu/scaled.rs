@@ -44,8 +44,8 @@ impl<'a> Scaled<'a> {
 
     /// Bytes of the scaled copy.
     pub(super) fn bytes(images: &ImageGradients<f32>) -> u64 {
-        let of = |image: &Option<Vec<f32>>| image.as_ref().map_or(0, Vec::len);
-        let values = 3 * images.rgb.len() + of(&images.alpha) + of(&images.depth) + of(&images.scalar);
+        let length = |image: &Option<Vec<f32>>| image.as_ref().map_or(0, Vec::len);
+        let values = 3 * images.rgb.len() + length(&images.alpha) + length(&images.depth) + length(&images.scalar);
         4 * values as u64
     }
 }

@@ -178,7 +178,7 @@ pub(super) fn cache_key(description: &AdapterDescription, options: &GpuOptions) 
 /// All adapters; a driver that panics while listing them counts as having none.
 fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let of = |backend: wgpu::Backends| {
+    let adapters_of = |backend: wgpu::Backends| {
         let listed = catch_panics("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
         listed.unwrap_or_default().into_iter().map(|adapter| {
             let description = AdapterDescription::of(&adapter);
@@ -186,7 +186,7 @@ fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
         })
     };
     let backends = [wgpu::Backends::VULKAN, wgpu::Backends::METAL, wgpu::Backends::DX12, wgpu::Backends::GL];
-    backends.into_iter().flat_map(of).collect()
+    backends.into_iter().flat_map(adapters_of).collect()
 }
 
 /// An adapter and its description.

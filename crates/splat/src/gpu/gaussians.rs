@@ -126,14 +126,14 @@ impl GpuGaussians {
         gaussians: &Gaussians,
         max_degree: u8,
     ) -> Result<Self, GpuError> {
-        let of = gaussians.parts();
-        let (stored, sh_degree) = (sh_coefficients(of.sh_degree), of.sh_degree.min(max_degree));
+        let arrays = gaussians.parts();
+        let (stored, sh_degree) = (sh_coefficients(arrays.sh_degree), arrays.sh_degree.min(max_degree));
         let used = sh_coefficients(sh_degree);
         let each = part_length(context, sh_degree);
         let mut parts = Vec::new();
         for (at, from) in (0..gaussians.len()).step_by(each).enumerate() {
             let past = (from + each).min(gaussians.len());
-            let sh = &of.sh[from * stored..past * stored];
+            let sh = &arrays.sh[from * stored..past * stored];
             let sh: Cow<'_, [[f32; 3]]> = if used == stored {
                 Cow::Borrowed(sh)
             } else {
@@ -149,13 +149,17 @@ impl GpuGaussians {
             let count = u32::try_from(past - from).expect("at most 2^30 Gaussians");
             parts.push(GpuPart {
                 count,
-                means: upload("means", of.means[from..past].as_flattened())?,
-                quaternions: upload("quaternions", of.quaternions[from..past].as_flattened())?,
-                log_scales: upload("log scales", of.log_scales[from..past].as_flattened())?,
-                opacity_logits: upload("opacity logits", &of.opacity_logits[from..past])?,
+                means: upload("means", arrays.means[from..past].as_flattened())?,
+                quaternions: upload("quaternions", arrays.quaternions[from..past].as_flattened())?,
+                log_scales: upload("log scales", arrays.log_scales[from..past].as_flattened())?,
+                opacity_logits: upload("opacity logits", &arrays.opacity_logits[from..past])?,
                 sh: upload("harmonics", sh.as_flattened())?,
-                scalars: of.scalars.as_ref().map(|values| upload("scalars", &values[from..past])).transpose()?,
-                filter_3d: of.filter_3d.as_ref().map(|values| upload("3D filters", &values[from..past])).transpose()?,
+                scalars: arrays.scalars.as_ref().map(|values| upload("scalars", &values[from..past])).transpose()?,
+                filter_3d: arrays
+                    .filter_3d
+                    .as_ref()
+                    .map(|values| upload("3D filters", &values[from..past]))
+                    .transpose()?,
             });
         }
         Ok(Self { sh_degree, parts })

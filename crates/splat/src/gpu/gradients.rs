@@ -217,16 +217,16 @@ impl GpuGradients {
 
     /// Checks that these are gradients of such Gaussians.
     pub(super) fn check(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
-        let of = gaussians.parts();
+        let stored = gaussians.parts();
         let counts = |parts: &mut dyn Iterator<Item = &GpuGradientPart>| parts.map(|part| part.count as usize).sum();
-        let scalars = of.scalars.as_ref().map_or(0, Vec::len);
+        let scalars = stored.scalars.as_ref().map_or(0, Vec::len);
         let lengths: [(_, usize, usize); 3] = [
             ("gradients", gaussians.len(), counts(&mut self.parts.iter())),
             ("gradients of scalars", scalars, counts(&mut self.parts.iter().filter(|part| part.scalars.is_some()))),
             (
                 "gradients of SH coefficients per Gaussian",
-                sh_coefficients(of.sh_degree),
-                if gaussians.is_empty() { sh_coefficients(of.sh_degree) } else { sh_coefficients(self.sh_degree) },
+                sh_coefficients(stored.sh_degree),
+                if gaussians.is_empty() { sh_coefficients(stored.sh_degree) } else { sh_coefficients(self.sh_degree) },
             ),
         ];
         match lengths.into_iter().find(|(_, expected, found)| expected != found) {

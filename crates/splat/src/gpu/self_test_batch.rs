@@ -102,12 +102,12 @@ impl Batch {
 
 /// Gradients of some pixels.
 fn part(images: &ImageGradients<f32>, pixels: Range<usize>) -> ImageGradients<f32> {
-    let of = |image: &Option<Vec<f32>>| image.as_ref().map(|image| image[pixels.clone()].to_vec());
+    let cut = |image: &Option<Vec<f32>>| image.as_ref().map(|image| image[pixels.clone()].to_vec());
     ImageGradients {
         rgb: images.rgb[pixels.clone()].to_vec(),
-        alpha: of(&images.alpha),
-        depth: of(&images.depth),
-        scalar: of(&images.scalar),
+        alpha: cut(&images.alpha),
+        depth: cut(&images.depth),
+        scalar: cut(&images.scalar),
     }
 }
 

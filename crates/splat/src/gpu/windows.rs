@@ -49,14 +49,14 @@ impl Window {
 /// times more.
 pub(super) fn windows(strips: &[[u32; 2]], view: &View, most: u64, halvings: u32) -> Vec<Window> {
     let columns = [0, view.size.width.div_ceil(TILE)];
-    let of = |(strip, [first_row, rows]): (usize, &[u32; 2])| Window {
+    let whole = |(strip, [first_row, rows]): (usize, &[u32; 2])| Window {
         columns,
         rows: [first_row / TILE, (first_row + rows).div_ceil(TILE)],
         strip,
         first_row: *first_row,
         images: 1,
     };
-    strips.iter().enumerate().map(of).flat_map(|window| window.split(most, halvings)).collect()
+    strips.iter().enumerate().map(whole).flat_map(|window| window.split(most, halvings)).collect()
 }
 
 /// The window of a batch: all tiles of each image.

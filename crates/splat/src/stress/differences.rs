@@ -29,7 +29,7 @@ const FADED_IN_F32: f64 = SMALLEST_MIN_ALPHA;
 #[derive(Debug)]
 pub(super) struct Differences {
     images: ImageGradients<f32>,
-    of: Vec<Difference>,
+    differences: Vec<Difference>,
 }
 
 #[derive(Debug)]
@@ -51,13 +51,13 @@ impl Differences {
         };
         let (whole, cut) = (analytic(FADED)?, analytic(FADED_IN_F32)?);
         let sizes = sizes(&whole);
-        let of = scene.parameters()?.into_par_iter().filter_map(|(parameter, step)| {
+        let differences = scene.parameters()?.into_par_iter().filter_map(|(parameter, step)| {
             let (_, size) = sizes.into_iter().find(|(field, _)| *field == parameter.field())?;
             let value = scene.difference(parameter, step, size)?
                 - (parameter.gradient_in(&whole)? - parameter.gradient_in(&cut)?);
             Some(Difference { parameter, value, size })
         });
-        Ok(Self { of: of.collect(), images })
+        Ok(Self { differences: differences.collect(), images })
     }
 
     /// Compares a renderer's gradients with the differences.
@@ -69,9 +69,9 @@ impl Differences {
     ) -> Result<MeasuredError, SplatError> {
         let options = smooth(&case.options, FADED_IN_F32);
         let gradients = renderer.backward(&case.gaussians, &case.view, &options, &self.images)?;
-        let compared = self.of.len() as u64;
+        let compared = self.differences.len() as u64;
         let mut error = MeasuredError { kind: ErrorKind::Differences, absolute: 0.0, relative: 0.0, bound, compared };
-        for Difference { parameter, value, size } in &self.of {
+        for Difference { parameter, value, size } in &self.differences {
             let difference = (parameter.gradient_in(&gradients).unwrap_or(f64::NAN) - value).abs();
             error.absolute = error.absolute.maximum_of(difference);
             error.relative = error.relative.maximum_of(relative(difference, *size));

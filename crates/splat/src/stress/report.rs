@@ -32,7 +32,7 @@ impl fmt::Display for StressReport {
         for row in &self.rows {
             let case = if row.case == before { "" } else { &row.case };
             before = &row.case;
-            let of = |kind: ErrorKind, share: fn(&MeasuredError) -> f64| {
+            let cell = |kind: ErrorKind, share: fn(&MeasuredError) -> f64| {
                 let Some(error) = row.error(kind).filter(|error| error.compared > 0) else { return "-".to_owned() };
                 scientific(share(error)) + if error.bound.is_finite() { "" } else { "*" }
             };
@@ -40,10 +40,10 @@ impl fmt::Display for StressReport {
                 f,
                 "{case:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  {}",
                 row.renderer,
-                of(ErrorKind::Image, |error| error.absolute),
-                of(ErrorKind::Image, |error| error.relative),
-                of(ErrorKind::Gradient, |error| error.relative),
-                of(ErrorKind::Differences, |error| error.relative),
+                cell(ErrorKind::Image, |error| error.absolute),
+                cell(ErrorKind::Image, |error| error.relative),
+                cell(ErrorKind::Gradient, |error| error.relative),
+                cell(ErrorKind::Differences, |error| error.relative),
                 row.non_finite,
                 if row.passes() { "ok" } else { "FAILED" },
             )?;
