@@ -162,7 +162,6 @@ fn extent(poses: &[WorldFromCamera]) -> Option<f64> {
 /// Positions in `0..count`, evenly spread from the first to the last.
 fn evenly_spread(count: usize, sampling: SizeSampling) -> Vec<usize> {
     let chosen = match sampling {
-        SizeSampling::None => 0,
         SizeSampling::PerScene(at_most) => at_most.min(count),
         SizeSampling::All => count,
     };
@@ -180,7 +179,7 @@ mod tests {
         assert_eq!(evenly_spread(10, SizeSampling::PerScene(1)), [0]);
         assert_eq!(evenly_spread(2, SizeSampling::PerScene(5)), [0, 1]);
         assert_eq!(evenly_spread(3, SizeSampling::All), [0, 1, 2]);
-        assert!(evenly_spread(3, SizeSampling::None).is_empty());
+        assert!(evenly_spread(3, SizeSampling::PerScene(0)).is_empty());
         assert!(evenly_spread(0, SizeSampling::All).is_empty());
     }
 }

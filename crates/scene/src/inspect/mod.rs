@@ -41,9 +41,7 @@ impl Default for InspectOptions {
 /// Which images' headers are read for their size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeSampling {
-    /// None.
-    None,
-    /// At most this many of each scene, evenly spread from its first image to its last.
+    /// At most this many of each scene, evenly spread from its first image to its last; with 0, none.
     PerScene(usize),
     /// All.
     All,

@@ -283,7 +283,7 @@ fn files_that_are_empty_or_cut_short_are_problems() {
         frame.image = FrameImage::File(path);
     }
     let source = TestSource::new([scene]);
-    for (sizes, cut) in [(SizeSampling::None, 0), (SizeSampling::PerScene(3), 2), (SizeSampling::All, 2)] {
+    for (sizes, cut) in [(SizeSampling::PerScene(0), 0), (SizeSampling::PerScene(3), 2), (SizeSampling::All, 2)] {
         let (report, warnings) = inspected(&source, InspectOptions { sizes, per_scene: true });
         let images = report.images;
         assert_eq!((images.files, images.empty, images.cut_short), (6, 2, cut), "{sizes:?}");
@@ -373,7 +373,7 @@ fn sampling_limits_the_headers_read() {
         let images = inspected(&dataset_with_problems(), InspectOptions { sizes, per_scene: false }).0.images;
         images.headers_read + images.headers_unreadable
     };
-    assert_eq!(opened(SizeSampling::None), 0);
+    assert_eq!(opened(SizeSampling::PerScene(0)), 0);
     assert_eq!(opened(SizeSampling::PerScene(2)), 2, "only one scene has images");
     assert_eq!(opened(SizeSampling::PerScene(100)), 5);
 }

@@ -18,7 +18,7 @@ fn found(timestamps: [i64; 3]) -> (Vec<Option<i64>>, bool) {
     write(folder.path(), ChunkWriter::TARGET_BYTES, vec![scene]);
     let (source, mut warnings) = open(folder.path());
     let source = source.unwrap();
-    let options = InspectOptions { sizes: SizeSampling::None, per_scene: false };
+    let options = InspectOptions { sizes: SizeSampling::PerScene(0), per_scene: false };
     let report = inspect(&source, Format::TorchChunks, &options, &mut warnings, &|| ());
     assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::DuplicateTimestamp, 1)]);
 
