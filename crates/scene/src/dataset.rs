@@ -15,11 +15,13 @@ pub trait SceneSource: Send + Sync {
     /// Scene keys in a reproducible order.
     fn keys(&self) -> &[String];
 
-    /// Reads one scene's cameras and locates its images.
+    /// Reads one scene's cameras and locates its images. The sources of this crate's formats also check what they read, however they
+    /// were opened: suspicious cameras are warnings, each of them once.
     ///
     /// # Errors
-    /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], other [`SceneError`]s if the scene's
-    /// files are unusable. Problems that leave the scene usable go to `warnings`.
+    /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], [`SceneError::NoPose`] from a format's source if
+    /// no frame has a usable pose, other [`SceneError`]s if the scene's files are unusable. Problems that leave the scene usable go
+    /// to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 
     /// The source whose scenes this one changes as it loads them, if it does: by default, the methods below then say what that one says.
@@ -33,7 +35,7 @@ pub trait SceneSource: Send + Sync {
     }
 
     /// Files and folders that [`SceneSource::load`] reads for a scene, except the images of its frames; none if scenes
-    /// are not read from files.
+    /// are not read from files. Each of this crate's formats states its own.
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`], [`SceneError::Io`].

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::checks::ignored::Collections;
-use crate::{OpenOptions, SceneError, SceneSource, Warnings, colmap, nerfstudio, re10k, torch};
+use crate::{OpenOptions, SceneError, SceneReader, Warnings, colmap, nerfstudio, re10k, torch};
 
 /// Bytes read of a file to detect its format.
 pub(crate) const PROBE: u64 = 1 << 16;
@@ -106,4 +106,4 @@ pub(crate) enum ImagePlace {
 }
 
 /// The scenes of a dataset, and the folders that they are in.
-pub(crate) type Opened = (Box<dyn SceneSource>, Collections);
+pub(crate) type Opened = (Box<dyn SceneReader>, Collections);

@@ -29,6 +29,7 @@ pub mod preprocess;
 pub mod re10k;
 mod scene;
 mod scene_key;
+mod scene_reader;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
 pub mod torch;
@@ -52,3 +53,5 @@ pub use re10k::{Re10kOptions, Re10kScenes};
 pub use scene::{Frame, FrameImage, GeneratedImage, ImageFolder, ImageHeader, Scene, TimestampSource};
 pub use scene_key::{AmbiguousScene, scene_key};
 pub use warnings::{Warning, WarningKind, Warnings};
+
+pub(crate) use scene_reader::SceneReader;

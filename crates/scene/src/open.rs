@@ -11,7 +11,10 @@ use crate::fetch::image_files;
 use crate::files::read_start;
 use crate::format::{Format, PROBE};
 use crate::nerfstudio::AppliedTransform;
-use crate::{ColmapOptions, Fetch, NerfstudioOptions, Re10kOptions, SceneError, SceneSource, Warnings};
+use crate::{
+    ColmapOptions, Fetch, NerfstudioOptions, Re10kOptions, SceneError, SceneReader, SceneSource, TimestampSource,
+    Warnings,
+};
 
 /// The formats in the order in which they are tried.
 const TRIED: [Format; Format::ALL.len()] = [Format::TorchChunks, Format::Nerfstudio, Format::Colmap, Format::Re10k];
@@ -56,36 +59,44 @@ pub struct Dataset {
     pub format: Format,
     /// The path that was opened.
     pub path: PathBuf,
-    source: Box<dyn SceneSource>,
+    scenes: Box<dyn SceneReader>,
     fetch: Option<Arc<dyn Fetch>>,
 }
 
 impl fmt::Debug for Dataset {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Dataset({}, {} scenes, {})", self.format, self.source.keys().len(), self.path.display())
+        write!(f, "Dataset({}, {} scenes, {})", self.format, self.scenes.keys().len(), self.path.display())
     }
 }
 
 impl SceneSource for Dataset {
     fn keys(&self) -> &[String] {
-        self.source.keys()
+        self.scenes.keys()
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<crate::Scene, SceneError> {
         tracing::debug!(scene = key, "loading");
         if self.fetch.is_none() {
-            return self.source.load(key, warnings);
+            return self.scenes.load(key, warnings);
         }
         let fetch = |paths: &[PathBuf]| fetch(self.fetch.as_deref(), "fetching a scene", &self.path, paths);
-        fetch(&self.source.files(key)?)?;
-        fetch(&self.source.images_for_sizes(key)?)?;
-        let scene = self.source.load(key, warnings)?;
+        fetch(&self.scenes.files(key)?)?;
+        fetch(&self.scenes.images_for_sizes(key)?)?;
+        let scene = self.scenes.load(key, warnings)?;
         fetch(&image_files(&scene))?;
         Ok(scene)
     }
 
-    fn inner(&self) -> Option<&dyn SceneSource> {
-        Some(self.source.as_ref())
+    fn times(&self) -> TimestampSource {
+        self.scenes.times()
+    }
+
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.scenes.files(key)
+    }
+
+    fn images_for_sizes(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.scenes.images_for_sizes(key)
     }
 
     fn check_fetched(&self) -> Result<(), FileError> {
@@ -94,10 +105,10 @@ impl SceneSource for Dataset {
 
     fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
         if self.fetch.is_some() {
-            let files = self.source.files(key)?;
+            let files = self.scenes.files(key)?;
             fetch(self.fetch.as_deref(), "fetching a scene", &self.path, &files)?;
         }
-        self.source.applied_transform(key)
+        self.scenes.applied_transform(key)
     }
 }
 
@@ -144,12 +155,12 @@ pub fn open_with(
             None => (reader.is_folder_of_format)(path)?.then(|| path.to_owned()),
         };
         let Some(found) = found else { continue };
-        let (source, collections) = (reader.open)(&found, options, warnings)?;
+        let (scenes, collections) = (reader.open)(&found, options, warnings)?;
         if start.is_none() {
-            report_ignored(&collections, format, source.keys(), options.fetch.is_some(), warnings)?;
+            report_ignored(&collections, format, scenes.keys(), options.fetch.is_some(), warnings)?;
         }
-        tracing::info!(path = %path.display(), %format, scenes = source.keys().len(), "opened dataset");
-        return Ok(Dataset { format, path: path.to_owned(), source, fetch: options.fetch.clone() });
+        tracing::info!(path = %path.display(), %format, scenes = scenes.keys().len(), "opened dataset");
+        return Ok(Dataset { format, path: path.to_owned(), scenes, fetch: options.fetch.clone() });
     }
     let content = match start {
         Some(start) => unrecognized::content_of_file(path, &start),

@@ -9,12 +9,11 @@ use super::order::report_order;
 use super::{
     ColmapCamera, ColmapImage, Encoding, PARTS, encoding_of, malformed, model_file, parse_cameras, parse_images,
 };
-use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{is_image_name, last_name, list, read_file, split_image_name};
 use crate::nerfstudio::ImageFinder;
-use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{Frame, ImageFolder, Scene, SceneError, WarningKind, Warnings};
 
 /// Subfolders of a capture that may contain its sparse model, in order of preference; the first is its folder itself.
 pub const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
@@ -81,7 +80,7 @@ impl ColmapScenes {
     }
 }
 
-impl SceneSource for ColmapScenes {
+impl crate::SceneReader for ColmapScenes {
     fn keys(&self) -> &[String] {
         &self.keys
     }
@@ -95,7 +94,7 @@ impl SceneSource for ColmapScenes {
         Ok(files)
     }
 
-    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+    fn read(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let model = self.model_folder(key)?;
         let read = Model::read(model)?;
         report_quaternions(key, &read.images, warnings);
@@ -104,10 +103,11 @@ impl SceneSource for ColmapScenes {
             report_other_models(key, model, &self.models, warnings)?;
         }
         let frames = self.frames(key, &capture_of(model), &read, warnings)?;
-        let scene = Scene { key: key.to_owned(), url: None, frames }.require_a_pose()?;
-        report_cameras(&scene, TimestampSource::Given, warnings);
-        report_order(&scene, warnings);
-        Ok(scene)
+        Ok(Scene { key: key.to_owned(), url: None, frames })
+    }
+
+    fn check(&self, scene: &Scene, warnings: &mut Warnings) {
+        report_order(scene, warnings);
     }
 }
 
@@ -313,6 +313,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::SceneSource as _;
 
     fn write_model(folder: &Path) {
         fs::create_dir_all(folder).unwrap();

@@ -9,11 +9,10 @@ use super::lens::LensFields;
 use super::sizes::{images_for_sizes, lenses, needs_image_sizes};
 use super::unread_fields::{report_masks_of_names, report_unread_fields};
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
-use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
-use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{Frame, ImageFolder, Scene, SceneError, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
@@ -112,7 +111,7 @@ impl NerfstudioScenes {
     }
 }
 
-impl SceneSource for NerfstudioScenes {
+impl crate::SceneReader for NerfstudioScenes {
     fn keys(&self) -> &[String] {
         &self.keys
     }
@@ -136,7 +135,7 @@ impl SceneSource for NerfstudioScenes {
         Ok(images_for_sizes(&transforms, &listed))
     }
 
-    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+    fn read(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let subset = self.scene_file(key)?.subset.clone();
         let (transforms, file) = self.transforms(key)?;
         let root = file.parent().unwrap_or_else(|| Path::new("."));
@@ -156,9 +155,7 @@ impl SceneSource for NerfstudioScenes {
             lenses(key, &transforms, &images, file)?
         };
         let frames = frames(key, file, &transforms, (&lenses, images), warnings)?;
-        let scene = Scene { key: key.to_owned(), url: subset, frames }.require_a_pose()?;
-        report_cameras(&scene, self.times(), warnings);
-        Ok(scene)
+        Ok(Scene { key: key.to_owned(), url: subset, frames })
     }
 
     fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {

@@ -4,11 +4,10 @@ use std::sync::OnceLock;
 
 use super::frames::{attach_images, have_numbers};
 use super::trajectory::read_partly_posed;
-use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::list;
-use crate::{FrameImage, Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{FrameImage, Scene, SceneError, WarningKind, Warnings};
 
 /// How RE10K trajectories are read.
 #[derive(Clone, Debug, Default)]
@@ -117,7 +116,7 @@ impl Re10kScenes {
     }
 }
 
-impl SceneSource for Re10kScenes {
+impl crate::SceneReader for Re10kScenes {
     fn keys(&self) -> &[String] {
         &self.keys
     }
@@ -126,7 +125,7 @@ impl SceneSource for Re10kScenes {
         Ok(vec![find_by_key(&self.keys, &self.files, key, &self.path)?.path.clone()])
     }
 
-    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+    fn read(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let file = find_by_key(&self.keys, &self.files, key, &self.path)?;
         let (trajectory, unposed) = read_partly_posed(&file.path)?;
         let mut scene = trajectory.to_scene(key);
@@ -141,8 +140,6 @@ impl SceneSource for Re10kScenes {
                 frame.image = std::mem::replace(&mut frame.image, FrameImage::Absent).unposed(error.to_string());
             }
         }
-        let scene = scene.require_a_pose()?;
-        report_cameras(&scene, TimestampSource::Given, warnings);
         Ok(scene)
     }
 }
@@ -199,6 +196,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::SceneSource as _;
 
     const ROWS: &str = "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n7 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
 

@@ -6,11 +6,10 @@ use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::{Chunk, INDEX, STAGES, is_named_chunk};
-use crate::checks::cameras::report_cameras;
 use crate::checks::ignored::Collections;
 use crate::files::{files_in, read_file};
 use crate::json;
-use crate::{Scene, SceneError, SceneSource, TimestampSource, WarningKind, Warnings};
+use crate::{Scene, SceneError, TimestampSource, WarningKind, Warnings};
 
 const FORMAT: &str = "torch chunks";
 
@@ -242,7 +241,7 @@ impl TorchChunks {
     }
 }
 
-impl SceneSource for TorchChunks {
+impl crate::SceneReader for TorchChunks {
     fn keys(&self) -> &[String] {
         &self.keys
     }
@@ -251,7 +250,7 @@ impl SceneSource for TorchChunks {
         self.place_of(key).map(|(_, path)| vec![path.to_owned()])
     }
 
-    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+    fn read(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let (position, path) = self.place_of(key)?;
         let parsed = self.chunk(position, path)?;
         if !self.reported && self.is_first(key, position) {
@@ -259,10 +258,13 @@ impl SceneSource for TorchChunks {
         }
         let record = parsed.chunk.record(key)?;
         record.report_radial(warnings);
-        let scene = record.to_scene(path)?;
-        let has_times = scene.has_times(self.times());
-        report_cameras(&scene, if has_times { self.times() } else { TimestampSource::FromNames }, warnings);
-        Ok(scene)
+        record.to_scene(path)
+    }
+
+    /// Chunks of captures have the numbers in images' names in place of timestamps.
+    fn times_of(&self, scene: &Scene) -> TimestampSource {
+        let has_times = scene.has_times(TimestampSource::Given);
+        if has_times { TimestampSource::Given } else { TimestampSource::FromNames }
     }
 }
 

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::*;
-use crate::FrameImage;
 use crate::camera_file::{self, LensOfPoses};
+use crate::{FrameImage, SceneSource as _};
 
 fn write_image(folder: &TempDir, name: &str, [width, height]: [u32; 2]) {
     let path = folder.path().join(name);
