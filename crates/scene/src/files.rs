@@ -172,7 +172,7 @@ impl ImageListing {
     }
 
     /// Which of several images [`Self::by_stem`] takes; `None` if there is one, or none, or one that is decoded.
-    pub(crate) fn choice_of_stem(&self, stem: &str) -> Option<String> {
+    pub(crate) fn ambiguity_of_stem(&self, stem: &str) -> Option<String> {
         let (first, others) = self.names_by_stem.get(stem)?.split_first()?;
         let others: Vec<&str> =
             others.iter().map(String::as_str).filter(|other| !is_image_name(first) || is_image_name(other)).collect();
@@ -300,8 +300,8 @@ mod tests {
         assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
         assert_eq!(listing.by_stem("3"), None, "a folder is not an image");
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
-        assert_eq!(listing.choice_of_stem("1").as_deref(), Some("1.JPG is used, not 1.png"));
-        assert_eq!(["2", "3"].map(|stem| listing.choice_of_stem(stem)), [None, None]);
+        assert_eq!(listing.ambiguity_of_stem("1").as_deref(), Some("1.JPG is used, not 1.png"));
+        assert_eq!(["2", "3"].map(|stem| listing.ambiguity_of_stem(stem)), [None, None]);
     }
 
     /// Depth maps in TIFF or a preview are not frames; a clip of TIFFs is one.
@@ -320,10 +320,10 @@ mod tests {
         assert_eq!((mixed.names("1"), mixed.names("2"), mixed.names("3")), (vec!["1.webp"], vec!["2.bmp"], vec![]));
         assert_eq!(mixed.by_stem("1"), Some(folder.path().join("1.webp")));
         assert_eq!(mixed.by_name("1.TIF"), Some(folder.path().join("1.TIF")));
-        assert_eq!((mixed.read_by_stem("2"), mixed.choice_of_stem("1")), (None, None));
+        assert_eq!((mixed.read_by_stem("2"), mixed.ambiguity_of_stem("1")), (None, None));
         let (_, unread) = listing(&["1.gif", "1.tif", "2.heic"]);
         assert_eq!(unread.stems().collect::<Vec<_>>(), ["1", "2"]);
-        assert_eq!(unread.choice_of_stem("1").as_deref(), Some("1.tif is used, not 1.gif"));
+        assert_eq!(unread.ambiguity_of_stem("1").as_deref(), Some("1.tif is used, not 1.gif"));
     }
 
     #[cfg(unix)]

@@ -17,6 +17,7 @@ mod files;
 mod format;
 mod frame_selection;
 pub mod geometry;
+mod image_finder;
 mod image_options;
 #[cfg(feature = "columns")]
 pub mod inspect;

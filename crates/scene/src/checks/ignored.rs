@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::colmap::{model_below, model_folders_in_words, model_in};
 use crate::files::{is_image_name, last_name, list, not_utf8, read_start, split_image_name};
 use crate::format::ImagePlace;
-use crate::nerfstudio::{VARIANTS, is_of_images, transforms_in};
+use crate::image_finder::is_of_images;
+use crate::nerfstudio::{VARIANTS, transforms_in};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
 

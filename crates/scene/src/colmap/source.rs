@@ -12,7 +12,7 @@ use super::{
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{is_image_name, last_name, list, read_file, split_image_name};
-use crate::nerfstudio::ImageFinder;
+use crate::image_finder::ImageFinder;
 use crate::{Frame, ImageFolder, Scene, SceneError, WarningKind, Warnings};
 
 /// Subfolders of a capture that may contain its sparse model, in order of preference; the first is its folder itself.
@@ -174,7 +174,7 @@ impl ColmapScenes {
                 image: file,
             });
         }
-        finder.report_choices(key, warnings);
+        finder.report_ambiguous(key, warnings);
         Ok(frames)
     }
 }

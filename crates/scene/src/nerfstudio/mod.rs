@@ -1,6 +1,5 @@
 //! `transforms.json` in its dialects: nerfstudio and DL3DV, instant-ngp, Blender's synthetic scenes.
 
-mod images;
 mod lens;
 mod open;
 mod sizes;
@@ -12,6 +11,5 @@ pub use lens::{Focal, LensFields};
 pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
-pub(crate) use images::{FoundImage, ImageFinder, is_of_images};
 pub(crate) use open::READER;
 pub(crate) use source::{VARIANTS, transforms_in};

@@ -3,9 +3,10 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::ImageSize;
 use rayon::prelude::*;
 
+use super::Transforms;
 use super::lens::LensFields;
 use super::transforms::FORMAT;
-use super::{FoundImage, Transforms};
+use crate::image_finder::FoundImage;
 use crate::scene::{in_frame, size_of_file};
 use crate::{FrameImage, SceneError};
 

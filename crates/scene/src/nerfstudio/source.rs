@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, ImageSize, WorldFromCamera};
 use glam::DVec3;
 
-use super::images::is_of_images;
 use super::lens::LensFields;
 use super::sizes::{images_for_sizes, lenses, needs_image_sizes};
 use super::unread_fields::{report_masks_of_names, report_unread_fields};
-use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
+use super::{Transforms, parse_transforms};
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
+use crate::image_finder::{FoundImage, ImageFinder, is_of_images};
 use crate::{Frame, ImageFolder, Scene, SceneError, TimestampSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
@@ -144,7 +144,7 @@ impl crate::SceneReader for NerfstudioScenes {
         for (at, found) in images.iter().enumerate() {
             found.report(key, at, warnings);
         }
-        finder.report_choices(key, warnings);
+        finder.report_ambiguous(key, warnings);
         report_unread_fields(key, &transforms, warnings);
         report_masks_of_names(key, &images, warnings);
         let lenses = if needs_image_sizes(&transforms) && self.options.images != ImageFolder::Listed {

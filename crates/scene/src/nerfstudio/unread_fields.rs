@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 
+use super::Transforms;
 use super::transforms::Object;
-use super::{FoundImage, Transforms};
+use crate::image_finder::FoundImage;
 use crate::{SceneError, WarningKind, Warnings};
 
 /// Coefficients of lenses that cannot be expressed here: OpenCV's rational model, and Metashape's with affinity b1, b2.

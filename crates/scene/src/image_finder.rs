@@ -7,17 +7,20 @@ use crate::files::{DYNAMIC_MASK, ImageListing, inside, split_image_name};
 use crate::scene::{in_frame, size_of_file};
 use crate::{FrameImage, ImageFolder, SceneError, WarningKind, Warnings};
 
-/// Finds the images that a `transforms.json` or COLMAP model refers to; each folder is listed once.
+/// Finds the images that a `transforms.json` or COLMAP model lists; each folder is read once.
 #[derive(Debug)]
 pub(crate) struct ImageFinder<'a> {
     root: &'a Path,
     file: &'a Path,
-    choice: ImageFolder,
+    copy: ImageFolder,
     /// Size of the images of a copy that is preferred where the listed folder does not exist.
     expected_size: Option<ImageSize>,
+    /// By the listed folder.
     folders: BTreeMap<String, Folder>,
-    /// How often a listed path fits several images, and which is used of the first.
-    choices: (usize, Option<String>),
+    /// How many listed paths fit several images.
+    ambiguous: usize,
+    /// The first of them, with the image that is used.
+    first_ambiguous: Option<String>,
 }
 
 /// Where a listed image is.
@@ -45,6 +48,7 @@ impl FoundImage {
     }
 }
 
+/// The folder that is used for a listed one.
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
@@ -52,10 +56,17 @@ struct Folder {
     as_listed: bool,
 }
 
+/// The file of a listed name.
+struct FoundFile {
+    path: PathBuf,
+    /// Which of several images it is that fit the name.
+    ambiguity: Option<String>,
+}
+
 impl<'a> ImageFinder<'a> {
     /// Paths are relative to `root`; `file` lists them and is for messages.
-    pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: ImageFolder) -> Self {
-        Self { root, file, choice, expected_size: None, folders: BTreeMap::new(), choices: (0, None) }
+    pub(crate) const fn new(root: &'a Path, file: &'a Path, copy: ImageFolder) -> Self {
+        Self { root, file, copy, expected_size: None, folders: BTreeMap::new(), ambiguous: 0, first_ambiguous: None }
     }
 
     /// Where the listed folder does not exist, prefers the copy whose first image has this size.
@@ -65,9 +76,9 @@ impl<'a> ImageFinder<'a> {
     }
 
     /// Warns if images were found by their name without extension where several have it.
-    pub(crate) fn report_choices(&self, scene: &str, warnings: &mut Warnings) {
-        if let (count, Some(first)) = &self.choices {
-            let detail = format!("{count} listed paths fit several images, first: {first}");
+    pub(crate) fn report_ambiguous(&self, scene: &str, warnings: &mut Warnings) {
+        if let Some(first) = &self.first_ambiguous {
+            let detail = format!("{} listed paths fit several images, first: {first}", self.ambiguous);
             warnings.push(WarningKind::AmbiguousNumbering, scene, detail);
         }
     }
@@ -84,48 +95,37 @@ impl<'a> ImageFinder<'a> {
         let outside = || outside(listed, location, self.file);
         let parts = inside(self.root, listed).ok_or_else(outside)?;
         let (name, folders) = parts.split_last().ok_or_else(outside)?;
-        let choice = self.choice;
+        let is_chosen_copy = matches!(self.copy, ImageFolder::Downscaled(_));
         let folder = self.folder(&folders.join("/"))?;
-        let split_name = split_image_name(name);
-        let stem = split_name.map_or(*name, |(stem, _)| stem);
-        // A TIFF instead of a missing JPEG may be its depth map.
-        let of_stem = |listing: &ImageListing| {
-            let path = if split_name.is_some() { listing.read_by_stem(stem) } else { listing.by_stem(stem) };
-            Some((path?, listing.choice_of_stem(stem)))
-        };
-        let of_name = |listing: &ImageListing| Some((listing.by_name(name)?, None));
-        let mask = format!("{DYNAMIC_MASK}{stem}.png");
-        let has_dynamic_mask = folder.listing.as_ref().is_some_and(|listing| listing.by_name(&mask).is_some());
-        let found = folder.listing.as_ref().and_then(|listing| of_name(listing).or_else(|| of_stem(listing)));
-        let Some((path, choice_of_stem)) = found else {
+        let (as_listed, has_dynamic_mask) = (folder.as_listed, folder.has_dynamic_mask(name));
+        let Some(FoundFile { path, ambiguity }) = folder.find(name) else {
             let image = FrameImage::Missing(folder.path.join(name));
-            return Ok(FoundImage { image, elsewhere: None, as_listed: folder.as_listed, has_dynamic_mask });
+            return Ok(FoundImage { image, elsewhere: None, as_listed, has_dynamic_mask });
         };
         // Blender and instant-ngp list names without an extension.
-        let same_name = split_name.is_none() || path.file_name().is_some_and(|found| found == *name);
-        let chosen = folder.as_listed || matches!(choice, ImageFolder::Downscaled(_));
-        let as_listed = folder.as_listed;
-        let elsewhere = (!same_name || !chosen).then(|| format!("{listed} found as {}", path.display()));
-        if let Some(detail) = choice_of_stem {
-            self.choices.0 += 1;
-            self.choices.1.get_or_insert_with(|| format!("{listed}: {detail}"));
+        let is_named_so = split_image_name(name).is_none() || path.file_name().is_some_and(|found| found == *name);
+        let is_expected = is_named_so && (as_listed || is_chosen_copy);
+        let elsewhere = (!is_expected).then(|| format!("{listed} found as {}", path.display()));
+        if let Some(detail) = ambiguity {
+            self.ambiguous += 1;
+            self.first_ambiguous.get_or_insert_with(|| format!("{listed}: {detail}"));
         }
         Ok(FoundImage { image: FrameImage::File(path), elsewhere, as_listed, has_dynamic_mask })
     }
 
     fn folder(&mut self, listed: &str) -> Result<&Folder, SceneError> {
         if !self.folders.contains_key(listed) {
-            let folder = self.choose(listed)?;
+            let folder = self.folder_to_use(listed)?;
             self.folders.insert(listed.to_owned(), folder);
         }
         self.folders.get(listed).ok_or_else(|| SceneError::unrecognized(self.root, "a folder of images", listed))
     }
 
-    /// The folder to use according to `choice`; if the listed one does not exist, its downscaled copy of the expected size, or else
-    /// the largest.
-    fn choose(&self, listed: &str) -> Result<Folder, SceneError> {
+    /// The copy of a folder that was asked for; if that is the listed one and does not exist, its downscaled copy of the expected
+    /// size, or else the largest.
+    fn folder_to_use(&self, listed: &str) -> Result<Folder, SceneError> {
         let downscaled = |factor: u32| self.root.join(downscaled(listed, factor));
-        let candidates = match self.choice {
+        let candidates = match self.copy {
             ImageFolder::Listed => {
                 let mut candidates = vec![(self.root.join(listed), true)];
                 candidates.extend(ImageFolder::FACTORS.map(|factor| (downscaled(factor), false)));
@@ -151,6 +151,26 @@ impl<'a> ImageFinder<'a> {
 }
 
 impl Folder {
+    /// The image with this name, or else one with its stem.
+    fn find(&self, name: &str) -> Option<FoundFile> {
+        let listing = self.listing.as_ref()?;
+        if let Some(path) = listing.by_name(name) {
+            return Some(FoundFile { path, ambiguity: None });
+        }
+        // A TIFF instead of a missing JPEG may be its depth map.
+        let (stem, path) = match split_image_name(name) {
+            Some((stem, _)) => (stem, listing.read_by_stem(stem)),
+            None => (name, listing.by_stem(name)),
+        };
+        Some(FoundFile { path: path?, ambiguity: listing.ambiguity_of_stem(stem) })
+    }
+
+    fn has_dynamic_mask(&self, name: &str) -> bool {
+        let stem = split_image_name(name).map_or(name, |(stem, _)| stem);
+        let mask = format!("{DYNAMIC_MASK}{stem}.png");
+        self.listing.as_ref().is_some_and(|listing| listing.by_name(&mask).is_some())
+    }
+
     /// Whether the first image has this size. One that cannot be read is reported where it is decoded.
     fn has_images_of(&self, size: ImageSize) -> bool {
         let first = self.listing.as_ref().and_then(|listing| listing.by_stem(listing.stems().next()?));
