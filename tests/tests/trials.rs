@@ -16,9 +16,7 @@ use atsplat_protocol::{
 };
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::preprocess::Preprocessing;
-use atsplat_scene::{
-    Dataset, FrameImage, ImageFolder, OpenOptions, Scene, SceneError, SceneSource, Warnings, open, open_with,
-};
+use atsplat_scene::{Dataset, ImageFolder, OpenOptions, Scene, SceneError, SceneSource, Warnings, open, open_with};
 use atsplat_tests::shared_data;
 
 const RE10K_SCENE: &str = "000c3ab189999a83";
@@ -240,7 +238,7 @@ fn the_lens_is_part_of_the_trial_and_not_of_its_poses() {
     let fox = opened(data.join("fox"));
     let key = fox.keys().first().unwrap().clone();
     let scene = fox.load(&key, &mut Warnings::new()).unwrap();
-    let there = scene.frames.iter().enumerate().filter(|(_, frame)| !matches!(frame.image, FrameImage::Missing(_)));
+    let there = scene.frames.iter().enumerate().filter(|(_, frame)| !frame.image.is_missing());
     let positions: Vec<usize> = there.map(|(at, _)| at).take(3).collect();
     let index = only(&key, &positions[..2], &positions[2..]);
     let trial = |source: Arc<dyn SceneSource>| {

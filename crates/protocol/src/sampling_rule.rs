@@ -144,7 +144,7 @@ impl SampledFrames {
         let mut files = HashSet::new();
         for (number, frame) in scene.frames.iter().enumerate() {
             match &frame.image {
-                FrameImage::Missing(_) | FrameImage::Unposed { .. } => sampled.missing += 1,
+                FrameImage::Missing(_) | FrameImage::Ambiguous(_) | FrameImage::Unposed { .. } => sampled.missing += 1,
                 FrameImage::File(path) if !files.insert(path) => sampled.repeated += 1,
                 _ => {
                     sampled.numbers.push(number);
@@ -302,6 +302,7 @@ mod tests {
         for at in missing {
             incomplete.frames[at].image = FrameImage::Missing(format!("{at}.png").into());
         }
+        incomplete.frames[4].image = FrameImage::Ambiguous(vec!["4.jpg".into(), "4.png".into()]);
         let source = MemorySource::new([incomplete, scene("whole", 14, 0)]);
         let built = rule(FARTHEST).build(&source, &|| (), &mut Warnings::new());
         assert_eq!((built.scenes, built.missing_images), (2, 3));

@@ -20,6 +20,8 @@ pub enum FrameImage {
     Absent,
     /// A listed file that does not exist.
     Missing(PathBuf),
+    /// Several files, any of which may be it.
+    Ambiguous(Vec<PathBuf>),
     /// A file.
     File(PathBuf),
     /// Encoded bytes inside a chunk, shared without a copy; they know its file. They may be unread, and are verified when they are.
@@ -51,12 +53,17 @@ impl FrameImage {
         }
     }
 
-    /// The file that the source names, whether or not it exists and the frame has a usable pose.
+    /// The file that the source names, whether or not it exists and the frame has a usable pose; `None` if several may be it.
     pub fn listed_file(&self) -> Option<&Path> {
         match self.in_source() {
             Self::File(path) | Self::Missing(path) => Some(path),
             _ => None,
         }
+    }
+
+    /// Whether the source should have an image that is not there, or not to be told from others.
+    pub const fn is_missing(&self) -> bool {
+        matches!(self, Self::Missing(_) | Self::Ambiguous(_))
     }
 
     /// Whether there is an image to decode.
@@ -73,9 +80,13 @@ impl FrameImage {
     }
 
     /// The file, or what the image is in, for messages.
-    pub(crate) fn place(&self) -> String {
+    pub fn place(&self) -> String {
         match self {
             Self::File(path) | Self::Missing(path) => path.display().to_string(),
+            Self::Ambiguous(paths) => {
+                let paths: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+                paths.join(" or ")
+            }
             Self::Encoded(bytes) => {
                 bytes.file().map_or_else(|| "in a chunk".to_owned(), |path| path.display().to_string())
             }
@@ -293,6 +304,7 @@ impl Frame {
             }
             FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
             FrameImage::Missing(path) => Err(no_image(format!("the file is missing ({})", path.display()))),
+            FrameImage::Ambiguous(_) => Err(no_image(format!("several files may be it ({})", self.image.place()))),
             FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
         }
     }

@@ -98,7 +98,7 @@ fn name_by_url(image: &mut FrameImage) {
     match image {
         FrameImage::File(path) | FrameImage::Missing(path) => *path = with_urls(&path.to_string_lossy()).into(),
         FrameImage::Unposed { image, .. } => name_by_url(image),
-        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => {}
+        FrameImage::Absent | FrameImage::Ambiguous(_) | FrameImage::Encoded(_) | FrameImage::Generated(_) => {}
     }
 }
 

@@ -180,8 +180,7 @@ pub(crate) fn scene(
 
 /// The selected frames of a scene. Ranges leave out those whose photo is missing, of which [`scene`] warns.
 pub(crate) fn selected(selection: &FrameSelection, scene: &Scene) -> anyhow::Result<Vec<usize>> {
-    let has_photo =
-        |at: usize| scene.frames.get(at).is_some_and(|frame| !matches!(frame.image, FrameImage::Missing(_)));
+    let has_photo = |at: usize| scene.frames.get(at).is_some_and(|frame| !frame.image.is_missing());
     let picked = selection.of_available(scene.frames.len(), has_photo)?;
     ensure!(!picked.is_empty(), "none of these frames has a photo");
     Ok(picked)

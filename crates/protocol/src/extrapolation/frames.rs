@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use atsplat_scene::{FrameImage, Scene, SceneSource, Warnings};
+use atsplat_scene::{Frame, Scene, SceneSource, Warnings};
 use indexmap::IndexMap;
 
 use crate::EvaluationIndex;
@@ -26,8 +26,8 @@ impl SceneFrames {
     /// The frames of a scene. In a source without images, all are usable.
     pub fn of(scene: &Scene) -> Self {
         let frames = scene.frames.iter().enumerate();
-        let is_missing = |image: &FrameImage| matches!(image, FrameImage::Missing(_) | FrameImage::Unposed { .. });
-        let missing = frames.filter(|(_, frame)| is_missing(&frame.image)).map(|(number, _)| number).collect();
+        let is_missing = |frame: &Frame| frame.image.is_missing() || !frame.has_pose();
+        let missing = frames.filter(|(_, frame)| is_missing(frame)).map(|(number, _)| number).collect();
         Self { length: scene.frames.len(), missing }
     }
 }

@@ -1,6 +1,6 @@
 use atsplat_camera::{ImageSize, WorldFromCamera};
 use atsplat_numeric::Tolerance;
-use atsplat_scene::{Frame, FrameImage, Scene};
+use atsplat_scene::{Frame, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::IndexEntry;
@@ -177,8 +177,8 @@ fn image_problem(
     image_size: &dyn Fn(&Frame) -> Option<ImageSize>,
 ) -> Option<Dropped> {
     used.iter().find_map(|UsedFrame { number, frame, .. }| {
-        if let FrameImage::Missing(path) = &frame.image {
-            let detail = format!("frame {number} ({})", path.display());
+        if frame.image.is_missing() {
+            let detail = format!("frame {number} ({})", frame.image.place());
             return Some(Dropped { reason: DropReason::ImageMissing, detail });
         }
         let (expected, found) = expected_size.zip(image_size(frame))?;
@@ -199,6 +199,7 @@ fn first_wider_than(scene: &Scene, limit: f64) -> Option<(usize, f64)> {
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_scene::FrameImage;
     use glam::{DMat3, DVec3};
 
     use super::*;
@@ -248,8 +249,11 @@ mod tests {
         assert_eq!(first_wider_than(&wide, widest), None, "a field of view at the limit is within it");
         assert_eq!(first_wider_than(&wide, widest.next_down()), Some((1, widest)));
         let mut absent = scene();
-        absent.frames[1].image = FrameImage::Missing("1.png".into());
-        assert_eq!(reason(&absent, 1), Some(DropReason::ImageMissing));
+        for image in [FrameImage::Missing("1.png".into()), FrameImage::Ambiguous(vec!["1.png".into(), "1.jpg".into()])]
+        {
+            absent.frames[1].image = image;
+            assert_eq!(reason(&absent, 1), Some(DropReason::ImageMissing));
+        }
         assert_eq!(reason(&absent, 0), None, "the entry does not use the missing image");
         let mut small = scene();
         small.frames[2].stated_size = Some(ImageSize { width: 320, height: 180 });

@@ -107,7 +107,7 @@ impl CameraTable {
         self.stated_height.append_option(frame.stated_size.map(|size| size.height));
         self.image.append_value(match &frame.image {
             FrameImage::Absent => "absent",
-            FrameImage::Missing(_) => "missing",
+            FrameImage::Missing(_) | FrameImage::Ambiguous(_) => "missing",
             FrameImage::File(_) => "file",
             FrameImage::Encoded(_) => "encoded",
             FrameImage::Generated(_) => "generated",

@@ -103,6 +103,7 @@ fn assert_holds(batch: &RecordBatch, scene: &Scene) {
             FrameImage::File(path) => ("file", Some(path)),
             FrameImage::Encoded(_) => ("encoded", None),
             FrameImage::Generated(_) => ("generated", None),
+            FrameImage::Ambiguous(_) => ("missing", None),
             FrameImage::Unposed { .. } => panic!("the scene has none"),
         };
         assert_eq!((text("image"), text("image_path")), (Some(kind), path.and_then(|path| path.to_str())));
@@ -112,6 +113,13 @@ fn assert_holds(batch: &RecordBatch, scene: &Scene) {
 #[test]
 fn every_cell_is_the_scenes_bit_for_bit() {
     let scene = varied();
+    assert_holds(&one_batch(&scene), &scene);
+}
+
+#[test]
+fn an_image_that_may_be_several_files_is_missing_without_a_path() {
+    let image = FrameImage::Ambiguous(vec![PathBuf::from("1.jpg"), PathBuf::from("1.png")]);
+    let scene = Scene { key: "s".to_owned(), url: None, frames: vec![frame("1", pinhole(0.0), image)] };
     assert_holds(&one_batch(&scene), &scene);
 }
 

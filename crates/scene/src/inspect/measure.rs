@@ -87,7 +87,7 @@ impl SceneMeasure {
                 }
                 FrameImage::File(_) => (&mut counts.files, true),
                 FrameImage::Encoded(_) | FrameImage::Generated(_) => (&mut counts.encoded, true),
-                FrameImage::Missing(_) => (&mut counts.missing, false),
+                FrameImage::Missing(_) | FrameImage::Ambiguous(_) => (&mut counts.missing, false),
                 FrameImage::Unposed { .. } => (&mut counts.unposed, false),
                 FrameImage::Absent => (&mut counts.absent, false),
             };

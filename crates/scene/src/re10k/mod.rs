@@ -1,6 +1,7 @@
 //! RealEstate10K: camera trajectories as text, with or without the video's frames.
 
 mod frames;
+mod naming;
 mod open;
 mod source;
 mod trajectory;

@@ -166,6 +166,7 @@ fn encoded_image(frame: &Frame, scene: &str, position: usize) -> Result<SharedBy
         FrameImage::File(file) => Ok(SharedBytes::new(read_file("reading an image", file)?)),
         FrameImage::Generated(_) => Ok(SharedBytes::new(frame.bytes(scene, position)?.into_owned())),
         FrameImage::Missing(file) => Err(no_image(format!("no file {}", file.display()))),
+        FrameImage::Ambiguous(_) => Err(no_image(format!("several files may be it ({})", frame.image.place()))),
         FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
         FrameImage::Unposed { reason, .. } => Err(no_pose(scene, position, reason)),
     }
