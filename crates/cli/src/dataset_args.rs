@@ -10,8 +10,7 @@ use crate::parse::usage_error;
 /// A dataset and where its images are.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DatasetArgs {
-    /// RE10K trajectories, `.torch` chunks, a `transforms.json`, a COLMAP model, or a folder of them; also as a URL (s3://, gs://,
-    /// az://).
+    #[arg(help = data_help())]
     pub(crate) data: PathBuf,
 
     #[command(flatten)]
@@ -35,6 +34,16 @@ pub(crate) struct ImageArgs {
 
     #[command(flatten)]
     pub(crate) cache: CacheArgs,
+}
+
+fn data_help() -> String {
+    format!("{}, or a folder of them; also as a URL (s3://, gs://, az://)", Format::all_data())
+}
+
+/// The help of an argument for photos with cameras.
+pub(crate) fn photos_help() -> String {
+    let record = "the `render.json` that `atsplat render` wrote next to its images";
+    format!("Posed photos: {}, or a folder of them; also {record}", Format::all_data())
 }
 
 impl DatasetArgs {
@@ -93,5 +102,19 @@ impl ImageArgs {
     fn options(&self) -> ImageOptions {
         let (images, frames) = (self.images, self.frames.clone());
         ImageOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_of_data_names_every_format() {
+        let command = <DatasetArgs as clap::Args>::augment_args(clap::Command::new("inspect"));
+        let data = command.get_arguments().find(|argument| argument.get_id() == "data").unwrap();
+        for help in [data.get_help().unwrap().to_string(), photos_help()] {
+            assert!(Format::ALL.iter().all(|format| help.contains(format.data())), "{help}");
+        }
     }
 }

@@ -43,6 +43,12 @@ impl Format {
         self.reader().data
     }
 
+    /// The [data](Self::data) of all formats: `RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model`.
+    pub fn all_data() -> String {
+        let [others @ .., last] = Self::ALL.map(Self::data);
+        format!("{} or {last}", others.join(", "))
+    }
+
     /// Whether scenes are captures: structure from motion need not place all of their images, and numbers in images' names, which the
     /// cameras of a rig share, are no timestamps.
     pub fn is_of_captures(self) -> bool {
@@ -107,3 +113,27 @@ pub(crate) enum ImagePlace {
 
 /// The scenes of a dataset, and the folders that they are in.
 pub(crate) type Opened = (Box<dyn SceneReader>, Collections);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In this crate's documentation, the page about data and Python's.
+    #[test]
+    fn every_format_is_named_where_they_are_listed_by_hand() {
+        for (text, list) in [
+            (include_str!("lib.rs"), "Dataset readers:"),
+            (include_str!("../../../docs/protocols.md"), "- **Formats**:"),
+            (include_str!("../../python/python/atsplat/protocols.py"), "Opens a dataset; its format is detected."),
+        ] {
+            let (_, listed) = text.split_once(list).unwrap();
+            let listed: String = listed.chars().take(300).filter(|letter| *letter != '`').collect();
+            let listed: Vec<&str> = listed.split_whitespace().filter(|word| *word != "//!").collect();
+            let listed = listed.join(" ");
+            for format in Format::ALL {
+                let data = format.data().trim_start_matches("a ");
+                assert!(listed.contains(data), "{data}: {listed}");
+            }
+        }
+    }
+}

@@ -19,12 +19,6 @@ use crate::{
 /// The formats in the order in which they are tried.
 const TRIED: [Format; Format::ALL.len()] = [Format::TorchChunks, Format::Nerfstudio, Format::Colmap, Format::Re10k];
 
-/// The supported formats, for messages.
-fn expected() -> String {
-    let [others @ .., last] = Format::ALL.map(Format::data);
-    format!("{} or {last}", others.join(", "))
-}
-
 /// Options of all formats; those of the detected one apply.
 #[derive(Clone, Debug, Default)]
 pub struct OpenOptions {
@@ -166,7 +160,7 @@ pub fn open_with(
         Some(start) => unrecognized::content_of_file(path, &start),
         None => unrecognized::content_of_folder(path)?,
     };
-    Err(SceneError::unrecognized(path, expected(), content))
+    Err(SceneError::unrecognized(path, Format::all_data(), content))
 }
 
 #[cfg(test)]

@@ -11,14 +11,13 @@ use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
 use crate::alpha::Alpha;
-use crate::dataset_args::ImageArgs;
+use crate::dataset_args::{ImageArgs, photos_help};
 use crate::parse;
 use crate::reconstruct::input::{is_size_error, scene, selected};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// Posed photos: RE10K trajectories with frames, `.torch` chunks, a `transforms.json`, a COLMAP model, a folder of
-    /// them, or the `render.json` that `atsplat render` wrote next to its images.
+    #[arg(help = photos_help())]
     pub(super) data: PathBuf,
 
     /// Photos to optimise for, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all. Held-out photos are

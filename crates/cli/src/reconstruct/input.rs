@@ -15,13 +15,12 @@ use atsplat_scene::{
 };
 
 use crate::alpha::Alpha;
-use crate::dataset_args::ImageArgs;
+use crate::dataset_args::{ImageArgs, photos_help};
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
-    /// Posed photos: RE10K trajectories with frames, `.torch` chunks, a `transforms.json`, a COLMAP model, a folder of
-    /// them, or the `render.json` that `atsplat render` wrote next to its images.
+    #[arg(help = photos_help())]
     data: PathBuf,
 
     /// Photos to reconstruct from, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all.

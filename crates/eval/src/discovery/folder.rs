@@ -69,9 +69,8 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
     let Search { datasets: mut on_disk, not_run } = Search::of(folder);
     let mut found = DiscoveredDatasets { not_run, ..DiscoveredDatasets::default() };
     if on_disk.is_empty() && found.not_run.is_empty() {
-        let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it \
-                   or below, but for hidden folders"
-            .to_owned();
+        let formats = Format::all_data();
+        let why = format!("no images with {formats} in it or below, but for hidden folders");
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
     if on_disk.is_empty() {
