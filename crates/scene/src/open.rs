@@ -16,7 +16,8 @@ use crate::{
     Warnings,
 };
 
-/// The formats in the order in which they are tried.
+/// The formats in the order in which they are tried: the first that recognises a folder reads it. A `transforms.json` is before the
+/// COLMAP model that it was made from, and which stays next to it. Trajectories are last, because other formats have `.txt` files too.
 const TRIED: [Format; Format::ALL.len()] = [Format::TorchChunks, Format::Nerfstudio, Format::Colmap, Format::Re10k];
 
 /// Options of all formats; those of the detected one apply.
@@ -116,8 +117,8 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 
 /// Opens a file or folder as a dataset.
 ///
-/// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
-/// the format requires. If a folder has the files of several, the order is chunks, `transforms.json`, a COLMAP model,
+/// The format is detected from content, not from the name: of a file by its first bytes, of JSON by its keys, of a folder by the
+/// files that the format requires. If a folder has the files of several, the order is chunks, `transforms.json`, a COLMAP model,
 /// trajectories; scenes of the others, and images without cameras, are counted as [`WarningKind::IgnoredScene`]. No
 /// scene is read; of chunks, their lists of scenes are, or the index alone if they are still to be fetched.
 ///

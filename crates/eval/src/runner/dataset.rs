@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, IndexFile, IndexMismatch, KnownIndex, Preset, SamplingRule};
+use atsplat_protocol::{EvaluationIndex, IndexMismatch, KnownIndex, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::RenderOptions;
 
@@ -31,8 +31,8 @@ impl Dataset {
     /// and images of the size that the protocol crops to count as already cropped.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] if `data` is an evaluation index, [`EvalError::NoIndex`] without an index next to the data, and the
-    /// errors of [`PlannedIndex::read`] and [`PlannedIndex::sampled`].
+    /// [`EvalError::NoIndex`] without an index next to the data, and the errors of [`PlannedIndex::read`] and
+    /// [`PlannedIndex::sampled`].
     pub fn new(
         mut preset: Preset,
         mut source: Arc<dyn SceneSource>,
@@ -41,10 +41,6 @@ impl Dataset {
         any_size: bool,
         warnings: &mut Warnings,
     ) -> Result<Self, EvalError> {
-        if is_index(data) {
-            let found = format!("an evaluation index, which --index takes ({})", data.display());
-            return Err(EvalError::Settings { what: "data", expected: "a dataset".to_owned(), found });
-        }
         let mut description = data.display().to_string();
         if any_size {
             if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
@@ -103,31 +99,5 @@ impl Dataset {
             background: renderer.background,
             ..RenderOptions::default()
         }
-    }
-}
-
-/// Whether a file is an index with entries: as an object of JSON, it is opened like a `transforms.json`, of one scene.
-fn is_index(data: &Path) -> bool {
-    let is_json = data.extension().is_some_and(|extension| extension == "json");
-    is_json && IndexFile::read(data).is_ok_and(|file| file.index.entries().next().is_some())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_index_is_no_dataset() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/indices");
-        let (data, index) = (folder.join("rooms-2v.json"), folder.join("rooms-overlap.json"));
-        let source = Arc::new(atsplat_scene::open(&data, &mut Warnings::new()).unwrap());
-        let preset = Preset::named("rooms-2v-128").unwrap();
-        let opened = Dataset::new(preset, source, &data, IndexChoice::At(&index), false, &mut Warnings::new());
-        let error = opened.map(drop).unwrap_err().to_string();
-        assert!(error.contains("expected a dataset, found an evaluation index, which --index takes ("), "{error}");
-        assert!(error.contains("rooms-2v.json)"), "{error}");
-        let scene = tempfile::tempdir().unwrap();
-        std::fs::write(scene.path().join("transforms.json"), r#"{"fl_x": 1.0, "frames": []}"#).unwrap();
-        assert!(!is_index(&scene.path().join("transforms.json")));
     }
 }

@@ -9,7 +9,7 @@ const NAMED: usize = 6;
 const KNOWN: [(&[&str], &str); 7] = [
     (&["camera_path", "keyframes"], "a camera path of nerfstudio's viewer"),
     (&["cameras", "shots"], "a reconstruction of OpenSfM"),
-    (&["context", "target"], "an entry of an evaluation index"),
+    (&["context", "target"], "an entry of an evaluation index, which --index takes"),
     (&["img_name", "position", "rotation"], "a camera of 3DGS' cameras.json"),
     (&["camera-from-world", "intrinsics"], "a view of the render.json that `atsplat render` writes"),
     (&["K", "W2C"], "a camera of NeRF++ (K and W2C)"),
@@ -113,7 +113,7 @@ mod tests {
             (json!({ "0a": { "context": [1], "target": [2] } }), "\"0a\" is an entry of an evaluation index"),
             (
                 json!({ "0a": null, "0b": [{ "context": [1], "target": [2] }] }),
-                "a table of 2 entries, of which \"0b\" is an entry",
+                "a table of 2 entries, of which \"0b\" is an entry of an evaluation index, which --index takes",
             ),
             (json!({}), "an object with no keys"),
             (json!({ "fx": 1, "fy": 2 }), "an object with the keys \"fx\", \"fy\""),

@@ -36,6 +36,31 @@ pub(crate) fn starts_with_bracket(text: &[u8], bracket: u8) -> bool {
     without_byte_order_mark(text).trim_ascii_start().first() == Some(&bracket)
 }
 
+/// Whether an object has one of these keys, in text that may be cut off. Keys of objects within it do not count.
+pub(crate) fn has_key(text: &[u8], keys: &[&str]) -> bool {
+    let is_one = |quoted| serde_json::from_slice::<String>(quoted).is_ok_and(|key| keys.contains(&key.as_str()));
+    // Where the string that is being read starts, and the last whole string.
+    let (mut start, mut last): (Option<usize>, &[u8]) = (None, &[]);
+    let mut depth = 0usize;
+    let mut bytes = text.iter().copied().enumerate();
+    while let Some((at, byte)) = bytes.next() {
+        match (start, byte) {
+            (Some(_), b'\\') => {
+                // An escaped quote does not end the string.
+                bytes.next();
+            }
+            (Some(from), b'"') => (start, last) = (None, text.get(from..=at).unwrap_or_default()),
+            (Some(_), _) => {}
+            (None, b'"') => start = Some(at),
+            (None, b'{' | b'[') => depth += 1,
+            (None, b'}' | b']') => depth = depth.saturating_sub(1),
+            (None, b':') if depth == 1 && is_one(last) => return true,
+            (None, _) => {}
+        }
+    }
+    false
+}
+
 /// Parses a JSON object with values of type `V`, in the file's order.
 ///
 /// # Errors
@@ -241,6 +266,32 @@ mod tests {
         assert!(number_of_python(&Value::Null).unwrap().is_nan() && number_of_python(&Value::from("nan")).is_none());
         for finite in ["", "{\"a\": 1", r#"["NaN", "\\\"Infinity"]"#, "\"\\"] {
             assert_eq!(with_non_finite_as_text(finite.as_bytes()), None, "{finite}");
+        }
+    }
+
+    #[test]
+    fn keys_of_an_object_are_found_in_text_that_is_cut_off() {
+        let has = |text: &str| has_key(text.as_bytes(), &["w", "frames"]);
+        for text in [
+            r#"{"frames": ["#,
+            "\u{feff} {\n\"a\": {\"b\": [1, {}]}, \"frames\" :[",
+            r#"{"a\\": "\"", "w": 1"#,
+            r#"{"fr\u0061mes": [NaN]}"#,
+            r#"{"a": [NaN, "}"], "w": "#,
+        ] {
+            assert!(has(text), "{text}");
+        }
+        for text in [
+            "",
+            r#"{"frames"#,
+            r#"{"frames""#,
+            r#"{"a": {"frames": []}}"#,
+            r#"[{"frames": []}]"#,
+            r#"{"a": "frames", "b": ["w"]}"#,
+            r#"{"a": "\"frames\": []"}"#,
+            r#"{"test_frames": [], "W": 1}"#,
+        ] {
+            assert!(!has(text), "{text}");
         }
     }
 

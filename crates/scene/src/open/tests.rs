@@ -137,15 +137,31 @@ fn errors_describe_unsupported_json() {
     for (text, expected) in [
         ("[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]", "found a list of 1 camera matrices without intrinsics"),
         ("[{\"img_name\": \"a\", \"position\": [], \"rotation\": []}]", "is a camera of 3DGS' cameras.json"),
+        (
+            r#"{"5aca": {"context": [58, 133], "target": [93]}}"#,
+            "of which \"5aca\" is an entry of an evaluation index, which --index takes (",
+        ),
+        (r#"{"w": 4, "h": "#, "expected complete JSON, found the end of the file: it is cut off ("),
     ] {
         let error = opened(&[("poses.json", text.as_bytes())], "poses.json").unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains("poses.json"), "{error}");
     }
-    let index = br#"{"5aca87f95a9412c6": {"context": [58, 133], "target": [93]}}"#;
-    let folder = folder_of(&[("index.json", index)]);
-    let dataset = open(folder.path().join("index.json"), &mut Warnings::new()).unwrap();
-    let error = dataset.load(&dataset.keys()[0], &mut Warnings::new()).unwrap_err().to_string();
-    assert!(error.contains("frames") && error.contains("is an entry of an evaluation index"), "{error}");
+}
+
+/// Keys may be in any order, and as far from the start as the others' values are long.
+#[test]
+fn a_transforms_json_of_any_name_is_known_by_its_keys() {
+    let long = format!("{:?}", "x".repeat(1 << 17));
+    let frames_last = TRANSFORMS.replacen('{', &format!(r#"{{"notes": {long}, "#), 1);
+    for text in [TRANSFORMS, &frames_last, r#"{"camera_angle_x": 0.7}"#] {
+        expect(&[("s/poses.json", text.as_bytes())], "s/poses.json", Format::Nerfstudio, &["s"]);
+    }
+    // An index of thousands of scenes, one of which is named like a key.
+    let entry = r#"{"context": [58, 133], "target": [93]}"#;
+    let index: Vec<String> = (0..3000).map(|scene| format!(r#""{scene:04}": {entry}"#)).collect();
+    let index = format!(r#"{{{}, "last": {{"frames": []}}}}"#, index.join(", "));
+    let error = opened(&[("index.json", index.as_bytes())], "index.json").unwrap_err().to_string();
+    assert!(index.len() > 1 << 16 && error.contains("a table of 3001 entries, of which "), "{error}");
 }
 
 #[test]

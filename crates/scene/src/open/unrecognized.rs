@@ -7,6 +7,7 @@ use crate::checks::ignored::files_like_transforms;
 use crate::colmap::{folder_of_part, model_below, part_of_model};
 use crate::files::{has_extension, list, read_file};
 use crate::json;
+use crate::nerfstudio::parse_transforms;
 use crate::re10k::{read_trajectory, trajectory_files};
 use crate::{Format, SceneError};
 
@@ -18,7 +19,8 @@ const DATASETS_NAMED: usize = 3;
 
 /// Describes a file with these first bytes.
 pub(super) fn content_of_file(file: &Path, start: &[u8]) -> String {
-    if json::starts_with_bracket(start, b'[')
+    let [is_list, is_object] = [b'[', b'{'].map(|bracket| json::starts_with_bracket(start, bracket));
+    if (is_list || is_object)
         && let Some(content) = json_content(file)
     {
         return content;
@@ -26,8 +28,14 @@ pub(super) fn content_of_file(file: &Path, start: &[u8]) -> String {
     if let Some(part) = folder_of_part(file).as_deref().and_then(part_of_model) {
         return part_description(part);
     }
-    let trajectory_error = if has_extension(file, "txt") { read_trajectory(file).err() } else { None };
-    with_error("another kind of file", trajectory_error)
+    let error = if is_object {
+        transforms_error(file)
+    } else if has_extension(file, "txt") {
+        read_trajectory(file).err()
+    } else {
+        None
+    };
+    with_error("another kind of file", error)
 }
 
 pub(super) fn content_of_folder(folder: &Path) -> Result<String, SceneError> {
@@ -77,6 +85,11 @@ fn dataset_in(folder: &Path) -> Option<String> {
 fn json_content(file: &Path) -> Option<String> {
     let value = json::parse(&read_file("opening a dataset", file).ok()?).ok()?;
     Some(json::describe(&value))
+}
+
+/// Why a file is not a `transforms.json`.
+fn transforms_error(file: &Path) -> Option<SceneError> {
+    parse_transforms(&read_file("opening a dataset", file).ok()?, file).err()
 }
 
 fn part_description((part, folder): (String, PathBuf)) -> String {
