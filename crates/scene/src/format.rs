@@ -18,7 +18,7 @@ pub enum Format {
     Re10k,
     /// pixelSplat's `.torch` chunks, one file or a folder.
     TorchChunks,
-    /// `transforms.json` of nerfstudio, DL3DV, instant-ngp or Blender's synthetic scenes.
+    /// `transforms.json` of nerfstudio, DL3DV, `ScanNet++`, instant-ngp or Blender's synthetic scenes.
     Nerfstudio,
     /// A COLMAP sparse model, text or binary.
     Colmap,

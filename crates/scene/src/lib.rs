@@ -1,4 +1,4 @@
-//! Dataset readers: RE10K trajectories, `.torch` chunks, `transforms.json` (nerfstudio, DL3DV, instant-ngp) and COLMAP
+//! Dataset readers: RE10K trajectories, `.torch` chunks, `transforms.json` (nerfstudio, DL3DV, `ScanNet++`, instant-ngp) and COLMAP
 //! models. Also the papers' joint preprocessing of images and intrinsics, dataset statistics and checks, and export to
 //! Arrow, Parquet and CSV. Independent of models.
 

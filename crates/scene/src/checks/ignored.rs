@@ -8,7 +8,7 @@ use crate::colmap::{model_below, model_folders_in_words, model_in};
 use crate::files::{is_image_name, last_name, list, not_utf8, read_start, split_image_name};
 use crate::format::ImagePlace;
 use crate::image_finder::is_of_images;
-use crate::nerfstudio::{VARIANTS, transforms_in};
+use crate::nerfstudio::{LAYOUTS, transforms_in};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
 
@@ -153,14 +153,14 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
     if let Some(part) = (reader.part_of_scene)(folder) {
         return Some(part);
     }
-    let in_variant = || VARIANTS.iter().find_map(|variant| images_or_misspelt(&folder.join(variant), reader.images));
+    let in_layout = || LAYOUTS.iter().find_map(|layout| images_or_misspelt(&folder.join(layout.folder), reader.images));
     let below = || {
         let has_scene =
             |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
         let scenes = list(folder).ok()?.iter().filter(|entry| has_scene(entry)).count();
         (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
     };
-    in_variant().or_else(below)
+    in_layout().or_else(below)
 }
 
 /// A file that is named like a `transforms.json`, or "images".

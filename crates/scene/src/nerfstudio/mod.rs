@@ -1,5 +1,6 @@
-//! `transforms.json` in its dialects: nerfstudio and DL3DV, instant-ngp, Blender's synthetic scenes.
+//! `transforms.json` in its dialects: nerfstudio and DL3DV, `ScanNet++`, instant-ngp, Blender's synthetic scenes.
 
+mod layout;
 mod lens;
 mod open;
 mod sizes;
@@ -11,5 +12,5 @@ pub use lens::{Focal, LensFields};
 pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
+pub(crate) use layout::{LAYOUTS, transforms_in};
 pub(crate) use open::READER;
-pub(crate) use source::{VARIANTS, transforms_in};

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::NerfstudioScenes;
+use super::layout::is_named_transforms;
 use super::source::scene_files;
 use crate::files::read_file;
 use crate::format::{FormatReader, ImagePlace, PROBE};
@@ -18,7 +19,7 @@ pub(crate) static READER: FormatReader = FormatReader {
     part_of_scene: |_| None,
     is_of_captures: true,
     image_options: &["images", "prefer-undistorted"],
-    reads_file: |path| path.file_name().is_some_and(|name| name == "transforms.json"),
+    reads_file: is_named_transforms,
     path_of_file: |path, start| is_transforms(path, start).then(|| path.to_owned()),
     is_folder_of_format: |path| Ok(!scene_files(path, false)?.is_empty()),
     read_to_open: |_| Ok(Vec::new()),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, ImageSize, WorldFromCamera};
 use glam::DVec3;
 
+use super::layout::{image_folder, is_undistorted, scene_folder, transforms_in, undistorted_in_words};
 use super::lens::LensFields;
 use super::sizes::{images_for_sizes, lenses, needs_image_sizes};
 use super::unread_fields::{report_masks_of_names, report_unread_fields};
@@ -13,12 +14,6 @@ use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
 use crate::image_finder::{FoundImage, ImageFinder, is_of_images};
 use crate::{Frame, ImageFolder, Scene, SceneError, TimestampSource, WarningKind, Warnings};
-
-/// Subfolders of a DL3DV scene that may contain its `transforms.json`, in order of preference: the distorted captures, and
-/// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
-pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", UNDISTORTED];
-
-const UNDISTORTED: &str = "gaussian_splat";
 
 /// Prefix of the keys of scenes in subsets.
 pub const SUBSET_PREFIX: &str = "dl3dv_";
@@ -30,17 +25,17 @@ pub struct NerfstudioOptions {
     pub images: ImageFolder,
     /// Size of the images that are meant where a scene lacks the folder that it lists: the copy of this size is used, not the largest.
     pub expected_size: Option<ImageSize>,
-    /// Prefers DL3DV's undistorted `gaussian_splat/` to the other variants of a scene; without any scene that has it, opening is an
-    /// error.
+    /// Prefers undistorted images to others of a scene, such as DL3DV's `gaussian_splat/`; without any scene that has them, opening
+    /// is an error.
     pub prefer_gaussian_splat: bool,
 }
 
 /// `transforms.json` scenes: one file, one scene's folder, or a folder of scenes.
 ///
-/// A scene's folder contains `transforms.json`, directly, in `nerfstudio/` or in `gaussian_splat/`; its name is the key, for
-/// DL3DV the scene's hash. In a folder of subsets of scenes (DL3DV's training set, `1K/<hash>/…`) the key is
-/// `dl3dv_<hash>` and the subset becomes the URL, as in DepthSplat's chunks (depthsplat
-/// `src/scripts/convert_dl3dv_train.py`).
+/// A scene's folder contains `transforms.json`, directly, in `nerfstudio/` or in `gaussian_splat/`, or, in `ScanNet++`,
+/// `dslr/nerfstudio/transforms_undistorted.json`. Its name is the key, for DL3DV the scene's hash. In a folder of subsets of scenes
+/// (DL3DV's training set, `1K/<hash>/…`) the key is `dl3dv_<hash>` and the subset becomes the URL, as in DepthSplat's chunks
+/// (depthsplat `src/scripts/convert_dl3dv_train.py`).
 #[derive(Clone, Debug)]
 pub struct NerfstudioScenes {
     path: PathBuf,
@@ -80,12 +75,8 @@ impl NerfstudioScenes {
             let expected = "transforms.json in the folder, its nerfstudio/ or one of its subfolders";
             return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
-        let is_undistorted = |scene: &SceneFile| {
-            let file = std::path::absolute(&scene.file).unwrap_or_else(|_| scene.file.clone());
-            file.parent().is_some_and(|folder| last_name(folder) == UNDISTORTED)
-        };
-        if options.prefer_gaussian_splat && !scenes.iter().any(is_undistorted) {
-            let expected = format!("undistorted captures, in a scene's {UNDISTORTED}/transforms.json");
+        if options.prefer_gaussian_splat && !scenes.iter().any(|scene| is_undistorted(&scene.file)) {
+            let expected = format!("undistorted captures, in a scene's {}", undistorted_in_words());
             return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
         let keys = scenes.iter().map(|scene| scene.key.clone()).collect();
@@ -130,17 +121,17 @@ impl crate::SceneReader for NerfstudioScenes {
         if !needs_image_sizes(&transforms) {
             return Ok(Vec::new());
         }
-        let root = file.parent().unwrap_or_else(|| Path::new("."));
-        let listed = find_images(&mut ImageFinder::new(root, file, ImageFolder::Listed), &transforms)?;
+        let (root, below) = image_folder(file);
+        let listed = find_images(&mut ImageFinder::new(&root, file, ImageFolder::Listed), below, &transforms)?;
         Ok(images_for_sizes(&transforms, &listed))
     }
 
     fn read(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let subset = self.scene_file(key)?.subset.clone();
         let (transforms, file) = self.transforms(key)?;
-        let root = file.parent().unwrap_or_else(|| Path::new("."));
-        let mut finder = ImageFinder::new(root, file, self.options.images).preferring(self.options.expected_size);
-        let images = find_images(&mut finder, &transforms)?;
+        let (root, below) = image_folder(file);
+        let mut finder = ImageFinder::new(&root, file, self.options.images).preferring(self.options.expected_size);
+        let images = find_images(&mut finder, below, &transforms)?;
         for (at, found) in images.iter().enumerate() {
             found.report(key, at, warnings);
         }
@@ -149,8 +140,8 @@ impl crate::SceneReader for NerfstudioScenes {
         report_masks_of_names(key, &images, warnings);
         let lenses = if needs_image_sizes(&transforms) && self.options.images != ImageFolder::Listed {
             // A scaled copy does not have the size that lengths in pixels refer to.
-            let mut finder = ImageFinder::new(root, file, ImageFolder::Listed);
-            lenses(key, &transforms, &find_images(&mut finder, &transforms)?, file)?
+            let mut finder = ImageFinder::new(&root, file, ImageFolder::Listed);
+            lenses(key, &transforms, &find_images(&mut finder, below, &transforms)?, file)?
         } else {
             lenses(key, &transforms, &images, file)?
         };
@@ -165,9 +156,17 @@ impl crate::SceneReader for NerfstudioScenes {
     }
 }
 
-fn find_images(finder: &mut ImageFinder<'_>, transforms: &Transforms) -> Result<Vec<FoundImage>, SceneError> {
+/// The images of all frames, whose paths are relative to the folder `below` the finder's root.
+fn find_images(
+    finder: &mut ImageFinder<'_>,
+    below: &str,
+    transforms: &Transforms,
+) -> Result<Vec<FoundImage>, SceneError> {
+    let mut find = |listed: &str, location: &str| {
+        if below.is_empty() { finder.find(listed, location) } else { finder.find_below(below, listed, location) }
+    };
     let frames = transforms.frames.iter().enumerate();
-    frames.map(|(at, frame)| finder.find(&frame.file_path, &format!("frames[{at}].file_path"))).collect()
+    frames.map(|(at, frame)| find(&frame.file_path, &format!("frames[{at}].file_path"))).collect()
 }
 
 /// The frames, with a lens and an image for each. A frame whose pose is unusable keeps its position.
@@ -311,23 +310,9 @@ fn folders_in(path: &Path) -> Result<Vec<String>, SceneError> {
     Ok(list(path)?.into_iter().filter_map(|(name, is_folder)| is_folder.then_some(name)).collect())
 }
 
-pub(crate) fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> {
-    let mut variants = VARIANTS;
-    if prefer_gaussian_splat {
-        variants.rotate_right(1);
-    }
-    variants.iter().map(|variant| folder.join(variant).join("transforms.json")).find(|file| file.is_file())
-}
-
-/// The name of the scene's folder, which for DL3DV's variants is the parent.
+/// The name of the scene's folder.
 fn key_of(file: &Path) -> String {
-    let absolute = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-    let folder = absolute.parent().unwrap_or(&absolute);
-    let name = last_name(folder);
-    match folder.parent() {
-        Some(scene) if VARIANTS.contains(&name.as_str()) => last_name(scene),
-        _ => name,
-    }
+    last_name(&scene_folder(file))
 }
 
 #[cfg(test)]

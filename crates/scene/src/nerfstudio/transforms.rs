@@ -5,7 +5,7 @@ use atsplat_files::without_byte_order_mark;
 use serde_json::{Map, Value};
 
 use super::LensFields;
-use super::unread_fields::{TEST_FRAMES, require_one_pose, require_opengl_axes, unread_fields};
+use super::unread_fields::{require_one_pose, require_opengl_axes, unread_fields, unread_test_frames};
 use crate::SceneError;
 use crate::json::shown;
 
@@ -28,7 +28,7 @@ pub struct Transforms {
     pub applied_scale: Option<f64>,
     /// Global fields that are not read, although they are about images or intrinsics.
     pub unread_fields: Vec<&'static str>,
-    /// Number of entries of `test_frames` (`ScanNet++`), which are not read.
+    /// Number of entries of `test_frames` (`ScanNet++`) that are not among the frames: they are not read.
     pub test_frames: usize,
 }
 
@@ -87,14 +87,16 @@ fn read(value: &Value, path: &Path) -> Result<Transforms, SceneError> {
     if listed.is_empty() {
         return Err(root.wrong("frames", "at least one frame", "an empty list"));
     }
-    let frames = listed.iter().enumerate();
+    let lens = LensFields::read(&root)?;
+    let frames = listed.iter().enumerate().map(|(at, frame)| read_frame(frame, at, path));
+    let frames: Vec<ListedFrame> = frames.collect::<Result<_, _>>()?;
     Ok(Transforms {
-        lens: LensFields::read(&root)?,
-        frames: frames.map(|(at, frame)| read_frame(frame, at, path)).collect::<Result<_, _>>()?,
+        lens,
+        test_frames: unread_test_frames(&root, &frames),
+        frames,
         applied_transform: root.value("applied_transform").map(|_| root.matrix("applied_transform")).transpose()?,
         applied_scale: root.number("applied_scale")?,
         unread_fields: unread_fields(&root),
-        test_frames: root.value(TEST_FRAMES).and_then(Value::as_array).map_or(0, Vec::len),
     })
 }
 

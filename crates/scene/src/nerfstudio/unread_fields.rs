@@ -1,9 +1,11 @@
 //! Fields of a `transforms.json` that other programs write, and that would change an evaluation if they were read.
 
+use std::collections::BTreeSet;
+
 use serde_json::Value;
 
-use super::Transforms;
 use super::transforms::Object;
+use super::{ListedFrame, Transforms};
 use crate::image_finder::FoundImage;
 use crate::{SceneError, WarningKind, Warnings};
 
@@ -16,8 +18,11 @@ const NOTATIONS: [&str; 5] = ["fx", "fy", "intrinsic_matrix", "intrinsics", "K"]
 const MASK: &str = "mask_path";
 const ROLLING_SHUTTER: &str = "rolling_shutter";
 
+/// `ScanNet++`'s mark of frames that are blurred or otherwise not to be used.
+const IS_BAD: &str = "is_bad";
+
 /// Frames that `ScanNet++` lists next to `frames`.
-pub(super) const TEST_FRAMES: &str = "test_frames";
+const TEST_FRAMES: &str = "test_frames";
 
 /// An error for a coefficient that is not zero and that no supported lens has.
 pub(super) fn require_no_other_coefficients(object: &Object<'_>) -> Result<(), SceneError> {
@@ -57,12 +62,24 @@ pub(super) fn unread_fields(object: &Object<'_>) -> Vec<&'static str> {
     let masks = object.value(MASK).filter(|path| path.as_str() != Some("")).map(|_| MASK);
     let is_moving = |number: &Value| number.as_f64() != Some(0.0);
     let shutter = object.value(ROLLING_SHUTTER).and_then(Value::as_array).filter(|list| list.iter().any(is_moving));
-    notations.chain(masks).chain(shutter.map(|_| ROLLING_SHUTTER)).collect()
+    let bad = object.value(IS_BAD).and_then(Value::as_bool).filter(|is_bad| *is_bad);
+    notations.chain(masks).chain(shutter.map(|_| ROLLING_SHUTTER)).chain(bad.map(|_| IS_BAD)).collect()
+}
+
+/// The number of `test_frames` that are not among the frames: `ScanNet++`'s script for undistorted images appends them there.
+pub(super) fn unread_test_frames(root: &Object<'_>, frames: &[ListedFrame]) -> usize {
+    let listed: BTreeSet<&str> = frames.iter().map(|frame| frame.file_path.as_str()).collect();
+    let is_read = |entry: &Value| {
+        let path = entry.get("file_path").and_then(Value::as_str);
+        path.is_some_and(|path| listed.contains(path))
+    };
+    let entries = root.value(TEST_FRAMES).and_then(Value::as_array);
+    entries.map_or(0, |entries| entries.iter().filter(|entry| !is_read(entry)).count())
 }
 
 /// Warns about each field that is not read, with the number of frames that it is about.
 pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings: &mut Warnings) {
-    for name in NOTATIONS.into_iter().chain([MASK, ROLLING_SHUTTER]) {
+    for name in NOTATIONS.into_iter().chain([MASK, ROLLING_SHUTTER, IS_BAD]) {
         let is_global = transforms.unread_fields.contains(&name);
         let frames = transforms.frames.iter().enumerate();
         let mut with = frames.filter(|(_, frame)| is_global || frame.unread_fields.contains(&name)).map(|(at, _)| at);
@@ -71,6 +88,7 @@ pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings:
             let instead = match name {
                 MASK => "whole images are compared",
                 ROLLING_SHUTTER => "all rows are taken to be exposed at once",
+                IS_BAD => "these frames are used like all others",
                 _ => "intrinsics are those in fl_x, camera_angle_x or x_fov",
             };
             let detail = format!("{count} of {frames} frames, first {first}: {name} is not read; {instead}");
@@ -153,6 +171,9 @@ mod tests {
         let expected = ["test_frames is not read: 2 more frames; positions count frames alone"];
         assert_eq!(reported(&tests, [&none; 3]), expected);
         assert_eq!(parse(&tests, [&none; 3]).unwrap().frames.len(), 3);
+        let mut appended = tests.clone();
+        appended["test_frames"].as_array_mut().unwrap().push(json!({ "file_path": "a.png" }));
+        assert_eq!(reported(&appended, [&none; 3]), expected, "the last one is a frame");
         for without in [json!([]), Value::Null] {
             assert_eq!(reported(&json!({ "fl_x": 9.0, "test_frames": without }), [&none, &tests, &none]), [""; 0]);
         }
@@ -182,6 +203,13 @@ mod tests {
             );
             assert!(error.contains(&expected) && error.contains("transforms.json"), "{error}");
         }
+    }
+
+    #[test]
+    fn frames_that_are_marked_as_bad_are_counted() {
+        let [none, bad, good] = [json!({}), json!({ "is_bad": true }), json!({ "is_bad": false })];
+        let found = reported(&json!({ "fl_x": 9.0 }), [&good, &bad, &none]);
+        assert_eq!(found, ["1 of 3 frames, first 1: is_bad is not read; these frames are used like all others"]);
     }
 
     #[test]

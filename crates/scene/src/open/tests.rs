@@ -185,6 +185,7 @@ fn files_of_formats_are_known_by_their_names() {
         ("sparse/0/images.txt", [true, false, false, true]),
         ("points3D.bin", [false, false, false, true]),
         ("a/transforms.json", [false, false, true, false]),
+        ("a/dslr/nerfstudio/transforms_undistorted.json", [false, false, true, false]),
         ("b.torch", [false, true, false, false]),
         ("a/index.json", [false; 4]),
         ("a/b.bin", [false; 4]),
