@@ -4,8 +4,8 @@ use crate::checks::cameras::report_cameras;
 use crate::nerfstudio::AppliedTransform;
 use crate::{Scene, SceneError, SceneSource, TimestampSource, Warnings};
 
-/// The scenes of one format, as its files have them. A reader is a [`SceneSource`], whose [`SceneSource::load`] checks each scene:
-/// formats need not, and cannot leave it out.
+/// The scenes of one format, as its files have them. Every reader is a [`SceneSource`], whose [`SceneSource::load`] checks what was
+/// read: a format neither has to do that nor can leave it out.
 pub(crate) trait SceneReader: Send + Sync {
     /// [`SceneSource::keys`].
     fn keys(&self) -> &[String];
@@ -84,7 +84,7 @@ mod tests {
     use crate::torch::{TorchChunks, export_chunks};
     use crate::{FrameImage, WarningKind, open};
 
-    /// A format that nothing in this crate checks.
+    /// A reader that has no shared check in it.
     struct Fifth {
         keys: [String; 1],
         times: TimestampSource,

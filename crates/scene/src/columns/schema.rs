@@ -29,7 +29,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; derived from the pose |
 /// | `stated_width` `stated_height` | `UInt32`? | image size in pixels according to the metadata |
 /// | `image` | Utf8 | `absent`, `missing`, `file`, `encoded`, `generated`, or `unposed` if the pose is unusable |
-/// | `image_path` | Utf8? | the file, found or missing, also if `unposed`; null if several may be it; bytes that are not UTF-8 become U+FFFD |
+/// | `image_path` | Utf8? | the file, found or missing, also if `unposed`; null if several may be it; bytes beyond UTF-8 become U+FFFD |
 /// | `image_bytes` | `UInt64`? | length of an image encoded in a chunk |
 pub fn schema() -> SchemaRef {
     static SCHEMA: LazyLock<SchemaRef> = LazyLock::new(|| Arc::new(build()));
