@@ -9,7 +9,7 @@ use std::sync::Arc;
 use atsplat_files::panic_message;
 use atsplat_metrics::Suite;
 use atsplat_numeric::mean;
-use atsplat_pixels::ImageU8;
+use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 use atsplat_results::store::images::{self, CONTEXT, TRUTH, hash_of_bytes};
@@ -238,7 +238,7 @@ fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) 
             Err(panic) => batch.iter().map(|_| Err(panicked(panic.as_ref()))).collect(),
         };
         for (row, rendered) in batch.iter().filter_map(|position| rows.get(*position)).zip(rendered) {
-            let is_same = |image: &ImageU8| row.render_hash.as_ref().is_none_or(|scored| *scored == hash_of(image));
+            let is_same = |image: &Image| row.render_hash.as_ref().is_none_or(|scored| *scored == hash_of(image));
             let reason = match rendered {
                 Ok(Rendered { image, .. }) if is_same(&image) => {
                     images::write_render(store, row, &image)?;

@@ -53,7 +53,7 @@ impl<'a> ProtocolResults<'a> {
         };
         let plot = OverlapCurves {
             title: format!("{} against overlap", metric.name),
-            subtitle: format!("{}; means over steps of overlap{by}{outside}", self.subject_of_means()),
+            subtitle: format!("{}; means over steps of overlap{by}{outside}", self.subject_of_curves()),
             quality: metric.into(),
             bins: shown.collect(),
             // No point is below the first edge, but one may be on it.

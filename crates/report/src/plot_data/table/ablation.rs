@@ -1,3 +1,5 @@
+use atsplat_results::statistics::Leaked;
+
 use super::{explained, leaked_in, metric_of, other_setting, shown, subtitle};
 use crate::definition::TableDefinition;
 use crate::plot::{Ablation, AblationRow, Drawing, Origin};
@@ -57,7 +59,7 @@ pub(super) fn ablation(
         subtitle: format!(
             "{}{}{}",
             subtitle(table, group, 0..1),
-            leaked_in(table, 0..1, sources),
+            leaked_in(table, 0..1, sources, Leaked::Included),
             explained(shown(table))
         ),
         quality: metric.into(),

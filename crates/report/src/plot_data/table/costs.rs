@@ -1,4 +1,5 @@
 use atsplat_metrics::Definition;
+use atsplat_results::statistics::Leaked;
 
 use super::{column_of, estimate, explained, leaked_in, metric_of, name, other_setting, shown, subtitle};
 use crate::definition::Quantity;
@@ -84,7 +85,7 @@ fn frontier(table: &Table, columns: Columns, sources: &[Source<'_>]) -> Option<F
         subtitle: format!(
             "{}{}{}{}",
             subtitle(table, &table.groups[at], at..at + 1),
-            leaked_in(table, at..at + 1, sources),
+            leaked_in(table, at..at + 1, sources, Leaked::Included),
             timed.in_words(),
             explained(shown(table))
         ),
