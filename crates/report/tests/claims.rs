@@ -9,7 +9,7 @@ use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
 use atsplat_results::statistics::{
-    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, paired_between, summary,
+    Identical, Leaked, MetricQuery, common_scene_means, interval_of_mean, lead_along_overlap, paired_between, summary,
 };
 use atsplat_results::{Results, TargetRow};
 
@@ -303,6 +303,30 @@ fn lines_on_yards_and_on_views_are_those_of_the_stores() {
         ],
         |number| readme.contains(number),
     );
+}
+
+/// Whether offsets lead rays by more where views overlap less. The rows have no overlaps; an index with the same trials has.
+#[test]
+fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let index = folder().join("../../eval/experiments/claims/protocols/rooms-2v-200-overlaps.json");
+    let index: serde_json::Value = serde_json::from_slice(&std::fs::read(index).unwrap()).unwrap();
+    let slope = |training: usize, store: &str| {
+        let mut results = Results::read(&folder().join(store).join("store")).unwrap();
+        for row in &mut results.targets {
+            row.overlap = index[&row.key.scene]["overlap"].as_f64();
+        }
+        let rows = ["full", "anchor-ray-depth"].map(|row| format!("{row}-{training}"));
+        let [offsets, rays] =
+            [&rows[0], &rows[1]].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(ROOMS.0, row, "psnr") });
+        let found = lead_along_overlap((&results, &offsets), (&results, &rays)).unwrap();
+        assert_eq!(found.scenes, 200, "{store}");
+        let [slope, low, high] =
+            [found.slope, found.interval.unwrap()[0], found.interval.unwrap()[1]].map(|end| end / 10.0);
+        format!("{slope:+.3} dB [{low:+.3}, {high:+.3}]").replace('-', "−")
+    };
+    let expected = vec![slope(1, "anchors"), slope(2, "anchors-seed-2")];
+    require_lines(expected, |number| readme.contains(number));
 }
 
 /// One network for all settings against one for each, and networks on scenes that they never saw.
