@@ -6,7 +6,7 @@ use std::fmt;
 use atsplat_numeric::counted;
 use atsplat_protocol::ForeignEntries;
 
-use crate::{Results, RunWarning, TargetStatus};
+use crate::{MethodRecord, Results, RunWarning, TargetStatus, TimingRow, TrialKey, TrialRow, TrialStatus};
 
 /// Something that results are missing, with all its cases under one protocol and method.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,6 +46,8 @@ pub enum GapKind {
     NonFinite,
     /// Trials of whose Gaussians none contributes to any target's render.
     EmptyRender,
+    /// Trials that were evaluated and failed in the timing pass, of a method without any time under the protocol.
+    Untimed,
 }
 
 impl Results {
@@ -100,8 +102,25 @@ impl Results {
             let first = format!("scene {}, frame {}: {}", key.scene, target.frame, reason(target.detail.as_deref()));
             add(&key.preset, Some(&key.method), GapKind::NonFinite, 1, first);
         }
+        for row in self.timings.iter().filter(|row| self.has_failed_to_be_timed(row)) {
+            let first = format!("scene {}, entry {}: {}", row.key.scene, row.key.entry, reason(row.detail.as_deref()));
+            add(&row.key.preset, Some(&row.key.method), GapKind::Untimed, 1, first);
+        }
         let gap = |((preset, method, kind), (count, first))| Gap { preset, method, kind, count, first };
         gaps.into_iter().map(gap).collect()
+    }
+}
+
+impl Results {
+    /// Whether a row says why a method that evaluates and can be timed has no times.
+    fn has_failed_to_be_timed(&self, row: &TimingRow) -> bool {
+        let is_same_run = |key: &TrialKey| (&key.preset, &key.method) == (&row.key.preset, &row.key.method);
+        let is_evaluated =
+            |trial: &TrialRow| trial.key == row.key && matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
+        !row.is_timed()
+            && !self.provenance.method(&row.key.method).is_some_and(MethodRecord::has_finished_images)
+            && !self.timings.iter().any(|other| other.is_timed() && is_same_run(&other.key))
+            && self.trials.iter().any(is_evaluated)
     }
 }
 
@@ -157,6 +176,9 @@ impl fmt::Display for Gap {
             GapKind::Incomplete => write!(f, "{trials}{of_method} {are} incomplete"),
             GapKind::NonFinite => write!(f, "{targets}{of_method} {have} NaN or infinite samples"),
             GapKind::EmptyRender => write!(f, "{trials}{of_method} {render} no Gaussian in any target"),
+            GapKind::Untimed => {
+                write!(f, "{trials}{of_method} {have} no times, because they failed in the timing pass")
+            }
         }?;
         write!(f, ": {first}")
     }
@@ -167,7 +189,8 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::{MethodRecord, PresetRecord, SkippedEntry, TrialKey, TrialRow, WarningCount};
+    use crate::sample_rows::timing;
+    use crate::{PresetRecord, SkippedEntry, WarningCount};
 
     fn trial(method: &str, scene: &str) -> TrialRow {
         serde_json::from_value(json!({
@@ -255,6 +278,33 @@ mod tests {
 
     fn method(name: &str) -> MethodRecord {
         MethodRecord { name: name.to_owned(), ..MethodRecord::default() }
+    }
+
+    /// Under the first protocol no trial could be timed, under the second one could. The other methods cannot be timed: the first
+    /// imports images, the second does not support the trial, whose evaluation says so.
+    #[test]
+    fn a_method_that_fails_in_the_timing_pass_is_a_gap() {
+        let mut results = Results::default();
+        let imported = MethodRecord { kind: "renders".to_owned(), ..method("imported") };
+        results.provenance.methods = vec![method("mine"), imported, method("another")];
+        results.trials = ["mine", "imported", "another"].map(|name| trial(name, "a")).to_vec();
+        results.trials[2].status = TrialStatus::NotApplicable;
+        let of_second = TrialRow {
+            key: TrialKey { preset: "q".to_owned(), ..results.trials[0].key.clone() },
+            ..trial("mine", "a")
+        };
+        results.trials.push(of_second);
+        let failed = |row: &TrialRow| TimingRow {
+            key: row.key.clone(),
+            detail: Some("it ended with exit status: 9".to_owned()),
+            ..timing("", "", &[], &[])
+        };
+        results.timings = results.trials.iter().map(failed).collect();
+        let of_another_scene = TrialKey { scene: "b".to_owned(), ..results.trials[3].key.clone() };
+        results.timings.push(TimingRow { key: of_another_scene, ..timing("", "", &[], &[1.0]) });
+        let expected = "p: 1 trial of mine has no times, because they failed in the timing pass: scene a, entry 0: it ended with \
+                        exit status: 9";
+        assert_eq!(lines(&results), [expected]);
     }
 
     /// Killed after two of three entries under the second method, so that the third has no row anywhere.

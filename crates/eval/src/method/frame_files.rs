@@ -79,6 +79,18 @@ impl FrameFiles {
         (!found.is_empty() && found == expected).then(|| found.into_iter().collect())
     }
 
+    /// What the numbers of files that are not those of the frames may count instead; empty if nothing is known.
+    pub(super) fn numbering_hint(&self, frames: &[usize]) -> &'static str {
+        let found = self.folders.iter().flat_map(|listed| listed.names.keys());
+        if self.one_higher.is_some() {
+            ": the files' numbers are each one more, and frames are numbered from 0"
+        } else if !frames.is_empty() && found.copied().eq(0..frames.len()) {
+            ": the files are numbered by the position among the targets, and expected by frame"
+        } else {
+            ""
+        }
+    }
+
     /// The name of one of the frames' files, and the position of its folder; `None` if there is none.
     ///
     /// # Errors

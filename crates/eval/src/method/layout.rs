@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 
+use super::frame_files::FrameFiles;
 use super::scene_names::SceneNames;
 use super::{below, is_absent};
 use crate::EvalError;
@@ -115,9 +116,10 @@ impl FoundFiles {
             ),
             Found::WithoutFiles(scene, frames) => {
                 let colour = scene.join("color");
-                let (listed, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
-                let (folder, content) = (listed.display(), content(listed));
-                format!("no such file in the folder of a scene: {folder} {content}{frames}")
+                let listed = if colour.is_dir() { &colour } else { scene };
+                let hint = FrameFiles::of([listed.clone()], frames.iter().copied()).numbering_hint(frames);
+                let (folder, content, frames) = (listed.display(), content(listed), frames_as_text(frames));
+                format!("no such file in the folder of a scene: {folder} {content}{frames}{hint}")
             }
             Found::Nothing => format!("none of {requested} scenes there; the folder {}", content(&self.folder)),
         };
@@ -261,7 +263,7 @@ mod tests {
     #[test]
     fn frames_that_a_scenes_folder_lacks_are_named() {
         let folder = tempfile::tempdir().unwrap();
-        for file in ["b-0/2.png", "b-0/0.png", "c/color/000028.jpg"] {
+        for file in ["b-0/2.png", "b-0/0.png", "c/color/000028.jpg", "d/0.png", "d/1.png", "e/29.png", "e/66.png"] {
             let path = folder.path().join(file);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, "").unwrap();
@@ -280,7 +282,17 @@ mod tests {
         let jpegs = format!("{said}c/color contains 000028.jpg, and the frames are 28, 65, 83, 90, 91, 92 and 2 more");
         assert_eq!(why(&["c"], &many), jpegs);
         assert_eq!(why(&["b"], &[]), format!("{said}b-0 contains 0.png, 2.png"));
-        assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder contains b-0, c");
+        assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder contains b-0, c, d, e");
+        let one_higher = ": the files' numbers are each one more, and frames are numbered from 0";
+        assert_eq!(
+            why(&["e"], &[65, 28]),
+            format!("{said}e contains 29.png, 66.png, and the frames are 65, 28{one_higher}")
+        );
+        let counted = ": the files are numbered by the position among the targets, and expected by frame";
+        assert_eq!(
+            why(&["d"], &[28, 65]),
+            format!("{said}d contains 0.png, 1.png, and the frames are 28, 65{counted}")
+        );
     }
 
     /// Their names alone would be those that are asked for.

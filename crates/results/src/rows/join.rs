@@ -135,7 +135,7 @@ impl Provenance {
             Some(known) => {
                 known.take_statements_of(&method);
                 let method = method.with_statements_of(known);
-                check_same("methods", Some(&known.name), known, &method, NOT_RESUMED)?;
+                check_same("methods", Some(&known.name), known, &method, OTHER_METHOD)?;
             }
             None => self.methods.push(method),
         }
@@ -181,6 +181,8 @@ impl MethodRecord {
     }
 }
 
+const OTHER_METHOD: &str = "; its existing results cannot be resumed: choose another name for the method (--name, or NAME= before it), or \
+                            another folder for the results";
 const NOT_RESUMED: &str = "; the existing results cannot be resumed: choose another folder for the new results";
 const BETWEEN_PROCESSORS: &str = "; ";
 
