@@ -6,7 +6,8 @@ use std::fmt;
 use atsplat_numeric::counted;
 use atsplat_protocol::ForeignEntries;
 
-use crate::{MethodRecord, Results, RunWarning, TargetStatus, TimingRow, TrialKey, TrialRow, TrialStatus};
+use crate::times::TimingRow;
+use crate::{MethodRecord, Results, RunWarning, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// Something that results are missing, with all its cases under one protocol and method.
 #[derive(Clone, Debug, PartialEq, Eq)]

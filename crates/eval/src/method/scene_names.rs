@@ -140,10 +140,10 @@ mod tests {
         };
         let of = |indices: &[&EvaluationIndex]| SceneNames::default().among(indices);
         let (one, two) = (with(1), with(2));
-        assert_eq!(of(&[&one]).of("room", 0), ["room", "room-0"]);
+        assert_eq!(of(&[&one]).accepted("room", 0), ["room", "room-0"]);
         for several in [of(&[&two]), of(&[&two, &one]), of(&[&one, &two])] {
-            assert_eq!([several.of("room", 0), several.of("room", 1)], [["room-0"], ["room-1"]]);
-            assert_eq!(several.of("hall", 0), ["hall", "hall-0"]);
+            assert_eq!([several.accepted("room", 0), several.accepted("room", 1)], [["room-0"], ["room-1"]]);
+            assert_eq!(several.accepted("hall", 0), ["hall", "hall-0"]);
             assert_eq!(several.request("room", 1), "an index of this run has 2 entries of the scene: entry 1 needs");
             assert_eq!([several.request("hall", 0), several.example("hall")], ["expected", "hall"]);
             let example = "room-0, for the first of the 2 entries that an index of this run has of room";
@@ -157,12 +157,12 @@ mod tests {
         let folder = root.path().join("images/preset/method");
         std::fs::create_dir_all(&folder).unwrap();
         let known = names(&["room", "room-0", "A"]);
-        assert_eq!(known.below(&folder).of("room", 0), ["room"], "no store");
+        assert_eq!(known.below(&folder).accepted("room", 0), ["room"], "no store");
         std::fs::write(root.path().join(PROVENANCE), "{}").unwrap();
         let stored = known.below(&folder);
-        assert_eq!([stored.of("room", 0), stored.of("room-0", 0)], [["room-0"], ["room-0-0"]]);
+        assert_eq!([stored.accepted("room", 0), stored.accepted("room-0", 0)], [["room-0"], ["room-0-0"]]);
         assert!(stored.may_be_of("room", "room-0"));
-        assert_eq!(stored.of("A", 2), [format!("{}-2", file_name("A"))]);
-        assert_eq!(stored.below(&folder.join("..")).of("room", 0), ["room"], "the folder above it");
+        assert_eq!(stored.accepted("A", 2), [format!("{}-2", file_name("A"))]);
+        assert_eq!(stored.below(&folder.join("..")).accepted("room", 0), ["room"], "the folder above it");
     }
 }

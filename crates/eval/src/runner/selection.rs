@@ -132,7 +132,7 @@ mod tests {
         reversed.scenes.reverse();
         let keys = ["s2", "s0", "s1"].map(str::to_owned);
         let of = |index: &EvaluationIndex, keys: &[String], limit, shard| {
-            Selection { limit, shard }.of(index, keys).scenes_sha256
+            Selection { limit, shard }.select(index, keys).scenes_sha256
         };
         let whole = of(&index, &keys, None, None);
         assert_eq!(whole, Sha256Digest::of(b"s0\ns1\ns2\ns2\ns0\ns1\n"));
