@@ -77,6 +77,8 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
+    use atsplat_pixels::{ImageU8, encode_png};
+
     use super::*;
     use crate::colmap::{ColmapOptions, ColmapScenes};
     use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes};
@@ -169,8 +171,11 @@ mod tests {
         let of_captures =
             |number: u32| ["nerfstudio", "colmap"].map(|format| format!("{format}/s/images/{number}.png"));
         let of_times = [0, 50_000, 100_000].map(|time: u32| format!("re10k/s/{time}.png"));
-        for image in [2, 9, 10].into_iter().flat_map(of_captures).chain(of_times) {
-            write(&image, "not decoded");
+        let image = encode_png(&ImageU8::new(200, 100, vec![9; 60_000]).unwrap()).unwrap();
+        for name in [2, 9, 10].into_iter().flat_map(of_captures).chain(of_times) {
+            let path = folder.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, &image).unwrap();
         }
         let trajectories = open(folder.join("re10k"), &mut Warnings::new()).unwrap();
         export_chunks(&trajectories, &folder.join("torch"), 1, &mut Warnings::new(), &|| ()).unwrap();
