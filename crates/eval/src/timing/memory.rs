@@ -30,16 +30,21 @@ pub(crate) fn status_bytes(status: &str, field: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
+    /// Other tests of this process may free as much at the same moment, but not every time.
     #[test]
     fn the_peak_includes_an_allocation_after_a_reset() {
         if peak_bytes().is_none() || !reset_peak() {
             return;
         }
-        let before = peak_bytes().unwrap();
-        let held = vec![1u8; 64 << 20];
-        let with = peak_bytes().unwrap();
-        assert_eq!(held.iter().map(|&byte| usize::from(byte)).sum::<usize>(), 64 << 20);
-        assert!(with >= before + (60 << 20), "{before} {with}");
+        let grows = |_| {
+            assert!(reset_peak());
+            let before = peak_bytes().unwrap();
+            let held = vec![1u8; 64 << 20];
+            let with = peak_bytes().unwrap();
+            assert_eq!(held.iter().map(|&byte| usize::from(byte)).sum::<usize>(), 64 << 20);
+            with >= before + (60 << 20)
+        };
+        assert!((0..20).any(grows));
     }
 
     #[test]
