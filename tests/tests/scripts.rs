@@ -172,6 +172,8 @@ fn a_baseline_is_replaced_only_if_a_number_moved() {
     fs::create_dir_all(stage.path("target/release")).unwrap();
     symlink(stage.path("bin/git"), stage.path("target/release/atsplat")).unwrap();
     stage.write("reports/regenerate", &fs::read_to_string(file("reports/regenerate")).unwrap());
+    fs::create_dir_all(stage.path("reports/screenshots")).unwrap();
+    symlink(stage.path("bin/git"), stage.path("reports/screenshots/make")).unwrap();
     // The other baseline does not exist yet.
     stage.write("eval/baselines/quick.json", "{}");
     for (status, succeeds, accepted) in [(0, true, "quick-yards"), (3, true, "quick quick-yards"), (1, false, "")] {
