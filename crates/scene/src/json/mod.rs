@@ -50,12 +50,11 @@ pub(crate) fn has_key(text: &[u8], keys: &[&str]) -> bool {
                 bytes.next();
             }
             (Some(from), b'"') => (start, last) = (None, text.get(from..=at).unwrap_or_default()),
-            (Some(_), _) => {}
             (None, b'"') => start = Some(at),
             (None, b'{' | b'[') => depth += 1,
             (None, b'}' | b']') => depth = depth.saturating_sub(1),
             (None, b':') if depth == 1 && is_one(last) => return true,
-            (None, _) => {}
+            _ => {}
         }
     }
     false
