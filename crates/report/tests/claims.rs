@@ -33,8 +33,17 @@ fn difference_under(
     let [first, second] = rows.map(|(results, method)| (results, query(preset, method, metric)));
     let found = paired_between((first.0, &first.1), (second.0, &second.1), Aggregation::SceneMeans).unwrap();
     assert_eq!((found.scenes, found.targets, found.unpaired), (scenes, targets, 0), "{} and {}", rows[0].1, rows[1].1);
-    let [low, high] = found.interval.unwrap();
-    format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
+    with_interval(found.difference, found.interval.unwrap(), decimals)
+}
+
+/// `+0.194 [+0.147, +0.238]`.
+fn with_interval(value: f64, [low, high]: [f64; 2], decimals: usize) -> String {
+    format!("{value:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]").replace('-', "−")
+}
+
+/// The same in decibels: `+0.194 dB [+0.147, +0.238]`.
+fn in_decibels(interval: &str) -> String {
+    interval.replacen(" [", " dB [", 1)
 }
 
 fn query<'a>(preset: &'a str, method: &'a str, metric: &'static str) -> MetricQuery<'a> {
@@ -188,7 +197,7 @@ fn differences_of_longer_trainings_are_those_of_the_store() {
         difference(rows, "psnr", 3)
     };
     let [straight_through, random] = ["sparse-straight-through-long-1", "sparse-random-long-1"].map(farthest);
-    let largest = format!("{straight_through} and {}", random.replacen(" [", " dB [", 1));
+    let largest = format!("{straight_through} and {}", in_decibels(&random));
     require_lines(vec![largest], |text| readme.contains(text));
 }
 
@@ -198,7 +207,7 @@ fn numbers_of_direct_positions_are_those_of_the_store() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let results = Results::read(&folder().join("anchors-long/store")).unwrap();
     let rows = ["anchor-learnable-long-1", "anchor-direct-xyz-long-1"];
-    let interval = difference(rows.map(|row| (&results, row)), "psnr", 3).replacen(" [", " dB [", 1);
+    let interval = in_decibels(&difference(rows.map(|row| (&results, row)), "psnr", 3));
     let [learnt, none] = rows.map(|row| {
         let found = summary(&results, &query(ROOMS.0, row, "psnr"), Aggregation::SceneMeans);
         format!("{:.2}", found.mean.unwrap())
@@ -250,7 +259,7 @@ fn lines_on_budgets_are_those_of_the_stores() {
     let mut expected = ["0.2 0.2 0.6", "0.6 0.6 0.8", "0.8 0.8 0.9"]
         .map(|quantiles| {
             let row = format!("quantiles {quantiles}");
-            difference([(&thresholds, &row), (&thresholds, "fixed ratios")], "psnr", 3).replacen(" [", " dB [", 1)
+            in_decibels(&difference([(&thresholds, &row), (&thresholds, "fixed ratios")], "psnr", 3))
         })
         .to_vec();
     let steps = |[few, some, many]: [(&Results, &str); 3]| {
@@ -262,8 +271,7 @@ fn lines_on_budgets_are_those_of_the_stores() {
         let bends: Vec<[f64; 2]> =
             scenes.map(|((few, some), many)| [(some.mean - few.mean) - (many.mean - some.mean), 1.0]).collect();
         let mean = bends.iter().map(|[bend, _]| bend).sum::<f64>() / 200.0;
-        let [low, high] = interval_of_mean(&bends).unwrap();
-        format!("{mean:+.3} dB [{low:+.3}, {high:+.3}]")
+        in_decibels(&with_interval(mean, interval_of_mean(&bends).unwrap(), 3))
     };
     let first = read("gaussians");
     let [few, some, many] = ["expansion-sparse-seed-2", "gaussians-seed-2", "anchors-seed-2"].map(read);
@@ -284,14 +292,13 @@ fn lines_on_yards_and_on_views_are_those_of_the_stores() {
         ["expansion-yards", "views"].map(|name| Results::read(&folder().join(name).join("store")).unwrap());
     let on_yards = |above, below| {
         let rows = [(&yards, above), (&yards, below)];
-        difference_under(("yards-2v-64", 200, 600), rows, "psnr", 3).replacen(" [", " dB [", 1)
+        in_decibels(&difference_under(("yards-2v-64", 200, 600), rows, "psnr", 3))
     };
     let of_views = |[more, fewer]: [(&'static str, u64, u64); 2]| {
         let [more, fewer] = [more, fewer].map(|(preset, ..)| query(preset, "atsplat", "psnr"));
         let found = paired_between((&views, &more), (&views, &fewer), Aggregation::SceneMeans).unwrap();
         assert_eq!((found.scenes, found.targets, found.unpaired), (12, 48, 0));
-        let [low, high] = found.interval.unwrap();
-        format!("{:+.2} [{low:+.2}, {high:+.2}]", found.difference).replace('-', "−")
+        with_interval(found.difference, found.interval.unwrap(), 2)
     };
     require_lines(
         vec![
@@ -321,9 +328,7 @@ fn leads_of_offsets_over_rays_by_overlap_are_those_of_the_stores() {
             [&rows[0], &rows[1]].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(ROOMS.0, row, "psnr") });
         let found = lead_along_overlap((&results, &offsets), (&results, &rays)).unwrap();
         assert_eq!(found.scenes, 200, "{store}");
-        let [slope, low, high] =
-            [found.slope, found.interval.unwrap()[0], found.interval.unwrap()[1]].map(|end| end / 10.0);
-        format!("{slope:+.3} dB [{low:+.3}, {high:+.3}]").replace('-', "−")
+        in_decibels(&with_interval(found.slope / 10.0, found.interval.unwrap().map(|end| end / 10.0), 3))
     };
     let expected = vec![slope(1, "anchors"), slope(2, "anchors-seed-2")];
     require_lines(expected, |number| readme.contains(number));
@@ -371,9 +376,7 @@ fn leads_of_the_embedded_network_are_those_of_the_stores() {
             let rows =
                 ["atsplat", "warp"].map(|row| MetricQuery { leaked: Leaked::Excluded, ..query(preset, row, metric) });
             let found = paired_between((&results, &rows[0]), (&results, &rows[1]), Aggregation::SceneMeans).unwrap();
-            let [low, high] = found.interval.unwrap();
-            let text = format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference);
-            (text.replace('-', "−"), found.scenes)
+            (with_interval(found.difference, found.interval.unwrap(), decimals), found.scenes)
         };
         let ((psnr, scenes), (ssim, _)) = (difference("psnr", 2), difference("ssim", 3));
         format!("{scenes} | {psnr} | {ssim} |")
