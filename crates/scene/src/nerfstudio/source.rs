@@ -54,8 +54,9 @@ pub(crate) struct SceneFile {
 }
 
 impl NerfstudioScenes {
-    /// Finds the scenes without reading them. Of two scenes with one key the first is used, with a warning. Subsets whose folders
-    /// cannot be listed are left out; [`crate::open()`] counts them as unreadable scenes.
+    /// Finds the scenes without reading them. Of two scenes with one key, in two subsets, the first is used; the other is a
+    /// [`WarningKind::IgnoredScene`]. Subsets whose folders cannot be listed are left out; [`crate::open()`] counts them as unreadable
+    /// scenes.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`, or without a preferred
@@ -66,8 +67,10 @@ impl NerfstudioScenes {
         scenes.dedup_by(|later, earlier| {
             let same = later.key == earlier.key;
             if same {
-                let detail = format!("{} is used, not {}", earlier.file.display(), later.file.display());
-                warnings.push(WarningKind::DuplicateScene, &later.key, detail);
+                // Nothing says that they are one scene.
+                let (read, other) = (earlier.file.display(), later.file.display());
+                let detail = format!("{other} is not read, because {read} has the same key: rename the folder of one");
+                warnings.push(WarningKind::IgnoredScene, &later.key, detail);
             }
             same
         });

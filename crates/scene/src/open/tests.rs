@@ -283,17 +283,6 @@ fn repeated_images_and_numbers_of_names_are_told_apart() {
 }
 
 #[test]
-fn a_duplicate_scene_is_skipped_with_a_warning() {
-    let json = TRANSFORMS.as_bytes();
-    let folder = folder_of(&[("1K/a/transforms.json", json), ("2K/a/transforms.json", json)]);
-    let mut warnings = Warnings::new();
-    let dataset = open(folder.path(), &mut warnings).unwrap();
-    assert_eq!(dataset.keys(), ["dl3dv_a"]);
-    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(crate::WarningKind::DuplicateScene, 1)]);
-    assert!(warnings.kept()[0].detail.contains("2K"), "{:?}", warnings.kept());
-}
-
-#[test]
 fn a_second_trajectory_of_one_key_is_skipped_with_a_warning() {
     let second = TRAJECTORY.replace("\n1 ", "\n2 ");
     let folder = folder_of(&[

@@ -378,6 +378,27 @@ fn a_subset_that_cannot_be_listed_leaves_the_others_usable() {
     assert!(error.contains("a folder without these; listing a folder: "), "{error}");
 }
 
+/// Two captures of one name are two scenes, of which one is lost: an ignored scene fails under `--strict`.
+#[test]
+fn a_scene_whose_name_another_subset_has_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |scene: &str| folder.path().join(scene).join("transforms.json");
+    for (scene, focal) in [("2K/a", 8), ("1K/a", 16), ("2K/b", 16)] {
+        let transforms = capture(json!({ "w": 16, "h": 12, "fl_x": focal }), &[("images/a.png", json!({}))]);
+        fs::create_dir_all(folder.path().join(scene)).unwrap();
+        fs::copy(transforms.path().join("transforms.json"), file(scene)).unwrap();
+    }
+    let mut warnings = Warnings::new();
+    let dataset = crate::open(folder.path(), &mut warnings).unwrap();
+    assert_eq!(dataset.keys(), ["dl3dv_a", "dl3dv_b"]);
+    let read = dataset.load("dl3dv_a", &mut Warnings::new()).unwrap();
+    Tolerance::F64.assert([read.frames[0].camera.intrinsics.fx], [1.0], "that of 1K");
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::IgnoredScene, 1)]);
+    let [read, left] = ["1K/a", "2K/a"].map(|scene| file(scene).display().to_string());
+    let expected = format!("dl3dv_a: {left} is not read, because {read} has the same key: rename the folder of one");
+    assert_eq!(warnings.kept()[0].to_string(), expected);
+}
+
 /// The time of day and milliseconds of Pixel phones: as microseconds, a walk of 0.3 s.
 #[test]
 fn numbers_in_names_are_not_times() {
