@@ -59,7 +59,11 @@ pub(crate) fn transforms_in(scene: &Path, prefer_undistorted: bool) -> Option<Pa
     let mut layouts = LAYOUTS;
     // Stable: the others stay in their order.
     layouts.sort_by_key(|layout| prefer_undistorted && !layout.is_undistorted);
-    layouts.iter().map(|layout| layout.file_in(scene)).find(|file| file.is_file())
+    let opened = absolute(scene);
+    // ScanNet++'s folder of both files may be opened itself: the one of fisheyes is named like that of any scene.
+    let own = layouts.iter().filter(|layout| layout.images.is_some() && opened.ends_with(layout.folder));
+    let own = own.map(|layout| scene.join(layout.file));
+    own.chain(layouts.iter().map(|layout| layout.file_in(scene))).find(|file| file.is_file())
 }
 
 /// Whether a file may be that of a scene, by its name.
@@ -159,9 +163,11 @@ mod tests {
             ("", "old", fisheyes, 0.375),
             ("new", "new", undistorted, 0.5),
             ("new/dslr", "new", undistorted, 0.5),
+            ("new/dslr/nerfstudio", "new", undistorted, 0.5),
             ("new/dslr/nerfstudio/transforms_undistorted.json", "new", undistorted, 0.5),
             ("new/dslr/nerfstudio/transforms.json", "new", "new/dslr/resized_images", 0.375),
             ("old/dslr", "old", fisheyes, 0.375),
+            ("old/dslr/nerfstudio", "old", fisheyes, 0.375),
         ] {
             let (scene, warnings) = load(&folder.path().join(opened), key, false).unwrap();
             let image = scene.frames[1].image.file().unwrap();
@@ -180,7 +186,7 @@ mod tests {
     #[test]
     fn without_undistorted_images_preferring_them_is_an_error() {
         let folder = scannetpp();
-        for (opened, key) in [("", "new"), ("new/dslr", "new"), ("", "old")] {
+        for (opened, key) in [("", "new"), ("new/dslr", "new"), ("new/dslr/nerfstudio", "new"), ("", "old")] {
             assert!(load(&folder.path().join(opened), key, true).is_ok(), "{opened}");
         }
         let error = load(&folder.path().join("old"), "old", true).unwrap_err().to_string();
