@@ -5,7 +5,7 @@ use atsplat_files::without_byte_order_mark;
 use serde_json::{Map, Value};
 
 use super::LensFields;
-use super::unread_fields::{require_one_pose, require_opengl_axes, unread_fields, unread_test_frames};
+use super::unread_fields::{require_one_pose, require_opengl_axes, stated_split, unread_fields, unread_test_frames};
 use crate::SceneError;
 use crate::json::shown;
 
@@ -30,6 +30,9 @@ pub struct Transforms {
     pub unread_fields: Vec<&'static str>,
     /// Number of entries of `test_frames` (`ScanNet++`) that are not among the frames: they are not read.
     pub test_frames: usize,
+    /// Names of the lists of the file's split (nerfstudio's `train_filenames`, `val_filenames`, `test_filenames`) and their numbers of
+    /// images, without empty ones: the split is not used.
+    pub split: Vec<(&'static str, usize)>,
 }
 
 /// One entry of `frames`.
@@ -97,6 +100,7 @@ fn read(value: &Value, path: &Path) -> Result<Transforms, SceneError> {
         applied_transform: root.value("applied_transform").map(|_| root.matrix("applied_transform")).transpose()?,
         applied_scale: root.number("applied_scale")?,
         unread_fields: unread_fields(&root),
+        split: stated_split(&root),
     })
 }
 

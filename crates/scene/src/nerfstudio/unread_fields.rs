@@ -24,6 +24,9 @@ const IS_BAD: &str = "is_bad";
 /// Frames that `ScanNet++` lists next to `frames`.
 const TEST_FRAMES: &str = "test_frames";
 
+/// Nerfstudio's images for training, validation and tests (`data/dataparsers/nerfstudio_dataparser.py`).
+const SPLIT: [&str; 3] = ["train_filenames", "val_filenames", "test_filenames"];
+
 /// An error for a coefficient that is not zero and that no supported lens has.
 pub(super) fn require_no_other_coefficients(object: &Object<'_>) -> Result<(), SceneError> {
     for name in COEFFICIENTS {
@@ -77,6 +80,12 @@ pub(super) fn unread_test_frames(root: &Object<'_>, frames: &[ListedFrame]) -> u
     entries.map_or(0, |entries| entries.iter().filter(|entry| !is_read(entry)).count())
 }
 
+/// The lists of a split that have images, each with the number of them.
+pub(super) fn stated_split(root: &Object<'_>) -> Vec<(&'static str, usize)> {
+    let images = |name: &str| root.value(name).and_then(Value::as_array).map_or(0, Vec::len);
+    SPLIT.into_iter().map(|name| (name, images(name))).filter(|(_, count)| *count > 0).collect()
+}
+
 /// Warns about each field that is not read, with the number of frames that it is about.
 pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings: &mut Warnings) {
     for name in NOTATIONS.into_iter().chain([MASK, ROLLING_SHUTTER, IS_BAD]) {
@@ -98,6 +107,12 @@ pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings:
     if transforms.test_frames > 0 {
         let count = transforms.test_frames;
         let detail = format!("{TEST_FRAMES} is not read: {count} more frames; positions count frames alone");
+        warnings.push(WarningKind::UnreadField, key, detail);
+    }
+    if !transforms.split.is_empty() {
+        let lists: Vec<String> = transforms.split.iter().map(|(name, count)| format!("{name} ({count})")).collect();
+        let detail =
+            format!("{}: the file's split is not used; indices and sampling rules choose frames", lists.join(", "));
         warnings.push(WarningKind::UnreadField, key, detail);
     }
 }
@@ -176,6 +191,22 @@ mod tests {
         assert_eq!(reported(&appended, [&none; 3]), expected, "the last one is a frame");
         for without in [json!([]), Value::Null] {
             assert_eq!(reported(&json!({ "fl_x": 9.0, "test_frames": without }), [&none, &tests, &none]), [""; 0]);
+        }
+    }
+
+    /// Of the root alone; one list is empty, and another none.
+    #[test]
+    fn a_split_of_the_file_is_counted() {
+        let none = json!({});
+        let split = json!({
+            "fl_x": 9.0, "test_filenames": ["a.png"], "train_filenames": ["a.png", "b.png"], "val_filenames": []
+        });
+        let expected = "train_filenames (2), test_filenames (1): the file's split is not used; indices and sampling rules \
+                        choose frames";
+        assert_eq!(reported(&split, [&none; 3]), [expected]);
+        for without in [json!([]), Value::Null, json!("a.png")] {
+            let without = json!({ "fl_x": 9.0, "train_filenames": without });
+            assert_eq!(reported(&without, [&none, &split, &none]), [""; 0]);
         }
     }
 
