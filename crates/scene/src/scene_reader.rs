@@ -164,7 +164,8 @@ mod tests {
         let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
         let frame = |at: u32| format!(r#"{{"file_path": "images/{at}.png", "transform_matrix": {pose}}}"#);
         let frames = [2, 9, 10].map(frame).join(", ");
-        write("nerfstudio/s/transforms.json", &format!(r#"{{"w": 200, "h": 100, "fl_x": 80, "frames": [{frames}]}}"#));
+        let lens = r#""w": 200, "h": 100, "fl_x": 80, "cx": 100, "cy": 50"#;
+        write("nerfstudio/s/transforms.json", &format!(r#"{{{lens}, "frames": [{frames}]}}"#));
         write("colmap/s/sparse/0/cameras.txt", "1 PINHOLE 200 100 80 80 100 50\n");
         let image = |at: u32| format!("{at} 1 0 0 0 0 0 0 1 {at}.png\n\n");
         write("colmap/s/sparse/0/images.txt", &[2, 9, 10].map(image).concat());

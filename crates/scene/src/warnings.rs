@@ -47,6 +47,9 @@ pub enum WarningKind {
     ImplausibleIntrinsics,
     /// A field of view that contradicts the focal length in pixels or the other field of view in the file, which is used.
     ContradictoryFieldOfView,
+    /// A `transforms.json` states a focal length in pixels and no principal point: the centre is used, as by instant-ngp; nerfstudio
+    /// requires `cx` and `cy`.
+    AssumedPrincipalPoint,
     /// A field of a `transforms.json` about frames, images or intrinsics that is not read, such as `mask_path`, or a mask next to
     /// an image.
     UnreadField,

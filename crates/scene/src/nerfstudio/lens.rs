@@ -65,6 +65,8 @@ pub(super) struct ResolvedLens {
     pub(super) size: Option<ImageSize>,
     /// How a focal length differs from the field of view that is also stated.
     pub(super) contradiction: Option<String>,
+    /// Whether a focal length is in pixels and no principal point is stated. Files with a field of view alone mean the centre.
+    pub(super) assumes_centre: bool,
 }
 
 impl LensFields {
@@ -213,6 +215,7 @@ impl LensFields {
             distortion: self.distortion().map_err(unsupported)?,
             size: whole_size(width, height),
             contradiction: self.contradiction(width, height),
+            assumes_centre: self.cx.is_none() && self.states_pixels(),
         })
     }
 

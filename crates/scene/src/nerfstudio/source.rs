@@ -182,6 +182,7 @@ fn frames(
 ) -> Result<Vec<Frame>, SceneError> {
     let mut frames = Vec::with_capacity(images.len());
     let mut contradictions = Vec::new();
+    let mut centred = Vec::new();
     let mut paths_of: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     for frame in &transforms.frames {
         paths_of.entry(stem(&frame.file_path)).or_default().insert(below_images(&frame.file_path));
@@ -200,6 +201,7 @@ fn frames(
         let is_repeated = paths_of.get(stem).is_some_and(|paths| paths.len() > 1);
         let name = if is_repeated { below_images(&listed.file_path) } else { stem.to_owned() };
         contradictions.extend(lens.contradiction.map(|detail| format!("first {at}: {detail}")));
+        centred.extend(lens.assumes_centre.then_some(at));
         frames.push(Frame {
             timestamp_micros: stem.rsplit('_').next().and_then(|number| number.parse().ok()),
             name,
@@ -211,6 +213,12 @@ fn frames(
     if let Some(first) = contradictions.first() {
         let detail = format!("{} of {} frames, {first}", contradictions.len(), frames.len());
         warnings.push(WarningKind::ContradictoryFieldOfView, key, detail);
+    }
+    if let Some(first) = centred.first() {
+        let (count, frames, file) = (centred.len(), frames.len(), file.display());
+        let detail =
+            format!("{count} of {frames} frames, first {first}: cx and cy are not stated; the centre is used ({file})");
+        warnings.push(WarningKind::AssumedPrincipalPoint, key, detail);
     }
     Ok(frames)
 }

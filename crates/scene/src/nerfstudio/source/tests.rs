@@ -215,6 +215,29 @@ fn half_a_principal_point_is_an_error() {
     }
 }
 
+/// As instant-ngp reads such files, and Blender's, which state a field of view.
+#[test]
+fn a_principal_point_that_is_assumed_is_counted() {
+    let said = |lens: Value, frames: [Value; 3]| {
+        let folder = capture(lens, &frames.map(|fields| ("images/a.png", fields)));
+        write_image(&folder, "images/a.png", [16, 12]);
+        let (_, warnings) = load(&folder, ImageFolder::Listed).unwrap();
+        let of_kind = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::AssumedPrincipalPoint);
+        let file = format!(" ({})", folder.path().join("transforms.json").display());
+        of_kind.map(|warning| warning.detail.replace(&file, "")).collect::<Vec<_>>()
+    };
+    let none = || [json!({}), json!({}), json!({})];
+    let all = "3 of 3 frames, first 0: cx and cy are not stated; the centre is used";
+    assert_eq!(said(json!({ "w": 16, "h": 12, "fl_x": 9 }), none()), [all]);
+    assert_eq!(said(json!({ "w": 16, "h": 12, "fl_y": 9 }), none()), [all]);
+    let of_frames = [json!({ "cx": 8, "cy": 6 }), json!({}), json!({ "fl_x": 8 })];
+    let later = "1 of 3 frames, first 2: cx and cy are not stated; the centre is used";
+    assert_eq!(said(json!({ "w": 16, "h": 12, "camera_angle_x": 1.0 }), of_frames), [later]);
+    for stated in [json!({ "fl_x": 9, "cx": 8, "cy": 6 }), json!({ "camera_angle_x": 1.0 })] {
+        assert_eq!(said(stated, none()), [""; 0]);
+    }
+}
+
 /// A fisheye's angle belongs to no one definition of the focal length.
 #[test]
 fn a_fisheye_needs_a_focal_length_in_pixels() {
@@ -242,7 +265,7 @@ fn a_fisheye_needs_a_focal_length_in_pixels() {
 fn images_in_formats_that_are_not_decoded_are_found() {
     let frames =
         ["images/a.tif", "images/b.HEIC", "images/c.tif", "images/d.jpg", "images/e"].map(|path| (path, json!({})));
-    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16 }), &frames);
+    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16, "cx": 8, "cy": 6 }), &frames);
     for name in ["a.jpg", "c.jpg"] {
         write_image(&folder, &format!("images/{name}"), [16, 12]);
     }
@@ -263,7 +286,7 @@ fn images_in_formats_that_are_not_decoded_are_found() {
 #[test]
 fn a_name_without_extension_that_fits_two_images_is_counted() {
     let frames = ["images/a", "images/b", "images/c.png"].map(|path| (path, json!({})));
-    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16 }), &frames);
+    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16, "cx": 8, "cy": 6 }), &frames);
     for name in ["a.jpg", "a.png", "b.png", "c.jpg", "c.png"] {
         write_image(&folder, &format!("images/{name}"), [16, 12]);
     }
@@ -277,7 +300,9 @@ fn a_name_without_extension_that_fits_two_images_is_counted() {
 /// The copy's size is not the one that lengths in pixels refer to; that of the listed folder is.
 #[test]
 fn the_size_for_a_scaled_copy_is_that_of_the_listed_images() {
-    for (lens, fx) in [(json!({ "camera_angle_x": FRAC_PI_2 }), 0.5), (json!({ "fl_x": 120 }), 0.75)] {
+    for (lens, fx) in
+        [(json!({ "camera_angle_x": FRAC_PI_2 }), 0.5), (json!({ "fl_x": 120, "cx": 80, "cy": 48 }), 0.75)]
+    {
         let folder = capture(lens, &[("images/a.png", json!({}))]);
         write_image(&folder, "images_4/a.png", [40, 24]);
         let error = load(&folder, ImageFolder::Downscaled(4)).unwrap_err().to_string();
