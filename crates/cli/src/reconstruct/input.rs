@@ -177,10 +177,33 @@ pub(crate) fn scene(
     Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }
 
-/// The selected frames of a scene. Ranges leave out those whose photo is missing, of which [`scene`] warns.
+/// The selected frames of a scene. Ranges leave out those without a photo or a usable pose, of which [`scene`] warns.
 pub(crate) fn selected(selection: &FrameSelection, scene: &Scene) -> anyhow::Result<Vec<usize>> {
-    let has_photo = |at: usize| scene.frames.get(at).is_some_and(|frame| !frame.image.is_missing());
-    let picked = selection.of_available(scene.frames.len(), has_photo)?;
-    ensure!(!picked.is_empty(), "none of these frames has a photo");
+    let is_usable = |frame: &Frame| !frame.image.is_missing() && frame.has_pose();
+    let picked = selection.of_available(scene.frames.len(), |at| scene.frames.get(at).is_some_and(is_usable))?;
+    ensure!(!picked.is_empty(), "none of these frames has a photo and a usable pose");
     Ok(picked)
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+
+    use super::*;
+
+    /// Of frames that are named one by one, the error names the one that cannot be used.
+    #[test]
+    fn ranges_leave_out_frames_without_a_photo_or_a_usable_pose() {
+        let photo = |at: usize| FrameImage::File(format!("{at}.png").into());
+        let camera = Camera::pinhole(CameraFromWorld::IDENTITY, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let images =
+            [photo(0), FrameImage::Missing("1.png".into()), photo(2), photo(3).unposed("no rotation"), photo(4)];
+        let frame = |image| Frame { name: String::new(), timestamp_micros: None, camera, stated_size: None, image };
+        let scene = Scene { key: "s".to_owned(), url: None, frames: images.map(frame).to_vec() };
+        let picked = |selection: &str| selected(&selection.parse().unwrap(), &scene);
+        assert_eq!(picked("..").unwrap(), [0, 2, 4]);
+        assert_eq!(picked("3,0..3").unwrap(), [3, 0, 2]);
+        let error = picked("3..4").unwrap_err().to_string();
+        assert_eq!(error, "none of these frames has a photo and a usable pose");
+    }
 }

@@ -53,6 +53,7 @@ impl Plan<'_> {
             index.entries().count() > 0 && self.selected(dataset).missing.len() < index.scene_count()
         };
         let unreadable = [
+            SkipReason::PoseUnusable.name(),
             SkipReason::ImageUnreadable.name(),
             DropReason::Unreadable.name(),
             DropReason::ImageMissing.name(),

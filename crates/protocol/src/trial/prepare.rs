@@ -191,6 +191,11 @@ impl<'a> Views<'a> {
                 let detail = format!("frame {position} of {}", scene.frames.len());
                 Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
+            frame.require_pose(&scene.key, *position).map_err(|error| Rejection {
+                reason: SkipReason::PoseUnusable,
+                detail: error.to_string(),
+                frame: Some(*position),
+            })?;
             View::of(*position, frame, header.clone(), recipe, &mut plans)
         };
         let context = entry.context.iter().map(&mut view).collect::<Result<_, _>>()?;

@@ -13,6 +13,8 @@ pub enum SkipReason {
     NullEntry,
     /// A reason for which the published loaders drop it too.
     Dropped(DropReason),
+    /// A frame has no usable pose: it is not finite or not a rotation.
+    PoseUnusable,
     /// An image's header cannot be read.
     ImageUnreadable,
     /// An image does not match its camera's intrinsics.
@@ -31,6 +33,7 @@ impl SkipReason {
         match self {
             Self::NullEntry => "null-entry",
             Self::Dropped(reason) => reason.name(),
+            Self::PoseUnusable => "pose-unusable",
             Self::ImageUnreadable => "image-unreadable",
             Self::ImageMisfit => "image-misfit",
             Self::Preprocessing => "preprocessing",
@@ -127,6 +130,7 @@ mod tests {
         let listed = page.lines().skip_while(|line| *line != "| reason | what was found |").skip(2);
         let listed: Vec<&str> = listed.map_while(|line| line.strip_prefix("| `")?.split('`').next()).collect();
         let of_entries = [
+            SkipReason::PoseUnusable,
             SkipReason::ImageUnreadable,
             SkipReason::ImageMisfit,
             SkipReason::Preprocessing,

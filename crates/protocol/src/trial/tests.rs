@@ -1,5 +1,6 @@
 mod prefetch;
 mod targets;
+mod unposed;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

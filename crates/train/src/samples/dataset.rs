@@ -250,9 +250,6 @@ impl DatasetSource {
         let entry = self.config.views.draw(&SceneViews { key, cameras: &cameras }, step, random);
         let entry = entry.map_err(|error| format!("{key}: {error}"))?;
         let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
-        // Their scene was loaded with a warning, and their images may be fine.
-        let unposed = scene.frames.iter().enumerate().filter(|(_, frame)| !frame.has_pose());
-        let unposed: BTreeSet<usize> = unposed.map(|(at, _)| at).collect();
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
         let one = Arc::new(OneScene::new(scene));
         let mut trials = Trials::new(one, &index, self.recipe.clone(), Prefetch::NONE);
@@ -261,8 +258,8 @@ impl DatasetSource {
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
             Some(Err(skipped)) => {
-                let has_pose = skipped.frame.is_none_or(|frame| !unposed.contains(&frame));
-                if skipped.reason == SkipReason::ImageUnreadable && has_pose {
+                // Of an unusable pose, the scene was loaded with a warning.
+                if skipped.reason == SkipReason::ImageUnreadable {
                     self.count_unreadable(key, &skipped.detail);
                 }
                 return Err(format!("{name}: {}: {}", skipped.reason.name(), skipped.detail));

@@ -113,6 +113,7 @@ fn entries_without_a_trial_are_a_difference_unless_a_published_filter_drops_them
     let lost = [
         ("re10k-2v-256", "image-size"),
         ("re10k-2v-256", "image-missing"),
+        ("re10k-2v-256", "pose-unusable"),
         ("re10k-2v-256", "image-unreadable"),
         ("re10k-2v-256", "image-misfit"),
         ("re10k-2v-256", "unreadable"),
