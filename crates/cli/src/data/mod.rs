@@ -12,9 +12,9 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict, done};
 
-const INSPECT_STRICT: &str = "Exit with code 4 if scenes cannot be read, rows seem to be lost or wrong, or images are \
-                              missing, empty, cut short, cannot be read or do not fit their cameras, or a simulation into \
-                              the folder has not ended";
+const INSPECT_STRICT: &str = "Exit with code 4 if scenes cannot be read, rows seem to be lost or wrong, a scene's cameras are all \
+                              in one place, or images are missing, empty, cut short, cannot be read or do not fit their \
+                              cameras, or a simulation into the folder has not ended";
 
 const EXPORT_STRICT: &str =
     "Exit with code 4 if scenes were skipped, or an image in a chunk is cut short or cannot be read";

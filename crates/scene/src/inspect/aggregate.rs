@@ -17,6 +17,7 @@ const EXAMPLES: usize = 3;
 pub(super) struct Aggregate {
     /// [`Inspection::repeated_numbers`].
     pub(super) repeated_numbers: u64,
+    scenes_in_one_place: u64,
     scenes: Vec<SceneSummary>,
     images: ImageCounts,
     lenses: LensCounts,
@@ -39,6 +40,7 @@ impl Aggregate {
         let of_scene = |read: fn(&[f64; FrameMeasure::MOTION]) -> f64| {
             median(motion.iter().map(read).filter(|value| value.is_finite()))
         };
+        self.scenes_in_one_place += u64::from(measure.is_in_one_place);
         self.images = self.images.plus(measure.images);
         self.lenses = self.lenses.plus(measure.lenses);
         add(&mut self.sizes, &measure.sizes);
@@ -85,6 +87,7 @@ impl Aggregate {
             },
             problems: problems(warnings),
             repeated_numbers: self.repeated_numbers,
+            scenes_in_one_place: self.scenes_in_one_place,
             per_scene: if per_scene { self.scenes } else { Vec::new() },
         }
     }

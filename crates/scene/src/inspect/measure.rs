@@ -5,7 +5,7 @@ use atsplat_numeric::Extremes;
 use glam::DVec3;
 
 use super::check::{image_cut_short, is_empty_file, mixed_sizes};
-use super::still_cameras::still_cameras;
+use super::still_cameras::{is_in_one_place, still_cameras};
 use super::unlisted::report_unlisted;
 use super::{ImageCounts, LensCounts, SizeSampling};
 use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
@@ -20,6 +20,7 @@ pub(super) struct SceneMeasure {
     pub(super) frames: Vec<FrameMeasure>,
     pub(super) extent: Option<f64>,
     pub(super) path_length: f64,
+    pub(super) is_in_one_place: bool,
 }
 
 /// The numbers of one frame.
@@ -64,6 +65,7 @@ impl SceneMeasure {
             frames,
             extent: extent(&poses.into_iter().flatten().collect::<Vec<_>>()),
             path_length,
+            is_in_one_place: is_in_one_place(scene),
         };
         let with_image = measure.count(scene, warnings);
         measure.read_headers(&scene.key, &with_image, sampling, warnings);

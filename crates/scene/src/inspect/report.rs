@@ -33,18 +33,22 @@ pub struct Inspection {
     /// captures.
     #[serde(skip)]
     pub repeated_numbers: u64,
+    /// How many of the scenes with a [`WarningKind::RepeatedPose`] have all cameras in one place, of at least three.
+    #[serde(skip)]
+    pub scenes_in_one_place: u64,
     /// One entry per scene, if requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_scene: Vec<SceneSummary>,
 }
 
 impl Inspection {
-    /// Whether every scene is listed and was read, all frames have a usable pose and plausible intrinsics, no row of a trajectory seems
-    /// to be lost or repeated, and no image was found missing, empty, cut short, unreadable or unfit for its camera.
+    /// Whether every scene is listed and was read, all frames have a usable pose and plausible intrinsics, no scene has all cameras in
+    /// one place, no row of a trajectory seems to be lost or repeated, and no image was found missing, empty, cut short, unreadable or
+    /// unfit for its camera.
     pub fn is_complete(&self) -> bool {
         let SceneCounts { unreadable, left_out, .. } = self.scenes;
         let ImageCounts { missing, empty, unposed, headers_unreadable, cut_short, unfit, .. } = self.images;
-        let all_scenes = unreadable == 0 && left_out == 0;
+        let all_scenes = unreadable == 0 && left_out == 0 && self.scenes_in_one_place == 0;
         let all_images =
             [missing, empty, unposed, headers_unreadable, cut_short, unfit].iter().all(|count| *count == 0);
         all_scenes && all_images && !self.problems.iter().any(|problem| self.has_lost_rows(problem))

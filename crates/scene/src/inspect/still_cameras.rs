@@ -36,6 +36,11 @@ pub(super) fn still_cameras(scene: &Scene) -> Option<String> {
     (!found.is_empty()).then(|| found.join("; "))
 }
 
+/// Whether all cameras of a scene are in one place, so that nothing in it has a depth.
+pub(super) fn is_in_one_place(scene: &Scene) -> bool {
+    spread(scene) == CentreSpread::Coincident
+}
+
 /// That of the usable poses; [`CentreSpread::Apart`] for a few, which may well be from one place.
 fn spread(scene: &Scene) -> CentreSpread {
     let posed = scene.frames.iter().filter(|frame| frame.has_pose());

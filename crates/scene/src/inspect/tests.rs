@@ -367,6 +367,22 @@ fn frames_that_repeat_a_pose_are_counted_by_scene() {
     assert!(report.is_complete());
 }
 
+/// Their poses may have been lost. Of two frames, and of some of a scene's, that is no sign.
+#[test]
+fn a_scene_without_any_baseline_makes_an_inspection_incomplete() {
+    let found = |cameras: &[Camera]| {
+        let source = TestSource::new([wandering_scene("fine", 4), scene("s", cameras.iter().copied())]);
+        let (report, _) = inspected(&source, InspectOptions::default());
+        (report.scenes_in_one_place, report.is_complete())
+    };
+    let [a, b, c] = [0.0, 11.0, 37.0].map(|angle| rotated_camera_at([9.3, -4.1, 2.7], angle));
+    let other = rotated_camera_at([9.3, -4.1, 2.8], 37.0);
+    assert_eq!(found(&[a, b, c]), (1, false), "they turn");
+    assert_eq!(found(&[b, b, b]), (1, false), "one pose");
+    assert_eq!(found(&[a, b]), (0, true));
+    assert_eq!(found(&[a, a, b, other]), (0, true), "they stand still at first");
+}
+
 #[test]
 fn sampling_limits_the_headers_read() {
     let opened = |sizes| {
