@@ -80,8 +80,8 @@ pub enum WarningKind {
     SceneNotFound,
     /// A field that the format of an index does not define: it is not in what is written.
     UnknownIndexField,
-    /// Next to the scenes: a scene in another format or with the name of one in another folder, images without cameras, or a further
-    /// model of one capture. It is not read.
+    /// Next to the scenes: a scene in another format or with the name of one in another folder, a trajectory whose name begins with a
+    /// dot, images without cameras, or a further model of one capture. It is not read.
     IgnoredScene,
     /// Two images have the same number, or the same name but for its extension, by which they were not looked up; one is used.
     AmbiguousNumbering,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::colmap::{model_below, model_folders_in_words, model_in};
-use crate::files::{is_image_name, last_name, list, not_utf8, read_start, split_image_name};
+use crate::files::{has_extension, is_image_name, last_name, list, not_utf8, read_start, split_image_name};
 use crate::format::ImagePlace;
 use crate::image_finder::is_of_images;
 use crate::nerfstudio::{LAYOUTS, transforms_in};
@@ -87,7 +87,20 @@ impl OpenedAs<'_> {
                 warnings.push(kind, key, format!("{detail} ({})", path.display()));
             }
         }
+        self.report_hidden_trajectories(folder, &entries, warnings);
         Ok(())
+    }
+
+    /// Names that begin with a dot are no keys.
+    fn report_hidden_trajectories(&self, folder: &Path, entries: &[(String, bool)], warnings: &mut Warnings) {
+        let hidden = entries.iter().filter(|(name, is_folder)| !is_folder && name.starts_with('.'));
+        for (name, path) in hidden.map(|(name, _)| (name, folder.join(name))) {
+            if has_extension(&path, "txt") && self.is_trajectory(&path) {
+                let detail =
+                    format!("{TRAJECTORY} is not read, because its name begins with a dot ({})", path.display());
+                warnings.push(WarningKind::IgnoredScene, name, detail);
+            }
+        }
     }
 
     fn report_names_not_utf8(&self, folder: &Path, warnings: &mut Warnings) -> Result<(), SceneError> {

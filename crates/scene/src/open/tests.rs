@@ -421,6 +421,18 @@ fn images_without_cameras_are_counted() {
     expect_ignored(&clips, Format::Re10k, "a", &left);
 }
 
+/// Neither other hidden files, nor what is in hidden folders.
+#[test]
+fn trajectories_whose_names_begin_with_a_dot_are_counted() {
+    let rows = TRAJECTORY.as_bytes();
+    let hidden = [("..b.txt", rows), (".c.txt", rows), (".notes.txt", b"hello"), (".d.csv", rows), (".e/e.txt", rows)];
+    let text = "an RE10K trajectory is not read, because its name begins with a dot";
+    let left = [("..b.txt", text), (".c.txt", text)];
+    expect_ignored(&[&[("a.txt", rows)][..], &hidden[..]].concat(), Format::Re10k, "a", &left);
+    let json = TRANSFORMS.as_bytes();
+    expect_ignored(&[&[("a/transforms.json", json)][..], &hidden[..]].concat(), Format::Nerfstudio, "a", &left);
+}
+
 /// Keys are text. Other systems have no such names.
 #[cfg(target_os = "linux")]
 #[test]
