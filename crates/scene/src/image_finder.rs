@@ -36,10 +36,10 @@ pub(crate) struct FoundImage {
 }
 
 impl FoundImage {
-    /// Warns if the image of the frame at `position` is missing or not where it is listed.
-    pub(crate) fn report(&self, scene: &str, position: usize, warnings: &mut Warnings) {
+    /// Warns if the image of the frame at `position` is missing or not where it is listed. `advice` follows the path of a missing one.
+    pub(crate) fn report(&self, scene: &str, position: usize, advice: &str, warnings: &mut Warnings) {
         if let FrameImage::Missing(path) = &self.image {
-            let detail = format!("frame {position}: no {}", path.display());
+            let detail = format!("frame {position}: no {}{advice}", path.display());
             warnings.push(WarningKind::MissingImage, scene, detail);
         }
         if let Some(detail) = &self.elsewhere {

@@ -18,6 +18,9 @@ use crate::{Frame, ImageFolder, Scene, SceneError, WarningKind, Warnings};
 /// Subfolders of a capture that may contain its sparse model, in order of preference; the first is its folder itself.
 pub const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
+/// What is said of a model without any image in its folder.
+const ELSEWHERE: &str = "; if the model's images are in another folder, --frames names it";
+
 /// Subfolders of a folder in which [`model_below`] looks.
 const FOLDERS_SEARCHED: usize = 100;
 
@@ -155,13 +158,16 @@ impl ColmapScenes {
         let above = root.parent().unwrap_or(&root).to_owned();
         let folder = last_name(&root);
         let mut finder = ImageFinder::new(&above, &model.images_file, self.options.images);
+        let find = |image: &ColmapImage| finder.find_below(&folder, &image.name, &format!("image {}", image.id));
+        let found = model.images.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        let is_none = self.options.images == ImageFolder::Listed && found.iter().all(|found| found.image.is_missing());
+        let advice = if is_none { ELSEWHERE } else { "" };
         let mut frames = Vec::with_capacity(model.images.len());
-        for (at, image) in model.images.iter().enumerate() {
+        for (at, (image, found)) in model.images.iter().zip(found).enumerate() {
             let location = format!("image {}", image.id);
             let camera = model.camera(image, &location)?;
             let (intrinsics, distortion) = camera.lens(&format!("camera {}", image.camera_id), &model.cameras_file)?;
-            let found = finder.find_below(&folder, &image.name, &location)?;
-            found.report(key, at, warnings);
+            found.report(key, at, advice, warnings);
             let (camera_from_world, file) = match &image.camera_from_world {
                 Ok(pose) => (*pose, found.image),
                 Err(reason) => (CameraFromWorld::UNKNOWN, found.image.unposed(reason.as_str())),
@@ -344,6 +350,34 @@ mod tests {
                 assert_eq!(found(opened), (key.to_owned(), Path::new(images).join("a.png")), "{opened}");
             }
         }
+    }
+
+    /// Where none is found, unless a copy was chosen, which is another option's.
+    #[test]
+    fn missing_images_are_told_of_the_option_that_names_their_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let (desk, photos) = (folder.path().join("desk"), folder.path().join("photos"));
+        write_model(&desk.join("sparse"));
+        fs::write(desk.join("sparse/images.txt"), "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n").unwrap();
+        let missing = |options: ColmapOptions| {
+            let source = ColmapScenes::open(&desk, options).unwrap();
+            let mut warnings = Warnings::new();
+            source.load("desk", &mut warnings).unwrap();
+            let missing = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::MissingImage);
+            missing.map(|warning| warning.detail.clone()).collect::<Vec<_>>()
+        };
+        let [a, b] = ["a.png", "b.png"].map(|name| desk.join("images").join(name).display().to_string());
+        let [a, b] = [format!("frame 0: no {a}"), format!("frame 1: no {b}")];
+        assert_eq!(missing(ColmapOptions::default()), [format!("{a}{ELSEWHERE}"), format!("{b}{ELSEWHERE}")]);
+        let chosen = missing(ColmapOptions { images: ImageFolder::Downscaled(4), ..ColmapOptions::default() });
+        assert!(chosen.len() == 2 && chosen.iter().all(|detail| !detail.contains(ELSEWHERE)), "{chosen:?}");
+        for place in [desk.join("images"), photos.clone()] {
+            fs::create_dir_all(&place).unwrap();
+            fs::write(place.join("b.png"), "").unwrap();
+        }
+        assert_eq!(missing(ColmapOptions::default()), [a]);
+        fs::write(photos.join("a.png"), "").unwrap();
+        assert_eq!(missing(ColmapOptions { images_root: Some(photos), ..ColmapOptions::default() }), [""; 0]);
     }
 
     /// The folder of images may be given as `..` of a folder inside of it.

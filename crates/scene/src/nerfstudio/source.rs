@@ -136,7 +136,7 @@ impl crate::SceneReader for NerfstudioScenes {
         let mut finder = ImageFinder::new(&root, file, self.options.images).preferring(self.options.expected_size);
         let images = find_images(&mut finder, below, &transforms)?;
         for (at, found) in images.iter().enumerate() {
-            found.report(key, at, warnings);
+            found.report(key, at, "", warnings);
         }
         finder.report_ambiguous(key, warnings);
         report_unread_fields(key, &transforms, warnings);
