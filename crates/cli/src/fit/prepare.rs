@@ -38,8 +38,10 @@ impl Args {
         let mut warnings = Warnings::new();
         let source = self.start.network()?;
         let device = self.open_device(source.is_some())?;
-        let input = self.input.read(source.as_ref(), self.optimisation.background, &mut warnings)?;
+        let input = self.input.read(source.as_ref(), self.optimisation.background, &mut warnings);
+        // They may explain a failure.
         print_warnings(&warnings);
+        let input = input?;
         let warnings = warnings.summary().map(|(kind, count, first)| format!("{count} × {kind}: {first}"));
         let mut warnings: Vec<String> = warnings.collect();
         self.check_photos(&input.scene.frames)?;

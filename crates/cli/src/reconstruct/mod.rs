@@ -81,7 +81,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let mut warnings = Warnings::new();
     let source = args.network.source()?;
-    let photos = clock.time("cameras", || args.read(&source, &mut warnings))?;
+    let photos = clock.time("cameras", || args.read(&source, &mut warnings));
+    // They may explain the failure.
+    let photos = photos.inspect_err(|_failure| print_warnings(&warnings))?;
     let size = photos.size()?;
     // Input that does not fit the model is rejected before weights and images are read.
     budget::budget(&source.config, photos.trial().context().len(), source.input_size(size))?;

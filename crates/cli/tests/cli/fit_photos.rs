@@ -85,6 +85,28 @@ fn ranges_leave_out_missing_photos_with_a_warning() {
     assert_eq!((&record["views"], &record["held-out"]), (&json!(["0", "2", "3"]), &json!(["4", "6", "7"])));
 }
 
+/// What the warning advises is what the error is about.
+#[test]
+fn photos_of_a_model_that_are_elsewhere_are_asked_for() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir_all(here.join("desk/sparse")).unwrap();
+    fs::write(here.join("desk/sparse/cameras.txt"), "1 PINHOLE 16 12 16 16 8 6\n").unwrap();
+    let images = "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n";
+    fs::write(here.join("desk/sparse/images.txt"), images).unwrap();
+    let fit = ["fit", "desk", "--views", "..", "--strategy", "fixed", "--start", "random:60", "--depths", "1,9"];
+    let reconstruct = ["reconstruct", "desk", "--views", "..", "--weights", "random:1", "--model", "nano"];
+    for (args, out) in [(&fit[..], &["--steps", "2", "--out", "fitted.ply"][..]), (&reconstruct, &["--out", "r.ply"])] {
+        let failed = atsplat(here, &[args, out].concat());
+        assert_eq!(failed.code, 1, "{}", failed.stderr);
+        for text in ["2 × missing-image\n", "a.png; if the model's images are in another folder, --frames names it\n"]
+        {
+            assert!(failed.stderr.contains(text), "{text}: {}", failed.stderr);
+        }
+        assert!(failed.stderr.contains("--views: none of these frames has a photo"), "{}", failed.stderr);
+    }
+}
+
 /// Photos of 16×12 pixels lose two columns on either side.
 #[test]
 fn renders_with_the_written_cameras_are_those_of_the_optimisation() {
