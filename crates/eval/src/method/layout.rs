@@ -50,6 +50,8 @@ enum Found {
         layouts: LayoutCounts,
         /// Why the files of another scene cannot be looked for.
         unreadable: Option<String>,
+        /// Folders next to them that are of no scene, if scenes are missing: their names may be misspelt.
+        others: Vec<String>,
     },
     /// No scene, and why the files of one cannot be looked for.
     Unreadable(String),
@@ -73,7 +75,9 @@ impl FoundFiles {
     ) -> Self {
         let (layouts, unreadable) = count_layouts(folder, names, requested, &layout);
         let found = if layouts.scenes() > 0 {
-            Found::Scenes { layouts, unreadable }
+            let is_whole = layouts.scenes() == requested.len();
+            let others = if is_whole { Vec::new() } else { folders_of_no_scene(folder, names) };
+            Found::Scenes { layouts, unreadable, others }
         } else if let Some(error) = unreadable {
             Found::Unreadable(error)
         } else if let Some((neighbour, layouts)) = most_scenes_elsewhere(folder, names, requested, &layout) {
@@ -132,7 +136,7 @@ impl fmt::Display for FoundFiles {
     /// `folder of renders out: SCENE/color/000029.png in 12 of 12 scenes`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (what, folder) = (self.what, self.folder.display());
-        let Found::Scenes { layouts, unreadable } = &self.found else {
+        let Found::Scenes { layouts, unreadable, others } = &self.found else {
             return write!(f, "{what} {folder}: none of the requested scenes");
         };
         write!(f, "{what} {folder}: {layouts}")?;
@@ -140,6 +144,9 @@ impl fmt::Display for FoundFiles {
             let (missing, all) = (self.requested - layouts.scenes(), self.requested);
             write!(f, "; {missing} of {all} scenes are missing")?;
             unreadable.iter().try_for_each(|error| write!(f, " or cannot be read: {error}"))?;
+        }
+        if !others.is_empty() {
+            write!(f, "; of no scene: {}", listed(others.clone()))?;
         }
         Ok(())
     }
@@ -189,6 +196,16 @@ fn first_folder_of_a_scene(
         let mut folders = names.accepted(scene, 0).into_iter().filter_map(|name| below(folder, &name));
         Some((folders.find(|folder| folder.is_dir())?, frames.to_vec()))
     })
+}
+
+/// The folders below a folder whose names are those of no scene; none if the scenes are not known.
+fn folders_of_no_scene(folder: &Path, names: &SceneNames) -> Vec<String> {
+    let of_scenes = names.below(folder).all();
+    if of_scenes.is_empty() {
+        return Vec::new();
+    }
+    let found = folders(folder).into_iter().map(|path| atsplat_files::name_of(&path));
+    found.filter(|name| !of_scenes.contains(name)).collect()
 }
 
 impl LayoutCounts {

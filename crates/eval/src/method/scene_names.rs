@@ -1,4 +1,4 @@
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -80,6 +80,19 @@ impl SceneNames {
     /// Whether a path below the folder is not that of another scene.
     pub(super) fn may_be_of(&self, scene: &str, path: &str) -> bool {
         self.is_of_store || path == scene || !self.entries.contains_key(path)
+    }
+
+    /// What the folder's entries may be called that are of any known scene: up to a slash, for keys with one.
+    pub(super) fn all(&self) -> HashSet<String> {
+        let of_scene = |(scene, entries): (&String, &usize)| -> Vec<String> {
+            let of_entry = |entry: usize| {
+                let (available, taken) = self.available_and_taken(scene, entry);
+                [available, taken].concat()
+            };
+            (0..(*entries).max(1)).flat_map(of_entry).chain([scene.clone()]).collect()
+        };
+        let names = self.entries.iter().flat_map(of_scene);
+        names.filter_map(|name| name.split('/').next().map(str::to_owned)).collect()
     }
 
     /// The names of an entry, and those that it cannot have because they are keys of other scenes.

@@ -230,6 +230,25 @@ fn a_folder_with_one_of_many_scenes_is_accepted() {
     assert!(one.ends_with(": SCENE/000029.png (1); 199 of 200 scenes are missing"), "{one}");
 }
 
+/// `haal` is `hall`, misspelt.
+#[test]
+fn folders_of_no_scene_are_named_where_scenes_are_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["haal", "room-0"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        std::fs::write(folder.path().join(name).join("000005.png"), encode_png(&image(0, 5)).unwrap()).unwrap();
+    }
+    for (keys, end) in [
+        (&["room", "hall"][..], "; 1 of 2 scenes are missing; of no scene: haal"),
+        (&["room", "hall", "haal/1"], "; 2 of 3 scenes are missing"),
+        (&["room"], ""),
+    ] {
+        let run = run_of(keys, Arc::new(Renders::new(folder.path(), Some("theirs")).unwrap()));
+        let found = run.plan().find_imported_files().unwrap()[0].to_string();
+        assert!(found.ends_with(&format!(": SCENE-0/000029.png (1){end}")), "{keys:?}: {found}");
+    }
+}
+
 /// The images of one folder, scored under protocols of two and three views.
 #[test]
 fn files_that_serve_protocols_with_other_context_views_are_a_warning() {
