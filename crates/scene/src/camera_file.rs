@@ -31,16 +31,15 @@ pub enum CameraFileError {
         problem: String,
     },
     /// Poses without a lens.
-    #[error(
-        "{} contains camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
-        path.display()
-    )]
+    #[error("{} contains camera matrices without intrinsics: set {missing}", path.display())]
     NoLens {
         /// The file.
         path: PathBuf,
+        /// What of the lens is not known, and the options that set it.
+        missing: &'static str,
     },
     /// A field of view for cameras that have intrinsics.
-    #[error("--fov requires a file without intrinsics: {} has intrinsics", path.display())]
+    #[error("--fov conflicts with {}, which states the intrinsics of its cameras: leave out --fov", path.display())]
     HasLens {
         /// The file.
         path: PathBuf,
@@ -138,9 +137,6 @@ pub fn read(
     {
         return cameras_from_poses(entries, path, lens);
     }
-    if lens.fov.is_some() {
-        return Err(CameraFileError::HasLens { path: path.to_owned() });
-    }
     let cameras = match json {
         Some(list @ Value::Array(_)) => {
             let cameras = cameras_from_3dgs(&list).map_err(malformed)?;
@@ -162,6 +158,10 @@ pub fn read(
     };
     if cameras.is_empty() {
         return Err(CameraFileError::Empty { path: path.to_owned() });
+    }
+    // Of a file that cannot be read, nobody knows whether it has intrinsics.
+    if lens.fov.is_some() {
+        return Err(CameraFileError::HasLens { path: path.to_owned() });
     }
     Ok(cameras)
 }
@@ -208,8 +208,12 @@ fn cameras_from_poses(
     path: &Path,
     LensOfPoses { fov, size }: LensOfPoses,
 ) -> Result<Vec<FileCamera>, CameraFileError> {
-    let (Some(fov), Some(size)) = (fov, size) else {
-        return Err(CameraFileError::NoLens { path: path.to_owned() });
+    let no_lens = |missing| CameraFileError::NoLens { path: path.to_owned(), missing };
+    let (fov, size) = match (fov, size) {
+        (Some(fov), Some(size)) => (fov, size),
+        (Some(_), None) => return Err(no_lens("the image size with --size")),
+        (None, Some(_)) => return Err(no_lens("the field of view with --fov")),
+        (None, None) => return Err(no_lens("the field of view with --fov and the image size with --size")),
     };
     let intrinsics = NormalizedIntrinsics::with_horizontal_view(fov.to_radians(), size)?;
     let camera = |(number, pose)| FileCamera {
@@ -317,6 +321,35 @@ mod tests {
             let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
             assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_rejected, "{text}: {error}");
         }
+    }
+
+    /// What is missing is named, and a file is only said to have intrinsics after it was read.
+    #[test]
+    fn a_lens_that_is_missing_or_given_twice_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        let fov = Some(60.0);
+        let size = Some(ImageSize { width: 64, height: 48 });
+        let refused = |lens: LensOfPoses| read(&path, None, lens, &mut Warnings::new()).unwrap_err().to_string();
+        let gone = refused(LensOfPoses { fov, size });
+        assert!(gone.contains("cameras.json") && !gone.contains("intrinsics"), "{gone}");
+        std::fs::write(&path, "[[1, 2, 3]]").unwrap();
+        let odd = refused(LensOfPoses { fov, size });
+        assert!(odd.contains("found a list of 1") && !odd.contains("--fov"), "{odd}");
+        std::fs::write(&path, "[[1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0]]").unwrap();
+        for (lens, missing) in [
+            (LensOfPoses { fov, size: None }, "set the image size with --size"),
+            (LensOfPoses { fov: None, size }, "set the field of view with --fov"),
+            (LensOfPoses::default(), "set the field of view with --fov and the image size with --size"),
+        ] {
+            let error = refused(lens);
+            assert!(error.ends_with(missing), "{error}");
+        }
+        let trained = r#"[{"img_name": "a", "width": 40, "height": 30, "fx": 32, "fy": 32, "position": [0, 0, 0],
+                           "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}]"#;
+        std::fs::write(&path, trained).unwrap();
+        let both = refused(LensOfPoses { fov, size });
+        assert!(both.starts_with("--fov conflicts with") && both.ends_with("leave out --fov"), "{both}");
     }
 
     /// The second has a focal length of an impossible number of sides, the third an impossible size.

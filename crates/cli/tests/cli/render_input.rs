@@ -144,10 +144,14 @@ fn bare_poses_use_the_requested_lens() {
         ];
         atsplat(here, &[&args, more].concat())
     };
-    for more in [&[][..], &["--fov", "90"], &["--size", "40x30"]] {
+    for (more, missing) in [
+        (&[][..], "the field of view with --fov and the image size with --size"),
+        (&["--fov", "90"], "the image size with --size"),
+        (&["--size", "40x30"], "the field of view with --fov"),
+    ] {
         let outcome = render("poses.json", more);
-        let message = outcome.stderr.contains("poses.json contains camera matrices without intrinsics");
-        assert!(outcome.code == 1 && message && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
+        let message = format!("poses.json contains camera matrices without intrinsics: set {missing}\n");
+        assert!(outcome.code == 1 && outcome.stderr.contains(&message), "{more:?}: {}", outcome.stderr);
     }
     assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
     assert_eq!(render("record.json", &[]).code, 0);
@@ -161,7 +165,10 @@ fn bare_poses_use_the_requested_lens() {
     }
     assert_ne!(image("record/000000.exr"), image("record/000001.exr"), "two views");
     let outcome = render("record.json", &["--fov", "90"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains("record.json has intrinsics"), "{}", outcome.stderr);
+    let message = "--fov conflicts with record.json, which states the intrinsics of its cameras: leave out --fov";
+    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
+    let outcome = render("nowhere.json", &["--fov", "90", "--size", "40x30"]);
+    assert!(outcome.code == 1 && !outcome.stderr.contains("intrinsics"), "{}", outcome.stderr);
 }
 
 #[test]
