@@ -1,5 +1,5 @@
-//! Reads cameras from files: any dataset that `scene` reads, the `cameras.json` of models trained with 3DGS, lists of
-//! poses, and the `render.json` of `atsplat render`.
+//! Reads cameras from files: any dataset that `scene` reads, the `cameras.json` of models trained with 3DGS, camera paths of
+//! nerfstudio's viewer, lists of poses, and the `render.json` of `atsplat render`.
 
 use std::path::{Path, PathBuf};
 
@@ -11,6 +11,7 @@ use serde_json::Value;
 use crate::checks::cameras::count_and_first;
 use crate::checks::intrinsics_unit::wrong_unit;
 use crate::files::last_name;
+use crate::nerfstudio::{camera_path, is_camera_path};
 use crate::scene_key::{AmbiguousScene, scene_key};
 use crate::trained_camera::trained_camera;
 use crate::{SceneError, SceneSource as _, WarningKind, Warnings, json, poses};
@@ -125,6 +126,7 @@ pub fn read(
     let json = if path.exists() && !path.is_dir() { parse_if_json(path)? } else { None };
     let is_dataset = match &json {
         None => true,
+        Some(path_of_viewer) if is_camera_path(path_of_viewer) => false,
         // Files of OpenMVG also have a field `views`.
         Some(Value::Object(object)) => !object.contains_key("views") || object.contains_key("sfm_data_version"),
         Some(_) => false,
@@ -138,6 +140,7 @@ pub fn read(
         return cameras_from_poses(entries, path, lens);
     }
     let cameras = match json {
+        Some(path_of_viewer) if is_camera_path(&path_of_viewer) => camera_path(&path_of_viewer, path, warnings)?,
         Some(list @ Value::Array(_)) => {
             let cameras = cameras_from_3dgs(&list).map_err(malformed)?;
             report_implausible(path, &cameras, warnings);
@@ -188,7 +191,8 @@ fn cameras_from_3dgs(list: &Value) -> Result<Vec<FileCamera>, String> {
             entries.iter().enumerate().map(|(at, entry)| trained_camera(at, entry)).collect()
         }
         other => Err(format!(
-            "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
+            "expected a dataset's cameras, a render.json, 3DGS' cameras.json, a camera path of nerfstudio's viewer or a list of \
+             camera matrices, found {}",
             json::describe(other)
         )),
     }
@@ -316,7 +320,9 @@ mod tests {
         let poses = "[[1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0]]";
         let (trained, record) = (r#"[{ "position": [0, 0, 0], "rotation": [] }]"#, r#"{ "views": [] }"#);
         let dataset = r#"{ "views": [], "sfm_data_version": "0.3" }"#;
-        for (text, is_rejected) in [(poses, true), (trained, true), (record, true), (dataset, false)] {
+        let of_viewer = r#"{ "camera_path": [] }"#;
+        for (text, is_rejected) in [(poses, true), (trained, true), (record, true), (of_viewer, true), (dataset, false)]
+        {
             std::fs::write(&path, text).unwrap();
             let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
             assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_rejected, "{text}: {error}");

@@ -24,8 +24,8 @@ const DEFAULT_FRAMES: &str = "60";
 #[group(skip)]
 #[command(group = ArgGroup::new("path").required(true).args(["cameras", "orbit", "spline"]))]
 pub(crate) struct ViewArgs {
-    /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, a `render.json`, or a JSON list of
-    /// `camera_from_world` matrices, as in MotionCtrl (with --fov and --size).
+    /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, a camera path of nerfstudio's viewer, a
+    /// `render.json`, or a JSON list of `camera_from_world` matrices, as in MotionCtrl (with --fov and --size).
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
 

@@ -65,6 +65,39 @@ fn reads_the_cameras_of_a_trained_model() {
     }
 }
 
+/// nerfstudio's cameras look along −z, and +y is up. The field of view is the vertical one.
+#[test]
+fn reads_a_camera_path_of_nerfstudios_viewer() {
+    let folder = folder();
+    let here = folder.path();
+    let matrix = [0.0, 0.0, -1.0, 1.0, -1.0, 0.0, 0.0, 2.0, 0.0, 1.0, 0.0, 3.5, 0.0, 0.0, 0.0, 1.0];
+    let camera = |fov: f64| json!({ "camera_to_world": matrix, "fov": fov, "aspect": 2.0 });
+    let mut path = json!({
+        "camera_type": "perspective", "render_width": 16, "render_height": 8, "fps": 24, "seconds": 1, "keyframes": [],
+        "camera_path": [camera(60.0), camera(90.0)],
+    });
+    fs::write(here.join("orbit.json"), path.to_string()).unwrap();
+    let render = |more: &[&str]| {
+        atsplat(here, &[&["render", "scene.ply", "--cameras", "orbit.json", "--out", "out"], more].concat())
+    };
+    let outcome = render(&["--frames", "1"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let view = record(&here.join("out"))["views"][0].clone();
+    assert_eq!((&view["number"], &view["width"], &view["height"]), (&json!(1), &json!(16), &json!(8)));
+    let pose: Vec<f64> = serde_json::from_value(view["camera-from-world"].clone()).unwrap();
+    let expected = [0.0, -1.0, 0.0, 2.0, 0.0, 0.0, -1.0, 3.5, 1.0, 0.0, 0.0, -1.0];
+    Tolerance::F64.assert(pose, expected, "right, down and forward axes");
+    let focal = ["fx", "fy"].map(|axis| view["intrinsics"][axis].as_f64().unwrap());
+    Tolerance::F64.assert(focal, [0.25, 0.5], "a vertical field of view of 90°");
+    let both = render(&["--fov", "60"]);
+    assert!(both.code == 1 && both.stderr.contains("--fov conflicts with orbit.json"), "{}", both.stderr);
+    path["camera_type"] = json!("fisheye");
+    fs::write(here.join("orbit.json"), path.to_string()).unwrap();
+    let fisheye = render(&[]);
+    let message = "camera_type: camera model fisheye is not supported";
+    assert!(fisheye.code == 1 && fisheye.stderr.contains(message), "{}", fisheye.stderr);
+}
+
 /// Of 101 evenly timed cameras three, of which the first two are adjacent: the middle in time is at camera 50.
 #[test]
 fn a_path_follows_the_times_of_its_cameras() {
@@ -178,7 +211,7 @@ fn errors_name_unsupported_camera_formats() {
     for (text, message) in [
         (r#"[{"cameras": {}, "shots": {}}]"#, "a reconstruction of OpenSfM"),
         (r"[[1, 2, 3]]", "a list of 1, the first of which is a list of 3"),
-        (r#"{"camera_path": [], "keyframes": []}"#, "a camera path of nerfstudio's viewer"),
+        (r#"{"camera_path": [], "keyframes": []}"#, "render_width: expected 1 to 65535 pixels, found nothing"),
         (r#"{"views": [], "sfm_data_version": "0.3"}"#, "a scene of OpenMVG"),
         ("{\"views\": [],\n\"views\": []}", "\"views\" a second time at line 2"),
     ] {

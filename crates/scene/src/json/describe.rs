@@ -7,7 +7,7 @@ const NAMED: usize = 6;
 
 /// Common camera files that are not supported as datasets, by keys that identify them.
 const KNOWN: [(&[&str], &str); 7] = [
-    (&["camera_path", "keyframes"], "a camera path of nerfstudio's viewer"),
+    (&["camera_path", "render_height"], "a camera path of nerfstudio's viewer, which `atsplat render --cameras` reads"),
     (&["cameras", "shots"], "a reconstruction of OpenSfM"),
     (&["context", "target"], "an entry of an evaluation index, which --index takes"),
     (&["img_name", "position", "rotation"], "a camera of 3DGS' cameras.json"),
@@ -108,7 +108,7 @@ mod tests {
             (json!(7), "a bare number"),
             (json!([[1, 2, 3]]), "a list of 1, the first of which is a list of 3 that starts with a number"),
             (json!([[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]), "a list of 1 camera matrices without intrinsics"),
-            (json!({ "camera_path": [], "keyframes": [] }), "a camera path of nerfstudio's viewer"),
+            (json!({ "camera_path": [], "render_height": 9 }), "a camera path of nerfstudio's viewer"),
             (json!([{ "cameras": {}, "shots": {} }]), "a list of 1, the first of which is a reconstruction of OpenSfM"),
             (json!({ "0a": { "context": [1], "target": [2] } }), "\"0a\" is an entry of an evaluation index"),
             (

@@ -301,7 +301,7 @@ impl Focal {
 }
 
 /// The focal length of a field of view in radians over a side of an image, in the unit of the side.
-fn focal_of(angle: f64, side: f64) -> f64 {
+pub(super) fn focal_of(angle: f64, side: f64) -> f64 {
     0.5 * side / (0.5 * angle).tan()
 }
 

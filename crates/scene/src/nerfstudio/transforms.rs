@@ -126,7 +126,7 @@ pub(super) struct Object<'a> {
 }
 
 impl<'a> Object<'a> {
-    fn new(value: &'a Value, location: String, path: &'a Path) -> Result<Self, SceneError> {
+    pub(super) fn new(value: &'a Value, location: String, path: &'a Path) -> Result<Self, SceneError> {
         match value {
             Value::Object(fields) => Ok(Self { fields, location, path }),
             other => {
@@ -156,7 +156,7 @@ impl<'a> Object<'a> {
         self.value(name).map_or(Ok(false), flag)
     }
 
-    fn array(&self, name: &str) -> Result<Option<&'a Vec<Value>>, SceneError> {
+    pub(super) fn array(&self, name: &str) -> Result<Option<&'a Vec<Value>>, SceneError> {
         self.value(name)
             .map(|value| value.as_array().ok_or_else(|| self.wrong(name, "a list", &shown(value))))
             .transpose()
