@@ -42,9 +42,9 @@ pub(crate) struct Args {
     )]
     estimator: OverlapEstimator,
 
-    /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` per context frame, channel `Z` or the only
-    /// channel, in scene units along the camera's z axis, through its lens. A map may have another scale than its frame, but not
-    /// another shape.
+    /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` per context frame, channel `Z`, the only channel or the
+    /// only one stated to be depth, in scene units along the camera's z axis, through its lens. A map may have another scale than
+    /// its frame, but not another shape. `<scene>` may be the output of `render --cameras --formats exr` for the same data.
     #[arg(long, value_name = "FOLDER", requires = "data", required_if_eq("estimator", "depth-covisibility"))]
     depth: Option<PathBuf>,
 

@@ -69,6 +69,30 @@ fn measures_depth_covisibility_from_files() {
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 }
 
+/// Renders are numbered, and the frames of the data are named after their times. Depths of other cameras are not theirs.
+#[test]
+fn renders_of_the_cameras_of_the_data_are_depth_maps() {
+    let folder = crate::render_scene::folder();
+    let here = folder.path();
+    let render = |path: &[&str]| {
+        let args = ["render", "scene.ply", "--size", "64x36", "--formats", "exr", "--out", "depth/path"];
+        succeed(here, &[&args[..], path].concat());
+    };
+    std::fs::write(here.join("index.json"), r#"{"path": {"context": [2, 9], "target": [5]}}"#).unwrap();
+    let data = ["--data", "path.txt", "--estimator", "depth-covisibility", "--depth", "depth"];
+    let measure = || atsplat(here, &[&["protocol", "overlap", "index.json"], &data[..]].concat());
+    for channel in ["depth", "median-depth"] {
+        render(&["--cameras", "path.txt", "--channels", channel]);
+        let measured = measure();
+        let one = measured.stdout.contains("      1  measured");
+        assert!(measured.code == 0 && one, "{channel}: {}{}", measured.stdout, measured.stderr);
+    }
+    render(&["--orbit", "12"]);
+    let other = measure();
+    let message = "expected one view of frame \"66734\", found 0";
+    assert!(other.code == 1 && other.stderr.contains(message), "{}", other.stderr);
+}
+
 #[test]
 fn overlaps_that_cannot_be_measured_are_counted_by_entry_and_scene() {
     let folder = tempfile::tempdir().unwrap();

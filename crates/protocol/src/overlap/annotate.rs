@@ -146,7 +146,8 @@ pub(crate) fn context_overlap(
 /// The depth map of the frame at `position` of a scene. It has to fit the camera as an image has to: with a crop of the
 /// frame, the camera's intrinsics would lift pixels to other points.
 fn depth_of(folder: &DepthFolder, scene: &str, position: usize, frame: &Frame) -> Result<LoadedDepth, NoEntry> {
-    let loaded = folder.load(scene, &frame.name).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
+    let loaded =
+        folder.load(scene, &frame.name, &frame.camera).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
     match frame.mismatch(loaded.size()) {
         Some(mismatch) if mismatch.is_fatal() => {
             Err(NoEntry::Unreadable(format!("frame {position}: depth map: {mismatch}")))

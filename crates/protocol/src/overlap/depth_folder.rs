@@ -1,16 +1,24 @@
 use std::path::{Component, Path, PathBuf};
 
-use atsplat_camera::ImageSize;
+use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::FileError;
-use atsplat_pixels::DecodeLimits;
-use atsplat_pixels::exr::{self, Values};
+use atsplat_pixels::exr::{self, Channel, Channels, Values};
+use atsplat_pixels::{DecodeLimits, PixelError};
+use atsplat_scene::Warnings;
+use atsplat_scene::camera_file::{self, LensOfPoses};
 
 use super::{DepthMap, covisibility};
 use crate::ProtocolError;
 
-/// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, or the only channel, in scene units along
-/// the camera's z axis, through the frame's lens. A map may have any scale, but not another shape than the frame's image. The file
-/// may leave open what the values are, but not state that they are something else.
+/// The record that `atsplat render` writes next to its images.
+const RECORD_OF_RENDERS: &str = "render.json";
+
+/// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, the only channel, or the only one that states to be
+/// depth; in scene units along the camera's z axis, through the frame's lens. A map may have any scale, but not another shape than
+/// the frame's image. The file may leave open what the values are, but not state that they are something else.
+///
+/// The folder of a scene may also be one that `atsplat render --cameras` wrote for its cameras: it numbers its files, and its
+/// `render.json` names the frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthFolder {
     root: PathBuf,
@@ -33,26 +41,24 @@ impl DepthFolder {
         Ok(Self { root: root.to_owned() })
     }
 
-    /// Reads the depth map of one frame.
+    /// Reads the depth map of one frame, of which `camera` is the one in the data.
     ///
     /// # Errors
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around [`ProtocolError::Overlap`] for a path outside
-    /// the folder and for a file without depth, or whose values are stated to be something else.
-    pub fn load(&self, scene: &str, frame: &str) -> Result<LoadedDepth, ProtocolError> {
+    /// the folder, for a file without depth, or whose values are stated to be something else, and for renders of other cameras.
+    pub fn load(&self, scene: &str, frame: &str, camera: &Camera) -> Result<LoadedDepth, ProtocolError> {
         let relative = Path::new(scene).join(format!("{frame}.exr"));
-        let path = self.root.join(&relative);
-        let unusable = |reason: String| ProtocolError::Overlap { estimator: covisibility::NAME, reason }.in_file(&path);
+        let named = self.root.join(&relative);
         if scene.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
-            return Err(unusable("expected a path inside the folder of depth maps".to_owned()));
+            return Err(unusable("expected a path inside the folder of depth maps".to_owned()).in_file(&named));
         }
+        let path = self.rendered(scene, frame, camera)?.unwrap_or(named);
+        let unusable = |reason: String| unusable(reason).in_file(&path);
         let limits = DecodeLimits::default();
         let bytes =
             atsplat_files::read(&path).map_err(FileError::during::<ProtocolError>("reading a depth map", &path))?;
         let channels = exr::read(&bytes, &limits).map_err(|error| unusable(error.to_string()))?;
-        let depth = match channels.channels() {
-            [only] => only,
-            _ => channels.get("Z").map_err(|error| unusable(error.to_string()))?,
-        };
+        let depth = depth_channel(&channels).map_err(|error| unusable(error.to_string()))?;
         if !matches!(depth.values, Values::Depth | Values::Unstated) {
             let reason = format!("the channel {:?}: expected depth, found {}", depth.name, depth.values);
             return Err(unusable(reason));
@@ -60,6 +66,46 @@ impl DepthFolder {
         let size = ImageSize { width: channels.width(), height: channels.height() };
         Ok(LoadedDepth { size, depths: depth.samples.clone() })
     }
+
+    /// The render of a frame; `None` in a folder without a record of renders. One of a frame's name by another camera, such as the
+    /// first of an orbit, which is called 0, is not taken for it.
+    fn rendered(&self, scene: &str, frame: &str, camera: &Camera) -> Result<Option<PathBuf>, ProtocolError> {
+        let folder = self.root.join(scene);
+        let record = folder.join(RECORD_OF_RENDERS);
+        if !record.is_file() {
+            return Ok(None);
+        }
+        let views = camera_file::read(&record, None, LensOfPoses::default(), &mut Warnings::new());
+        let views = views.map_err(|error| unusable(error.to_string()))?;
+        let of_frame: Vec<_> = views.iter().filter(|view| view.name == frame).collect();
+        let number = match of_frame.as_slice() {
+            [view] if view.camera == *camera => Ok(view.number),
+            [view] => Err(format!(
+                "expected the camera of frame {frame:?}, found another one, with the number {}",
+                view.number
+            )),
+            found => Err(format!("expected one view of frame {frame:?}, found {}", found.len())),
+        };
+        let number = number.map_err(|reason| unusable(reason).in_file(&record))?;
+        Ok(Some(folder.join(format!("{number:06}.exr"))))
+    }
+}
+
+/// The channel of depth: `atsplat render` writes `Z` and `median-depth`, of which one may be chosen.
+fn depth_channel(channels: &Channels) -> Result<&Channel, PixelError> {
+    let planes = channels.channels();
+    channels.get("Z").or_else(|missing| {
+        let mut of_depth = planes.iter().filter(|plane| plane.values == Values::Depth);
+        let only = match planes {
+            [only] => Some(only),
+            _ => of_depth.next().filter(|_| of_depth.next().is_none()),
+        };
+        only.ok_or(missing)
+    })
+}
+
+fn unusable(reason: String) -> ProtocolError {
+    ProtocolError::Overlap { estimator: covisibility::NAME, reason }
 }
 
 impl LoadedDepth {
@@ -79,9 +125,10 @@ impl LoadedDepth {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_pixels::exr::{Channel, Channels};
+    use atsplat_scene::camera_file::CameraRecord;
 
     use super::*;
+    use crate::test_source::camera;
 
     fn write(path: &Path, names: &[&str]) {
         write_as(path, names, &Values::Depth);
@@ -105,14 +152,14 @@ mod tests {
         write(&folder.path().join("s/0.exr"), &["R", "Z"]);
         write(&folder.path().join("s/deep/1.png.exr"), &["depth"]);
         write(&folder.path().join("s/2.exr"), &["R", "G"]);
-        let loaded = depths.load("s", "0").unwrap();
+        let loaded = depths.load("s", "0", &camera(0.0)).unwrap();
         assert_eq!((loaded.size, loaded.depths.len()), (ImageSize { width: 3, height: 2 }, 6));
-        assert!(loaded.map().is_ok() && depths.load("s", "deep/1.png").is_ok());
-        let two = depths.load("s", "2").unwrap_err().to_string();
+        assert!(loaded.map().is_ok() && depths.load("s", "deep/1.png", &camera(0.0)).is_ok());
+        let two = depths.load("s", "2", &camera(0.0)).unwrap_err().to_string();
         assert!(two.contains('Z') && two.contains("2.exr"), "{two}");
         std::fs::write(folder.path().join("s/3.exr"), b"no image").unwrap();
-        assert!(depths.load("s", "3").unwrap_err().to_string().contains("3.exr"));
-        assert!(depths.load("s", "4").unwrap_err().to_string().starts_with("reading a depth map"));
+        assert!(depths.load("s", "3", &camera(0.0)).unwrap_err().to_string().contains("3.exr"));
+        assert!(depths.load("s", "4", &camera(0.0)).unwrap_err().to_string().starts_with("reading a depth map"));
     }
 
     #[test]
@@ -128,7 +175,7 @@ mod tests {
         ] {
             for names in [&["Z"][..], &["sigma"], &["A", "Z"]] {
                 write_as(&folder.path().join("s/0.exr"), names, &values);
-                let error = depths.load("s", "0").map(|_| ()).map_err(|error| error.to_string());
+                let error = depths.load("s", "0", &camera(0.0)).map(|_| ()).map_err(|error| error.to_string());
                 match found {
                     None => assert_eq!(error, Ok(())),
                     Some(found) => {
@@ -140,6 +187,60 @@ mod tests {
         }
     }
 
+    /// Of the planes of a render, that which states to be depth: `median-depth`, if it was rendered without `Z`.
+    #[test]
+    fn the_only_channel_of_depth_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let depths = DepthFolder::open(folder.path()).unwrap();
+        let plane = |name: &str, values: &Values, sample: f32| Channel {
+            name: name.to_owned(),
+            values: values.clone(),
+            samples: vec![sample; 6],
+        };
+        let (colour, depth) = (Values::DisplayReferred, Values::Depth);
+        std::fs::create_dir(folder.path().join("s")).unwrap();
+        let found = |planes: Vec<Channel>| {
+            let bytes = exr::write(&Channels::new(3, 2, planes).unwrap()).unwrap();
+            std::fs::write(folder.path().join("s/0.exr"), bytes).unwrap();
+            depths.load("s", "0", &camera(0.0)).map(|loaded| loaded.depths[0].to_bits()).ok()
+        };
+        let median = || plane("median-depth", &depth, 3.0);
+        assert_eq!(found(vec![plane("R", &colour, 1.0), median()]), Some(3f32.to_bits()));
+        assert_eq!(found(vec![plane("Z", &depth, 2.0), median()]), Some(2f32.to_bits()));
+        assert_eq!(found(vec![plane("R", &colour, 1.0), plane("near", &depth, 2.0), median()]), None);
+    }
+
+    /// Numbers of renders are not those that frames may be named by.
+    #[test]
+    fn renders_of_the_frames_are_found_by_their_record() {
+        let folder = tempfile::tempdir().unwrap();
+        let depths = DepthFolder::open(folder.path()).unwrap();
+        let scene = folder.path().join("s");
+        write(&scene.join("000000.exr"), &["Z"]);
+        write(&scene.join("000001.exr"), &["A", "Z"]);
+        let size = ImageSize { width: 3, height: 2 };
+        let view =
+            |number: usize, name: &str, x: f64| CameraRecord::new(number, name.to_owned(), &camera(x), size, None);
+        let views = [view(0, "000001", 5.0), view(1, "000000", 7.0), view(2, "twice", 0.0), view(3, "twice", 0.0)];
+        std::fs::write(scene.join("render.json"), serde_json::json!({ "views": views }).to_string()).unwrap();
+        let first = |frame: &str, x: f64| {
+            depths
+                .load("s", frame, &camera(x))
+                .map(|loaded| loaded.depths[0].to_bits())
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(first("000001", 5.0), Ok(1f32.to_bits()));
+        assert_eq!(first("000000", 7.0), Ok(2f32.to_bits()));
+        for (frame, x, expected) in [
+            ("000001", 7.0, "expected the camera of frame \"000001\", found another one, with the number 0"),
+            ("twice", 0.0, "expected one view of frame \"twice\", found 2"),
+            ("elsewhere", 0.0, "expected one view of frame \"elsewhere\", found 0"),
+        ] {
+            let error = first(frame, x).unwrap_err();
+            assert!(error.contains(expected) && error.contains("render.json"), "{frame}: {error}");
+        }
+    }
+
     #[test]
     fn rejects_paths_outside_the_folder() {
         let folder = tempfile::tempdir().unwrap();
@@ -147,7 +248,7 @@ mod tests {
         std::fs::create_dir(folder.path().join("depth")).unwrap();
         let depths = DepthFolder::open(&folder.path().join("depth")).unwrap();
         for (scene, frame) in [("..", "0"), ("s", "../../0"), ("", "0"), ("/", "0"), ("s", "/0")] {
-            let error = depths.load(scene, frame).unwrap_err().to_string();
+            let error = depths.load(scene, frame, &camera(0.0)).unwrap_err().to_string();
             assert!(error.contains("inside the folder"), "{scene:?} {frame:?}: {error}");
         }
         assert!(DepthFolder::open(&folder.path().join("nowhere")).is_err());
