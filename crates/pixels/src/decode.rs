@@ -6,7 +6,7 @@ use image::{ColorType, ImageDecoder, ImageError, Limits};
 use crate::limits::zeroed;
 use crate::render::check_header;
 use crate::size::{header, unknown};
-use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError, size_of};
+use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError, size_within};
 
 /// Decodes to 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`. For 8-bit RGB, as the published datasets have it,
 /// these are also the values of loaders that do not convert; of other images, pixelSplat's (`src/dataset/dataset_re10k.py`) skips
@@ -94,8 +94,7 @@ fn decoded(
     if format == ImageFormat::Exr {
         return Err(PixelError::HoldsFloats);
     }
-    let (width, height) = size_of(bytes)?;
-    limits.check(format, (width, height), 3)?;
+    let (width, height) = size_within(bytes, limits)?;
     if u64::from(width) * u64::from(height) > max_pixels(format, bytes.len()) {
         return Err(PixelError::FileTooShort { format, width, height, length: bytes.len() });
     }

@@ -36,5 +36,5 @@ pub use png_chunks::png_chunks;
 pub use preview::{Preview, preview_frame};
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;
-pub use size::{has_16_bits, has_alpha, size_of};
+pub use size::{has_16_bits, has_alpha, size_of, size_within};
 pub use srgb::Srgb;

@@ -1,4 +1,4 @@
-use crate::{ImageFormat, PixelError, png_chunks};
+use crate::{DecodeLimits, ImageFormat, PixelError, png_chunks};
 
 /// Columns and rows of an encoded image according to its header; nothing is decoded or allocated. EXIF orientation is
 /// not applied, as in [`decode`](crate::decode()).
@@ -18,6 +18,17 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
         return Err(header(format, format!("expected at least one pixel, found {width}×{height}")));
     }
     Ok((width, height))
+}
+
+/// [`size_of`] an image, unless [`decode`](crate::decode()) refuses to decode one of this size.
+///
+/// # Errors
+/// Those of [`size_of`]; [`PixelError::OverLimit`].
+pub fn size_within(bytes: &[u8], limits: &DecodeLimits) -> Result<(u32, u32), PixelError> {
+    let size = size_of(bytes)?;
+    let format = ImageFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
+    limits.check(format, size, 3)?;
+    Ok(size)
 }
 
 /// Whether a PNG or WebP has an alpha channel or a transparent colour, from the chunks before its pixels; `false` for other

@@ -44,11 +44,12 @@ impl GeneratedImage for Composited {
 
 impl Scene {
     /// The scene with images that have an alpha channel composited over a colour when they are decoded, see [`decode_over`]. Only
-    /// headers are read; images whose header cannot be read stay as they are, and fail when they are decoded.
+    /// headers are read; images whose header cannot be read, or that are beyond the default limits of decoding, stay as they are, and
+    /// fail when they are decoded.
     #[must_use]
     pub fn composited_over(mut self, background: [u8; 3]) -> Self {
         for (position, frame) in self.frames.iter_mut().enumerate() {
-            let header = frame.header(&self.key, position);
+            let header = frame.header_within(&self.key, position, &DecodeLimits::default());
             if let Some(header) = header.ok().filter(|header| header.has_alpha) {
                 let (frame_as_stored, scene) = (frame.clone(), self.key.clone());
                 frame.image = FrameImage::Generated(Arc::new(Composited {

@@ -322,10 +322,36 @@ impl Frame {
     /// # Errors
     /// Those of [`Self::size`].
     pub fn header(&self, scene: &str, position: usize) -> Result<ImageHeader, SceneError> {
+        self.header_by(scene, position, header_of)
+    }
+
+    /// The header of an image, unless [`Self::decode`] refuses an image of its size, which a damaged header may state. Generated images
+    /// have no limits.
+    ///
+    /// # Errors
+    /// Those of [`Self::header`]; [`SceneError::Pixels`] for a file beyond `limits`.
+    pub fn header_within(
+        &self,
+        scene: &str,
+        position: usize,
+        limits: &DecodeLimits,
+    ) -> Result<ImageHeader, SceneError> {
+        self.header_by(scene, position, |bytes| {
+            atsplat_pixels::size_within(bytes, limits)?;
+            header_of(bytes)
+        })
+    }
+
+    fn header_by(
+        &self,
+        scene: &str,
+        position: usize,
+        read: impl Fn(&[u8]) -> Result<ImageHeader, PixelError>,
+    ) -> Result<ImageHeader, SceneError> {
         match &self.image {
-            FrameImage::File(path) => header_of_file(path, self.in_frame(scene, position)),
+            FrameImage::File(path) => header_of_file(path, read, self.in_frame(scene, position)),
             FrameImage::Generated(image) => Ok(image.header()),
-            _ => header_of(&self.bytes(scene, position)?).map_err(self.in_frame(scene, position)),
+            _ => read(&self.bytes(scene, position)?).map_err(self.in_frame(scene, position)),
         }
     }
 
@@ -342,19 +368,23 @@ pub(crate) fn in_frame(scene: &str, frame: usize, image: &FrameImage) -> impl Fn
 
 /// Size of the image in a file, from its header.
 pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageSize, SceneError> {
-    header_of_file(path, error).map(|header| header.size)
+    header_of_file(path, header_of, error).map(|header| header.size)
 }
 
-fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageHeader, SceneError> {
+fn header_of_file(
+    path: &Path,
+    read: impl Fn(&[u8]) -> Result<ImageHeader, PixelError>,
+    error: impl FnOnce(PixelError) -> SceneError,
+) -> Result<ImageHeader, SceneError> {
     let action = "reading an image's header";
     let start = read_start(action, path, LIKELY_HEADER)?;
     if reaches_pixels(&start)
-        && let Ok(header) = header_of(&start)
+        && let Ok(header) = read(&start)
     {
         return Ok(header);
     }
     // Colour profiles and previews can precede a JPEG's size, so no fixed length suffices.
-    header_of(&read_file(action, path)?).map_err(error)
+    read(&read_file(action, path)?).map_err(error)
 }
 
 /// Whether nothing of an image's header can follow its start, if its size is there.
@@ -399,7 +429,7 @@ mod tests {
         let path = folder.path().join("a.png");
         let has_alpha = |parts: &[&[u8]]| {
             std::fs::write(&path, parts.concat()).unwrap();
-            header_of_file(&path, in_frame("a", 0, &FrameImage::Absent)).unwrap().has_alpha
+            header_of_file(&path, header_of, in_frame("a", 0, &FrameImage::Absent)).unwrap().has_alpha
         };
         assert!(has_alpha(&[start, &text, transparent, pixels]));
         assert!(!has_alpha(&[start, &text, pixels]));

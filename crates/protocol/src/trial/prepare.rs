@@ -177,7 +177,7 @@ impl<'a> Views<'a> {
         warnings: &mut Warnings,
     ) -> Result<Self, Rejection> {
         let expected_size = recipe.preprocessing.expected_size;
-        let headers = image_headers(scene, entry, expected_size, warnings);
+        let headers = image_headers(scene, entry, recipe, warnings);
         let known_size = |frame: &Frame| {
             let (_, header) = headers.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
             header.as_ref().ok().map(|header| header.size)
@@ -207,12 +207,13 @@ impl<'a> Views<'a> {
 /// The frames of the entry that the scene has, with the header of their image or why it is unknown.
 type ImageHeaders<'a> = BTreeMap<usize, (&'a Frame, Result<ImageHeader, String>)>;
 
-/// Reads the headers of images; sizes of absent ones are as stated by the frame or expected by the protocol. Other irregularities of a
-/// header are counted as warnings.
+/// Reads the headers of images; sizes of absent ones are as stated by the frame or expected by the protocol. A size beyond the limits of
+/// decoding, as a damaged header may state, is an error before anyone renders an image of it. Other irregularities of a header are
+/// counted as warnings.
 fn image_headers<'a>(
     scene: &'a Scene,
     entry: &IndexEntry,
-    expected: Option<ImageSize>,
+    recipe: &TrialRecipe,
     warnings: &mut Warnings,
 ) -> ImageHeaders<'a> {
     let mut headers = ImageHeaders::new();
@@ -222,11 +223,11 @@ fn image_headers<'a>(
             let header = match frame.image {
                 FrameImage::Absent => frame
                     .stated_size
-                    .or(expected)
+                    .or(recipe.preprocessing.expected_size)
                     .map(ImageHeader::upright)
                     .ok_or_else(|| format!("frame {position}: the size of its absent image is not stated")),
                 _ => frame
-                    .header(&scene.key, *position)
+                    .header_within(&scene.key, *position, &recipe.decode_limits)
                     .inspect(|header| frame.report(&scene.key, *position, header, warnings))
                     .map_err(|error| error.to_string()),
             };

@@ -15,7 +15,7 @@ pub enum SkipReason {
     Dropped(DropReason),
     /// A frame has no usable pose: it is not finite or not a rotation.
     PoseUnusable,
-    /// An image's header cannot be read.
+    /// An image's header cannot be read, or states a size beyond the limits of decoding.
     ImageUnreadable,
     /// An image does not match its camera's intrinsics.
     ImageMisfit,

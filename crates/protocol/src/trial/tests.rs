@@ -1,3 +1,4 @@
+mod limits;
 mod prefetch;
 mod targets;
 mod unposed;
