@@ -4,7 +4,7 @@ use std::io::{Result as IoResult, Write as _};
 use std::path::{Component, Path, PathBuf, absolute};
 
 use anyhow::Context as _;
-use atsplat_files::{AtomicFile, Sha256Digest, Writer};
+use atsplat_files::{AtomicFile, Sha256Digest, Writer, create_folder};
 use serde::Serialize;
 
 use crate::objects::with_urls;
@@ -49,7 +49,7 @@ impl NewFolders {
         let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
         let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
         self.0.extend(missing.into_iter().rev().map(Path::to_owned));
-        std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
+        create_folder(folder).with_context(|| format!("creating the folder {}", folder.display()))
     }
 }
 
@@ -166,6 +166,8 @@ mod tests {
         PendingFile::open(&file).unwrap().finish(b"written").unwrap();
         drop(folders);
         assert!(old.is_dir() && !old.join("empty").exists() && !kept.exists() && file.is_file());
-        assert!(NewFolders::of(&file.join("inside")).is_err(), "a file where a folder is needed");
+        let shown = file.display().to_string();
+        let error = format!("{:#}", NewFolders::of(&file.join("inside")).unwrap_err());
+        assert_eq!(error, format!("creating the folder {shown}/inside: expected a folder, found the file {shown}"));
     }
 }

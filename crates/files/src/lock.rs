@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::{FileError, date, read_if_exists, unix_seconds, write_unsynced};
+use crate::{FileError, create_folder, date, read_if_exists, unix_seconds, write_unsynced};
 
 /// The locked file. It stays behind, empty, in a folder that something was written to.
 const LOCK: &str = "run.lock";
@@ -79,7 +79,7 @@ impl FolderLock {
     /// [`LockError::InUse`] if another writer has the lock; [`LockError::Io`], also for a `run.json` that no lock wrote.
     pub fn of(folder: &Path) -> Result<Self, LockError> {
         let (path, holder) = (folder.join(LOCK), folder.join(HOLDER));
-        fs::create_dir_all(folder).map_err(during("creating a folder", folder))?;
+        create_folder(folder).map_err(during("creating a folder", folder))?;
         // A lock writes it whole, so that it is never half a description. Before anything is created in a folder of the user.
         require_holder(&holder).map_err(during("locking a folder", &holder))?;
         let file = locked(&path)?.ok_or_else(|| in_use(folder, &holder))?;

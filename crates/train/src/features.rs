@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{Sha256Digest, create_folder};
 use atsplat_model::network::{MatmulPrecision, Network, Views};
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};
@@ -43,7 +43,7 @@ impl FeatureCache {
         }
         let identity = identity(config, frozen, precision, &cpu::processor());
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
-        std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;
+        create_folder(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;
         Ok(Self { folder })
     }
 

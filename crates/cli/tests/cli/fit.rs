@@ -287,7 +287,10 @@ fn files_are_opened_before_the_optimisation() {
     let fit = |more: &[&'static str]| [&fit[..], &["--steps", "2", "--out", "fitted.ply"], more].concat();
     for (more, expected) in [
         (["--checkpoint", "photos"], "error: writing photos: "),
-        (["--plots", "photos/000000.png"], "error: creating the folder photos/000000.png: "),
+        (
+            ["--plots", "photos/000000.png"],
+            "error: creating the folder photos/000000.png: expected a folder, found the file photos/000000.png",
+        ),
     ] {
         let rejected = atsplat(here, &fit(&more));
         assert!(rejected.code == 1 && rejected.stderr.contains(expected), "{more:?}: {}", rejected.stderr);

@@ -249,6 +249,20 @@ fn an_empty_scene_renders_as_background() {
     assert!(outcome.stderr.contains("1 removed, 0 repaired; 1  means: not-a-number"), "{}", outcome.stderr);
 }
 
+#[cfg(unix)]
+#[test]
+fn what_is_in_the_place_of_the_output_folder_is_named() {
+    let folder = folder();
+    let here = folder.path();
+    std::os::unix::fs::symlink("gone", here.join("link")).unwrap();
+    for (out, found) in [("scene.ply", "the file scene.ply"), ("link/below", "the broken symbolic link link to gone")] {
+        let refused = atsplat(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", out]);
+        let message = format!("error: creating the folder {out}: expected a folder, found {found}");
+        assert!(refused.code == 1 && refused.stderr.contains(&message), "{}", refused.stderr);
+    }
+    assert!(fs::read_to_string(here.join("scene.ply")).unwrap() == SCENE && !here.join("gone").exists());
+}
+
 #[test]
 fn usage_errors_are_reported_before_anything_is_written() {
     let folder = folder();

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::{FileError, Sha256Digest};
+use atsplat_files::{FileError, Sha256Digest, create_folder};
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_pixels::{Rounding, encode_jpeg, encode_png};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter};
@@ -201,7 +201,7 @@ fn distinct_times(simulation: &Simulation) -> Result<(), RoomsError> {
 }
 
 fn make_folder(folder: &Path) -> Result<(), RoomsError> {
-    std::fs::create_dir_all(folder).map_err(FileError::during("creating a folder", folder))
+    create_folder(folder).map_err(FileError::during("creating a folder", folder))
 }
 
 /// Removes a file if there is one.

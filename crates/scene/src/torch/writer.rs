@@ -1,6 +1,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::create_folder;
 use atsplat_pixels::ImageFormat;
 use indexmap::IndexMap;
 use zip::write::SimpleFileOptions;
@@ -52,7 +53,7 @@ impl ChunkWriter {
     /// with the new ones.
     pub fn create(folder: impl Into<PathBuf>, target_bytes: u64) -> Result<Self, SceneError> {
         let folder = folder.into();
-        std::fs::create_dir_all(&folder).map_err(SceneError::io("creating a folder for chunks", &folder))?;
+        create_folder(&folder).map_err(SceneError::io("creating a folder for chunks", &folder))?;
         for entry in std::fs::read_dir(&folder).map_err(SceneError::io("listing chunks", &folder))? {
             let name = entry.map_err(SceneError::io("listing chunks", &folder))?.file_name();
             if is_named_chunk(name.as_ref()) || name == INDEX {
