@@ -32,7 +32,7 @@ pub use existing::{entries_if_exists, read_if_exists, remove_if_exists};
 pub use folder::create_folder;
 pub use lock::{FileLock, FolderLock, LockError, this_process};
 pub use markdown::escaped_markdown;
-pub use panic::panic_message;
+pub use panic::{catch_silently, panic_message};
 pub use regular::{open, read, read_to_string};
 pub use toml_error::{malformed_toml, toml_problem};
 

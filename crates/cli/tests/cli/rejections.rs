@@ -227,6 +227,24 @@ fn gaussians_of_a_listed_method_are_not_drawn_with_other_settings_in_silence() {
     assert!(elsewhere.stdout.contains("depthsplat names NoPoSplat"), "{}", elsewhere.stdout);
 }
 
+/// Polars panics while it reads this table, which is reported like other damage.
+#[test]
+fn a_damaged_table_is_an_error_without_a_report_of_the_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    succeed(here, &[&RUN[..], &["--method", "nearest-view"]].concat());
+    let trials = here.join("store/trials.parquet");
+    let mut bytes = std::fs::read(&trials).unwrap();
+    // In the type of an unsigned column (64 bits, unsigned), one bit of the field that is a flag.
+    let at = bytes.windows(4).position(|window| window == [0x13, 64, 0x12, 0]).unwrap();
+    bytes[at + 2] ^= 1;
+    std::fs::write(&trials, bytes).unwrap();
+    let refused = atsplat(here, &["report", "store", "--out", "page"]);
+    assert!(refused.code == 1 && refused.stderr.contains("found damaged data: "), "{}", refused.stderr);
+    assert!(!refused.stderr.contains("panicked"), "{}", refused.stderr);
+}
+
 #[test]
 fn an_unfinished_run_is_no_baseline() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,11 +1,12 @@
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::io::Cursor;
-use std::panic::catch_unwind;
 use std::path::Path;
 
-use atsplat_files::panic_message;
-use polars::prelude::{DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series};
+use atsplat_files::{catch_silently, panic_message};
+use polars::prelude::{
+    DataFrame, ParallelStrategy, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series,
+};
 
 use super::disk;
 use super::schema::Column;
@@ -67,9 +68,11 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The table in a file's bytes, or why it cannot be read: some damaged files let polars panic.
+/// The table in a file's bytes, or why it cannot be read: some damaged files let polars panic. That is not printed of this thread, which
+/// therefore decodes alone.
 fn parsed(bytes: Vec<u8>) -> Result<DataFrame, String> {
-    let read = catch_unwind(|| ParquetReader::new(Cursor::new(bytes)).finish());
+    let table = || ParquetReader::new(Cursor::new(bytes)).read_parallel(ParallelStrategy::None).finish();
+    let read = catch_silently(table);
     let damaged =
         |text: Option<&str>| text.map_or_else(|| "damaged data".to_owned(), |text| format!("damaged data: {text}"));
     read.map_err(|panic| damaged(panic_message(panic.as_ref())))?.map_err(|error| error.to_string())

@@ -1,41 +1,17 @@
 //! Turns panics of wgpu, which occur if a device is lost while waiting for it, into errors without printing them.
 
-use std::cell::Cell;
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
-use std::sync::Once;
+use std::panic::AssertUnwindSafe;
 
-use atsplat_files::panic_message;
+use atsplat_files::{catch_silently, panic_message};
 
 use super::GpuError;
 
-thread_local! {
-    /// Whether panics of this thread become errors and are not printed.
-    static CATCHING: Cell<bool> = const { Cell::new(false) };
-}
-
 /// Runs `work`, and returns a panic in it as a [`GpuError::Device`] with the panic message.
 pub(super) fn catch_panics<T>(adapter: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
-    silence_caught_panics();
-    let outer = CATCHING.replace(true);
-    let outcome = catch_unwind(AssertUnwindSafe(work));
-    CATCHING.set(outer);
-    outcome.unwrap_or_else(|panic| {
+    catch_silently(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let reason = single_line(panic_message(panic.as_ref()).unwrap_or("the driver panicked without a message"));
         Err(GpuError::Device { adapter: adapter.to_owned(), reason })
     })
-}
-
-/// Installs, once, a panic hook that suppresses caught panics and forwards all others to the previous hook.
-fn silence_caught_panics() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        let previous = take_hook();
-        set_hook(Box::new(move |panic| {
-            if !CATCHING.get() {
-                previous(panic);
-            }
-        }));
-    });
 }
 
 /// Joins the lines of wgpu's multi-line messages.
@@ -45,6 +21,7 @@ fn single_line(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::panic::{catch_unwind, set_hook, take_hook};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
