@@ -198,7 +198,8 @@ def main():
             answer(trial=number, not_applicable="NoPoSplat needs poses relative to the first context view")
             continue
         if any("lens" in view for view in trial["context"]):
-            answer(trial=number, not_applicable="the encoder takes pinholes; `atsplat data undistort` makes them")
+            remedy = "`atsplat data undistort`, of a build with `--features opencv`, makes them"
+            answer(trial=number, not_applicable=f"the encoder takes pinholes; {remedy}")
             continue
         if views not in (None, len(trial["context"])):
             found = f"the encoder is for {views} context views, found {len(trial['context'])}"

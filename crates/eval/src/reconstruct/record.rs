@@ -167,18 +167,23 @@ pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Pro
         warnings.push(format!("the pose normalisation is not stable for these views: {}", names.join("; ")));
     }
     let distorted = photos.trial().context().iter().filter(|view| view.camera.distortion != Distortion::None).count();
-    if distorted > 0 {
-        warnings.push(format!(
-            "{distorted} views have lens distortion: their rays follow it, which the papers' networks were never trained on; \
-             `atsplat data undistort` removes it from the photos, --no-distortion ignores it"
-        ));
-    }
+    warnings.extend(distortion_warning(distorted));
     let found = reconstruction.gaussians.validate();
     if !found.is_clean() {
         let (invalid, total) = (found.invalid, found.total);
         warnings.push(format!("{invalid} of {total} Gaussians are invalid; `atsplat render` lists the problems"));
     }
     warnings
+}
+
+/// The warning about this many views through a lens.
+fn distortion_warning(distorted: usize) -> Option<String> {
+    (distorted > 0).then(|| {
+        format!(
+            "{distorted} views have lens distortion: their rays follow it, which the papers' networks were never trained on; \
+             `atsplat data undistort`, of a build with `--features opencv`, removes it from the photos, --no-distortion ignores it"
+        )
+    })
 }
 
 /// The warning about Gaussians in a scene's frame that f32, the number format of every file of Gaussians, displaces visibly: a
@@ -199,6 +204,14 @@ mod tests {
     use atsplat_splat::GaussianParts;
 
     use super::*;
+
+    /// Other builds do not have that command.
+    #[test]
+    fn views_with_distortion_are_counted_and_the_build_that_removes_it_is_named() {
+        assert_eq!(distortion_warning(0), None);
+        let warning = distortion_warning(3).unwrap();
+        assert!(warning.starts_with("3 views have") && warning.contains("`--features opencv`"), "{warning}");
+    }
 
     #[test]
     fn warns_of_more_than_a_few_gaussians_far_from_the_origin() {
