@@ -8,16 +8,18 @@
 //! | rows without a score are removed, for others to take their place | the same, and the old records until the rows are gone |
 //! | all rows are removed, or a store is created | no records, so it is not a store: the next writer removes the rest |
 //!
+//! From [`StoreCopy::claim`] to [`StoreCopy::finish`], the records there do not state the hashes of tables, which arrive one by one.
+//!
 //! Programs that do not know `update/` may find tables that contradict each other, or none, until the store is resumed.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use atsplat_files::{FileError, is_plain_name};
+use atsplat_files::{FileError, PARTIAL, is_plain_name};
 use tempfile::TempDir;
 
 use crate::ObjectError;
@@ -25,6 +27,7 @@ use crate::cache::Cache;
 use crate::storage::{Download, Object, Process, Storage, Traffic, Upload, Version};
 use crate::store_files::{
     self, PARTS, RECORDS, TIMES, UPDATE, UPDATED, WRITER, file_name, holds_rows, is_folder, is_shared, is_table, round,
+    without_hashes,
 };
 
 /// Results are sent at most this often while a run goes on.
@@ -50,6 +53,8 @@ pub struct StoreCopy {
 #[derive(Debug)]
 struct Sent {
     claimed: bool,
+    /// Whether the records there lack the hashes of tables that the local ones state.
+    withheld: bool,
     files: BTreeMap<String, SentFile>,
     last: Option<Instant>,
 }
@@ -81,7 +86,7 @@ impl StoreCopy {
         let folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
         let before = storage.get(WRITER)?;
         let begun = list(storage.as_ref())?;
-        let sent = Sent { claimed: false, files: BTreeMap::new(), last: None };
+        let sent = Sent { claimed: false, withheld: false, files: BTreeMap::new(), last: None };
         let claim = claim_of(writer);
         let (sent, failed) = (Mutex::new(sent), Mutex::default());
         let copy = Self { storage, folder, claim, before, begun, sent, failed };
@@ -188,7 +193,44 @@ impl StoreCopy {
         // Until it is removed, a part that was sent stands for its trial, even if the tables have a newer row, from other data, that
         // was never sent as a part. Who resumes a run that is killed here evaluates the trial again.
         self.remove(&mut sent, gone)?;
+        self.put_hashes(&sent)?;
         self.storage.delete(WRITER)
+    }
+
+    /// Takes the hashes of tables out of the records there, before a table changes.
+    fn withhold_hashes(&self, sent: &mut Sent) -> Result<(), ObjectError> {
+        let Some(known) = sent.files.get_mut(RECORDS) else { return Ok(()) };
+        let Some((records, _)) = self.storage.get(RECORDS)? else { return Ok(()) };
+        let Some(file) = self.without_hashes(records.as_bytes())? else { return Ok(()) };
+        let upload = Upload { name: RECORDS.to_owned(), file, replaces: Some(known.version.clone()) };
+        let written = Mutex::new(None);
+        self.storage.put(vec![upload], &|_, version| {
+            *written.lock().unwrap_or_else(PoisonError::into_inner) = Some(version);
+            Ok(())
+        })?;
+        if let Some(version) = written.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            known.version = version;
+        }
+        sent.withheld = true;
+        Ok(())
+    }
+
+    /// A file with records without the hashes of tables; `None` if they state none.
+    fn without_hashes(&self, records: &[u8]) -> Result<Option<PathBuf>, ObjectError> {
+        let Some(without) = without_hashes(records) else { return Ok(None) };
+        let file = self.folder().join(format!("{RECORDS}.{PARTIAL}"));
+        fs::write(&file, without).map_err(FileError::during::<ObjectError>("writing results", &file))?;
+        Ok(Some(file))
+    }
+
+    /// Sends the records with the hashes of tables, none of which changes any more.
+    fn put_hashes(&self, sent: &Sent) -> Result<(), ObjectError> {
+        if !sent.withheld {
+            return Ok(());
+        }
+        let replaces = sent.files.get(RECORDS).map(|known| known.version.clone());
+        let upload = Upload { name: RECORDS.to_owned(), file: self.folder().join(RECORDS), replaces };
+        self.storage.put(vec![upload], &|_, _| Ok(()))
     }
 
     /// Sends what is new of `which` files. Parts that are gone are in the tables by now and stay until [`Self::finish`]; what else
@@ -274,13 +316,20 @@ impl StoreCopy {
             rounds.entry(round(&name)).or_default().push((name, stamp));
         }
         for files in rounds.into_values() {
-            let upload = |(name, _): &(String, Stamp)| {
+            let mut uploads = Vec::with_capacity(files.len());
+            for (name, _) in &files {
+                let mut file = self.folder().join(file_name(name));
+                if name == RECORDS
+                    && let Some(without) = self.without_hashes(&read(&file)?)?
+                {
+                    (file, sent.withheld) = (without, true);
+                }
                 let replaces = sent.files.get(name).map(|known| known.version.clone());
-                Upload { name: name.clone(), file: self.folder().join(file_name(name)), replaces }
-            };
+                uploads.push(Upload { name: name.clone(), file, replaces });
+            }
             let versions = Mutex::new(BTreeMap::new());
             // A part that went into the tables just now is left out.
-            let outcome = self.storage.put(files.iter().map(upload).collect(), &|name, version| {
+            let outcome = self.storage.put(uploads, &|name, version| {
                 versions.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), version);
                 Ok(())
             });
@@ -314,7 +363,7 @@ impl StoreCopy {
             return Err(taken_over(self.unfinished_writer().unwrap_or_else(|| "another process".to_owned())));
         }
         sent.claimed = true;
-        Ok(())
+        self.withhold_hashes(sent)
     }
 
     fn lock(&self) -> MutexGuard<'_, Sent> {
@@ -347,6 +396,12 @@ fn list(storage: &dyn Storage) -> Result<Vec<Object>, ObjectError> {
         Err(ObjectError::NotFound { .. }) => Ok(Vec::new()),
         Err(error) => Err(error),
     }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, ObjectError> {
+    let bytes =
+        atsplat_files::read_if_exists(path).map_err(FileError::during::<ObjectError>("reading results", path))?;
+    Ok(bytes.unwrap_or_default())
 }
 
 fn stamp(path: &Path) -> io::Result<Stamp> {

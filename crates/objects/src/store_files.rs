@@ -8,6 +8,8 @@ pub(crate) const WRITER: &str = "writer.txt";
 const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
 /// The records, without which a folder is not a store.
 pub(crate) const RECORDS: &str = "provenance.json";
+/// The field of the records with the SHA-256 of each table.
+const HASHES: &str = "tables-sha256";
 /// The table of times: those of a row are removed before another row takes its place.
 pub(crate) const TIMES: &str = "timings.parquet";
 /// The folder of rows that are not in the tables yet.
@@ -50,6 +52,13 @@ pub(crate) fn is_table(name: &str) -> bool {
 
 pub(crate) fn holds_rows(name: &str) -> bool {
     name.starts_with(PARTS) || is_table(name)
+}
+
+/// Records without the hashes of tables; `None` if they state none, or are no records.
+pub(crate) fn without_hashes(records: &[u8]) -> Option<Vec<u8>> {
+    let mut records: serde_json::Value = serde_json::from_slice(records).ok()?;
+    records.as_object_mut()?.remove(HASHES)?;
+    serde_json::to_vec_pretty(&records).ok()
 }
 
 pub(crate) fn is_shared(name: &str) -> bool {

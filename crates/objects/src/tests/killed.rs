@@ -183,3 +183,44 @@ fn a_new_store_is_whole_or_none_wherever_sending_it_stopped() {
         }
     }
 }
+
+/// Here, the hash of a table is its words. Killed at any change, the records state those that are there, or none.
+#[test]
+fn records_never_state_hashes_of_other_tables() {
+    let records = |words: &str| format!("{{\"started\": 1, \"tables-sha256\": {{\"trials.parquet\": \"{words}\"}}}}");
+    let mut seen = Vec::new();
+    for most in 0.. {
+        let fixture = Fixture::new(&[]);
+        fixture.put("store/provenance.json", records("old").as_bytes());
+        for table in TABLES {
+            fixture.put(&format!("store/{table}"), b"old");
+        }
+        let (copy, changes) = fixture.killed_after(most);
+        let write = |name: &str, text: &str| fs::write(copy.folder().join(name), text).unwrap();
+        let run = || {
+            copy.claim()?;
+            write("timings.parquet", "newer");
+            write("provenance.json", &records("newer"));
+            copy.send_soon();
+            for table in TABLES {
+                write(table, "newer");
+            }
+            copy.finish()
+        };
+        let outcome = run();
+        let text = fixture.text("provenance.json").unwrap();
+        let found: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(found["started"], 1, "{text}");
+        let words = found.pointer("/tables-sha256/trials.parquet").map(|words| words.as_str().unwrap());
+        for (table, words) in TABLES.into_iter().flat_map(|table| words.map(|words| (table, words))) {
+            assert_eq!(fixture.text(table).as_deref(), Some(words), "{table} after {:?}", changes.lock().unwrap());
+        }
+        seen.push(words.map(str::to_owned));
+        if outcome.is_ok() {
+            assert_eq!(text, records("newer"), "byte for byte");
+            break;
+        }
+    }
+    seen.dedup();
+    assert_eq!(seen, [Some("old".to_owned()), None, Some("newer".to_owned())]);
+}

@@ -2,7 +2,7 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `provenance.json` | what was run, how and where |
+//! | `provenance.json` | what was run, how and where; the SHA-256 of each table |
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
 //! | `timings.parquet` | the rows of timing passes, if there were any |
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
@@ -19,6 +19,7 @@
 mod columns;
 mod data;
 mod disk;
+mod hashes;
 pub mod images;
 mod merge;
 mod parts;
@@ -36,22 +37,25 @@ mod trials;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
 pub use data::KnownResults;
 pub use merge::{Merged, Unfinished, repeated_store};
 pub use schema::{SCHEMA_VERSION, schema_hash};
+use serde::Serialize;
 pub use stored_images::StoredImage;
 
 use crate::{MetricRecord, Moved, Provenance, Results, ResultsError, SkippedEntry, TargetRow, TrialRow, WarningCount};
+use hashes::{NewTable, TableHashes};
 use read::Content;
 
 /// The file that makes a folder a store.
 pub const PROVENANCE: &str = "provenance.json";
 const TRIALS: &str = "trials.parquet";
 const TARGETS: &str = "targets.parquet";
+const TABLES: [&str; 3] = [TRIALS, TARGETS, timings::TIMINGS];
 const DIGESTS: &str = "digests.txt";
 /// The file that says that the tables of a store without [`PROVENANCE`] are those of an unfinished merge.
 const MERGING: &str = "merge.partial";
@@ -63,13 +67,20 @@ pub struct Store {
     provenance: Provenance,
     /// That of the run that resumed it, until [`Store::finish`] takes over its places.
     run: Option<Provenance>,
-    /// Whether the stored provenance has the command of that run: one that makes nothing leaves none.
-    has_command: Mutex<bool>,
+    recorded: Mutex<Recorded>,
     known: KnownResults,
     /// Methods with at least one scored target.
     scored_methods: BTreeSet<String>,
     digests: ImageDigests,
     lock: FolderLock,
+}
+
+/// What changes in a store's records while a run adds results.
+#[derive(Clone, Debug, Default)]
+struct Recorded {
+    /// Whether they have the command of the run that resumed the store: one that makes nothing leaves none.
+    has_command: bool,
+    hashes: TableHashes,
 }
 
 impl Store {
@@ -90,8 +101,8 @@ impl Store {
         fs::create_dir_all(&parts).map_err(ResultsError::io("creating a results store", &parts))?;
         let provenance = of_this_schema(provenance);
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
-        let (folder, has_command) = (folder.to_owned(), Mutex::new(false));
-        let store = Self { folder, provenance, run: None, has_command, known, scored_methods, digests, lock };
+        let (folder, recorded) = (folder.to_owned(), Mutex::default());
+        let store = Self { folder, provenance, run: None, recorded, known, scored_methods, digests, lock };
         store.write_provenance()?;
         Ok(store)
     }
@@ -111,7 +122,8 @@ impl Store {
 
     /// With the metrics of the run that opens it; by default the store's.
     fn open_locked(folder: &Path, lock: FolderLock, metrics: Option<&[MetricRecord]>) -> Result<Self, ResultsError> {
-        let Content { provenance, rows, .. } = Content::read(folder)?;
+        let Content { provenance, mut hashes, rows, .. } = Content::read(folder)?;
+        hashes.add_missing(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(ResultsError::io("opening a results store", &parts))?;
         let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
@@ -119,8 +131,8 @@ impl Store {
         let metrics = metrics.unwrap_or(&provenance.metrics);
         let known = KnownResults::of(rows.into_values(), &provenance.methods, metrics);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
-        let (folder, has_command) = (folder.to_owned(), Mutex::new(false));
-        Ok(Self { folder, provenance, run: None, has_command, known, scored_methods, digests, lock })
+        let (folder, recorded) = (folder.to_owned(), Mutex::new(Recorded { has_command: false, hashes }));
+        Ok(Self { folder, provenance, run: None, recorded, known, scored_methods, digests, lock })
     }
 
     /// The store's folder.
@@ -184,13 +196,11 @@ impl Store {
 
     /// Records the command of the run that resumed the store, before its first result.
     fn record_command(&self) -> Result<(), ResultsError> {
-        let Some(run) = &self.run else { return Ok(()) };
-        let mut has_command = self.has_command.lock().unwrap_or_else(PoisonError::into_inner);
-        if !*has_command {
-            let mut provenance = self.provenance.clone();
-            provenance.add_commands(run);
-            write_provenance(&self.folder, &provenance)?;
-            *has_command = true;
+        let mut recorded = self.recorded();
+        if self.run.is_some() && !recorded.has_command {
+            let with_command = Recorded { has_command: true, ..recorded.clone() };
+            self.write_records(&with_command)?;
+            *recorded = with_command;
         }
         Ok(())
     }
@@ -226,13 +236,12 @@ impl Store {
         data::check_consistent(&results)?;
         if let Some(run) = self.run.take() {
             self.provenance.take_places(&run);
-            if *self.has_command.get_mut().unwrap_or_else(PoisonError::into_inner) {
+            if self.recorded().has_command {
                 self.provenance.add_commands(&run);
             }
         }
-        self.write_provenance()?;
-        results.provenance = read::provenance(&self.folder)?;
-        results.write_tables(&self.folder)?;
+        self.replace_tables(&results.encoded(&self.folder)?)?;
+        (results.provenance, _) = read::records(&self.folder)?;
         for part in parts {
             fs::remove_file(&part).map_err(ResultsError::io("removing a part that is in the tables", &part))?;
         }
@@ -240,8 +249,30 @@ impl Store {
         Ok(results)
     }
 
+    /// Replaces or removes tables. The records state no hash of them meanwhile, so that the store can be read and resumed if the process
+    /// is killed.
+    fn replace_tables(&self, tables: &[NewTable]) -> Result<(), ResultsError> {
+        let mut recorded = self.recorded();
+        recorded.hashes.forget(tables);
+        self.write_records(&recorded)?;
+        recorded.hashes.write(&self.folder, tables)?;
+        self.write_records(&recorded)
+    }
+
+    fn recorded(&self) -> MutexGuard<'_, Recorded> {
+        self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn write_provenance(&self) -> Result<(), ResultsError> {
-        write_provenance(&self.folder, &self.provenance)
+        self.write_records(&self.recorded())
+    }
+
+    fn write_records(&self, recorded: &Recorded) -> Result<(), ResultsError> {
+        let mut provenance = self.provenance.clone();
+        if let Some(run) = self.run.as_ref().filter(|_| recorded.has_command) {
+            provenance.add_commands(run);
+        }
+        write_records(&self.folder, &provenance, &recorded.hashes)
     }
 }
 
@@ -250,9 +281,19 @@ fn of_this_schema(provenance: Provenance) -> Provenance {
     Provenance { schema_version, schema_hash, ..provenance }
 }
 
-fn write_provenance(folder: &Path, provenance: &Provenance) -> Result<(), ResultsError> {
+/// The content of [`PROVENANCE`].
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Records<'a> {
+    #[serde(flatten)]
+    provenance: &'a Provenance,
+    #[serde(skip_serializing_if = "TableHashes::is_empty")]
+    tables_sha256: &'a TableHashes,
+}
+
+fn write_records(folder: &Path, provenance: &Provenance, tables_sha256: &TableHashes) -> Result<(), ResultsError> {
     let path = folder.join(PROVENANCE);
-    let json = serde_json::to_vec_pretty(provenance);
+    let json = serde_json::to_vec_pretty(&Records { provenance, tables_sha256 });
     let json =
         json.map_err(|error| ResultsError::malformed(&path, "file", "provenance that JSON can represent", error))?;
     disk::write(&path, &json)
@@ -287,7 +328,7 @@ fn require_no_rows(folder: &Path) -> Result<(), ResultsError> {
 }
 
 fn tables(folder: &Path) -> [PathBuf; 3] {
-    [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name))
+    TABLES.map(|name| folder.join(name))
 }
 
 impl Results {
@@ -295,17 +336,19 @@ impl Results {
     ///
     /// # Errors
     /// [`ResultsError::NoStore`]; [`ResultsError::TooNew`] and [`ResultsError::SchemaHash`] for an unknown schema;
-    /// [`ResultsError::Malformed`] with file, column and row; [`ResultsError::MixedData`] if methods were given different
-    /// images or cameras for one trial; [`ResultsError::Io`].
+    /// [`ResultsError::Malformed`] with file, column and row, or with the stated and the found hash of a table;
+    /// [`ResultsError::MixedData`] if methods were given different images or cameras for one trial; [`ResultsError::Io`].
     pub fn read(folder: &Path) -> Result<Self, ResultsError> {
         let results = Content::read(folder)?.into_results();
         data::check_consistent(&results)?;
         Ok(results)
     }
 
-    fn write_tables(&self, folder: &Path) -> Result<(), ResultsError> {
-        table::write(&folder.join(TARGETS), targets::columns(&self.targets).frame())?;
-        table::write(&folder.join(TRIALS), trials::columns(&self.trials).frame())
+    /// The tables of rows, in the order in which they are written.
+    fn encoded(&self, folder: &Path) -> Result<[NewTable; 2], ResultsError> {
+        let targets = table::encoded(&folder.join(TARGETS), targets::columns(&self.targets).frame())?;
+        let trials = table::encoded(&folder.join(TRIALS), trials::columns(&self.trials).frame())?;
+        Ok([(TARGETS, Some(targets)), (TRIALS, Some(trials))])
     }
 
     /// Writes these rows to a new store. If interrupted at any moment, there is no store, and it can be repeated.
@@ -334,13 +377,14 @@ impl Results {
             return Err(ResultsError::HasResults { folder: folder.to_owned(), found });
         }
         disk::write(&folder.join(MERGING), &[])?;
+        let mut hashes = TableHashes::default();
         if !self.timings.is_empty() {
-            timings::write(folder, &self.timings)?;
+            hashes.write(folder, &[timings::encoded(folder, &self.timings)?])?;
         }
-        self.write_tables(folder)?;
+        hashes.write(folder, &self.encoded(folder)?)?;
         parts.iter().try_for_each(|part| images::add_those_of(part, folder))?;
         // Last, because it makes the folder a store.
-        write_provenance(folder, &of_this_schema(self.provenance.clone()))?;
+        write_records(folder, &of_this_schema(self.provenance.clone()), &hashes)?;
         disk::remove(&folder.join(MERGING))
     }
 }

@@ -3,6 +3,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use super::hashes::{self, TableHashes};
 use super::parts::{self, Part};
 use super::schema::{self, SCHEMA_VERSION, Schema};
 use super::table::Table;
@@ -14,6 +15,7 @@ use crate::{Provenance, Results, ResultsError, TargetRow, TrialKey, TrialRow};
 #[derive(Debug)]
 pub(super) struct Content {
     pub(super) provenance: Provenance,
+    pub(super) hashes: TableHashes,
     pub(super) rows: Rows,
     pub(super) timings: Vec<TimingRow>,
     /// Part files whose rows are included, and unfinished files left by a crash.
@@ -47,13 +49,13 @@ impl Content {
 
     #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     fn once(folder: &Path) -> Result<Self, ResultsError> {
-        let provenance = provenance(folder)?;
+        let (provenance, hashes) = records(folder)?;
         let version = provenance.schema_version;
         let schema = Schema::of_version(version).expect("a version with a known hash has a schema");
         // Parts before tables: a part that is removed meanwhile is in the tables.
         let (read, unfinished) = parts::read(folder)?;
         let replaced = read.iter().map(|(_, part)| part.trial.key.clone()).collect();
-        let mut rows = tables(folder, &schema, &replaced)?;
+        let mut rows = tables(folder, &schema, &hashes, &replaced)?;
         let mut files = unfinished;
         for (path, Part { trial, mut targets }) in read {
             check_targets(&path, &trial, &mut targets)?;
@@ -61,7 +63,8 @@ impl Content {
             rows.insert(trial.key.clone(), (trial, targets));
             files.push(path);
         }
-        Ok(Self { provenance, rows, timings: timings::read(folder, &schema)?, parts: files })
+        let timings = timings::read(folder, &schema, &hashes)?;
+        Ok(Self { provenance, hashes, rows, timings, parts: files })
     }
 
     pub(super) fn into_results(self) -> Results {
@@ -82,14 +85,14 @@ fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 4] {
     })
 }
 
-/// Reads a store's provenance and checks its schema.
-pub(super) fn provenance(folder: &Path) -> Result<Provenance, ResultsError> {
+/// Reads a store's provenance and checks its schema; with the hashes of its tables.
+pub(super) fn records(folder: &Path) -> Result<(Provenance, TableHashes), ResultsError> {
     let path = folder.join(PROVENANCE);
     let Some(bytes) = disk::read(&path)? else { return Err(ResultsError::NoStore { folder: folder.to_owned() }) };
     let malformed =
         |error: serde_json::Error| ResultsError::malformed(&path, "file", "the provenance of results", error);
     // The version first: a newer one may have unknown fields.
-    let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(malformed)?;
+    let mut value: serde_json::Value = serde_json::from_slice(&bytes).map_err(malformed)?;
     let version = value.get("schema-version").and_then(serde_json::Value::as_u64);
     let version = version.and_then(|version| u32::try_from(version).ok());
     let Some(found) = version.filter(|version| *version > 0) else {
@@ -99,6 +102,8 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, ResultsError> {
     let Some(expected) = schema::hash(found) else {
         return Err(ResultsError::TooNew { path, found, newest: SCHEMA_VERSION });
     };
+    let hashes = value.as_object_mut().and_then(|records| records.remove(hashes::FIELD));
+    let hashes: Option<TableHashes> = hashes.map(serde_json::from_value).transpose().map_err(malformed)?;
     let provenance: Provenance = serde_json::from_value(value).map_err(malformed)?;
     if provenance.schema_hash != expected {
         return Err(ResultsError::SchemaHash { path, version: found, expected, found: provenance.schema_hash });
@@ -108,17 +113,22 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, ResultsError> {
             |error: ResultsError| ResultsError::malformed(&path, "presets", "protocols of this version", error);
         preset.protocol().map_err(malformed)?;
     }
-    Ok(provenance)
+    Ok((provenance, hashes.unwrap_or_default()))
 }
 
 pub(super) type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
 
 /// The rows of the compacted tables, except the trials that parts `replace`; none if there are no tables. A run may be
 /// killed between writing the two tables: they then disagree about trials that the parts contain as well.
-pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKey>) -> Result<Rows, ResultsError> {
+pub(super) fn tables(
+    folder: &Path,
+    schema: &Schema,
+    hashes: &TableHashes,
+    replaced: &BTreeSet<TrialKey>,
+) -> Result<Rows, ResultsError> {
     let mut rows = Rows::new();
     let path = folder.join(TRIALS);
-    if let Some(table) = Table::read(&path, &schema.trials)? {
+    if let Some(table) = Table::read(&path, &schema.trials, hashes)? {
         for trial in trials::rows(&table)?.into_iter().filter(|trial| !replaced.contains(&trial.key)) {
             let key = trial.key.clone();
             if rows.insert(key.clone(), (trial, Vec::new())).is_some() {
@@ -127,7 +137,7 @@ pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKe
         }
     }
     let path = folder.join(TARGETS);
-    if let Some(table) = Table::read(&path, &schema.targets)? {
+    if let Some(table) = Table::read(&path, &schema.targets, hashes)? {
         for target in targets::rows(&table)?.into_iter().filter(|target| !replaced.contains(&target.key)) {
             let Some((_, targets)) = rows.get_mut(&target.key) else {
                 let found = format!("a target of {}, which has no trial", target.key);

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::read::{Content, Rows};
-use super::{PROVENANCE, Store, TARGETS, TRIALS, disk, lock, parts, timings};
+use super::timings::{self, TIMINGS};
+use super::{PROVENANCE, Store, TARGETS, TRIALS, disk, lock, parts};
 use crate::{Moved, Provenance, ResultsError};
 
 /// What a run does with the results of a store.
@@ -124,8 +125,8 @@ impl Store {
         let timed = content.timings.len();
         content.timings.retain(|row| !is_removed(&row.key.method));
         match content.timings.len() {
-            0 => disk::remove(&self.folder.join(timings::TIMINGS))?,
-            kept if kept < timed => timings::write(&self.folder, &content.timings)?,
+            0 if self.folder.join(TIMINGS).exists() => self.replace_tables(&[(TIMINGS, None)])?,
+            kept if kept < timed => self.replace_tables(&[timings::encoded(&self.folder, &content.timings)?])?,
             _ => {}
         }
         let rows = std::mem::take(&mut content.rows);
@@ -136,10 +137,10 @@ impl Store {
             }
         }
         if kept.is_empty() {
-            disk::remove(&self.folder.join(TARGETS))?;
-            disk::remove(&self.folder.join(TRIALS))?;
+            self.replace_tables(&[(TARGETS, None), (TRIALS, None)])?;
         } else if !removed.is_empty() {
-            Content { rows: kept, ..content }.into_results().write_tables(&self.folder)?;
+            let kept = Content { rows: kept, ..content }.into_results();
+            self.replace_tables(&kept.encoded(&self.folder)?)?;
         }
         removed.keys().try_for_each(|key| disk::remove(&parts::path(&self.folder, key)))
     }

@@ -9,12 +9,10 @@ use polars::prelude::{
 };
 
 use super::disk;
+use super::hashes::{ADVICE, TableHashes};
 use super::schema::Column;
 use crate::rows::Impossible;
 use crate::{ResultsError, TrialKey};
-
-/// What the file of a table is expected to be. Its rows are in no other file.
-const EXPECTED: &str = "a Parquet table (restore the file from a copy, or remove the store and run again)";
 
 /// A table read from disk, with the columns of its schema version.
 pub(super) struct Table<'a> {
@@ -23,22 +21,30 @@ pub(super) struct Table<'a> {
     path: &'a Path,
 }
 
-/// Writes a table.
-pub(super) fn write(path: &Path, frame: PolarsOutcome) -> Result<(), ResultsError> {
+/// The content of a table's file.
+pub(super) fn encoded(path: &Path, frame: PolarsOutcome) -> Result<Vec<u8>, ResultsError> {
     let failed = |error: PolarsError| ResultsError::malformed(path, "table", "rows that Parquet can represent", error);
     let mut frame = frame.map_err(failed)?;
     let mut bytes = Vec::new();
     ParquetWriter::new(&mut bytes).set_parallel(false).finish(&mut frame).map_err(failed)?;
-    disk::write(path, &bytes)
+    Ok(bytes)
 }
 
 pub(super) type PolarsOutcome = Result<DataFrame, PolarsError>;
 
 impl<'a> Table<'a> {
-    /// Reads a table and checks its columns; `None` if there is no file.
-    pub(super) fn read(path: &'a Path, columns: &'a [Column]) -> Result<Option<Self>, ResultsError> {
-        let Some(bytes) = disk::read(path)? else { return Ok(None) };
-        let frame = parsed(bytes).map_err(|why| ResultsError::malformed(path, "file", EXPECTED, why))?;
+    /// Reads a table, and checks its hash and its columns; `None` if there is no file.
+    pub(super) fn read(
+        path: &'a Path,
+        columns: &'a [Column],
+        hashes: &TableHashes,
+    ) -> Result<Option<Self>, ResultsError> {
+        let bytes = disk::read(path)?;
+        hashes.check(path, bytes.as_deref())?;
+        let Some(bytes) = bytes else { return Ok(None) };
+        let unreadable =
+            |why: String| ResultsError::malformed(path, "file", format!("a Parquet table ({ADVICE})"), why);
+        let frame = parsed(bytes).map_err(unreadable)?;
         let table = Self { frame, columns, path };
         columns.iter().try_for_each(|column| table.check(column))?;
         Ok(Some(table))

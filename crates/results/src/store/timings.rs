@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::columns::Columns;
+use super::hashes::{NewTable, TableHashes};
 use super::schema::Schema;
 use super::table::{self, Table};
 use super::{SCHEMA_VERSION, Store};
@@ -25,7 +26,9 @@ impl Store {
     /// Never: the newest version has a schema.
     #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     pub fn timings(&self) -> Result<Vec<TimingRow>, ResultsError> {
-        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
+        let schema = Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema");
+        let hashes = self.recorded().hashes.clone();
+        read(&self.folder, &schema, &hashes)
     }
 
     /// Adds timing rows, which replace those of the same methods on the same machine. Times stay where the new row of the trial has
@@ -51,9 +54,9 @@ impl Store {
             rows.into_iter().partition(|row| all.iter().any(|known| is_failure_of(row, known)));
         all.extend(added);
         let all = merged(all)?;
-        all.iter().try_for_each(TimingRow::check)?;
+        let table = encoded(&self.folder, &all)?;
         self.record_command()?;
-        write(&self.folder, &all)?;
+        self.replace_tables(&[table])?;
         Ok(left_out)
     }
 
@@ -64,21 +67,22 @@ impl Store {
     pub fn remove_timings(&self, key: &TrialKey) -> Result<(), ResultsError> {
         let mut rows = self.timings()?;
         rows.retain(|row| row.key != *key);
-        write(&self.folder, &rows)
+        self.replace_tables(&[encoded(&self.folder, &rows)?])
     }
 }
 
-pub(super) fn write(folder: &Path, rows: &[TimingRow]) -> Result<(), ResultsError> {
+pub(super) fn encoded(folder: &Path, rows: &[TimingRow]) -> Result<NewTable, ResultsError> {
     rows.iter().try_for_each(TimingRow::check)?;
-    table::write(&folder.join(TIMINGS), columns(rows).frame())
+    Ok((TIMINGS, Some(table::encoded(&folder.join(TIMINGS), columns(rows).frame())?)))
 }
 
 /// The rows of a store; none if its version has no such table or nothing was timed.
-pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, ResultsError> {
+pub(super) fn read(folder: &Path, schema: &Schema, hashes: &TableHashes) -> Result<Vec<TimingRow>, ResultsError> {
     if schema.timings.is_empty() {
         return Ok(Vec::new());
     }
-    Table::read(&folder.join(TIMINGS), &schema.timings)?.map_or_else(|| Ok(Vec::new()), |table| rows(&table))
+    let path = folder.join(TIMINGS);
+    Table::read(&path, &schema.timings, hashes)?.map_or_else(|| Ok(Vec::new()), |table| rows(&table))
 }
 
 pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {

@@ -37,8 +37,8 @@ fn impossible_numbers_in_tables_are_rejected_by_file_column_and_row() {
         filled(folder.path(), &["a"]).finish().unwrap();
         let (mut changed, mut rows) = (trial("a"), targets("a"));
         change(&mut changed, &mut rows);
-        table::write(&folder.path().join(TARGETS), targets::columns(&rows).frame()).unwrap();
-        table::write(&folder.path().join(TRIALS), trials::columns(&[changed]).frame()).unwrap();
+        put_table(folder.path(), TARGETS, targets::columns(&rows).frame());
+        put_table(folder.path(), TRIALS, trials::columns(&[changed]).frame());
         let error = Results::read(folder.path()).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains(file), "{expected}: {error}");
     }
@@ -70,7 +70,7 @@ fn numbers_at_the_border_and_broken_ones_are_read() {
     let mut rows = targets("a");
     rows[0].scores = [("ssim".to_owned(), 1.0 + 1e-9), ("psnr".to_owned(), f64::INFINITY)].into();
     rows[0].scores.insert("psnr-unclipped".to_owned(), -12.5);
-    table::write(&folder.path().join(TARGETS), targets::columns(&rows).frame()).unwrap();
+    put_table(folder.path(), TARGETS, targets::columns(&rows).frame());
     assert_eq!(Results::read(folder.path()).unwrap().targets, rows);
     let mut custom = targets("a");
     custom[0].scores = [("a-metric-of-another-toolkit".to_owned(), -7.0)].into();
