@@ -31,7 +31,7 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
     })
 }
 
-/// Merges shards into a new store.
+/// Merges shards into a new store, unless it is there.
 #[pyfunction]
 pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
     work_with_stores(py, || {
@@ -43,7 +43,8 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
             let reasons = reasons.join("; ");
             return Err(Failure::invalid("stores", format!("{reasons}: partial=True merges the other results")));
         }
-        Ok(merged.results.write_merged(&out, &stores)?)
+        merged.results.write_merged(&out, &stores)?;
+        Ok(())
     })
 }
 

@@ -207,6 +207,9 @@ def test_shards_merge_into_the_whole(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError, match="stores: .*part1 is the same store as .*part1: name each store once"):
         atsplat.merge([*parts, tmp_path / "." / "part1" / ".." / "part1"], tmp_path / "twice")
     assert atsplat.merge(parts, tmp_path / "merged").rows() == whole.rows()
+    assert atsplat.merge(parts, tmp_path / "merged").rows() == whole.rows()
+    with pytest.raises(atsplat.AtsplatError, match="expected a folder without results"):
+        atsplat.merge(parts[:1], tmp_path / "merged", partial=True)
 
 
 def test_a_shard_says_that_it_is_a_part_and_is_complete_nevertheless(rooms, tmp_path):

@@ -62,7 +62,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let Merged { mut results, repeated, .. } = merged;
     results.provenance.add_command(&provenance().command);
-    let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write_merged(folder, &folders)?))?;
+    let (out, is_changed) = args.cache.output(&args.out, |folder| Ok(results.write_merged(folder, &folders)?))?;
     out.finish()?;
     let run = RunReport::of(&results, None, &args.out);
     print_report(&Report { run, partial: &reasons }, args.json)?;
@@ -71,6 +71,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     if args.partial && reasons.is_empty() {
         note("--partial has no effect: no shard is missing or unfinished");
+    }
+    if !is_changed {
+        note(&format!("{} has exactly these results already: nothing was left to do", args.out.display()));
     }
     if repeated > 0 {
         warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));

@@ -79,6 +79,37 @@ fn a_merge_keeps_the_images_of_its_parts() {
     assert!(page.contains("<dt>Commands (3)</dt>") && page.contains("merge one two --out merged</dd>"));
 }
 
+/// Killed when its store was whole, before it ended; the same results in another order have other records.
+#[test]
+fn a_merge_that_is_repeated_finds_its_store() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 2);
+    for (shard, out) in [("1/2", "one"), ("2/2", "two")] {
+        assert_eq!(run_with(here, &[], &["--shard", shard, "--out", out]).0, Some(0));
+    }
+    let merge = ["merge", "one", "two", "--out", "merged", "--json"];
+    let first = atsplat(here, &merge);
+    assert!(first.code == 0 && !first.stderr.contains("nothing was left to do"), "{}", first.stderr);
+    let mark = here.join("merged/merge.partial");
+    fs::write(&mark, "").unwrap();
+    let files = || {
+        ["provenance.json", "targets.parquet", "trials.parquet"]
+            .map(|name| fs::read(here.join("merged").join(name)).unwrap())
+    };
+    let before = files();
+    let again = atsplat(here, &merge);
+    let said = "note: merged has exactly these results already: nothing was left to do";
+    assert!(again.code == 0 && again.stderr.contains(said), "{}", again.stderr);
+    assert!(again.stdout == first.stdout && files() == before && !mark.exists());
+    for others in [&["two", "one"][..], &["one", "--partial"]] {
+        let other = atsplat(here, &[&["merge"], others, &["--out", "merged"]].concat());
+        let expected = "merged: expected a folder without results, found results; choose another folder";
+        assert!(other.code == 1 && other.stderr.contains(expected), "{}", other.stderr);
+    }
+    assert!(files() == before);
+}
+
 /// One of two parts has a target without its image, so that its trial has a failed target.
 #[test]
 fn a_merge_counts_what_failed_in_its_parts() {

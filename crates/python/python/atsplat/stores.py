@@ -83,7 +83,8 @@ def open_store(path: Path) -> Store:
 
 
 def merge(stores: Sequence[Path | Store], out: Path, *, partial: bool = False) -> Store:
-    """Merges shards of one run into a new store; without ``partial``, all of them must be there."""
+    """Merges shards of one run into a new store; without ``partial``, all of them must be there. A store of exactly these results
+    stays as it is."""
     _native.merge_stores([folder_of(store) for store in stores], fspath(out), partial)
     return open_store(out)
 

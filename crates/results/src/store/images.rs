@@ -188,25 +188,33 @@ fn files(store: &Path) -> Result<Vec<PathBuf>, ResultsError> {
     Ok(paths)
 }
 
-/// Gives a store the images of another one that it lacks, or has cut: as links to the same files, which are replaced and never changed,
-/// or as copies on another disk.
-pub(super) fn add_those_of(part: &Path, store: &Path) -> Result<(), ResultsError> {
-    for path in files(part)?.into_iter().filter(|path| is_named(path)) {
-        let Ok(name) = path.strip_prefix(part) else { continue };
-        let target = store.join(name);
-        if start_of_whole(&target).map_err(ResultsError::io("reading an image", &target))?.is_some() {
-            continue;
+/// Gives a store the images of others that it lacks, or has cut: as links to the same files, which are replaced and never changed, or as
+/// copies on another disk. `false` if it has all of them.
+pub(super) fn add_those_of(parts: &[PathBuf], store: &Path) -> Result<bool, ResultsError> {
+    let mut is_changed = false;
+    for part in parts {
+        for path in files(part)?.into_iter().filter(|path| is_named(path)) {
+            let Ok(name) = path.strip_prefix(part) else { continue };
+            is_changed |= add(&path, &store.join(name))?;
         }
-        // A copy would be written into the file of the part that it is a link to.
-        disk::remove(&target)?;
-        // A link to a symbolic link would be one too, whose path may be relative to the part.
-        let file = path.canonicalize().map_err(ResultsError::io("reading an image of a part", &path))?;
-        let folder = target.parent().unwrap_or(store);
-        fs::create_dir_all(folder).map_err(ResultsError::io("creating a folder for images", folder))?;
-        let added = fs::hard_link(&file, &target).or_else(|_| fs::copy(&file, &target).map(drop));
-        added.map_err(ResultsError::io("copying an image of a part", &path))?;
     }
-    Ok(())
+    Ok(is_changed)
+}
+
+/// Adds an image of a part as `target`, unless that is a whole image.
+fn add(path: &Path, target: &Path) -> Result<bool, ResultsError> {
+    if start_of_whole(target).map_err(ResultsError::io("reading an image", target))?.is_some() {
+        return Ok(false);
+    }
+    // A copy would be written into the file of the part that it is a link to.
+    disk::remove(target)?;
+    // A link to a symbolic link would be one too, whose path may be relative to the part.
+    let file = path.canonicalize().map_err(ResultsError::io("reading an image of a part", path))?;
+    let folder = target.parent().unwrap_or(target);
+    fs::create_dir_all(folder).map_err(ResultsError::io("creating a folder for images", folder))?;
+    let added = fs::hard_link(&file, target).or_else(|_| fs::copy(&file, target).map(drop));
+    added.map_err(ResultsError::io("copying an image of a part", path))?;
+    Ok(true)
 }
 
 /// Removes a trial's images, if there are any.

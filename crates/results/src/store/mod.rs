@@ -351,24 +351,28 @@ impl Results {
         Ok([(TARGETS, Some(targets)), (TRIALS, Some(trials))])
     }
 
-    /// Writes these rows to a new store. If interrupted at any moment, there is no store, and it can be repeated.
+    /// Writes these rows to a new store. If interrupted at any moment, there is no store or a whole one, and it can be repeated.
     ///
     /// # Errors
-    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`]; [`ResultsError::HasResults`] for a folder with `images`.
+    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`], but for a store of exactly these results;
+    /// [`ResultsError::HasResults`] for a folder with `images`.
     pub fn write(&self, folder: &Path) -> Result<(), ResultsError> {
-        self.write_merged(folder, &[])
+        self.write_merged(folder, &[]).map(|_is_changed| ())
     }
 
     /// Writes these rows to a new store, with the images of the stores that they were merged from. If interrupted at any moment, there
-    /// is no store, and it can be repeated.
+    /// is no store or a whole one, and it can be repeated. `false` if the folder has exactly these results, and the images, already.
     ///
     /// # Errors
     /// Those of [`Self::write`].
-    pub fn write_merged(&self, folder: &Path, parts: &[PathBuf]) -> Result<(), ResultsError> {
+    pub fn write_merged(&self, folder: &Path, parts: &[PathBuf]) -> Result<bool, ResultsError> {
         self.trials.iter().try_for_each(TrialRow::check)?;
         self.targets.iter().try_for_each(TargetRow::check)?;
         data::check_consistent(self)?;
         let _lock = lock(folder)?;
+        if self.is_in(folder) {
+            return images::add_those_of(parts, folder);
+        }
         require_no_rows(folder)?;
         // Under the mark of a merge, they would be removed as its own.
         let images = folder.join(images::FOLDER);
@@ -382,9 +386,19 @@ impl Results {
             hashes.write(folder, &[timings::encoded(folder, &self.timings)?])?;
         }
         hashes.write(folder, &self.encoded(folder)?)?;
-        parts.iter().try_for_each(|part| images::add_those_of(part, folder))?;
+        images::add_those_of(parts, folder)?;
         // Last, because it makes the folder a store.
         write_records(folder, &of_this_schema(self.provenance.clone()), &hashes)?;
-        disk::remove(&folder.join(MERGING))
+        disk::remove(&folder.join(MERGING)).map(|()| true)
+    }
+
+    /// Whether a folder is a store of exactly these results.
+    fn is_in(&self, folder: &Path) -> bool {
+        let Self { provenance, trials, targets, timings } = self;
+        let provenance = of_this_schema(provenance.clone());
+        Self::read(folder).is_ok_and(|found| {
+            let is_of_run = found.provenance == provenance && found.timings == *timings;
+            is_of_run && found.trials == *trials && found.targets == *targets
+        })
     }
 }

@@ -325,7 +325,11 @@ fn a_merged_store_has_whole_images_and_no_symbolic_links() {
     }
     let cut = fs::read(image_path(&first, &y, 4)).unwrap()[..40].to_vec();
     fs::write(image_path(&first, &y, 4), &cut).unwrap();
-    Results::default().write_merged(&merged, &[first.clone(), second]).unwrap();
+    let parts = [first.clone(), second];
+    let write = || Results::default().write_merged(&merged, &parts).unwrap();
+    assert!(write() && !write(), "the second time, nothing is left to do");
+    fs::remove_file(image_path(&merged, &x, 4)).unwrap();
+    assert!(write() && !write(), "an image was lost");
     for (key, sample) in [(&x, 20), (&y, 30)] {
         assert!(is_stored(&merged, key, 4, Some(&hash_of_bytes(&image(sample)))).unwrap(), "{key}");
     }

@@ -24,18 +24,24 @@ fn a_merge_is_whole_or_none() {
         for name in &written[..files] {
             fs::copy(complete.path().join(name), killed.path().join(name)).unwrap();
         }
-        if files == written.len() {
+        let is_whole = files == written.len();
+        if is_whole {
             assert_eq!(Results::read(killed.path()).unwrap(), results, "only its mark was left");
-            drop(Store::open(killed.path()).unwrap());
         } else {
             assert!(matches!(Results::read(killed.path()), Err(ResultsError::NoStore { .. })), "{files}");
-            results.write(killed.path()).unwrap();
         }
+        assert_eq!(results.write_merged(killed.path(), &[]).unwrap(), !is_whole, "{files}");
         assert_eq!(Results::read(killed.path()).unwrap(), results, "{files}");
         assert!(!killed.path().join(MERGING).exists(), "{files}");
     }
-    let again = results.write(complete.path()).unwrap_err();
-    assert!(matches!(again, ResultsError::HasResults { .. }), "{again}");
+    assert!(!results.write_merged(complete.path(), &[]).unwrap(), "nothing is left to do");
+    let (mut later, mut others) = (results.clone(), results);
+    later.provenance.started += 1;
+    others.targets[0].scores.insert("psnr".to_owned(), 12.0);
+    for other in [later, others] {
+        let error = other.write(complete.path()).unwrap_err();
+        assert!(matches!(error, ResultsError::HasResults { .. }), "{error}");
+    }
 }
 
 /// The folder of a dataset, whose photos have the place of a store's images.
