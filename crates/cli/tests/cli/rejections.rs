@@ -269,3 +269,36 @@ fn an_unfinished_run_is_no_baseline() {
     assert!(!here.join("baseline.json").exists());
     succeed(here, &["drift", "accept", "store", "--baseline", "baseline.json", "--why", "first", "--no-probe"]);
 }
+
+#[test]
+fn a_table_with_a_flipped_bit_is_named_by_whatever_reads_its_store() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let run = [&RUN[..], &["--method", "nearest-view"]].concat();
+    succeed(here, &run);
+    let table = here.join("store/targets.parquet");
+    let whole = fs::read(&table).unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 1;
+    fs::write(&table, &flipped).unwrap();
+    let commands: [&[&str]; 4] = [
+        &run,
+        &["report", "store", "--out", "page"],
+        &["merge", "store", "--out", "merged"],
+        &["drift", "accept", "store", "--baseline", "baseline.json", "--why", "first", "--no-probe"],
+    ];
+    for args in commands {
+        let failed = atsplat(here, args);
+        let said = ["provenance.json states (restore the file from a copy", "it was damaged", "targets.parquet"];
+        assert!(
+            failed.code == 1 && said.iter().all(|part| failed.stderr.contains(part)),
+            "{args:?}: {}",
+            failed.stderr
+        );
+    }
+    assert!(!here.join("merged").exists() && !here.join("baseline.json").exists());
+    assert_eq!(fs::read(&table).unwrap(), flipped, "nothing replaces it");
+    fs::write(&table, whole).unwrap();
+    succeed(here, &run);
+}
