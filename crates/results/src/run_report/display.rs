@@ -10,7 +10,7 @@ use super::unscored::Unscored;
 use super::{AlternativeIndex, MethodTimes, Row, RunReport, metric_name};
 use crate::RunCounts;
 use crate::WarningCount;
-use crate::statistics::outside_bins_in_words;
+use crate::statistics::{LEAKED_EXCLUDED, LEAKED_EXCLUDED_MEANS, outside_bins_in_words};
 use crate::times::{Spread, Times};
 
 /// Least width of a metric's column.
@@ -53,34 +53,22 @@ impl RunReport {
             }
         }
         let metric_width = |id: &str| metric_name(id).chars().count().max(METRIC_WIDTH);
-        let width = |of: fn(&Row) -> &str| self.rows.iter().map(|row| of(row).chars().count()).max().unwrap_or(0);
-        let preset = width(|row| &row.preset).max("protocol".len());
-        let method = width(|row| &row.method).max("method".len()) + 2;
-        let scenes = self.rows.iter().map(|row| row.scenes_in_words().len()).max().unwrap_or(0).max(SCENES_WIDTH);
+        let lines: Vec<Line<'_>> = self.rows.iter().flat_map(Row::lines).collect();
+        let width = |of: fn(&Line<'_>) -> usize, least: usize| lines.iter().map(of).max().unwrap_or(0).max(least);
+        let preset = width(|line| line.preset.chars().count(), "protocol".len());
+        let method = width(|line| line.method.chars().count(), "method".len()) + 2;
+        let scenes = width(|line| line.scenes.len(), SCENES_WIDTH);
         write!(f, "{:<preset$}  {:<method$} {:>scenes$} {:>8}", "protocol", "method", "scenes", "targets")?;
         metrics.iter().try_for_each(|id| write!(f, " {:>width$}", metric_name(id), width = metric_width(id)))?;
         writeln!(f)?;
-        for row in &self.rows {
-            let label = if row.untrained { format!("{} *", row.method) } else { row.method.clone() };
-            let of_scenes = row.scenes_in_words();
-            write!(f, "{:<preset$}  {label:<method$} {of_scenes:>scenes$} {:>8}", row.preset, row.targets)?;
+        for line in &lines {
+            let label = if line.untrained { format!("{} *", line.method) } else { line.method.clone() };
+            write!(f, "{:<preset$}  {label:<method$} {:>scenes$} {:>8}", line.preset, line.scenes, line.targets)?;
             for id in &metrics {
-                let value = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
+                let value = line.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
                 write!(f, " {value:>width$}", width = metric_width(id))?;
             }
-            for (count, what) in [
-                (row.failed, "failed"),
-                (row.not_applicable, "not applicable"),
-                (row.non_finite, "with non-finite samples"),
-                (row.identical, "identical, not in the means"),
-            ] {
-                if count > 0 {
-                    write!(f, "  {count} {what}")?;
-                }
-            }
-            if row.outside_bins > 0 {
-                write!(f, "  {}", outside_bins_in_words(row.outside_bins))?;
-            }
+            line.remarks.iter().try_for_each(|remark| write!(f, "  {remark}"))?;
             writeln!(f)?;
         }
         if self.rows.iter().any(|row| row.untrained) {
@@ -88,6 +76,9 @@ impl RunReport {
                 f,
                 "* untrained: nothing was learned; the numbers only show that the pipeline works and what it costs"
             )?;
+        }
+        if self.rows.iter().any(|row| row.without_leaked.is_some()) {
+            writeln!(f, "{LEAKED_EXCLUDED}: {LEAKED_EXCLUDED_MEANS}")?;
         }
         Ok(())
     }
@@ -116,12 +107,60 @@ impl RunReport {
     }
 }
 
+/// One line of the table.
+struct Line<'a> {
+    preset: &'a str,
+    method: String,
+    untrained: bool,
+    scenes: String,
+    targets: usize,
+    means: &'a BTreeMap<String, f64>,
+    /// What follows the numbers.
+    remarks: Vec<String>,
+}
+
 impl Row {
-    /// `8`, or `6 of 8` if some are not in the means.
-    fn scenes_in_words(&self) -> String {
-        let Self { scenes, scored_scenes, .. } = self;
-        if scored_scenes < scenes { format!("{scored_scenes} of {scenes}") } else { scenes.to_string() }
+    /// Its line, followed by the same without targets that are context frames if there are any.
+    fn lines(&self) -> Vec<Line<'_>> {
+        let of_all = Line {
+            preset: &self.preset,
+            method: self.method.clone(),
+            untrained: self.untrained,
+            scenes: scenes_in_words(self.scored_scenes, self.scenes),
+            targets: self.targets,
+            means: &self.means,
+            remarks: self.remarks(),
+        };
+        let of_others = self.without_leaked.as_ref().map(|others| Line {
+            preset: &self.preset,
+            method: format!("{}, {LEAKED_EXCLUDED}", self.method),
+            untrained: self.untrained,
+            scenes: scenes_in_words(others.scored_scenes, others.scenes),
+            targets: others.targets,
+            means: &others.means,
+            remarks: Vec::new(),
+        });
+        [of_all].into_iter().chain(of_others).collect()
     }
+
+    fn remarks(&self) -> Vec<String> {
+        let are = if self.leaked == 1 { "is a context frame" } else { "are context frames" };
+        let leaked = (self.leaked > 0).then(|| format!("{} {are}", counted(self.leaked as u64, "target")));
+        let counts = [
+            (self.failed, "failed"),
+            (self.not_applicable, "not applicable"),
+            (self.non_finite, "with non-finite samples"),
+            (self.identical, "identical, not in the means"),
+        ];
+        let counts = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let outside = (self.outside_bins > 0).then(|| outside_bins_in_words(self.outside_bins));
+        leaked.into_iter().chain(counts).chain(outside).collect()
+    }
+}
+
+/// `8`, or `6 of 8` if some are not in the means.
+fn scenes_in_words(scored: usize, scenes: usize) -> String {
+    if scored < scenes { format!("{scored} of {scenes}") } else { scenes.to_string() }
 }
 
 /// The times of a method. The answers of a process include reading and writing of files, and its encoding is as it states it, if it does.

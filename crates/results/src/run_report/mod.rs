@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_metrics::definition;
-use atsplat_protocol::{DropReason, Preset};
+use atsplat_protocol::{Aggregation, DropReason, Preset};
 use serde::{Serialize, Serializer};
 
 use crate::statistics::{Identical, Leaked, MetricQuery, mean_of, select};
@@ -63,6 +63,21 @@ struct Row {
     #[serde(skip_serializing_if = "is_zero")]
     outside_bins: u64,
     /// The protocol's means; renders that are identical to the truth are left out.
+    means: BTreeMap<String, f64>,
+    /// Targets that are also context frames; they are in the means, as in published numbers.
+    leaked: usize,
+    /// The same without them, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    without_leaked: Option<WithoutLeaked>,
+}
+
+/// What a row says of the targets that are not context frames.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct WithoutLeaked {
+    scenes: usize,
+    scored_scenes: usize,
+    targets: usize,
     means: BTreeMap<String, f64>,
 }
 
@@ -138,37 +153,61 @@ impl Row {
         method: &MethodRecord,
         targets: &[&TargetRow],
     ) -> Self {
-        // As in tables and frontiers, without renders that are identical to the truth.
-        let mean = |metric: &str| {
-            let (preset, method, leaked) = (preset.name.as_str(), method.name.as_str(), Leaked::Included);
-            let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
-            mean_of(&select(results, &query), protocol.aggregation)
-        };
-        let ids = results.provenance.metrics.iter().map(|metric| &metric.id);
-        let means = ids.filter_map(|id| Some((id.clone(), mean(id)?)));
+        let means_of = |leaked| means(results, [&preset.name, &method.name], protocol.aggregation, leaked);
         let unsupported_trials = results.unsupported();
         let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
             targets.iter().copied().partition(|row| unsupported_trials.contains(&row.key));
         let count = |status| supported.iter().filter(|row| row.status == status).count();
-        let scenes_of = |is_of: fn(&TargetRow) -> bool| {
-            let scenes = targets.iter().filter(|row| is_of(row)).map(|row| row.key.scene.as_str());
-            scenes.collect::<BTreeSet<&str>>().len()
-        };
+        let others: Vec<&TargetRow> = targets.iter().copied().filter(|row| !row.leaked).collect();
+        let leaked = targets.len() - others.len();
         Self {
             preset: preset.name.clone(),
             method: method.name.clone(),
             untrained: method.untrained,
-            scenes: scenes_of(|_| true),
-            scored_scenes: scenes_of(|row| row.status == TargetStatus::Scored),
+            scenes: scenes(targets),
+            scored_scenes: scored_scenes(targets),
             targets: targets.len(),
             failed: count(TargetStatus::Failed),
             not_applicable: unsupported.len(),
             non_finite: count(TargetStatus::NonFinite),
             identical: count(TargetStatus::Identical),
             outside_bins: outside_bins(preset, protocol, targets),
-            means: means.collect(),
+            means: means_of(Leaked::Included),
+            leaked,
+            without_leaked: (leaked > 0).then(|| WithoutLeaked {
+                scenes: scenes(&others),
+                scored_scenes: scored_scenes(&others),
+                targets: others.len(),
+                means: means_of(Leaked::Excluded),
+            }),
         }
     }
+}
+
+/// A protocol's means of a method, as in tables and frontiers without renders that are identical to the truth.
+fn means(
+    results: &Results,
+    [preset, method]: [&str; 2],
+    aggregation: Aggregation,
+    leaked: Leaked,
+) -> BTreeMap<String, f64> {
+    let mean = |metric: &str| {
+        let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
+        mean_of(&select(results, &query), aggregation)
+    };
+    let ids = results.provenance.metrics.iter().map(|metric| &metric.id);
+    ids.filter_map(|id| Some((id.clone(), mean(id)?))).collect()
+}
+
+/// The number of scenes with any of these targets.
+fn scenes(targets: &[&TargetRow]) -> usize {
+    targets.iter().map(|row| row.key.scene.as_str()).collect::<BTreeSet<&str>>().len()
+}
+
+/// The number of scenes with a scored one of these targets.
+fn scored_scenes(targets: &[&TargetRow]) -> usize {
+    let scored: Vec<&TargetRow> = targets.iter().copied().filter(|row| row.status == TargetStatus::Scored).collect();
+    scenes(&scored)
 }
 
 /// [`Row::outside_bins`].
@@ -228,6 +267,8 @@ fn metric_name(id: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
+
     use super::*;
     use crate::sample_rows;
 
@@ -251,6 +292,38 @@ mod tests {
             (target.status, target.scores) = (TargetStatus::Failed, [].into());
         }
         assert_eq!(row(&results), ("sampled m 2 of 3 5 33.0000 3 failed".to_owned(), [3, 2]));
+    }
+
+    /// The first scene is 24 without its first target, and the last has no other: (24 + 26) / 2, not (22 + 26 + 40) / 3.
+    #[test]
+    fn targets_that_are_context_frames_are_counted_and_left_out_in_a_line_of_their_own() {
+        let scenes = [("a", 0, vec![20.0, 24.0]), ("b", 0, vec![26.0]), ("c", 0, vec![40.0])];
+        let mut results = sample_rows::results("m", "psnr", &scenes);
+        let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        let preset = PresetRecord { name: sample_rows::PRESET.to_owned(), toml, ..PresetRecord::default() };
+        results.provenance.presets.push(preset);
+        results.provenance.methods.push(MethodRecord { name: "m".to_owned(), ..MethodRecord::default() });
+        let said = |results: &Results| {
+            let report = RunReport::of(results, None, Path::new("store"));
+            let json = serde_json::to_value(&report).unwrap()["rows"][0].clone();
+            let words = |line: &str| line.split_whitespace().collect::<Vec<_>>().join(" ");
+            (json, report.to_string().lines().map(words).collect::<Vec<_>>())
+        };
+        let (json, lines) = said(&results);
+        assert_eq!((&json["leaked"], json.get("without-leaked")), (&0.into(), None));
+        assert!(!lines.concat().contains("leaked"), "{lines:?}");
+        for at in [0, 3] {
+            results.targets[at].leaked = true;
+        }
+        let (json, lines) = said(&results);
+        let mean = (22.0 + 26.0 + 40.0) / 3.0;
+        assert_eq!((&json["targets"], &json["leaked"], &json["scenes"]), (&4.into(), &2.into(), &3.into()));
+        Tolerance::F64.assert([json["means"]["psnr"].as_f64().unwrap()], [mean], "over all targets");
+        let without = serde_json::json!({"scenes": 2, "scored-scenes": 2, "targets": 2, "means": {"psnr": 25.0}});
+        assert_eq!(json["without-leaked"], without);
+        let of_all = format!("sampled m 3 4 {mean:.4} 2 targets are context frames");
+        assert_eq!(lines[1..3], [of_all, "sampled m, leaked targets excluded 2 2 25.0000".to_owned()]);
+        assert_eq!(lines[3], "leaked targets excluded: targets that are also context frames do not count");
     }
 
     /// The published edges end at 0.8; the last scene has no overlap.

@@ -38,6 +38,11 @@ pub(crate) use contrast::contrast;
 pub(crate) use selection::select;
 pub(crate) use summary::summary_without_interval;
 
+/// What the label of a row with [`Leaked::Excluded`] has to add.
+pub const LEAKED_EXCLUDED: &str = "leaked targets excluded";
+/// What [`LEAKED_EXCLUDED`] means.
+pub const LEAKED_EXCLUDED_MEANS: &str = "targets that are also context frames do not count";
+
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MetricQuery<'a> {

@@ -13,6 +13,7 @@ mod trends;
 mod trends_tests;
 
 use atsplat_numeric::grouped;
+use atsplat_results::statistics::{LEAKED_EXCLUDED, LEAKED_EXCLUDED_MEANS};
 
 use super::selection::ComparableResults;
 use super::{Note, NoteKind, Row, Table, Trainings};
@@ -117,11 +118,11 @@ impl Notes {
         let not_retrained = "changed at inference only: the weights of another row in a network that was changed after \
                              training; for an ablation the paper trains one, unless it changes only thresholds or how \
                              many blocks expand";
-        let leaked_excluded = "leaked targets excluded: targets that are also context frames do not count";
+        let leaked_excluded = format!("{LEAKED_EXCLUDED}: {LEAKED_EXCLUDED_MEANS}");
         for (applies, kind, text) in [
             (any(|row| row.untrained), NoteKind::Untrained, untrained),
             (any(|row| row.not_retrained), NoteKind::Setting, not_retrained),
-            (any(|row| row.without_leaked), NoteKind::Counts, leaked_excluded),
+            (any(|row| row.without_leaked), NoteKind::Counts, leaked_excluded.as_str()),
         ] {
             if applies {
                 self.add(kind, text.to_owned());

@@ -1,14 +1,13 @@
 //! What the label of a measured row has to add: untrained, zero-shot, changed at inference only, and the like.
 
 use atsplat_results::MethodRecord;
+pub(crate) use atsplat_results::statistics::LEAKED_EXCLUDED;
 
 use crate::definition::{by_quantile, is_ablation, is_full, is_trained_separately, zero_shot_note};
 use crate::table::selection::{ComparableResults, MethodRun};
 
 /// Remark on a row that shares its weights with another row and differs at inference.
 pub(crate) const INFERENCE_ONLY: &str = "changed at inference only";
-/// Remark on a row without the targets that are also context frames.
-pub(crate) const LEAKED_EXCLUDED: &str = "leaked targets excluded";
 
 impl ComparableResults<'_> {
     /// What the name of a method has to add under a protocol.
