@@ -52,6 +52,8 @@ pub struct BuiltIndex {
     pub entries: usize,
     /// Number of scenes without an entry, by [`NoEntry::name`].
     pub nulls: BTreeMap<&'static str, usize>,
+    /// The first of these scenes for each reason, with its numbers: `SCENE: needs 6 frames, has 5`.
+    pub first_nulls: BTreeMap<&'static str, String>,
     /// Sampled entries that the overlap rule rejected, or whose overlap could not be measured. A scene that lost all of them
     /// is counted in `nulls` too.
     pub rejected_entries: usize,
@@ -97,6 +99,7 @@ impl SamplingRule {
                 }
                 Err(reason) => {
                     *built.nulls.entry(reason.name()).or_default() += 1;
+                    built.first_nulls.entry(reason.name()).or_insert_with(|| format!("{key}: {reason}"));
                     Vec::new()
                 }
             };
@@ -259,6 +262,8 @@ mod tests {
         assert_eq!(built.index.scenes.keys().collect::<Vec<_>>(), ["e", "d", "c", "b", "a"]);
         assert_eq!((built.scenes, built.entries, calls.into_inner()), (3, 3, 5));
         assert_eq!(built.nulls.into_iter().collect::<Vec<_>>(), [("too-few-frames", 1), ("too-few-targets", 1)]);
+        assert_eq!(built.first_nulls["too-few-frames"], "d: needs 2 frames, has 1");
+        assert_eq!(built.first_nulls["too-few-targets"], "b: needs 3 target frames, has 2 candidates");
         assert_eq!(built.index.scenes["e"][0].context, [0, 9]);
         assert_eq!(warnings.total(), 5);
     }

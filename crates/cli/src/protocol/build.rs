@@ -55,6 +55,9 @@ struct Report<'a> {
     repeated_images: usize,
     #[serde(rename = "nulls")]
     scenes_without_entry: &'a BTreeMap<&'static str, usize>,
+    /// The first scene without an entry for each reason, with its numbers.
+    #[serde(rename = "first-nulls")]
+    first_without_entry: &'a BTreeMap<&'static str, String>,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
@@ -73,7 +76,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }
-    let BuiltIndex { scenes, entries, nulls, rejected_entries, missing_images, repeated_images, index: _ } = &built;
+    let BuiltIndex { scenes, entries, nulls, first_nulls, rejected_entries, missing_images, repeated_images, index: _ } =
+        &built;
     let left_out = left_out(&opening, &warnings);
     let report = Report {
         sampler: &args.sampler,
@@ -85,6 +89,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         missing_images: *missing_images,
         repeated_images: *repeated_images,
         scenes_without_entry: nulls,
+        first_without_entry: first_nulls,
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
@@ -117,7 +122,9 @@ impl fmt::Display for Report<'_> {
             writeln!(f, "{:>7}  scenes skipped: could not be read", self.left_out)?;
         }
         for (reason, count) in self.scenes_without_entry {
-            writeln!(f, "{count:>7}  scenes without an entry: {reason}")?;
+            let first =
+                self.first_without_entry.get(reason).map_or_else(String::new, |first| format!(", such as {first}"));
+            writeln!(f, "{count:>7}  scenes without an entry: {reason}{first}")?;
         }
         Ok(())
     }

@@ -35,6 +35,8 @@ fn builds_measures_lints_and_extrapolates_an_index() {
 
     let built = succeed(here, &["protocol", "build", "data", "--sampler", "dl3dv-6v", "-o", "index.json"]);
     assert!(built.starts_with("sampling rule dl3dv-6v (farthest-point): 2 scenes, 2 entries"), "{built}");
+    let short = "      1  scenes without an entry: too-few-frames, such as short: needs 6 frames, has 5\n";
+    assert!(built.contains(short), "{built}");
 
     let lint = succeed(here, &["protocol", "lint", "index.json", "--json"]);
     let lint: serde_json::Value = serde_json::from_str(&lint).unwrap();
