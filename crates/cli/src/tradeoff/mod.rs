@@ -13,7 +13,7 @@ use clap::Subcommand;
 use crate::exit::{Exit, WithStrict};
 use crate::objects::CacheArgs;
 use crate::parse::{self, once, usage_error};
-use crate::print::print_report;
+use crate::print::{print_report, warn};
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -69,8 +69,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     };
     let report = TradeoffReport { tradeoffs, unfinished: results.cut_off() };
     print_report(&report, args.json)?;
-    match report.nothing_scored() {
-        Some(why) => bail!("nothing was scored: {why}"),
-        None => Ok(Exit::Done),
+    if let Some(why) = report.nothing_scored() {
+        bail!("nothing was scored: {why}");
     }
+    if let Some(why) = report.why_empty() {
+        warn(&format!("every frontier is empty: {why}"));
+    }
+    Ok(Exit::Done)
 }

@@ -261,6 +261,9 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
     let message = succeed(here, &run);
     assert!(message.contains("no times of warp: no timing pass was made"), "{message}");
+    let empty = atsplat(here, &["tradeoff", "store"]);
+    let why = "warning: every frontier is empty: no setting has a cost; against seconds, warp: no timing pass was made";
+    assert!(empty.code == 0 && empty.stderr.contains(why), "{}: {}", empty.code, empty.stderr);
     let rejected = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
     assert!(rejected.code == 2 && rejected.stderr.contains("--timing"), "{}", rejected.stderr);
     assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
@@ -284,6 +287,7 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     assert!(twice.code == 2 && twice.stderr.contains(expected), "{}: {}", twice.code, twice.stderr);
     assert!(!here.join("report").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
+    assert!(!atsplat(here, &["tradeoff", "store"]).stderr.contains("frontier is empty"), "it has times");
 }
 
 #[test]

@@ -28,6 +28,33 @@ impl TradeoffReport {
             unscored.first().map(|(label, why)| format!("{preset}, {metric}, {label}: {why}"))
         })
     }
+
+    /// Why no frontier has a point: no setting has a cost, with the reasons of the first one, or there is no setting. `None` if any
+    /// frontier has a point, and if [`Self::nothing_scored`] says why.
+    pub fn why_empty(&self) -> Option<String> {
+        let mut frontiers = self.tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers);
+        if frontiers.any(|frontier| !frontier.points.is_empty()) || self.nothing_scored().is_some() {
+            return None;
+        }
+        let Some(tradeoff) = self.tradeoffs.iter().find(|tradeoff| tradeoff.has_score()) else {
+            return Some("no method has a trial".to_owned());
+        };
+        let is_scored = |label: &str| tradeoff.unscored.iter().all(|(unscored, _)| unscored != label);
+        let reason = |frontier: &Frontier| {
+            let (label, why) = frontier.left_out.iter().find(|(label, _)| is_scored(label))?;
+            Some(format!("; against {}, {label}: {why}", cost_name(frontier.axis)))
+        };
+        let reasons: Vec<String> = tradeoff.frontiers.iter().filter_map(reason).collect();
+        Some(format!("no setting has a cost{}", reasons.concat()))
+    }
+}
+
+/// What a frontier is against.
+const fn cost_name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::Seconds => "seconds",
+        Axis::Gaussians => "Gaussians",
+    }
 }
 
 impl fmt::Display for TradeoffReport {
@@ -37,11 +64,7 @@ impl fmt::Display for TradeoffReport {
             let are_stated = machines.iter().any(Machine::is_stated);
             for frontier in frontiers {
                 let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
-                let cost = match frontier.axis {
-                    Axis::Seconds => "seconds",
-                    Axis::Gaussians => "Gaussians",
-                };
-                writeln!(f, "{blank}{preset}: {metric} against {cost}")?;
+                writeln!(f, "{blank}{preset}: {metric} against {}", cost_name(frontier.axis))?;
                 points(f, frontier, are_stated)?;
                 prices(f, frontier, unit)?;
             }

@@ -103,6 +103,22 @@ mod tests {
     }
 
     #[test]
+    fn a_report_in_which_no_setting_has_a_cost_says_why() {
+        let mut given = store(&["small", "whole"]);
+        given.provenance.schema_version = crate::store::SCHEMA_VERSION;
+        let why = |store: &Results| report(store, &["psnr"], Leaked::Included).why_empty();
+        assert_eq!(why(&given), None, "it has Gaussians, though no times");
+        for row in &mut given.trials {
+            row.gaussians = None;
+        }
+        let expected = "no setting has a cost; against seconds, whole: no timing pass was made: `atsplat run --timing` makes one; \
+                        against Gaussians, whole: no Gaussians";
+        assert_eq!(why(&given).as_deref(), Some(expected));
+        assert_eq!(why(&store(&["small"])), None, "nothing was scored, which is said instead");
+        assert_eq!(why(&store(&[])).as_deref(), Some("no method has a trial"));
+    }
+
+    #[test]
     fn a_report_without_any_score_says_so() {
         let nothing =
             |names: &[&str], metrics: &[&str], leaked| report(&store(names), metrics, leaked).nothing_scored();
