@@ -8,7 +8,7 @@ use std::str::FromStr;
 use anyhow::{Context as _, anyhow, bail};
 use atsplat_eval::GaussianFrame;
 use atsplat_files::{InvalidText, is_toml_path, malformed_toml};
-use atsplat_metrics::{definition, definitions};
+use atsplat_metrics::{definition_in_any_case, definitions};
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
 use atsplat_splat::files::Output;
@@ -154,10 +154,10 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     Ok(constants)
 }
 
-/// The id of a metric.
+/// The id of a metric, given in upper or lower case.
 pub(crate) fn metric(text: &str) -> Result<String, String> {
-    if definition(text).is_some() {
-        return Ok(text.to_owned());
+    if let Some(metric) = definition_in_any_case(text) {
+        return Ok(metric.id.to_owned());
     }
     let ids: Vec<&str> = definitions().iter().map(|definition| definition.id).collect();
     Err(format!("expected one of {}", ids.join(", ")))
@@ -165,7 +165,7 @@ pub(crate) fn metric(text: &str) -> Result<String, String> {
 
 /// The id of a metric, or `all`.
 pub(crate) fn metric_or_all(text: &str) -> Result<String, String> {
-    if text == "all" { Ok(text.to_owned()) } else { metric(text) }
+    if text.eq_ignore_ascii_case("all") { Ok("all".to_owned()) } else { metric(text) }
 }
 
 /// An existing folder.
@@ -432,6 +432,14 @@ mod tests {
         for unknown in [metric("all"), metric_or_all("pnsr")] {
             assert!(unknown.unwrap_err().contains("psnr, "), "the ids are listed");
         }
+    }
+
+    #[test]
+    fn metrics_are_given_in_upper_or_lower_case() {
+        assert_eq!(metric("PSNR").as_deref(), Ok("psnr"), "the id, not what was given");
+        assert_eq!(metric_or_all("Lpips-Alex").as_deref(), Ok("lpips-alex"));
+        assert_eq!(metric_or_all("ALL").as_deref(), Ok("all"));
+        assert!(metric("PSNR ").is_err());
     }
 
     #[test]

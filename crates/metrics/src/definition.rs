@@ -323,6 +323,11 @@ pub fn definition(id: &str) -> Option<&'static Definition> {
     DEFINITIONS.iter().find(|definition| definition.id == id)
 }
 
+/// The metric of an id that a user types, in upper or lower case: `PSNR` is `psnr`.
+pub fn definition_in_any_case(id: &str) -> Option<&'static Definition> {
+    DEFINITIONS.iter().find(|definition| definition.id.eq_ignore_ascii_case(id))
+}
+
 type Text = &'static str;
 
 const fn psnr(id: Text, name: Text, values: Values, convention: Text, link: Text) -> Definition {

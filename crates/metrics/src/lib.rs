@@ -23,7 +23,7 @@ mod values;
 
 pub use colour_map::ColourMap;
 pub use d_ssim::DSsim;
-pub use definition::{Definition, Direction, Measure, Scale, definition, definitions};
+pub use definition::{Definition, Direction, Measure, Scale, definition, definition_in_any_case, definitions};
 pub use error::MetricError;
 pub use non_finite::NonFinite;
 pub use pair::Pair;

@@ -411,6 +411,7 @@ fn reports_usage_errors_and_broken_files() {
         (&["drift", "accept", "nowhere", "--baseline", "b.json", "--why", "x"], 1, "nowhere"),
         (&["tradeoff", "then", "--metric", "beauty"], 2, "ssim"),
         (&["tradeoff", "then", "--metric", "psnr", "--metric", "psnr"], 2, "--metric: psnr is given twice"),
+        (&["tradeoff", "then", "--metric", "psnr", "--metric", "PSNR"], 2, "--metric: psnr is given twice"),
         (&["tradeoff", "nowhere"], 1, "nowhere"),
     ] {
         let outcome = atsplat(at, args);

@@ -148,10 +148,10 @@ impl Quantity {
 impl FromStr for Quantity {
     type Err = String;
 
-    /// A metric or cost by its id.
+    /// A metric or cost by its id, in upper or lower case.
     fn from_str(id: &str) -> Result<Self, String> {
         let known = COSTS.into_iter().chain(definitions().iter().map(Self::Metric));
-        known.clone().find(|quantity| quantity.id() == id).ok_or_else(|| {
+        known.clone().find(|quantity| quantity.id().eq_ignore_ascii_case(id)).ok_or_else(|| {
             let ids: Vec<&str> = known.map(Self::id).collect();
             format!("expected one of the quantities {}, found {id:?}", ids.join(", "))
         })
@@ -242,6 +242,7 @@ mod tests {
         for quantity in COSTS.into_iter().chain(metrics) {
             let json = serde_json::to_string(&quantity).unwrap();
             assert_eq!(serde_json::from_str::<Quantity>(&json).unwrap(), quantity);
+            assert_eq!(Quantity::from_str(&quantity.id().to_uppercase()), Ok(quantity));
             assert!(!quantity.title().is_empty());
         }
         assert!(serde_json::from_str::<Quantity>("\"psmr\"").unwrap_err().to_string().contains("psnr"));
