@@ -33,7 +33,7 @@ pub enum ModelError {
         count: usize,
     },
     /// Images of one input differ in size.
-    #[error("model input: image {image}: expected {expected}, the size of image 0, found {found}")]
+    #[error("model input: image {image}: expected {expected}, the size of image 0, found {found} (height x width)")]
     SizesDiffer {
         /// Index of the image, counted from 0.
         image: usize,
@@ -43,7 +43,9 @@ pub enum ModelError {
         found: ImageSize,
     },
     /// Patches do not divide an image.
-    #[error("model input: {branch} branch, image size: expected a height and width divisible by {step}, found {found}")]
+    #[error(
+        "model input: {branch} branch, image size: expected a height and width divisible by {step}, found {found} (height x width)"
+    )]
     Indivisible {
         /// The branch of the patches.
         branch: &'static str,

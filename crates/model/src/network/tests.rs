@@ -238,7 +238,9 @@ fn rejects_input_that_does_not_fit() {
     assert!(rejected(&[]).contains("at least one"));
     let small = views.resized(ImageSize::new(32, 32));
     assert!(rejected(&[views.clone(), small]).contains("2 views of 32x48 in each"));
-    assert!(rejected(&[views.resized(ImageSize::new(30, 48))]).contains("divisible by 16"));
+    assert!(
+        rejected(&[views.resized(ImageSize::new(30, 48))]).contains("divisible by 16, found 30x48 (height x width)")
+    );
     assert!(Views::new(views.size(), vec![0.0; 5], views.cameras.clone()).is_err());
     let mut broken = views.images.clone();
     broken[7] = f32::NAN;
