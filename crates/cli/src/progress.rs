@@ -1,5 +1,7 @@
 use std::io::{IsTerminal as _, stderr};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use atsplat_eval::runner::Step;
@@ -212,9 +214,53 @@ impl Drop for StepProgress {
     }
 }
 
+/// Does something that reports no progress. If it takes longer than a few seconds, says on standard error what is waited for, and
+/// again every half minute.
+pub(crate) fn waiting_for<T>(what: &str, work: impl FnOnce() -> T) -> T {
+    const FIRST: Duration = Duration::from_secs(3);
+    let say = |waited: Duration| print_status(&format!("waiting for {what}: {} s so far", waited.as_secs()));
+    while_saying(&say, FIRST, work)
+}
+
+fn while_saying<T>(say: &(dyn Fn(Duration) + Sync), first: Duration, work: impl FnOnce() -> T) -> T {
+    let (end, ended) = channel::<()>();
+    thread::scope(|scope| {
+        // It waits, and computes nothing: none of rayon's threads is kept from work.
+        scope.spawn(move || {
+            let (begin, mut pause) = (Instant::now(), first);
+            while ended.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
+                say(begin.elapsed());
+                pause = PlainLines::INTERVAL;
+            }
+        });
+        let done = work();
+        drop(end);
+        done
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_long_wait_is_said_and_a_short_one_is_not() {
+        let said = |first: Duration, waits: bool| {
+            let count = AtomicU64::new(0);
+            let say = |_: Duration| {
+                count.fetch_add(1, Ordering::Relaxed);
+            };
+            let work = || {
+                while waits && count.load(Ordering::Relaxed) == 0 {
+                    thread::sleep(Duration::from_millis(1));
+                }
+                7
+            };
+            (while_saying(&say, first, work), count.load(Ordering::Relaxed))
+        };
+        assert_eq!(said(Duration::from_millis(20), true), (7, 1), "the next is half a minute later");
+        assert_eq!(said(Duration::from_mins(1), false), (7, 0), "it does not wait for the first either");
+    }
 
     /// 200 of 300 results were there before; of 50 others in 100 seconds, some failed.
     #[test]

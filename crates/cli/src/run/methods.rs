@@ -15,6 +15,7 @@ use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::builder::RangedU64ValueParser;
 
 use crate::parse;
+use crate::progress::waiting_for;
 use crate::reconstruct::network::NetworkArgs;
 use crate::requirements::{GivenOption, Requirement, check_all};
 
@@ -206,20 +207,27 @@ impl MethodArgs {
                 let splatting = self.splatting_without_mode(device)?;
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
-            MethodKind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
-                command: command.clone(),
-                name: name.map(str::to_owned),
-                limit: Duration::try_from_secs_f64(self.method_timeout.unwrap_or(EXEC_SECONDS))
-                    .context("--method-timeout")?,
-                processes: self.method_processes.unwrap_or(1).into(),
-                opacities_as_stored: self.gaussians.opacities_as_stored,
-                splatting: self.gaussians.splatting(device)?,
-            })?)),
+            MethodKind::Exec(command) => Ok(Arc::new(self.started(command, name, device)?)),
             MethodKind::NearestView => Ok(Arc::new(NearestView)),
             MethodKind::Warp => Ok(Arc::new(Warp)),
             MethodKind::Renders(folder) => Ok(Arc::new(Renders::new(folder, name)?)),
             MethodKind::Ply(folder) => Ok(Arc::new(self.gaussians.ply(folder, name, device)?)),
         }
+    }
+
+    /// Starts the first process of an exec, which may load a network first.
+    fn started(&self, command: &str, name: Option<&str>, device: &ComputeDevice) -> anyhow::Result<Exec> {
+        let secs = self.method_timeout.unwrap_or(EXEC_SECONDS);
+        let settings = ExecSettings {
+            command: command.to_owned(),
+            name: name.map(str::to_owned),
+            limit: Duration::try_from_secs_f64(secs).context("--method-timeout")?,
+            processes: self.method_processes.unwrap_or(1).into(),
+            opacities_as_stored: self.gaussians.opacities_as_stored,
+            splatting: self.gaussians.splatting(device)?,
+        };
+        let start = format!("{} to start, at most {secs} s", name.unwrap_or(command));
+        Ok(waiting_for(&start, || Exec::start(settings))?)
     }
 }
 

@@ -139,6 +139,9 @@ fn a_command_that_is_no_method_is_an_error_before_the_run() {
     let ended = "exit 4'\": the method's process: it ended with exit status: 4";
     assert!(silent.code == 1 && silent.stderr.contains(ended), "{}", silent.stderr);
     assert!(silent.stderr.contains("missing module") && !here.join("store").exists(), "{}", silent.stderr);
+    let slow = run("mine=exec:sh -c 'sleep 5; exit 4'");
+    let waiting = "waiting for mine to start, at most 600 s: ";
+    assert!(slow.code == 1 && slow.stderr.contains(waiting), "{}", slow.stderr);
     assert_eq!(run("exec:").code, 2);
 }
 
