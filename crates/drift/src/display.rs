@@ -16,7 +16,7 @@ impl fmt::Display for DriftVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Same => "same",
-            Self::Within => "within",
+            Self::Within => "within limits",
             Self::Nothing => "nothing compared",
             Self::Drifted => "DRIFTED",
         })
@@ -58,7 +58,7 @@ impl fmt::Display for DriftReport {
             writeln!(f)?;
         }
         for finding in findings {
-            writeln!(f, "{:<8} {finding}", finding.verdict)?;
+            writeln!(f, "{:<13} {finding}", finding.verdict)?;
         }
         if !differences.is_empty() {
             writeln!(f, "\nDifferent from the baseline:")?;
@@ -126,7 +126,15 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
         if let Some(SceneChange { scene, change: by }) = &comparison.largest_scene {
             write!(f, "; the mean of {scene} changed by {}", change(metric, *by))?;
         }
-        write!(f, "; means may vary by {}, those of a scene by {}", size(metric, limit), size(metric, of_scene))?;
+        let is_larger = paired.as_ref().is_some_and(|paired| paired.difference.abs() > limit);
+        let is_unsure = is_larger && comparison.verdict == DriftVerdict::Within;
+        let unsure = if is_unsure { " (this difference is larger, but its interval is not beyond)" } else { "" };
+        write!(
+            f,
+            "; means may vary by {}{unsure}, those of a scene by {}",
+            size(metric, limit),
+            size(metric, of_scene)
+        )?;
     }
     writeln!(f)
 }

@@ -84,8 +84,12 @@ fn an_interval_that_overlaps_the_limit_is_not_drift() {
             let paired = few.comparisons[0].paired.as_ref().unwrap();
             assert!(side * paired.difference > limit, "the mean alone would be drift: {paired:?}");
             assert_eq!(few.verdict, DriftVerdict::Within, "{metric} {side}: {few}");
+            let text = few.to_string();
+            let unsure = "(this difference is larger, but its interval is not beyond), those of a scene by ";
+            assert!(text.contains(" interval within limits\n") && text.contains(unsure), "{text}");
             let all = report(metric, score, Basis::Interval, |scene| side * limit * (1.5 + 0.1 * scene as f64));
             assert_eq!(all.verdict, DriftVerdict::Drifted, "{metric} {side}: {all}");
+            assert!(!all.to_string().contains("its interval is not beyond"), "{all}");
         }
     }
 }
