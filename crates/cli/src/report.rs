@@ -83,13 +83,20 @@ struct ChoiceArgs {
     /// metrics of --columns. The method may be in another store, on the same data; STORE: NAME tells methods of one name apart.
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
+
+    /// Decimals of measured metrics and seconds, such as psnr=3,ssim=4; by default 2 for decibels and 3 for the others, as papers print
+    /// them. The paper's own numbers keep theirs.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = decimals)]
+    decimals: Vec<(Quantity, usize)>,
 }
 
 impl ChoiceArgs {
     /// Rejects repeated values.
     fn check(&self) -> Result<(), String> {
         let columns: Vec<String> = self.columns.iter().map(|column| column.id().to_owned()).collect();
+        let of_decimals: Vec<String> = self.decimals.iter().map(|(column, _)| column.id().to_owned()).collect();
         once("--columns", &columns)?;
+        once("--decimals", &of_decimals)?;
         once("--methods", &self.methods)
     }
 
@@ -99,6 +106,7 @@ impl ChoiceArgs {
             methods: self.methods.clone(),
             without_published: self.no_published,
             against: self.against.clone(),
+            decimals: self.decimals.clone(),
         }
     }
 
@@ -109,8 +117,10 @@ impl ChoiceArgs {
 
     fn warn_of_absent_columns(&self, report: &Report) {
         let columns = || report.tables.iter().flat_map(|table| table.columns().map(|(_, column)| column.quantity));
-        for absent in self.columns.iter().filter(|wanted| columns().all(|shown| shown != **wanted)) {
-            warn(&format!("--columns: no table has {}", absent.id()));
+        let of_columns = self.columns.iter().map(|wanted| ("--columns", wanted));
+        let wanted = of_columns.chain(self.decimals.iter().map(|(wanted, _)| ("--decimals", wanted)));
+        for (option, absent) in wanted.filter(|(_, wanted)| columns().all(|shown| shown != **wanted)) {
+            warn(&format!("{option}: no table has {}", absent.id()));
         }
     }
 }
@@ -153,6 +163,22 @@ const FORMATS: [(&str, TableFormat); 5] = [
     ("csv", TableFormat::Csv),
     ("json", TableFormat::Json),
 ];
+
+/// `psnr=3`: a metric or seconds, with the decimals of its numbers.
+fn decimals(text: &str) -> Result<(Quantity, usize), String> {
+    const MOST: usize = 9;
+    let Some((quantity, decimals)) = text.split_once('=') else {
+        return Err(format!("expected COLUMN=DECIMALS, such as psnr=3, found {text:?}"));
+    };
+    let quantity: Quantity = quantity.parse()?;
+    if !matches!(quantity, Quantity::Metric(_) | Quantity::Seconds) {
+        return Err(format!("expected a metric or seconds, found {}, which has no decimals", quantity.id()));
+    }
+    match decimals.parse::<usize>() {
+        Ok(count) if count <= MOST => Ok((quantity, count)),
+        _ => Err(format!("expected 0 to {MOST} decimals, found {decimals:?}")),
+    }
+}
 
 fn table_name(text: &str) -> Result<String, String> {
     match TableDefinition::names().find(|name| *name == text) {
@@ -329,6 +355,26 @@ mod tests {
             parsed.map(drop).map_err(|error| error.exit_code())
         };
         assert_eq!((code("psnr,gaussians"), code("psnr,psmr")), (Ok(()), Err(2)));
+    }
+
+    #[test]
+    fn decimals_are_of_metrics_and_seconds() {
+        let parse = |text: &str| decimals(text).map(|(quantity, decimals)| (quantity.id(), decimals));
+        assert_eq!((parse("psnr=3"), parse("seconds=0")), (Ok(("psnr", 3)), Ok(("seconds", 0))));
+        for (wrong, expected) in [
+            ("psnr", "such as psnr=3"),
+            ("psmr=3", "psnr, "),
+            ("gaussians=1", "expected a metric or seconds"),
+            ("ssim=10", "expected 0 to 9 decimals, found \"10\""),
+            ("ssim=-1", "found \"-1\""),
+        ] {
+            let error = parse(wrong).unwrap_err();
+            assert!(error.contains(expected), "{wrong}: {error}");
+        }
+        let given = vec![decimals("psnr=3").unwrap(), decimals("PSNR=4").unwrap()];
+        let (columns, methods) = (Vec::new(), Vec::new());
+        let choice = ChoiceArgs { columns, methods, no_published: false, against: None, decimals: given };
+        assert_eq!(choice.check(), Err("--decimals: psnr is given twice".to_owned()));
     }
 
     #[test]

@@ -19,9 +19,17 @@ pub struct Choice {
     pub without_published: bool,
     /// The method to which tables give the paired differences of the measured rows, called as in `methods`.
     pub against: Option<String>,
+    /// Decimals of the measured numbers of metrics and seconds, in place of those that papers print.
+    pub decimals: Vec<(Quantity, usize)>,
 }
 
 impl Choice {
+    /// The chosen decimals of a column; a metric's difference has those of the metric.
+    pub(crate) fn decimals_of(&self, quantity: Quantity) -> Option<usize> {
+        let of = if let Quantity::Difference(metric) = quantity { Quantity::Metric(metric) } else { quantity };
+        self.decimals.iter().find(|(chosen, _)| *chosen == of).map(|(_, decimals)| *decimals)
+    }
+
     /// Checks that the stores have every method of the choice, and that [`Self::against`] is only one of them.
     ///
     /// # Errors

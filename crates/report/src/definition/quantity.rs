@@ -133,6 +133,14 @@ impl Quantity {
         })
     }
 
+    /// A number with chosen decimals; a difference with more if the interval excludes 0 and would not show it.
+    pub(crate) fn print_with_decimals(self, value: f64, decimals: usize, interval: Option<[f64; 2]>) -> String {
+        match self {
+            Self::Slope(..) | Self::Difference(_) => signed(value, decimals_of(interval, decimals)),
+            _ => fixed(value, decimals),
+        }
+    }
+
     /// A slope or difference.
     fn print_signed(self, value: f64, interval: Option<[f64; 2]>) -> String {
         let decimals = if let Self::Difference(metric) = self { metric.scale.decimals() } else { 3 };
@@ -234,6 +242,9 @@ mod tests {
         assert_eq!(decided, ["-0.002", "-0.003", "-0.001"]);
         let lpips = Quantity::from_str("lpips").unwrap().print_with_interval(0.1, [0.0001, 0.2], false);
         assert_eq!(lpips, ["0.100", "0.000", "0.200"], "of no difference");
+        assert_eq!(Quantity::from_str("psnr").unwrap().print_with_decimals(28.456_78, 4, None), "28.4568");
+        assert_eq!(difference("psnr").print_with_decimals(-0.0018, 1, None), "0.0");
+        assert_eq!(difference("psnr").print_with_decimals(-0.0018, 1, Some([-0.0028, -0.0008])), "-0.002");
     }
 
     #[test]

@@ -120,6 +120,7 @@ fn group(
         direction: column.quantity.direction(),
         exact: column.exact,
         intervals: definition.intervals,
+        decimals: definition.choice.decimals_of(column.quantity),
     };
     Group {
         title: group.title.clone(),

@@ -41,6 +41,7 @@ pub(in crate::table) fn add_differences(
                 direction: None,
                 exact: false,
                 intervals: true,
+                decimals: column.decimals,
             });
         }
     }

@@ -35,6 +35,9 @@ pub struct Column {
     pub exact: bool,
     /// Whether intervals are printed next to the numbers.
     pub intervals: bool,
+    /// Decimals of measured numbers, if they were chosen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decimals: Option<usize>,
 }
 
 /// The position of a column, and of its cell in every row.
@@ -49,7 +52,10 @@ pub struct CellIndex {
 impl Column {
     /// Formats a measured number of the column.
     pub(crate) fn format(&self, value: f64) -> String {
-        self.quantity.print(value, self.exact)
+        match self.decimals {
+            Some(decimals) => self.quantity.print_with_decimals(value, decimals, None),
+            None => self.quantity.print(value, self.exact),
+        }
     }
 
     /// Formats a number of the column with the digits that papers print, to show or to compare with published ones.
@@ -59,7 +65,11 @@ impl Column {
 
     /// Formats a number of the column with the ends of its interval.
     pub(crate) fn format_with(&self, value: f64, interval: [f64; 2]) -> [String; 3] {
-        self.quantity.print_with_interval(value, interval, self.exact)
+        let Some(decimals) = self.decimals else {
+            return self.quantity.print_with_interval(value, interval, self.exact);
+        };
+        let [low, high] = interval;
+        [value, low, high].map(|number| self.quantity.print_with_decimals(number, decimals, Some(interval)))
     }
 
     /// The heading, with an arrow in the better direction.

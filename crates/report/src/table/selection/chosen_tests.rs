@@ -6,7 +6,7 @@ use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::plot_data::table_plots;
 use crate::sample::{atsplat, floor, preset, results};
 use crate::table::test_tables::{notes, trained};
-use crate::table::{Mixing, NoteKind, Source, Table, Value, chosen_protocol_tables, tables};
+use crate::table::{CellIndex, Mixing, NoteKind, Row, Source, Table, Value, chosen_protocol_tables, tables};
 
 /// Two methods of one title, and a network that reproduces a row of the paper.
 fn store() -> Results {
@@ -47,6 +47,33 @@ fn columns_are_shown_in_the_order_of_the_choice() {
         !chosen(&store, &none).is_measured()
             && chosen_protocol_tables(&sources, Mixing::Apart, &none).unwrap().is_empty()
     );
+}
+
+/// Of the paper's rows, what the paper printed stays.
+#[test]
+fn measured_numbers_have_the_decimals_of_the_choice() {
+    let store = store();
+    let [psnr, ssim] = ["psnr", "ssim"].map(|id| id.parse::<Quantity>().unwrap());
+    let printed = |decimals: Vec<(Quantity, usize)>| {
+        let choice = Choice { decimals, against: Some("network".to_owned()), ..Choice::default() };
+        let table = chosen(&store, &choice);
+        let measured = table.rows.iter().find(|row| row.method.as_deref() == Some("network")).unwrap();
+        let paper = table.rows.iter().find(|row| row.labels == ["iLRM"]).unwrap();
+        let text = |row: &Row, column: usize| {
+            let index = CellIndex { group: 0, column };
+            row.cell(index).print(table.column(index))
+        };
+        let scores = [0, 1].map(|column| measured.cells[0][column].value.number().unwrap());
+        let difference =
+            table.columns().find(|(_, column)| matches!(column.quantity, Quantity::Difference(_))).unwrap();
+        (scores, [0, 1].map(|column| text(measured, column)), text(paper, 0), difference.1.decimals)
+    };
+    let (scores, texts, paper, of_difference) = printed(vec![(ssim, 1), (psnr, 4)]);
+    assert_eq!(texts, [format!("{:.4}", scores[0]), format!("{:.1}", scores[1])]);
+    assert_eq!((paper.as_str(), of_difference), ("28.65", Some(4)));
+    let (_, texts, paper, of_difference) = printed(Vec::new());
+    assert_eq!(texts, [format!("{:.2}", scores[0]), format!("{:.3}", scores[1])]);
+    assert_eq!((paper.as_str(), of_difference), ("28.65", None));
 }
 
 #[test]
