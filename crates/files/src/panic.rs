@@ -66,7 +66,8 @@ mod tests {
         });
         let panic = nested.unwrap_err();
         assert_eq!((panic_message(panic.as_ref()), printed()), (Some(MARK), 0));
-        assert!(catch_silently(|| thread::spawn::<_, ()>(|| panic_any(MARK)).join().is_err()).unwrap());
+        let panics_elsewhere = || thread::scope(|scope| scope.spawn::<_, ()>(|| panic_any(MARK)).join().is_err());
+        assert!(catch_silently(panics_elsewhere).unwrap());
         assert_eq!(printed(), 1, "of another thread");
         assert!(catch_unwind(|| panic_any(MARK)).is_err());
         assert_eq!(printed(), 2, "after the work");
