@@ -268,7 +268,7 @@ fn a_new_file_of_the_same_entries_is_not_drift() {
     let rewritten = against(|_| ());
     assert_eq!(kinds(&rewritten), [(FindingKind::RewrittenIndex, DriftVerdict::Same, 1)]);
     assert_eq!((rewritten.verdict, rewritten.changes.len()), (DriftVerdict::Same, 0), "{rewritten}");
-    let said = "same     sampled: another index file with the same entries\n";
+    let said = "same          sampled: another index file with the same entries\n";
     assert!(rewritten.to_string().contains(said), "{rewritten}");
     let cases: [IndexChange; 3] = [
         (|now| now.targets[4].overlap = Some(0.25), "scene 001 0: overlap was none, is now 0.25"),
