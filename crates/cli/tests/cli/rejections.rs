@@ -7,6 +7,7 @@ use crate::evaluation::{bare, write_noise};
 use crate::render_scene::SCENE;
 use atsplat_model::ModelConfig;
 use atsplat_results::Results;
+use serde_json::Value;
 
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--out", "store"];
 
@@ -235,11 +236,16 @@ fn a_damaged_table_is_an_error_without_a_report_of_the_panic() {
     write_noise(here, 1);
     succeed(here, &[&RUN[..], &["--method", "nearest-view"]].concat());
     let trials = here.join("store/trials.parquet");
-    let mut bytes = std::fs::read(&trials).unwrap();
+    let mut bytes = fs::read(&trials).unwrap();
     // In the type of an unsigned column (64 bits, unsigned), one bit of the field that is a flag.
     let at = bytes.windows(4).position(|window| window == [0x13, 64, 0x12, 0]).unwrap();
     bytes[at + 2] ^= 1;
-    std::fs::write(&trials, bytes).unwrap();
+    fs::write(&trials, bytes).unwrap();
+    // As in a store of an older version: a stated hash would tell first.
+    let records = here.join("store/provenance.json");
+    let mut stated: Value = serde_json::from_slice(&fs::read(&records).unwrap()).unwrap();
+    assert!(stated.as_object_mut().unwrap().remove("tables-sha256").is_some());
+    fs::write(&records, stated.to_string()).unwrap();
     let refused = atsplat(here, &["report", "store", "--out", "page"]);
     assert!(refused.code == 1 && refused.stderr.contains("found damaged data: "), "{}", refused.stderr);
     assert!(!refused.stderr.contains("panicked"), "{}", refused.stderr);
