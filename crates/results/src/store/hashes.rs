@@ -62,15 +62,12 @@ impl TableHashes {
     pub(super) fn write(&mut self, folder: &Path, tables: &[NewTable]) -> Result<(), ResultsError> {
         for (name, content) in tables {
             let path = folder.join(name);
-            match content {
-                Some(bytes) => {
-                    disk::write(&path, bytes)?;
-                    self.0.insert((*name).to_owned(), Sha256Digest::of(bytes));
-                }
-                None => {
-                    disk::remove(&path)?;
-                    self.0.remove(*name);
-                }
+            if let Some(bytes) = content {
+                disk::write(&path, bytes)?;
+                self.0.insert((*name).to_owned(), Sha256Digest::of(bytes));
+            } else {
+                disk::remove(&path)?;
+                self.0.remove(*name);
             }
         }
         Ok(())

@@ -92,7 +92,9 @@ fn a_store_without_hashes_is_read_as_it_is_and_has_them_when_it_is_resumed() {
     let results = finished(folder.path());
     let all = ["targets.parquet", "timings.parquet", "trials.parquet"];
     assert_eq!(stated(folder.path()), all);
-    TABLES.iter().for_each(|table| forget_hash(folder.path(), table));
+    for table in TABLES {
+        forget_hash(folder.path(), table);
+    }
     let records = fs::read(folder.path().join(PROVENANCE)).unwrap();
     assert_eq!(stated(folder.path()), [] as [&str; 0]);
     assert_eq!(Results::read(folder.path()).unwrap(), results);
@@ -111,7 +113,9 @@ fn a_run_that_is_killed_while_it_replaces_tables_resumes() {
         filled(killed.path(), &["a"]).finish().unwrap();
         Store::open(killed.path()).unwrap().append(&trial("b"), &targets("b")).unwrap();
         if written > 0 {
-            [TARGETS, TRIALS].iter().for_each(|table| forget_hash(killed.path(), table));
+            for table in [TARGETS, TRIALS] {
+                forget_hash(killed.path(), table);
+            }
         }
         for table in [TARGETS, TRIALS].iter().take(written.saturating_sub(1)) {
             fs::copy(whole.path().join(table), killed.path().join(table)).unwrap();
