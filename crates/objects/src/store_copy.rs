@@ -320,7 +320,8 @@ impl StoreCopy {
             for (name, _) in &files {
                 let mut file = self.folder().join(file_name(name));
                 if name == RECORDS
-                    && let Some(without) = self.without_hashes(&read(&file)?)?
+                    && let Some(records) = read(&file)?
+                    && let Some(without) = self.without_hashes(&records)?
                 {
                     (file, sent.withheld) = (without, true);
                 }
@@ -398,10 +399,8 @@ fn list(storage: &dyn Storage) -> Result<Vec<Object>, ObjectError> {
     }
 }
 
-fn read(path: &Path) -> Result<Vec<u8>, ObjectError> {
-    let bytes =
-        atsplat_files::read_if_exists(path).map_err(FileError::during::<ObjectError>("reading results", path))?;
-    Ok(bytes.unwrap_or_default())
+fn read(path: &Path) -> Result<Option<Vec<u8>>, ObjectError> {
+    atsplat_files::read_if_exists(path).map_err(FileError::during("reading results", path))
 }
 
 fn stamp(path: &Path) -> io::Result<Stamp> {
