@@ -1,7 +1,7 @@
 use atsplat_results::{MethodRecord, RecordKind};
 use serde::{Deserialize, Serialize};
 
-use super::training::is_unified;
+use super::training::{is_named, is_unified, was_trained_on};
 use super::variant::{Variant, configuration, variant};
 
 /// Which methods reproduce a row; all given conditions must hold.
@@ -16,6 +16,8 @@ pub struct MethodRule {
     pub gaussians_per_token: Option<usize>,
     /// `true`: only one network that was trained on both datasets; `false`: only other networks; absent: both.
     pub unified: Option<bool>,
+    /// Ids of datasets: only networks whose record names none of them among their training data.
+    pub not_trained_on: Vec<String>,
 }
 
 /// The paper's K.
@@ -28,6 +30,9 @@ impl MethodRule {
             return false;
         }
         if self.unified.is_some_and(|unified| unified != is_unified(record)) {
+            return false;
+        }
+        if was_trained_on(record, &self.not_trained_on) {
             return false;
         }
         if self.variant.is_none() && self.gaussians_per_token.is_none() {
@@ -55,34 +60,39 @@ struct RuleToml {
     gaussians_per_token: Option<usize>,
     #[serde(default)]
     unified: Option<bool>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    not_trained_on: Vec<String>,
 }
 
 impl TryFrom<RuleToml> for MethodRule {
     type Error = String;
 
     fn try_from(rule: RuleToml) -> Result<Self, String> {
-        let RuleToml { kind, variant, thresholds, gaussians_per_token, unified } = rule;
+        let RuleToml { kind, variant, thresholds, gaussians_per_token, unified, not_trained_on } = rule;
         if let Some(found) = kind.as_deref().filter(|kind| RecordKind::of(kind) == RecordKind::Other) {
             let known: Vec<&str> = RecordKind::names().collect();
             return Err(format!("kind: expected one of {}, found {found:?}", known.join(", ")));
+        }
+        if let Some(found) = not_trained_on.iter().find(|id| !is_named(id)) {
+            return Err(format!("not-trained-on: expected ids of known datasets, such as dl3dv, found {found:?}"));
         }
         let variant = match (variant, thresholds) {
             (Some(_), Some(_)) => return Err("expected one of `variant` and `thresholds`, found both".to_owned()),
             (None, Some(thresholds)) => Some(Variant::Thresholds(thresholds)),
             (variant, None) => variant,
         };
-        Ok(Self { kind, variant, gaussians_per_token, unified })
+        Ok(Self { kind, variant, gaussians_per_token, unified, not_trained_on })
     }
 }
 
 impl From<MethodRule> for RuleToml {
     fn from(rule: MethodRule) -> Self {
-        let MethodRule { kind, variant, gaussians_per_token, unified } = rule;
+        let MethodRule { kind, variant, gaussians_per_token, unified, not_trained_on } = rule;
         let (variant, thresholds) = match variant {
             Some(Variant::Thresholds(thresholds)) => (None, Some(thresholds)),
             variant => (variant, None),
         };
-        Self { kind, variant, thresholds, gaussians_per_token, unified }
+        Self { kind, variant, thresholds, gaussians_per_token, unified, not_trained_on }
     }
 }
 
@@ -133,6 +143,10 @@ mod tests {
             ("variant = 'other'", "unknown variant `other`"),
             ("kind = 'atsplatt'", "kind: expected one of atsplat, atsplat+refine, 3dgs, "),
             ("variant = 'full'\nthresholds = [0.1, 0.1, 0.4]", "one of `variant` and `thresholds`, found both"),
+            (
+                "not-trained-on = ['re10k', 'DL3DV']",
+                "not-trained-on: expected ids of known datasets, such as dl3dv, found \"DL3DV\"",
+            ),
         ] {
             let error = read(text).unwrap_err();
             assert!(error.contains(expected), "{text}: {error}");
@@ -165,6 +179,25 @@ mod tests {
         record.training = Some(atsplat_results::TrainingRecord { data, seed: None });
         assert!(!rule(false).accepts(&record) && rule(true).accepts(&record), "unified weights");
         assert!(full().accepts(&record), "tables that do not ask take either");
+    }
+
+    /// Whatever else they were trained on, and in whichever of their trainings. What a record does not name is not assumed.
+    #[test]
+    fn networks_that_have_seen_the_dataset_fill_no_zero_shot_row() {
+        let rule: MethodRule = toml::from_str("variant = 'full'\nnot-trained-on = ['dl3dv', 'yards']").unwrap();
+        assert_eq!(toml::from_str::<MethodRule>(&toml::to_string(&rule).unwrap()).unwrap(), rule);
+        let accepts = |data: &str| {
+            let mut record = record(&ModelConfig::named("nano").unwrap());
+            record.training = Some(atsplat_results::TrainingRecord { data: data.to_owned(), seed: None });
+            rule.accepts(&record)
+        };
+        let (re10k, dl3dv) = ("1 × data/re10k/train under re10k-2v-256", "1 × data/dl3dv/train under dl3dv-6v-256x448");
+        assert!(accepts(re10k) && !accepts(dl3dv));
+        assert!(!accepts(&format!("{re10k} + {dl3dv}")), "one network for both");
+        assert!(!accepts(&format!("{dl3dv}; before: {re10k}")) && !accepts(&format!("{re10k}; before: {dl3dv}")));
+        assert!(!accepts(&format!("my own videos + {dl3dv}")) && !accepts("simulated yards"));
+        assert!(accepts("1 × data/re10k/train under dl3dv-6v-256x448"), "the preset's name is no dataset");
+        assert!(accepts("my own videos") && rule.accepts(&record(&ModelConfig::named("nano").unwrap())));
     }
 
     #[test]

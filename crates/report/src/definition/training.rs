@@ -52,6 +52,14 @@ pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<Str
     unseen.map(|data| format!("zero-shot: not trained on {data}"))
 }
 
+/// Whether the record of a network names one of these datasets among the data of its trainings. Of data that it names otherwise,
+/// nothing is assumed.
+pub(super) fn was_trained_on(record: &MethodRecord, ids: &[String]) -> bool {
+    let description = record.training.as_ref().map_or("", |training| training.data.as_str());
+    let mut seen = training_data::sources(description).flat_map(datasets_of_source);
+    seen.any(|id| ids.iter().any(|unwanted| unwanted == id))
+}
+
 /// Whether one network was trained on both datasets of a unified model, or says that it is one.
 pub(crate) fn is_unified(record: &MethodRecord) -> bool {
     let stated = record.stated_variant() == Some("unified");
