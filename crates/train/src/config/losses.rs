@@ -9,6 +9,9 @@ use crate::TrainError;
 
 /// The training loss (paper, "Training"): `MSE + λp · perceptual` of the final renders, plus, for each intermediate set of
 /// Gaussians, `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`; with exact distances of simulated scenes also those.
+///
+/// Intermediate sets are those of the blocks before the last. The paper's sum runs over all blocks; but the last block's set is the
+/// final one, and no expansion follows it whose scores could be trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct LossConfig {
