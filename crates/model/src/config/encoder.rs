@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 pub struct CoarseConfig {
     /// Side of a coarse patch in pixels of this branch's image; 16 in the paper.
     pub patch_size: usize,
-    /// Factor by which this branch's image is downscaled; 2 at high resolution (paper, "High-Resolution").
+    /// Factor by which this branch's image is downscaled; 2 at high resolution (paper, "High-Resolution Novel-View Synthesis").
     pub image_downscale: usize,
     /// Global self-attention layers; 12 in the paper.
     pub layers: usize,

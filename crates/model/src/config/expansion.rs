@@ -110,7 +110,7 @@ pub struct SelectionRatio {
 
 impl SelectionRatio {
     const WHOLE: u32 = 1_000_000;
-    /// The ratio of the first expanding block at high resolution (paper, supplement, "High-Resolution").
+    /// The ratio of the first expanding block at high resolution (paper, "High-Resolution Novel-View Synthesis").
     pub const FOUR_FIFTHS: Self = Self { millionths: 800_000 };
 
     /// The share nearest to `ratio`; `None` unless it is within 1e-9 of a number of millionths from 0 to 1.

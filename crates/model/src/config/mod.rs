@@ -223,7 +223,7 @@ impl ModelConfig {
         self.with_expansions("ratios", ratios.iter().copied().map(BlockExpansion::Ratio))
     }
 
-    /// The same network in the paper's setting for large images (supplement, "High-Resolution"): the coarse branch takes
+    /// The same network in the paper's setting for large images ("High-Resolution Novel-View Synthesis"): the coarse branch takes
     /// them at half their size, so that images of twice the resolution have as many patches, and the first expanding block
     /// expands four fifths if it expands a ratio. Weights stay the same. `None` if the coarse branch takes images at less than half
     /// their size already, so that large images need no other setting.

@@ -3,8 +3,8 @@ use serde::{Deserialize, Serialize};
 /// Settings of all transformer layers: pre-norm, softmax attention without position embeddings (the Plücker embedding gives
 /// positions), erf GELU.
 ///
-/// The paper states only the width (supplement, "Architecture Details"); the rest follows iLRM (`scalable/transformer.py`),
-/// on which it builds.
+/// The paper states only the width (supplement, "Architecture Details"); the rest is that of iLRM (`scalable/transformer.py`), whose
+/// normalisation of poses it follows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct TransformerConfig {
