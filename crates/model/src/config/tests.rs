@@ -50,6 +50,22 @@ fn small_models_keep_the_papers_geometry() {
     }
 }
 
+/// Their titles and other notes state width, patches and backbone alone.
+#[test]
+fn notes_of_small_models_state_which_layers_they_lack() {
+    let paper = ModelConfig::named("paper-re10k").unwrap();
+    for name in ["mini", "micro", "nano"] {
+        let small = ModelConfig::named(name).unwrap();
+        let (global, per_view) = (small.coarse.layers, small.fine.layers);
+        let mut expected = format!("It has {global} global self-attention layers instead of {}", paper.coarse.layers);
+        if per_view != paper.fine.layers {
+            let more = format!(", and {per_view} per-view layer of the fine branch instead of {}", paper.fine.layers);
+            expected.push_str(&more);
+        }
+        assert!(small.notes.contains(&format!("{expected}.")), "{name}: {expected}");
+    }
+}
+
 #[test]
 fn toml_round_trip_keeps_value_and_hash() {
     for config in all() {
