@@ -17,7 +17,8 @@ pub struct HeadConfig {
     /// [`super::AnchorDesign::RayDepth`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub patch_cells: Option<usize>,
-    /// Degree of the spherical harmonics, up to 4; iLRM's code uses only 0. Their coefficients are the raw outputs.
+    /// Degree of the spherical harmonics, up to 4; the paper gives none, and iLRM's code uses only 0. Their coefficients are the
+    /// raw outputs.
     pub sh_degree: u8,
     /// Frame of offsets and scales.
     #[serde(default, skip_serializing_if = "HeadFrame::is_world")]

@@ -17,7 +17,8 @@ fn every_configuration_has_its_files_name_and_lists_inferred_values() {
         assert_eq!(config.name, name);
         assert!(!config.title.is_empty(), "{name}");
         let inferred = config.inferred.join("\n");
-        let of_all = ["ray of an anchor", "nearest neighbours", "upsampled", "rounded up", "equal scores"];
+        let of_all =
+            ["ray of an anchor", "nearest neighbours", "upsampled", "rounded up", "equal scores", "gives no degree"];
         let of_dino = config.backbone.is_frozen().then_some("after the last norm");
         for value in of_all.into_iter().chain(of_dino) {
             assert!(inferred.contains(value), "{name}: {value}");
