@@ -1,4 +1,5 @@
-//! Training of the network: the paper's losses, optimiser, curricula and data, in runs that can be killed at any moment.
+//! Training of the network: the paper's losses, optimiser and data, and DepthSplat's growing windows of frames, in runs that can be
+//! killed at any moment.
 //!
 //! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`, which one process at a time
 //! writes (`run.lock`). A step depends on the configuration and the step number alone, so a resumed run ends bit for bit like an
