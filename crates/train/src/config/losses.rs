@@ -24,7 +24,8 @@ pub struct LossConfig {
     pub late_perceptual_weight: Option<f64>,
     /// `λint`.
     pub intermediate_weight: f64,
-    /// `λs`, which the paper does not state; 0.5 by default, whatever `λp` is.
+    /// `λs`: the paper replaces the perceptual term with D-SSIM here and states no other weight than its 0.5, which is the default,
+    /// whatever `λp` is.
     pub intermediate_d_ssim_weight: f64,
     /// `λunc`: 0.0 is required of new runs with the selection straight-through, whose scores the rendering loss trains.
     pub uncertainty_weight: f64,
