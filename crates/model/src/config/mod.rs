@@ -225,8 +225,8 @@ impl ModelConfig {
 
     /// The same network in the paper's setting for large images ("High-Resolution Novel-View Synthesis"): the coarse branch takes
     /// them at half their size, so that images of twice the resolution have as many patches, and the first expanding block
-    /// expands four fifths if it expands a ratio. Weights stay the same. `None` if the coarse branch takes images at less than half
-    /// their size already, so that large images need no other setting.
+    /// expands four fifths if it expands a ratio. Weights stay the same, whereas the paper fine-tunes its own in this setting. `None` if
+    /// the coarse branch takes images at less than half their size already, so that large images need no other setting.
     ///
     /// # Errors
     /// [`ModelError::HighResolution`] if sides of twice the resolution are too long, or the configuration was not valid before;
