@@ -23,7 +23,8 @@ pub struct ImportReport {
     pub validation: Validation,
     /// Ignored contents of the file: properties, elements, extensions.
     pub unused: Vec<String>,
-    /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
+    /// Whether the Gaussians were trained with anti-aliasing, if the file records it: an SPZ, or a PLY of Brush in a comment
+    /// (`SplatRenderMode: mip`).
     pub antialiased: Option<bool>,
     /// Whether all opacity values of a PLY file are in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
     /// where all others write logits, without marking the file. [`interpret`] converts them.

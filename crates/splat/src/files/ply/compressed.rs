@@ -59,7 +59,8 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     }
     let elements = header.elements.iter().zip(&columns_by_element);
     let unused = elements.flat_map(|(element, columns)| unused(element, columns)).collect();
-    Ok(Stored { parts, format: Format::CompressedPly, unused, integers: Vec::new(), antialiased: None })
+    let antialiased = header.antialiased;
+    Ok(Stored { parts, format: Format::CompressedPly, unused, integers: Vec::new(), antialiased })
 }
 
 /// An element that is not read, or the properties of another that are not.

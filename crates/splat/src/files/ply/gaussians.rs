@@ -34,7 +34,7 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     let unused = columns.unused.iter().map(|name| format!("property {name}"));
     let unused = unused.chain(others.map(|element| format!("element {}", element.name))).collect();
     let format = Format::Ply(header.encoding);
-    Ok(Stored { parts, format, unused, integers: columns.integers, antialiased: None })
+    Ok(Stored { parts, format, unused, integers: columns.integers, antialiased: header.antialiased })
 }
 
 /// Columns to read from a row: the required ones, then `f_rest`, then the optional ones.

@@ -13,7 +13,12 @@ pub(super) struct Header<'a> {
     pub(super) end: usize,
     /// Number of header lines.
     pub(super) lines: usize,
+    /// Whether training was antialiased, if a comment of Brush states it.
+    pub(super) antialiased: Option<bool>,
 }
+
+/// The key of the comment in which Brush (`crates/brush-serde/src/export.rs`) states how its Gaussians were rendered in training.
+const RENDER_MODE: &str = "SplatRenderMode:";
 
 /// An element: rows with the same properties.
 #[derive(Debug)]
@@ -95,7 +100,7 @@ impl Scalar {
 
 impl<'a> Header<'a> {
     pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, Malformed> {
-        let mut encoding = None;
+        let (mut encoding, mut antialiased) = (None, None);
         let mut elements: Vec<Element<'_>> = Vec::new();
         let (mut element_names, mut property_names) = (HashSet::new(), HashSet::new());
         let (mut end, mut lines) = (0, 0);
@@ -111,6 +116,8 @@ impl<'a> Header<'a> {
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
             match *words {
                 ["ply"] if lines == 1 => {}
+                ["comment", RENDER_MODE, "mip"] => antialiased = Some(true),
+                ["comment", RENDER_MODE, "default"] => antialiased = Some(false),
                 ["comment" | "obj_info", ..] => {}
                 // A comment may be in any encoding, so that it is not valid UTF-8; blank lines are ignored.
                 [] if line.is_empty() || line.starts_with(b"comment") || line.starts_with(b"obj_info") => {}
@@ -140,7 +147,7 @@ impl<'a> Header<'a> {
             }
         }
         let encoding = encoding.ok_or_else(|| malformed(lines, "a line \"format\"", "none before end_header"))?;
-        Ok(Self { encoding, elements, end, lines })
+        Ok(Self { encoding, elements, end, lines, antialiased })
     }
 
     pub(super) fn element(&self, name: &str) -> Option<&Element<'a>> {

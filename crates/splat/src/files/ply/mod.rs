@@ -118,6 +118,24 @@ impl<'a> Body<'a> {
 mod tests {
     use super::*;
 
+    /// As Brush writes it. Of two such comments, the last counts.
+    #[test]
+    fn a_comment_states_whether_training_was_antialiased() {
+        let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+        let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+        let of = |comments: &str| {
+            let header =
+                format!("ply\nformat binary_little_endian 1.0\n{comments}element vertex 1\n{properties}end_header\n");
+            read(&[header.into_bytes(), vec![0; 56]].concat()).unwrap().antialiased
+        };
+        let [mip, default] = ["mip", "default"].map(|mode| format!("comment SplatRenderMode: {mode}\n"));
+        assert_eq!(of(&format!("comment Exported from Brush\ncomment SH degree: 0\n{mip}")), Some(true));
+        assert_eq!((of(&default), of(&[&*mip, &default].concat())), (Some(false), Some(false)));
+        for other in ["", "comment mip\n", "comment SplatRenderMode: other\n", "obj_info SplatRenderMode: mip\n"] {
+            assert_eq!(of(other), None, "{other}");
+        }
+    }
+
     /// An element without rows, or whose rows have no bytes, is not where the file should have ended.
     #[test]
     fn data_after_the_end_names_the_last_element_with_rows() {
