@@ -7,7 +7,8 @@ use crate::camera_file::FileCamera;
 use crate::json::shown;
 
 /// A camera as written by 3DGS' `camera_to_JSON` (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
-/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle. `number` is its place in the file.
+/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle. gaussian-splatting-lightning and
+/// others also state the principal point in pixels, as `cx` and `cy`. `number` is its place in the file.
 ///
 /// # Errors
 /// The camera and the field, what was expected and found.
@@ -17,18 +18,22 @@ pub(crate) fn trained_camera(number: usize, entry: &Value) -> Result<FileCamera,
     };
     let fields = Fields { number, fields };
     let size = ImageSize { width: fields.side("width")?, height: fields.side("height")? };
-    let (fx, fy) = (fields.focal_length("fx")?, fields.focal_length("fy")?);
+    let (focal, centre) = ([fields.number("fx")?, fields.number("fy")?], fields.principal_point(size)?);
     let [x, y, z] = fields.vector("position", fields.fields.get("position"))?;
     let [r0, r1, r2] = fields.rotation()?;
     let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
-    let camera = camera([fx, fy], size, &rows).map_err(|error| format!("camera {number}: {error}"))?;
+    let camera = camera(focal, centre, size, &rows).map_err(|error| format!("camera {number}: {error}"))?;
     let name = fields.text("img_name")?;
     Ok(FileCamera { number, name, camera, size: Some(size), exposure: None, timestamp_micros: None })
 }
 
-fn camera([fx, fy]: [f64; 2], size: ImageSize, world_from_camera: &[f64; 12]) -> Result<Camera, CameraError> {
-    let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
-    let intrinsics = PixelIntrinsics::new(fx, fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
+fn camera(
+    [fx, fy]: [f64; 2],
+    [cx, cy]: [f64; 2],
+    size: ImageSize,
+    world_from_camera: &[f64; 12],
+) -> Result<Camera, CameraError> {
+    let intrinsics = PixelIntrinsics::new(fx, fy, cx, cy)?.normalized_from_pixel(size)?;
     Ok(Camera::pinhole(WorldFromCamera::from_rows(world_from_camera)?.inverse(), intrinsics))
 }
 
@@ -46,9 +51,20 @@ impl Fields<'_> {
         side.filter(|side| (1..=ImageSize::MAX_SIDE).contains(side)).ok_or_else(|| self.wrong(name, &expected, value))
     }
 
-    fn focal_length(&self, name: &str) -> Result<f64, String> {
+    fn number(&self, name: &str) -> Result<f64, String> {
         let value = self.fields.get(name);
         value.and_then(Value::as_f64).ok_or_else(|| self.wrong(name, "a number", value))
+    }
+
+    /// The stated principal point, or the middle of the image.
+    fn principal_point(&self, size: ImageSize) -> Result<[f64; 2], String> {
+        let is_stated = |name: &str| self.fields.get(name).is_some_and(|value| !value.is_null());
+        match ["cx", "cy"].map(is_stated) {
+            [false, false] => Ok([size.width, size.height].map(|side| 0.5 * f64::from(side))),
+            [true, true] => Ok([self.number("cx")?, self.number("cy")?]),
+            [true, false] => Err(self.wrong("cy", "a number, as for cx", self.fields.get("cy"))),
+            [false, true] => Err(self.wrong("cx", "a number, as for cy", self.fields.get("cx"))),
+        }
     }
 
     fn text(&self, name: &str) -> Result<String, String> {
@@ -102,6 +118,26 @@ mod tests {
         Tolerance::F64.assert(pose.transform_vector(DVec3::X).to_array(), [0.0, 0.0, 1.0], "axis");
         let k = read.camera.intrinsics.pixel_from_normalized(ImageSize { width: 40, height: 30 });
         Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [30.5, 31.0, 20.0, 15.0], "intrinsics");
+    }
+
+    #[test]
+    fn a_stated_principal_point_is_read() {
+        let centre = |cx: Value, cy: Value| {
+            let mut entry = entry();
+            (entry["cx"], entry["cy"]) = (cx, cy);
+            let k = trained_camera(3, &entry)?.camera.intrinsics;
+            let k = k.pixel_from_normalized(ImageSize { width: 40, height: 30 });
+            Ok::<_, String>([k.cx, k.cy])
+        };
+        Tolerance::F64.assert(centre(json!(12.5), json!(21)).unwrap(), [12.5, 21.0], "of 40×30 pixels");
+        Tolerance::F64.assert(centre(json!(null), json!(null)).unwrap(), [20.0, 15.0], "the middle");
+        for (cx, cy, expected) in [
+            (json!(12.5), json!(null), "camera 3, cy: expected a number, as for cx, found null"),
+            (json!(null), json!(21), "camera 3, cx: expected a number, as for cy, found null"),
+            (json!(12.5), json!("21"), "camera 3, cy: expected a number, found \"21\""),
+        ] {
+            assert_eq!(centre(cx, cy).unwrap_err(), expected);
+        }
     }
 
     #[test]
