@@ -18,6 +18,15 @@ const NOTATIONS: [&str; 5] = ["fx", "fy", "intrinsic_matrix", "intrinsics", "K"]
 const MASK: &str = "mask_path";
 const ROLLING_SHUTTER: &str = "rolling_shutter";
 
+/// Seconds from the first to the last row of an image, as 3dgs-deblur reads them.
+const SHUTTER_TIME: &str = "rolling_shutter_time";
+
+/// When a frame of a moving scene was taken, as nerfstudio's `data/dataparsers/dnerf_dataparser.py` reads it.
+const TIME: &str = "time";
+
+/// Radius in pixels beyond which nerfstudio ignores the pixels of a fisheye (`data/dataparsers/nerfstudio_dataparser.py`).
+const CROP_RADIUS: &str = "fisheye_crop_radius";
+
 /// `ScanNet++`'s mark of frames that are blurred or otherwise not to be used.
 const IS_BAD: &str = "is_bad";
 
@@ -66,7 +75,13 @@ pub(super) fn unread_fields(object: &Object<'_>) -> Vec<&'static str> {
     let is_moving = |number: &Value| number.as_f64() != Some(0.0);
     let shutter = object.value(ROLLING_SHUTTER).and_then(Value::as_array).filter(|list| list.iter().any(is_moving));
     let bad = object.value(IS_BAD).and_then(Value::as_bool).filter(|is_bad| *is_bad);
-    notations.chain(masks).chain(shutter.map(|_| ROLLING_SHUTTER)).chain(bad.map(|_| IS_BAD)).collect()
+    let fields =
+        [masks, shutter.map(|_| ROLLING_SHUTTER), bad.map(|_| IS_BAD), object.value(CROP_RADIUS).map(|_| CROP_RADIUS)];
+    let numbers = [SHUTTER_TIME, TIME].into_iter().filter(|name| {
+        let number = object.value(name).and_then(Value::as_f64);
+        number.is_some_and(|number| number != 0.0)
+    });
+    notations.chain(fields.into_iter().flatten()).chain(numbers).collect()
 }
 
 /// The number of `test_frames` that are not among the frames: `ScanNet++`'s script for undistorted images appends them there.
@@ -88,15 +103,16 @@ pub(super) fn stated_split(root: &Object<'_>) -> Vec<(&'static str, usize)> {
 
 /// Warns about each field that is not read, with the number of frames that it is about.
 pub(super) fn report_unread_fields(key: &str, transforms: &Transforms, warnings: &mut Warnings) {
-    for name in NOTATIONS.into_iter().chain([MASK, ROLLING_SHUTTER, IS_BAD]) {
+    for name in NOTATIONS.into_iter().chain([MASK, CROP_RADIUS, ROLLING_SHUTTER, SHUTTER_TIME, TIME, IS_BAD]) {
         let is_global = transforms.unread_fields.contains(&name);
         let frames = transforms.frames.iter().enumerate();
         let mut with = frames.filter(|(_, frame)| is_global || frame.unread_fields.contains(&name)).map(|(at, _)| at);
         if let Some(first) = with.next() {
             let (count, frames) = (with.count() + 1, transforms.frames.len());
             let instead = match name {
-                MASK => "whole images are compared",
-                ROLLING_SHUTTER => "all rows are taken to be exposed at once",
+                MASK | CROP_RADIUS => "whole images are compared",
+                ROLLING_SHUTTER | SHUTTER_TIME => "all rows are taken to be exposed at once",
+                TIME => "scenes do not change with time",
                 IS_BAD => "these frames are used like all others",
                 _ => "intrinsics are those in fl_x, camera_angle_x or x_fov",
             };
@@ -241,6 +257,26 @@ mod tests {
         let [none, bad, good] = [json!({}), json!({ "is_bad": true }), json!({ "is_bad": false })];
         let found = reported(&json!({ "fl_x": 9.0 }), [&good, &bad, &none]);
         assert_eq!(found, ["1 of 3 frames, first 1: is_bad is not read; these frames are used like all others"]);
+    }
+
+    /// Of a moving scene, the first frame is at 0.
+    #[test]
+    fn times_and_the_circle_of_a_fisheye_are_counted() {
+        let at = |time: Value| json!({ "time": time });
+        let [start, middle, end] = [0.0, 0.25, 1.0].map(|time| at(json!(time)));
+        let lens = json!({ "fl_x": 9.0 });
+        let moving = "2 of 3 frames, first 1: time is not read; scenes do not change with time";
+        assert_eq!(reported(&lens, [&start, &middle, &end]), [moving]);
+        assert_eq!(reported(&lens, [&start, &at(Value::Null), &at(json!("noon"))]), [""; 0]);
+        let none = json!({});
+        let circle = json!({ "fl_x": 9.0, "fisheye_crop_radius": 4.0, "rolling_shutter_time": 0.02 });
+        let expected = [
+            "3 of 3 frames, first 0: fisheye_crop_radius is not read; whole images are compared",
+            "3 of 3 frames, first 0: rolling_shutter_time is not read; all rows are taken to be exposed at once",
+        ];
+        assert_eq!(reported(&circle, [&none; 3]), expected);
+        let without = json!({ "fl_x": 9.0, "fisheye_crop_radius": null, "rolling_shutter_time": 0 });
+        assert_eq!(reported(&without, [&none; 3]), [""; 0]);
     }
 
     #[test]
