@@ -50,8 +50,8 @@ pub enum WarningKind {
     /// A `transforms.json` states a focal length in pixels and no principal point: the centre is used, as by instant-ngp; nerfstudio
     /// requires `cx` and `cy`.
     AssumedPrincipalPoint,
-    /// A field of a `transforms.json` or a camera path about frames, images or intrinsics that is not read, such as `mask_path`, or
-    /// a mask next to an image.
+    /// A field of a `transforms.json` or a camera path about frames, images or intrinsics that is not read, such as `mask_path`;
+    /// or a mask next to an image, or in a folder `masks` next to a COLMAP model's images.
     UnreadField,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,

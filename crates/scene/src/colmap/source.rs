@@ -9,6 +9,7 @@ use super::order::report_order;
 use super::{
     ColmapCamera, ColmapImage, Encoding, PARTS, encoding_of, malformed, model_file, parse_cameras, parse_images,
 };
+use crate::checks::cameras::count_and_first;
 use crate::checks::ignored::Collections;
 use crate::dataset::find_by_key;
 use crate::files::{is_image_name, last_name, list, read_file, split_image_name};
@@ -20,6 +21,9 @@ pub const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0
 
 /// What is said of a model without any image in its folder.
 const ELSEWHERE: &str = "; if the model's images are in another folder, --frames names it";
+
+/// Folder of masks next to that of the images, as COLMAP's documentation and trainers of Gaussians name it.
+const MASKS: &str = "masks";
 
 /// Subfolders of a folder in which [`model_below`] looks.
 const FOLDERS_SEARCHED: usize = 100;
@@ -181,6 +185,9 @@ impl ColmapScenes {
             });
         }
         finder.report_ambiguous(key, warnings);
+        if folder != MASKS {
+            report_masks(key, &above.join(MASKS), &model.images, warnings);
+        }
         Ok(frames)
     }
 }
@@ -266,6 +273,21 @@ fn report_quaternions(key: &str, images: &[ColmapImage], warnings: &mut Warnings
             first.name
         );
         warnings.push(WarningKind::ImperfectRotation, key, detail);
+    }
+}
+
+/// Warns about the masks of images in a folder: of `a.jpg`, COLMAP reads `a.jpg.png`, and trainers of Gaussians `a.png` too.
+fn report_masks(key: &str, masks: &Path, images: &[ColmapImage], warnings: &mut Warnings) {
+    if !masks.is_dir() {
+        return;
+    }
+    let is_masked = |image: &ColmapImage| {
+        let stem = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
+        let has_mask = [image.name.as_str(), stem].iter().any(|name| masks.join(format!("{name}.png")).is_file());
+        has_mask.then(|| format!("its mask in {} is not read; whole images are compared", masks.display()))
+    };
+    if let Some(detail) = count_and_first(images, "frames", is_masked) {
+        warnings.push(WarningKind::UnreadField, key, detail);
     }
 }
 
@@ -378,6 +400,35 @@ mod tests {
         assert_eq!(missing(ColmapOptions::default()), [a]);
         fs::write(photos.join("a.png"), "").unwrap();
         assert_eq!(missing(ColmapOptions { images_root: Some(photos), ..ColmapOptions::default() }), [""; 0]);
+    }
+
+    /// One mask has the name of its image with another extension, another COLMAP's, and the last belongs to no image.
+    #[test]
+    fn masks_next_to_the_folder_of_images_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        write_model(&folder.path().join("sparse"));
+        let image = |(id, name): (usize, &str)| format!("{id} 1 0 0 0 {id} 0 0 1 {name}\n\n");
+        let images: String = (1..).zip(["a.png", "left/b.jpg", "c.png"]).map(image).collect();
+        fs::write(folder.path().join("sparse/images.txt"), images).unwrap();
+        let found = || {
+            let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+            let mut warnings = Warnings::new();
+            source.load(&source.keys()[0], &mut warnings).unwrap();
+            let unread = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnreadField);
+            unread.map(|warning| warning.detail.clone()).collect::<Vec<_>>()
+        };
+        let masks = folder.path().join("masks");
+        fs::create_dir_all(masks.join("left")).unwrap();
+        fs::write(masks.join("d.png"), "").unwrap();
+        assert_eq!(found(), [""; 0]);
+        let text = |count: usize, first: usize| {
+            let folder = masks.display();
+            format!("{count} of 3 frames, first {first}: its mask in {folder} is not read; whole images are compared")
+        };
+        fs::write(masks.join("left/b.jpg.png"), "").unwrap();
+        assert_eq!(found(), [text(1, 2)], "sorted by name");
+        fs::write(masks.join("c.png"), "").unwrap();
+        assert_eq!(found(), [text(2, 1)]);
     }
 
     /// The folder of images may be given as `..` of a folder inside of it.
