@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use atsplat_camera::CameraFromWorld;
+use atsplat_numeric::Tolerance;
 use serde_json::Value;
 
 use crate::SceneError;
@@ -19,6 +20,14 @@ pub fn is_list_of_poses(value: &Value) -> bool {
         None => false,
     };
     value.as_array().and_then(|entries| entries.first()).is_some_and(is_matrix)
+}
+
+/// Whether the last row of a 4×4 matrix is that of a pose: 0 0 0 1 up to the rounding of f32, which programs that invert matrices
+/// in it, such as Blender, leave there.
+pub(crate) fn is_last_row_of_pose(row: [f64; 4]) -> bool {
+    row.into_iter()
+        .zip([0.0, 0.0, 0.0, 1.0])
+        .all(|(found, expected)| Tolerance::F32_ROUND_TRIP.accepts(found, expected))
 }
 
 fn is_row(row: &Value) -> bool {
@@ -50,7 +59,7 @@ fn pose(entry: &Value, at: usize, path: &Path) -> Result<CameraFromWorld, SceneE
         (Some((upper, last)), true) if matches!(last.len(), 0 | 4) => (upper, last),
         _ => return Err(wrong("", "12 or 16 numbers, or 3 or 4 rows of 4", format!("{} numbers", numbers.len()))),
     };
-    if !last.is_empty() && *last != [0.0, 0.0, 0.0, 1.0] {
+    if last.first_chunk().is_some_and(|row| !is_last_row_of_pose(*row)) {
         return Err(wrong(", last row", "0 0 0 1", format!("{last:?}")));
     }
     CameraFromWorld::from_rows(upper).map_err(SceneError::camera(path, format!("matrix {at}")))
@@ -91,6 +100,16 @@ mod tests {
     }
 
     #[test]
+    fn the_last_row_may_be_rounded() {
+        let is_last = |[a, b, c, d]: [f64; 4]| [is_last_row_of_pose([a, b, c, d]), is_last_row_of_pose([d, c, b, a])];
+        assert_eq!(is_last([0.0, -0.0, 3e-8, 0.999_999_94]), [true, false]);
+        assert_eq!(is_last([0.0, 0.0, 0.0, 1.000_01]), [false; 2]);
+        for beyond in [1e-5, -1e-5, f64::NAN, f64::INFINITY] {
+            assert_eq!(is_last([beyond, 0.0, 0.0, 1.0]), [false; 2], "{beyond}");
+        }
+    }
+
+    #[test]
     fn errors_name_matrix_and_number() {
         let good = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]);
         for (bad, expected) in [
@@ -99,6 +118,7 @@ mod tests {
             (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, "x", 0]), "matrix 1, number 10: expected a number, found \"x\""),
             (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2, 0]), "matrix 1: rotation"),
             (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2]), "matrix 1, last row: expected 0 0 0 1"),
+            (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1e-4, 0, 0, 1]), "matrix 1, last row: expected 0 0 0 1"),
             (json!([[1, 0, 0, 0, 0, 1], [0, 0, 0, 0, 1, 0]]), "matrix 1: expected 12 or 16 numbers"),
         ] {
             let error = read(&json!([good, bad])).unwrap_err().to_string();

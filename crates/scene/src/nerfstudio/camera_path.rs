@@ -12,6 +12,7 @@ use crate::camera_file::FileCamera;
 use crate::checks::cameras::count_and_first;
 use crate::files::last_name;
 use crate::json::shown;
+use crate::poses::is_last_row_of_pose;
 use crate::{SceneError, WarningKind, Warnings};
 
 const CAMERAS: &str = "camera_path";
@@ -70,7 +71,7 @@ fn pose(entry: &Object<'_>, path: &Path) -> Result<CameraFromWorld, SceneError> 
     let matrix = entry.numbers::<16>(POSE)?;
     let matrix = matrix.ok_or_else(|| entry.wrong(POSE, "a list of 16 numbers", "nothing"))?;
     let [upper @ .., l0, l1, l2, l3] = matrix;
-    if ![l0, l1, l2, l3 - 1.0].iter().all(|number| *number == 0.0) {
+    if !is_last_row_of_pose([l0, l1, l2, l3]) {
         let found = format!("{l0} {l1} {l2} {l3}");
         return Err(entry.wrong(POSE, "0 0 0 1 as the last row of a row-major matrix", &found));
     }

@@ -8,6 +8,7 @@ use super::LensFields;
 use super::unread_fields::{require_one_pose, require_opengl_axes, stated_split, unread_fields, unread_test_frames};
 use crate::SceneError;
 use crate::json::shown;
+use crate::poses::is_last_row_of_pose;
 
 /// What errors call the format: a file may have any name, which they state too.
 pub(super) const FORMAT: &str = "nerfstudio cameras";
@@ -173,7 +174,8 @@ impl<'a> Object<'a> {
         })
     }
 
-    /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1. With one that is not finite, all of it is NaN.
+    /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1 up to rounding. With one that is not finite, all of
+    /// it is NaN.
     fn matrix(&self, name: &str) -> Result<[f64; 12], SceneError> {
         let rows = self.array(name)?.ok_or_else(|| self.wrong(name, "a 4×4 or 3×4 matrix", "nothing"))?;
         if !matches!(rows.len(), 3 | 4) {
@@ -191,8 +193,7 @@ impl<'a> Object<'a> {
             }
         }
         let [upper @ .., l0, l1, l2, l3] = numbers;
-        let homogeneous = [l0, l1, l2, l3 - 1.0].iter().all(|entry| *entry == 0.0);
-        if rows.len() == 4 && !homogeneous {
+        if rows.len() == 4 && !is_last_row_of_pose([l0, l1, l2, l3]) {
             if ![l0, l1, l2, l3].iter().all(|entry| entry.is_finite()) {
                 return Ok([f64::NAN; 12]);
             }

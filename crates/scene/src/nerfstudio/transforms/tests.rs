@@ -124,6 +124,13 @@ fn intrinsics_of_a_frame_override_the_global_ones() {
 }
 
 #[test]
+fn the_last_row_of_a_pose_may_be_rounded() {
+    let root = transforms(|root| root["frames"][0]["transform_matrix"][3] = json!([0, 3e-8, 0, 0.999_999_94]));
+    let (scene, _) = load(&root, &[], ImageFolder::Listed).unwrap();
+    assert!(scene.frames[0].has_pose());
+}
+
+#[test]
 fn nerfstudios_list_of_coefficients_is_read() {
     let listed = |list: Value| transforms(|root| root["distortion_params"] = list);
     let lens = |root: &Value| load(root, &[], ImageFolder::Listed).unwrap().0.frames[0].camera.distortion;
