@@ -34,6 +34,7 @@ pub use limits::DecodeLimits;
 pub use orientation::Orientation;
 pub use png_chunks::png_chunks;
 pub use preview::{Preview, preview_frame};
+pub use render::has_other_encoding;
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;
 pub use size::{has_16_bits, has_alpha, size_of, size_within};

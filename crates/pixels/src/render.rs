@@ -32,6 +32,14 @@ pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
     Ok(())
 }
 
+/// Whether a PNG states that its samples are not encoded for a display of standard range, as `gAMA` does for linear light, and `cICP`
+/// for PQ, HLG and a narrow range; `false` for other formats. [`decode`](crate::decode()) takes samples as they are stored.
+///
+/// The chunks before the pixels suffice.
+pub fn has_other_encoding(bytes: &[u8]) -> bool {
+    other_encoding(bytes).is_some()
+}
+
 /// The complete chunks of a PNG before its first image; none in another format.
 fn header_chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
     let is_png = ImageFormat::sniff(bytes) == Some(ImageFormat::Png);

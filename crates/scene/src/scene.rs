@@ -129,12 +129,15 @@ pub struct ImageHeader {
     pub has_alpha: bool,
     /// Whether samples have 16 bits. The low byte is dropped when decoding, as everywhere in the field.
     pub has_16_bits: bool,
+    /// Whether samples are stated to be encoded for other displays than those of standard range. They are used as they are stored, as
+    /// everywhere in the field.
+    pub has_other_encoding: bool,
 }
 
 impl ImageHeader {
-    /// That of an upright image of 8 bits without an alpha channel.
+    /// That of an upright image of 8 bits in sRGB without an alpha channel.
     pub const fn upright(size: ImageSize) -> Self {
-        Self { size, orientation: None, has_alpha: false, has_16_bits: false }
+        Self { size, orientation: None, has_alpha: false, has_16_bits: false, has_other_encoding: false }
     }
 }
 
@@ -405,6 +408,7 @@ fn header_of(bytes: &[u8]) -> Result<ImageHeader, PixelError> {
         orientation: Orientation::of(bytes),
         has_alpha: atsplat_pixels::has_alpha(bytes),
         has_16_bits: atsplat_pixels::has_16_bits(bytes),
+        has_other_encoding: atsplat_pixels::has_other_encoding(bytes),
     })
 }
 
@@ -417,6 +421,25 @@ mod tests {
         assert!(can_be_micros(&[]) && can_be_micros(&[7]));
         assert!(can_be_micros(&[0, 1_500, 2_000]) && !can_be_micros(&[0, 1_500, 1_999]));
         assert!(can_be_micros(&[5, i64::MIN, i64::MAX]), "a span beyond 63 bits");
+    }
+
+    #[test]
+    fn another_encoding_is_read_from_the_header() {
+        let png = atsplat_pixels::encode_png(&ImageU8::new(2, 1, vec![5; 6]).unwrap()).unwrap();
+        let (start, pixels) = png.split_at(33);
+        let chunk = |name: &[u8; 4], data: &[u8]| {
+            let length = u32::try_from(data.len()).unwrap().to_be_bytes();
+            [&length[..], name, data, b"crc."].concat()
+        };
+        let [linear, usual] = [100_000u32, 45_455].map(|gamma| chunk(b"gAMA", &gamma.to_be_bytes()));
+        let [hlg, srgb] = [18, 13].map(|transfer| chunk(b"cICP", &[9, transfer, 0, 1]));
+        let is_other = |parts: &[&[u8]]| header_of(&parts.concat()).unwrap().has_other_encoding;
+        assert_eq!(
+            [&linear, &usual, &hlg, &srgb].map(|chunk| is_other(&[start, chunk, pixels])),
+            [true, false, true, false]
+        );
+        assert!(!is_other(&[start, pixels]));
+        assert!(!is_other(&[start, pixels, &linear]), "after the pixels it says nothing");
     }
 
     #[test]

@@ -83,7 +83,7 @@ impl Frame {
     }
 
     /// Warns if the image of this frame, the scene's at `position`, does not fit its camera, is rotated or mirrored by EXIF, or
-    /// has an alpha channel or 16-bit samples.
+    /// has an alpha channel, 16-bit samples or samples in another encoding.
     pub fn report(&self, scene: &str, position: usize, header: &ImageHeader, warnings: &mut Warnings) {
         if let Some(mismatch) = self.mismatch(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
@@ -99,6 +99,11 @@ impl Frame {
         if header.has_16_bits {
             let detail = format!("frame {position}: its samples have 16 bits; the low byte of each is dropped");
             warnings.push(WarningKind::DroppedLowBytes, scene, detail);
+        }
+        if header.has_other_encoding {
+            let found = "its header (gAMA or cICP) states linear light, high dynamic range or a narrow range";
+            let detail = format!("frame {position}: {found}; samples are used as they are");
+            warnings.push(WarningKind::OtherEncoding, scene, detail);
         }
     }
 }
@@ -213,6 +218,20 @@ mod tests {
             message.contains("455×256") && message.contains("256×256") && message.contains("0.56 : 1"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn samples_in_another_encoding_are_counted() {
+        let reported = |has_other_encoding: bool| {
+            let header = ImageHeader { has_other_encoding, ..ImageHeader::upright(size(64, 64)) };
+            let mut warnings = Warnings::new();
+            frame(1.0, 1.0, None).report("s", 3, &header, &mut warnings);
+            warnings
+        };
+        assert_eq!(reported(false).total(), 0);
+        let warnings = reported(true);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::OtherEncoding, 1)]);
+        assert!(warnings.kept()[0].detail.starts_with("frame 3: its header (gAMA or cICP) states "), "{warnings:?}");
     }
 
     #[test]
