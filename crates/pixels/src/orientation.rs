@@ -7,6 +7,8 @@ use crate::{ImageFormat, png_chunks};
 const ORIENTATION: u16 = 0x0112;
 /// EXIF's type for whole numbers of 16 bits.
 const SHORT: u16 = 3;
+/// That of 32 bits, in which some writers store the orientation.
+const LONG: u16 = 4;
 /// The prefix of EXIF data in a JPEG, and by mistake in some WebP files.
 const EXIF: &[u8] = b"Exif\0\0";
 
@@ -121,13 +123,18 @@ fn orientation_in(tiff: &[u8]) -> Option<u16> {
         let bytes = *tiff.get(at..)?.first_chunk()?;
         Some(if big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
     };
-    let directory = *tiff.get(4..)?.first_chunk()?;
-    let directory = if big_endian { u32::from_be_bytes(directory) } else { u32::from_le_bytes(directory) };
-    let directory = usize::try_from(directory).ok()?;
+    let long = |at: usize| {
+        let bytes = *tiff.get(at..)?.first_chunk()?;
+        Some(if big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
+    };
+    let directory = usize::try_from(long(4)?).ok()?;
     let entries = directory.checked_add(2)?;
-    let tag = |at: &usize| short(*at) == Some(ORIENTATION) && short(at + 2) == Some(SHORT);
-    let found = (0..usize::from(short(directory)?)).map(|entry| entries.saturating_add(12 * entry)).find(tag)?;
-    short(found + 8)
+    let value = |at: usize| match (short(at)?, short(at.checked_add(2)?)?) {
+        (ORIENTATION, SHORT) => short(at.checked_add(8)?),
+        (ORIENTATION, LONG) => u16::try_from(long(at.checked_add(8)?)?).ok(),
+        _ => None,
+    };
+    (0..usize::from(short(directory)?)).find_map(|entry| value(entries.saturating_add(12 * entry)))
 }
 
 #[cfg(test)]
@@ -195,6 +202,20 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// Its type and its four bytes are the last of the second entry, before the place of the next directory.
+    #[test]
+    fn an_orientation_of_32_bits_is_read() {
+        for (big_endian, kind, number) in [(true, [0, 4], [0, 0, 0, 6]), (false, [4, 0], [6, 0, 0, 0])] {
+            let mut exif = tiff(big_endian, 1);
+            let entry = exif.len() - 16;
+            exif[entry + 2..entry + 4].copy_from_slice(&kind);
+            exif[entry + 8..entry + 12].copy_from_slice(&number);
+            assert_eq!(Orientation::of(&jpeg(&exif)), Some(Orientation::Clockwise), "big endian: {big_endian}");
+            exif[entry + 2..entry + 4].copy_from_slice(&[9; 2]);
+            assert_eq!(Orientation::of(&jpeg(&exif)), None, "another type");
         }
     }
 
