@@ -107,8 +107,21 @@ fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
         splat::read(bytes)
     } else {
         let start = bytes.get(..8).unwrap_or(bytes).escape_ascii();
-        Err(Malformed::new("first bytes", "a PLY, SPZ or .splat file", format!("\"{start}\"")))
+        let advice =
+            convertible(bytes, path).map(|format| format!(": {format}, which splat-transform converts to PLY"));
+        let found = format!("\"{start}\"{}", advice.unwrap_or_default());
+        Err(Malformed::new("first bytes", "a PLY, SPZ or .splat file", found))
     }
+}
+
+/// What a file seems to be that is not read, but by playcanvas/splat-transform.
+fn convertible(bytes: &[u8], path: &Path) -> Option<&'static str> {
+    const ZIP: &[u8] = b"PK\x03\x04";
+    let has_extension = |extension: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension));
+    let is_sog =
+        bytes.starts_with(ZIP) || has_extension("sog") || path.file_name().is_some_and(|name| name == "meta.json");
+    let is_ksplat = has_extension("ksplat");
+    is_sog.then_some("PlayCanvas' SOG").or_else(|| is_ksplat.then_some("a .ksplat file"))
 }
 
 /// Writes Gaussians to a file, which appears when it is complete; returns what the format's ranges changed.
@@ -188,4 +201,27 @@ fn with_largest_component(index: u32, [a, b, c]: [f64; 3]) -> [f64; 4] {
 fn missing_component(others: [f64; 3]) -> f64 {
     let squared = 1.0 - others.iter().map(|component| component * component).sum::<f64>();
     if squared > 0.0 { squared.sqrt() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_that_can_be_converted_are_named() {
+        let found = |bytes: &[u8], name: &str| read_stored(bytes, Path::new(name)).err().unwrap().found;
+        let cases: [(&[u8], &str, &str); 4] = [
+            (b"PK\x03\x04\x14\0\0\0\x08", "scene.sog", "PlayCanvas' SOG"),
+            (b"PK\x03\x04", "scene.ply", "PlayCanvas' SOG"),
+            (b"{\"count\": 3}", "scene/meta.json", "PlayCanvas' SOG"),
+            (b"\0\x01\0\0", "scene.KSPLAT", "a .ksplat file"),
+        ];
+        for (bytes, name, format) in cases {
+            let advice = format!("\": {format}, which splat-transform converts to PLY");
+            let found = found(bytes, name);
+            assert!(found.ends_with(&advice), "{name}: {found}");
+        }
+        assert_eq!(found(b"GIF89a", "scene.ply"), "\"GIF89a\"");
+        assert_eq!(found(b"{}", "cameras.json"), "\"{}\"");
+    }
 }
