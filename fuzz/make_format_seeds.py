@@ -123,6 +123,10 @@ def main():
         "short": npy("<f4", bytes(71)),
         "header-beyond-the-end": npy("|u1", b"", length=65535),
         "version-9": npy("|u1", bytes(18), version=b"\x09\x00"),
+        "render": npy("<f2", struct.pack("<24e", *[at / 32 for at in range(24)]), shape="(2, 4, 3)"),
+        "render-channels-first": npy("|u1", bytes(range(24)), shape="(1, 3, 2, 4)"),
+        "render-fortran": npy(">f8", struct.pack(">24d", *[at / 32 for at in range(24)]), shape="(3, 2, 4)", order="True"),
+        "render-of-either-order": npy("|u1", bytes(36), shape="(3, 4, 3)"),
     }
     for name, data in arrays.items():
         save("npy_images", name, data)

@@ -1,5 +1,6 @@
-//! NumPy's `.npy` files of images, as `numpy.lib.format` describes them: little-endian arrays in C order.
+//! NumPy's `.npy` files of images, as `numpy.lib.format` describes them.
 
+use ::exr::prelude::f16;
 use atsplat_numeric::narrowed;
 
 use crate::{Image, ImageU8, PixelError};
@@ -36,46 +37,137 @@ pub fn write(image: &ImageU8) -> Vec<u8> {
     bytes
 }
 
-/// The images of a file with this shape, T×H×W×3: floats (`<f4` and `<f8` are read, `<f2` is not), or bytes (`|u1`), of which 255
-/// is 1. Floats have any values.
+/// The images of a file with this shape, T×H×W×3: floats of 16, 32 or 64 bits, or bytes (`|u1`), of which 255 is 1. Both byte orders
+/// and both orders of axes (C and Fortran) are read. Floats have any values.
 ///
 /// # Errors
 /// [`PixelError::Npy`].
 pub fn read(bytes: &[u8], shape: [usize; 4]) -> Result<NpyImages<'_>, PixelError> {
-    let (header, data) = split(bytes)?;
-    let field = |name: &str| {
-        let missing = || invalid(format!("{name} in the header"), format!("{header:?}"));
-        field(header, name).ok_or_else(missing)
+    let array = Array::of(bytes)?;
+    let (&[images, rows, columns, channels], true) = (&array.axes[..], array.shape() == shape) else {
+        return Err(invalid(format!("the shape {}", text(&shape)), text(&array.shape())));
     };
-    if field("fortran_order")? != "False" {
-        return Err(invalid("an array in C order, as numpy.ascontiguousarray makes it", "Fortran order"));
-    }
-    let found = parsed_shape(field("shape")?).ok_or_else(|| invalid("a shape in the header", format!("{header:?}")))?;
-    if found != shape {
-        return Err(invalid(format!("the shape {}", text(&shape)), text(&found)));
-    }
-    let descr = field("descr")?;
-    let (bytes_each, samples): (usize, Decoder) = match descr.trim_matches(['\'', '"']) {
-        "|u1" => (1, |data| data.iter().map(|byte| f32::from(*byte) / 255.0).collect()),
-        "<f4" => (4, |data| data.as_chunks().0.iter().map(|value| f32::from_le_bytes(*value)).collect()),
-        "<f8" => (8, |data| data.as_chunks().0.iter().map(|value| narrowed(f64::from_le_bytes(*value))).collect()),
-        _ => return Err(invalid("the type <f4, <f8 or |u1", descr)),
+    let images = images.positions(0).map(|start| array.image(start, [rows, columns, channels]));
+    Ok(NpyImages { images: images.collect::<Result<_, _>>()?, bytes: array.bytes })
+}
+
+/// The only image of a file, of the samples that [`read`] reads: H×W×3 or 3×H×W, also with an axis of length 1 before these. Its samples
+/// are returned as they are stored too, if they are bytes.
+///
+/// # Errors
+/// [`PixelError::Npy`], also for shapes that fit both orders of axes: 3×N×3.
+pub fn read_render(bytes: &[u8]) -> Result<(Image, Option<&[u8]>), PixelError> {
+    let array = Array::of(bytes)?;
+    let axes = match &array.axes[..] {
+        [one, axes @ ..] if one.length == 1 && axes.len() == 3 => axes,
+        axes => axes,
     };
-    let [count, height, width, _] = shape;
-    let each = height * width * 3;
-    if data.len() != count * each * bytes_each {
-        return Err(invalid(format!("{} bytes of data", count * each * bytes_each), data.len().to_string()));
+    let axes = match *axes {
+        [a, _, c] if a.length == 3 && c.length == 3 => {
+            return Err(invalid("a shape of which one end is 3, for the channels", text(&array.shape())));
+        }
+        [rows, columns, channels] if channels.length == 3 => [rows, columns, channels],
+        [channels, rows, columns] if channels.length == 3 => [rows, columns, channels],
+        _ => return Err(invalid("the shape (height, width, 3) or (3, height, width)", text(&array.shape()))),
+    };
+    Ok((array.image(0, axes)?, array.bytes))
+}
+
+/// The samples of a file, in the order in which it has them, and how its axes lead through them.
+struct Array<'a> {
+    axes: Vec<Axis>,
+    samples: Vec<f32>,
+    /// The samples as they are stored, if they are bytes.
+    bytes: Option<&'a [u8]>,
+}
+
+#[derive(Clone, Copy)]
+struct Axis {
+    length: usize,
+    /// Samples from one element to the next.
+    step: usize,
+}
+
+impl Axis {
+    /// Where its elements begin.
+    fn positions(self, start: usize) -> impl Iterator<Item = usize> {
+        (0..self.length).map(move |at| start + at * self.step)
     }
-    let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&shape));
-    let [width, height] = [width, height].map(|side| u32::try_from(side).ok().ok_or_else(too_many));
-    let (width, height) = (width?, height?);
-    let image = |part: &[u8]| Image::new(width, height, samples(part));
-    let images = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<Vec<_>, _>>()?;
-    Ok(NpyImages { images, bytes: (bytes_each == 1).then_some(data) })
+}
+
+impl<'a> Array<'a> {
+    fn of(bytes: &'a [u8]) -> Result<Self, PixelError> {
+        let (header, data) = split(bytes)?;
+        let field = |name: &str| {
+            let missing = || invalid(format!("{name} in the header"), format!("{header:?}"));
+            field(header, name).ok_or_else(missing)
+        };
+        let first_axis_is_fastest = match field("fortran_order")? {
+            "False" => false,
+            "True" => true,
+            other => return Err(invalid("True or False for fortran_order in the header", other)),
+        };
+        let shape = parsed_shape(field("shape")?);
+        let shape = shape.ok_or_else(|| invalid("a shape in the header", format!("{header:?}")))?;
+        let descr = field("descr")?;
+        let (bytes_each, decoder) = decoder(descr.trim_matches(['\'', '"']))
+            .ok_or_else(|| invalid("samples of type float16, float32, float64 or uint8", descr))?;
+        let length = shape.iter().try_fold(bytes_each, |length, side| length.checked_mul(*side));
+        match length {
+            // Then no product of sides is 0 or too large.
+            Some(length @ 1..) if length == data.len() => {}
+            Some(length @ 1..) => return Err(invalid(format!("{length} bytes of data"), data.len().to_string())),
+            _ => return Err(invalid("a shape of samples that fit into memory", text(&shape))),
+        }
+        let axes = axes(&shape, first_axis_is_fastest);
+        Ok(Self { axes, samples: decoder(data), bytes: (bytes_each == 1).then_some(data) })
+    }
+
+    fn shape(&self) -> Vec<usize> {
+        self.axes.iter().map(|axis| axis.length).collect()
+    }
+
+    /// The image that begins at a sample, by its rows, columns and channels.
+    fn image(&self, start: usize, [rows, columns, channels]: [Axis; 3]) -> Result<Image, PixelError> {
+        let too_many = || invalid(format!("at most {} rows and columns", u32::MAX), text(&self.shape()));
+        let [width, height] = [columns, rows].map(|axis| u32::try_from(axis.length).ok().ok_or_else(too_many));
+        let pixels = rows.positions(start).flat_map(|row| columns.positions(row));
+        let samples = pixels.flat_map(|pixel| channels.positions(pixel));
+        Image::new(width?, height?, samples.filter_map(|at| self.samples.get(at).copied()).collect())
+    }
+}
+
+fn axes(shape: &[usize], first_is_fastest: bool) -> Vec<Axis> {
+    let mut step = 1;
+    let axis = |length: &usize| {
+        let axis = Axis { length: *length, step };
+        step *= length;
+        axis
+    };
+    if first_is_fastest {
+        return shape.iter().map(axis).collect();
+    }
+    let mut axes: Vec<Axis> = shape.iter().rev().map(axis).collect();
+    axes.reverse();
+    axes
 }
 
 /// Samples from their bytes.
 type Decoder = fn(&[u8]) -> Vec<f32>;
+
+/// How samples of a type are decoded, and how many bytes each has; `None` for a type that is not read.
+fn decoder(descr: &str) -> Option<(usize, Decoder)> {
+    Some(match descr {
+        "|u1" => (1, |data| data.iter().map(|byte| f32::from(*byte) / 255.0).collect()),
+        "<f2" => (2, |data| data.as_chunks().0.iter().map(|value| f16::from_le_bytes(*value).to_f32()).collect()),
+        ">f2" => (2, |data| data.as_chunks().0.iter().map(|value| f16::from_be_bytes(*value).to_f32()).collect()),
+        "<f4" => (4, |data| data.as_chunks().0.iter().map(|value| f32::from_le_bytes(*value)).collect()),
+        ">f4" => (4, |data| data.as_chunks().0.iter().map(|value| f32::from_be_bytes(*value)).collect()),
+        "<f8" => (8, |data| data.as_chunks().0.iter().map(|value| narrowed(f64::from_le_bytes(*value))).collect()),
+        ">f8" => (8, |data| data.as_chunks().0.iter().map(|value| narrowed(f64::from_be_bytes(*value))).collect()),
+        _ => return None,
+    })
+}
 
 fn invalid(expected: impl Into<String>, found: impl Into<String>) -> PixelError {
     PixelError::Npy { expected: expected.into(), found: found.into() }
@@ -161,6 +253,81 @@ mod tests {
         assert!(samples(&write(&image), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
     }
 
+    /// Row, column and channel of a sample of the file.
+    type Place = fn(u16) -> [u16; 3];
+    /// A sample as the file has it.
+    type Encode = fn(f32) -> Vec<u8>;
+
+    /// The positions of samples are stated once more here, by division.
+    #[test]
+    fn either_order_of_axes_and_of_bytes_is_read() {
+        // Of two images of one row and two columns, in Fortran order: the number of the image changes first.
+        let data: Vec<u8> =
+            (0..12u16).flat_map(|at| f32::from(6 * (at % 2) + 3 * (at / 2 % 2) + at / 4).to_be_bytes()).collect();
+        let expected: Vec<f32> = (0..12u8).map(f32::from).collect();
+        assert_eq!(samples(&file(">f4", "True", "(2, 1, 2, 3)", &data), [2, 1, 2, 3]), Ok(expected));
+        // Of one image of two rows and four columns.
+        let expected: Vec<f32> = (0..24u8).map(|at| f32::from(at) / 32.0).collect();
+        let layouts: [(&str, &str, Place); 4] = [
+            ("False", "2, 4, 3", |at| [at / 12, at / 3 % 4, at % 3]),
+            ("True", "2, 4, 3", |at| [at % 2, at / 2 % 4, at / 8]),
+            ("False", "3, 2, 4", |at| [at / 4 % 2, at % 4, at / 8]),
+            ("True", "3, 2, 4", |at| [at / 3 % 2, at / 6, at % 3]),
+        ];
+        let types: [(&str, Encode); 6] = [
+            ("<f2", |sample| f16::from_f32(sample).to_le_bytes().to_vec()),
+            (">f2", |sample| f16::from_f32(sample).to_be_bytes().to_vec()),
+            ("<f4", |sample| sample.to_le_bytes().to_vec()),
+            (">f4", |sample| sample.to_be_bytes().to_vec()),
+            ("<f8", |sample| f64::from(sample).to_le_bytes().to_vec()),
+            (">f8", |sample| f64::from(sample).to_be_bytes().to_vec()),
+        ];
+        for (order, sides, place) in layouts {
+            for (descr, encode) in types {
+                let sample = |at| {
+                    let [row, column, channel] = place(at);
+                    encode(f32::from(12 * row + 3 * column + channel) / 32.0)
+                };
+                let data: Vec<u8> = (0..24).flat_map(sample).collect();
+                for shape in [format!("({sides})"), format!("(1, {sides})")] {
+                    let bytes = file(descr, order, &shape, &data);
+                    let (image, stored) = read_render(&bytes).unwrap();
+                    assert_eq!((image.width(), image.height(), stored), (4, 2, None), "{descr} {order} {shape}");
+                    assert_eq!(image.samples(), expected, "{descr} {order} {shape}");
+                }
+            }
+        }
+        let levels: Vec<u8> = (0..24).collect();
+        let bytes = file("|u1", "False", "(3, 4, 2)", &levels);
+        let (image, stored) = read_render(&bytes).unwrap();
+        assert_eq!((image.width(), image.height(), stored), (2, 4, Some(&levels[..])));
+        assert_eq!(image.pixel(1, 0), Some([1, 9, 17].map(|level: u8| f32::from(level) / 255.0)));
+    }
+
+    #[test]
+    fn arrays_of_no_single_image_are_rejected() {
+        let refused = |descr: &str, shape: &str, length: usize| {
+            read_render(&file(descr, "False", shape, &vec![0; length])).unwrap_err().to_string()
+        };
+        let orders = "expected the shape (height, width, 3) or (3, height, width), found ";
+        for (shape, length) in [("(2, 4)", 8), ("(2, 4, 4)", 32), ("(2, 4, 1)", 8), ("(2, 2, 4, 3)", 48), ("()", 1)] {
+            assert_eq!(refused("|u1", shape, length), format!("{orders}{shape}"));
+        }
+        let either = refused("|u1", "(3, 4, 3)", 36);
+        assert_eq!(either, "expected a shape of which one end is 3, for the channels, found (3, 4, 3)");
+        for descr in ["|b1", "|i1", "<u2", "<i8", "<f16", "<c8", "|O"] {
+            let why = format!("expected samples of type float16, float32, float64 or uint8, found '{descr}'");
+            assert_eq!(refused(descr, "(2, 4, 3)", 24), why);
+        }
+        assert_eq!(refused("<f2", "(2, 4, 3)", 47), "expected 48 bytes of data, found 47");
+        for shape in ["(0, 4, 3)", "(18446744073709551615, 0, 3)", "(9223372036854775808, 2, 3)"] {
+            assert_eq!(
+                refused("|u1", shape, 0),
+                format!("expected a shape of samples that fit into memory, found {shape}")
+            );
+        }
+    }
+
     #[test]
     fn the_version_decides_the_bytes_of_the_length() {
         let one = file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]);
@@ -186,8 +353,8 @@ mod tests {
         let cases = [
             (refused(b"P6 2 2 255", [1, 1, 2, 3]), "a .npy file"),
             (refused(&file("<f4", "False", "(1, 2, 1, 3)", &four), [1, 1, 2, 3]), "found (1, 2, 1, 3)"),
-            (refused(&file("<f4", "True", "(1, 1, 2, 3)", &four), [1, 1, 2, 3]), "C order"),
-            (refused(&file(">f4", "False", "(1, 1, 2, 3)", &four), [1, 1, 2, 3]), "found '>f4'"),
+            (refused(&file("<f4", "1", "(1, 1, 2, 3)", &four), [1, 1, 2, 3]), "expected True or False"),
+            (refused(&file("<i4", "False", "(1, 1, 2, 3)", &four), [1, 1, 2, 3]), "found '<i4'"),
             (refused(&file("<f4", "False", "(1, 1, 2, 3)", &four[1..]), [1, 1, 2, 3]), "expected 24 bytes"),
             (refused(&file("<f4", "False", "(1, x)", &four), [1, 1, 2, 3]), "a shape"),
         ];

@@ -59,13 +59,20 @@ fn check_rewritten(channels: &exr::Channels, limits: &DecodeLimits) {
 const SMALL: DecodeLimits = DecodeLimits { max_width: 512, max_height: 512, max_bytes: 1 << 20 };
 
 #[test]
-fn the_fuzz_corpus_of_arrays_are_two_images_or_errors() {
+fn the_fuzz_corpus_of_arrays_are_images_or_errors() {
     let inputs = files(&crate_folder("../../fuzz/corpus/npy_images"));
     let read = inputs.iter().filter_map(|(_, bytes)| npy::read(bytes, [2, 1, 3, 3]).ok());
     let sizes = |images: &[Image]| images.iter().map(|image| (image.width(), image.height())).collect::<Vec<_>>();
     let sizes: Vec<_> = read.map(|read| sizes(&read.images)).collect();
     assert!(sizes.len() >= 5 && sizes.len() + 6 <= inputs.len(), "{} of {} are images", sizes.len(), inputs.len());
     assert!(sizes.iter().all(|sizes| *sizes == [(3, 1); 2]), "{sizes:?}");
+    let renders = inputs.iter().filter_map(|(_, bytes)| npy::read_render(bytes).ok());
+    let renders: Vec<_> = renders.collect();
+    let is_whole = |(image, stored): &(Image, Option<&[u8]>)| {
+        let samples = image.samples().len();
+        samples > 0 && stored.is_none_or(|stored| stored.len() == samples)
+    };
+    assert!(renders.len() >= 3 && renders.iter().all(is_whole), "{} are renders", renders.len());
 }
 
 #[test]

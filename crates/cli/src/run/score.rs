@@ -19,8 +19,8 @@ use crate::requirements::{Requirement, check_all};
 #[command(
     override_usage = "atsplat score <PRESET|FILE>… --data <PATH> <--renders <DIR>|--ply <DIR>> --out <STORE> [OPTIONS]",
     after_help = "Images are found as SCENE/color/000029.png (pixelSplat and its descendants), SCENE/000029.png or \
-                  SCENE/29.png, and .exr, which precedes a .png of the same name; Gaussians as SCENE.ply, \
-                  SCENE/gaussians.ply or SCENE/point_cloud.ply, .spz and .splat too, or as \
+                  SCENE/29.png, as .exr, which precedes a .png of the same name, and as .npy where a scene has no other \
+                  images; Gaussians as SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, .spz and .splat too, or as \
                   SCENE/point_cloud/iteration_30000/point_cloud.ply (3DGS); if the index has several entries of a \
                   scene, SCENE is SCENE-0 for the first, SCENE-1 for the second. A frame's number is its position in the scene, \
                   as in the evaluation index. Files that are missing, damaged, transparent or of another size or \

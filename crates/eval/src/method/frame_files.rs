@@ -6,7 +6,8 @@ use std::{fs, io};
 
 use super::{is_absent, is_file};
 
-/// The image files of one scene, in all folders that may contain them. Each folder is listed once.
+/// The image files of one scene, in all folders that may contain them. Each folder is listed once. NumPy's arrays are images only if
+/// no folder has others: beside images, programs store depths and opacities in them.
 #[derive(Debug)]
 pub(super) struct FrameFiles {
     folders: Vec<Listed>,
@@ -16,14 +17,22 @@ pub(super) struct FrameFiles {
     one_higher: Option<Vec<usize>>,
 }
 
-/// Extensions of image files, in lower case. Only `.exr` and `.png` are read.
+/// Extensions of image files other than [`ARRAY`], in lower case. Only `.exr` and `.png` are read.
 const IMAGES: [&str; 12] = ["exr", "png", "jpg", "jpeg", "webp", "bmp", "gif", "tif", "tiff", "tga", "ppm", "avif"];
 
-/// A folder and the names of its images by the frame whose number they are, in any spelling.
-#[derive(Debug)]
+/// The extension of NumPy's arrays.
+const ARRAY: &str = "npy";
+
+/// The names of files by the frame whose number they are, in any spelling.
+type Names = BTreeMap<usize, Vec<String>>;
+
+/// A folder and the names of its images.
+#[derive(Debug, Default)]
 struct Listed {
     folder: PathBuf,
-    names: BTreeMap<usize, Vec<String>>,
+    names: Names,
+    /// Arrays that are not images.
+    arrays: Names,
     /// Why it could not be listed: any file may be in it.
     unreadable: Option<String>,
 }
@@ -31,7 +40,12 @@ struct Listed {
 impl FrameFiles {
     /// Lists folders for these frames; one that does not exist is empty.
     pub(super) fn of(folders: impl IntoIterator<Item = PathBuf>, frames: impl IntoIterator<Item = usize>) -> Self {
-        let folders = folders.into_iter().map(Listed::of).collect();
+        let mut folders: Vec<Listed> = folders.into_iter().map(Listed::of).collect();
+        if folders.iter().all(|listed| listed.names.is_empty()) {
+            for listed in &mut folders {
+                listed.names = std::mem::take(&mut listed.arrays);
+            }
+        }
         let mut files = Self { folders, png_alone: None, one_higher: None };
         let frames: Vec<usize> = frames.into_iter().collect();
         files.one_higher = files.numbers_if_one_higher(&frames);
@@ -119,6 +133,11 @@ impl FrameFiles {
         self.folders.iter().flat_map(unread).collect()
     }
 
+    /// An array of the frame that is not read, because other images are there.
+    pub(super) fn array_beside_images(&self, frame: usize) -> Option<PathBuf> {
+        self.folders.iter().find_map(|listed| Some(listed.folder.join(listed.arrays.get(&frame)?.first()?)))
+    }
+
     fn all_of(&self, frame: usize) -> Vec<PathBuf> {
         let paths =
             |listed: &Listed| listed.of_frames(&[frame]).map(|name| listed.folder.join(name)).collect::<Vec<_>>();
@@ -129,10 +148,10 @@ impl FrameFiles {
 impl Listed {
     fn of(folder: PathBuf) -> Self {
         match images_in(&folder) {
-            Ok(names) => Self { folder, names, unreadable: None },
+            Ok((names, arrays)) => Self { folder, names, arrays, unreadable: None },
             Err(error) => {
                 let unreadable = Some(format!("{error} ({})", folder.display()));
-                Self { folder, names: BTreeMap::new(), unreadable }
+                Self { folder, unreadable, ..Self::default() }
             }
         }
     }
@@ -148,23 +167,24 @@ impl Listed {
     }
 }
 
-/// The names of a folder's images by frame, each frame's sorted; none if there is no such folder.
-fn images_in(folder: &Path) -> io::Result<BTreeMap<usize, Vec<String>>> {
-    let mut names: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+/// The names of a folder's images and of its arrays, each frame's sorted; none if there is no such folder.
+fn images_in(folder: &Path) -> io::Result<(Names, Names)> {
+    let (mut images, mut arrays) = (Names::new(), Names::new());
     let entries = match fs::read_dir(folder) {
-        Err(error) if is_absent(&error) => return Ok(names),
+        Err(error) if is_absent(&error) => return Ok((images, arrays)),
         entries => entries?,
     };
     for entry in entries {
         let Ok(name) = entry?.file_name().into_string() else { continue };
-        if let Some(frame) = frame_of(&name) {
+        if let Some((frame, is_array)) = frame_of(&name) {
+            let names = if is_array { &mut arrays } else { &mut images };
             names.entry(frame).or_default().push(name);
         }
     }
-    for of_frame in names.values_mut() {
+    for of_frame in images.values_mut().chain(arrays.values_mut()) {
         of_frame.sort();
     }
-    Ok(names)
+    Ok((images, arrays))
 }
 
 /// Whether a listed entry is a file, or nobody can tell.
@@ -172,19 +192,20 @@ fn may_be_file(path: &Path) -> bool {
     is_file(path).unwrap_or(true)
 }
 
-/// The frame whose number an image's name is, with any padding and in any format or case.
-fn frame_of(name: &str) -> Option<usize> {
+/// The frame whose number an image's or array's name is, with any padding and in any format or case; and whether it is an array's.
+fn frame_of(name: &str) -> Option<(usize, bool)> {
     let (stem, extension) = name.rsplit_once('.')?;
-    let is_image = IMAGES.iter().any(|known| extension.eq_ignore_ascii_case(known));
+    let is_array = extension.eq_ignore_ascii_case(ARRAY);
+    let is_image = is_array || IMAGES.iter().any(|known| extension.eq_ignore_ascii_case(known));
     let is_number = stem.bytes().all(|byte| byte.is_ascii_digit());
-    if is_image && is_number { stem.parse().ok() } else { None }
+    if is_image && is_number { stem.parse().ok().map(|frame| (frame, is_array)) } else { None }
 }
 
 /// Accepted file names of a frame, floats first.
 fn names(frame: usize) -> impl Iterator<Item = String> {
     let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
     stems.dedup();
-    stems.into_iter().flat_map(|stem| [format!("{stem}.exr"), format!("{stem}.png")])
+    stems.into_iter().flat_map(|stem| ["exr", "png", ARRAY].map(|extension| format!("{stem}.{extension}")))
 }
 
 fn is_exr(path: &Path) -> bool {
@@ -316,6 +337,37 @@ mod tests {
         assert_eq!(files.unread_of(28), [folder.path().join("000028.jpg")], "a folder is not an image");
         assert_eq!(files.unread_of(7), [folder.path().join("0000007.png")]);
         assert!(files.unread_of(0).is_empty());
+    }
+
+    /// Beside images, they are depths or opacities, whatever their names are.
+    #[test]
+    fn arrays_are_read_where_no_other_images_are() {
+        let [first, second] = found(&["color/000007.npy", "028.npy"]);
+        assert!(is(&first, "color/000007.npy") && is(&second, "028.npy"), "{first:?} {second:?}");
+        assert_eq!(
+            found(&["28.npy", "000028.npy"])[1],
+            Err("two files for frame 28: 000028.npy and 28.npy".to_owned())
+        );
+        assert_eq!(
+            found(&["28.npy", "000028.NPY"])[1],
+            Err("two files for frame 28: 28.npy and 000028.NPY".to_owned())
+        );
+        let other_names = ["000028.npy", "28.npy", "000028.NPY", "color/000028.npy"];
+        for array in other_names {
+            let [first, second] = found(&["000028.png", "000007.npy", array]);
+            assert!(first == Ok(None) && is(&second, "000028.png"), "{array}: {first:?} {second:?}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["000028.npy", "000007.jpg"] {
+            fs::write(folder.path().join(file), "").unwrap();
+        }
+        let files = FrameFiles::of([folder.path().to_owned()], [7, 28]);
+        assert_eq!(files.array_beside_images(28), Some(folder.path().join("000028.npy")));
+        assert_eq!((files.array_beside_images(7), files.file_of(28)), (None, Ok(None)));
+        fs::remove_file(folder.path().join("000007.jpg")).unwrap();
+        fs::rename(folder.path().join("000028.npy"), folder.path().join("000029.npy")).unwrap();
+        let files = FrameFiles::of([folder.path().to_owned()], [28]);
+        assert!(files.file_of(28).is_err_and(|why| why.contains("each one more than")));
     }
 
     #[test]

@@ -1,8 +1,9 @@
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr};
+use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr, npy};
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
 use atsplat_results::{MethodRecord, StatedCost};
@@ -29,7 +30,8 @@ use crate::EvalError;
 ///
 /// A frame's number is its position in the scene, as in the evaluation index. `.exr` files contain floats (channels R, G, B)
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
-/// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
+/// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. So are
+/// NumPy's arrays of floats ([`npy::read_render`]), which are read as `.npy` where a scene has no images in other formats. If an
 /// index has several entries of a scene (latentSplat's), the folder of the first is `<scene>-0`, that of the second `<scene>-1`,
 /// and so on; that of an only entry is `<scene>` or `<scene>-0`. Folders that `--keep-images` names otherwise
 /// ([`atsplat_results::file_name()`]) are known too. A folder with the name of a scene of the index is that scene's alone, except
@@ -94,11 +96,15 @@ impl Renders {
             let (folder, entry) = (self.folder.display(), trial.entry_number());
             let (request, name) = (self.names.request(scene, entry), self.names.expected(scene, entry));
             let note = self.names.note(scene, entry);
-            let unread = files.unread_of(frame).first().map_or_else(String::new, |other| {
-                format!(", found {}, whose spelling or format is not read", other.display())
-            });
+            let unread = match (files.unread_of(frame).first(), files.array_beside_images(frame)) {
+                (Some(other), _) => format!(", found {}, whose spelling or format is not read", other.display()),
+                (None, Some(array)) => {
+                    format!(", found {}, which is read only without other images of the scene", array.display())
+                }
+                (None, None) => String::new(),
+            };
             format!(
-                "no file for frame {frame} of scene {scene}: {request} {name}/{frame:06}.png or .exr below \
+                "no file for frame {frame} of scene {scene}: {request} {name}/{frame:06}.png, .exr or .npy below \
                  {folder}{note}{unread}"
             )
         })
@@ -155,7 +161,7 @@ impl Method for Renders {
     }
 
     fn find_files(&self, requested: &[RequestedScene<'_>]) -> Option<FoundFiles> {
-        const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr,";
+        const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr or .npy,";
         Some(FoundFiles::of(("folder of renders", EXPECTED), &self.folder, &self.names, requested, layout))
     }
 
@@ -187,16 +193,23 @@ impl Prediction for Imported<'_> {
 pub(super) fn read(path: &Path) -> Result<Image, String> {
     let bytes = atsplat_files::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
-    if path.extension().is_some_and(|extension| extension == "exr") {
-        return match exr::read_render(&bytes, &limits).map_err(|error| explained(&error))? {
+    match path.extension().and_then(OsStr::to_str) {
+        Some("exr") => match exr::read_render(&bytes, &limits).map_err(|error| explained(&error))? {
             (_, exr::Values::Linear) => Err("expected display-referred values, found linear light".to_owned()),
             (_, exr::Values::Depth) => Err("expected an image, found depths".to_owned()),
             (image, _) => check_range(&image).map(|()| image),
-        };
+        },
+        Some("npy") => {
+            let (image, stored) = npy::read_render(&bytes).map_err(|error| error.to_string())?;
+            stored.map_or(Ok(()), check_bytes)?;
+            check_range(&image).map(|()| image)
+        }
+        _ => {
+            let image = decode_render(&bytes, &limits).map_err(|error| error.to_string())?;
+            check_bytes(image.samples())?;
+            Ok(Image::from_u8(&image))
+        }
     }
-    let image = decode_render(&bytes, &limits).map_err(|error| error.to_string())?;
-    check_bytes(image.samples())?;
-    Ok(Image::from_u8(&image))
 }
 
 fn explained(error: &PixelError) -> String {
@@ -252,6 +265,34 @@ mod tests {
         assert!(cast.starts_with("expected uint8 from 0 to 255, found only 0 and 1, as floats that were "), "{cast}");
         assert!(read_of([0; 6]).is_ok(), "black");
         assert!(read_of([0, 2, 0, 0, 0, 1]).is_ok(), "dark");
+    }
+
+    /// As an EXR of the same floats and a PNG of the same bytes.
+    #[test]
+    fn arrays_are_read_with_the_checks_of_other_formats() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("29.npy");
+        let read_of = |descr: &str, data: &[u8]| {
+            let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (3, 1, 2), }}\n");
+            let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+            fs::write(&path, [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes(), data].concat()).unwrap();
+            read(&path)
+        };
+        let floats = |scale: f32| {
+            let samples = (0..6u8).flat_map(|at| (scale * f32::from(at) / 5.0).to_le_bytes());
+            read_of("<f4", &samples.collect::<Vec<u8>>())
+        };
+        let image = floats(1.2).unwrap();
+        let expected = [0.0, 2.0, 4.0, 1.0, 3.0, 5.0].map(|at: f32| 1.2 * at / 5.0);
+        assert_eq!((image.width(), image.height(), image.samples()), (2, 1, &expected[..]), "1.2 stays");
+        assert!(floats(255.0).unwrap_err().contains("seems to be 0…255"));
+        assert!(read_of("<f4", &f32::NAN.to_le_bytes().repeat(6)).is_ok_and(|image| image.samples()[5].is_nan()));
+        assert_eq!(
+            read_of("|u1", &[0, 1, 2, 3, 4, 255]).unwrap().pixel(1, 0),
+            Some([1, 3, 255].map(|at: u8| f32::from(at) / 255.0))
+        );
+        assert!(read_of("|u1", &[0, 1, 0, 0, 0, 1]).unwrap_err().contains("found only 0 and 1"));
+        assert!(read_of("<i4", &[0; 24]).unwrap_err().ends_with("found '<i4'"));
     }
 
     #[test]

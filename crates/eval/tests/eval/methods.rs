@@ -210,6 +210,12 @@ fn an_image_in_a_spelling_that_is_not_read_is_named_alone_and_ambiguous_with_ano
     write(&folder.path().join("wall-0/color/000005.png"), &png);
     let two = trial.render(&renders, 0).unwrap_err();
     assert!(two.starts_with("two files for frame 5: ") && two.ends_with("wall-0/000005.PNG"), "{two}");
+    std::fs::remove_file(folder.path().join("wall-0/000005.PNG")).unwrap();
+    std::fs::rename(folder.path().join("wall-0/color/000005.png"), folder.path().join("wall-0/000006.png")).unwrap();
+    write(&folder.path().join("wall-0/000005.npy"), b"");
+    write(&folder.path().join("wall-0/000007.png"), &png);
+    let array = trial.render(&renders, 0).unwrap_err();
+    assert!(array.contains("wall-0/000005.npy, which is read only without other images of the scene"), "{array}");
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
         (files.rsplit(": ").next().unwrap_or_default().to_owned(), found.collect::<Vec<_>>())
     };
     let [missing, other] = ROOMS.map(|scene| {
-        format!("no file for frame 5 of scene {scene}: expected {scene}/000005.png or .exr below renders")
+        format!("no file for frame 5 of scene {scene}: expected {scene}/000005.png, .exr or .npy below renders")
     });
     let all = "SCENE/000029.png (2)".to_owned();
     let part = "SCENE/000029.png (1); 1 of 2 scenes are missing".to_owned();
@@ -93,7 +93,7 @@ fn renders_of_several_entries_are_named_by_entry() {
     let needed = |entry: usize| {
         format!(
             "no file for frame 5 of scene room: an index of this run has 2 entries of the scene: entry {entry} \
-             needs room-{entry}/000005.png or .exr below renders"
+             needs room-{entry}/000005.png, .exr or .npy below renders"
         )
     };
     let found = String::new;

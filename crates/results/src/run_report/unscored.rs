@@ -172,8 +172,8 @@ mod tests {
         let of = |detail: &str| kind_of(detail, "aa11");
         assert_eq!(kind_of("no palace of scene a: gone", "a"), "no palace of scene SCENE");
         let missing = "no file for frame N of scene SCENE";
-        assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png or .exr below out"), missing);
-        assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png or .exr below out"), missing);
+        assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png, .exr or .npy below out"), missing);
+        assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png, .exr or .npy below out"), missing);
         assert_eq!(of("expected an image of 40×40, found 20×20"), "expected an image of N×N, found N×N");
         assert_eq!(of("unexpected end of file (out/aa11/000002.png)"), "unexpected end of file");
     }

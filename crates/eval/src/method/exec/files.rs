@@ -50,7 +50,8 @@ impl TrialFolder {
             let files = FrameFiles::of([path], targets.iter().map(|target| target.frame));
             let read = |frame| {
                 let file = files.file_of(frame)?;
-                let file = file.ok_or_else(|| format!("no file for frame {frame}: expected {frame:06}.png or .exr"))?;
+                let file =
+                    file.ok_or_else(|| format!("no file for frame {frame}: expected {frame:06}.png, .exr or .npy"))?;
                 renders::read(&file).map_err(|error| format!("frame {frame}: {error}"))
             };
             return Ok(targets.iter().map(|target| read(target.frame)).collect());
