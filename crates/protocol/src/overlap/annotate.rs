@@ -4,7 +4,7 @@ use atsplat_pixels::DecodeLimits;
 use atsplat_scene::{Frame, Scene, SceneSource, Warnings};
 use serde::Serialize;
 
-use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView};
+use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView, SceneDepths};
 use crate::loading::{in_parallel, load};
 use crate::{EvaluationIndex, IndexEntry, NoEntry, Overlap, ProtocolError};
 
@@ -60,7 +60,10 @@ pub fn annotate_overlaps(
             return Vec::new();
         }
         match load(source, key, warnings) {
-            Ok(scene) => entries.iter().map(|entry| context_overlap(&scene, entry, estimator, depth)).collect(),
+            Ok(scene) => {
+                let depths = depth.filter(|_| estimator.needs_depth()).map(|folder| folder.of_scene(&scene.key));
+                entries.iter().map(|entry| context_overlap(&scene, entry, estimator, depths.as_ref())).collect()
+            }
             Err(dropped) => vec![Err(NoEntry::from(dropped)); entries.len()],
         }
     });
@@ -102,12 +105,12 @@ impl OverlapReport {
     }
 }
 
-/// The overlap of an entry's context frames in a loaded scene.
+/// The overlap of an entry's context frames in a loaded scene, with its depth maps for estimators that need them.
 pub(crate) fn context_overlap(
     scene: &Scene,
     entry: &IndexEntry,
     estimator: &OverlapEstimator,
-    depth: Option<&DepthFolder>,
+    depths: Option<&SceneDepths>,
 ) -> Result<f64, NoEntry> {
     let unreadable = |error: &dyn std::fmt::Display| NoEntry::Unreadable(error.to_string());
     let mut context = entry.context.clone();
@@ -126,9 +129,9 @@ pub(crate) fn context_overlap(
     } else {
         vec![None; frames.len()]
     };
-    let depths: Vec<Option<LoadedDepth>> = match depth.filter(|_| estimator.needs_depth()) {
-        Some(folder) => {
-            let load = |(position, frame): (&usize, &&Frame)| depth_of(folder, &scene.key, *position, frame).map(Some);
+    let depths: Vec<Option<LoadedDepth>> = match depths.filter(|_| estimator.needs_depth()) {
+        Some(depths) => {
+            let load = |(position, frame): (&usize, &&Frame)| depth_of(depths, *position, frame).map(Some);
             context.iter().zip(&frames).map(load).collect::<Result<_, _>>()?
         }
         None => vec![None; frames.len()],
@@ -143,11 +146,10 @@ pub(crate) fn context_overlap(
     views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| reason(error.to_string()))
 }
 
-/// The depth map of the frame at `position` of a scene. It has to fit the camera as an image has to: with a crop of the
+/// The depth map of the frame at `position` of its scene. It has to fit the camera as an image has to: with a crop of the
 /// frame, the camera's intrinsics would lift pixels to other points.
-fn depth_of(folder: &DepthFolder, scene: &str, position: usize, frame: &Frame) -> Result<LoadedDepth, NoEntry> {
-    let loaded =
-        folder.load(scene, &frame.name, &frame.camera).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
+fn depth_of(depths: &SceneDepths, position: usize, frame: &Frame) -> Result<LoadedDepth, NoEntry> {
+    let loaded = depths.load(&frame.name, &frame.camera).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
     match frame.mismatch(loaded.size()) {
         Some(mismatch) if mismatch.is_fatal() => {
             Err(NoEntry::Unreadable(format!("frame {position}: depth map: {mismatch}")))
@@ -272,7 +274,7 @@ mod tests {
             let bytes = exr::write(&Channels::new(width, height, vec![channel]).unwrap()).unwrap();
             std::fs::write(folder.path().join(format!("clip/{}.exr", frame.name)), bytes).unwrap();
         }
-        let depths = DepthFolder::open(folder.path()).unwrap();
+        let depths = DepthFolder::open(folder.path()).unwrap().of_scene("clip");
         let estimator = OverlapEstimator::DepthCovisibility {};
         for stated in [None, Some(ImageSize { width: 640, height: 360 })] {
             for frame in &mut clip.frames {

@@ -19,7 +19,7 @@ pub(crate) use annotate::context_overlap;
 pub use annotate::{OverlapReport, UnmeasuredExample, annotate_overlaps, chain_overlap};
 pub use binned::BinnedOverlaps;
 pub use covisibility::DepthMap;
-pub use depth_folder::{DepthFolder, LoadedDepth};
+pub use depth_folder::{DepthFolder, LoadedDepth, SceneDepths};
 pub use epipolar::EpipolarRays;
 
 use atsplat_camera::Camera;
