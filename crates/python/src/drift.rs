@@ -6,6 +6,7 @@ use atsplat_drift::probe::Pipeline;
 use atsplat_drift::{Accepting, Baseline, DriftError, ProbeChoice, check_repetition, compare};
 use atsplat_eval::runner::current_provenance;
 use atsplat_files::FileLock;
+use atsplat_metrics::definition_in_any_case;
 use atsplat_results::Results;
 use pyo3::prelude::*;
 
@@ -52,6 +53,7 @@ pub(crate) fn accept_baseline(
     repeats: Vec<PathBuf>,
     limits: Vec<(String, f64)>,
 ) -> Result<Vec<String>, Failure> {
+    let limits = limits_by_id(limits)?;
     work_with_stores(py, || {
         // Before it is read, as another process may be about to replace it.
         let _lock = FileLock::of(&baseline)?;
@@ -67,6 +69,22 @@ pub(crate) fn accept_baseline(
         })?;
         Ok(accepted.no_longer_guarded().iter().chain(accepted.lacking_in_repetitions()).cloned().collect())
     })
+}
+
+/// Limits by the ids of their metrics, which are given in upper or lower case. The baseline rejects unknown ones.
+fn limits_by_id(stated: Vec<(String, f64)>) -> Result<Vec<(String, f64)>, Failure> {
+    let mut limits: Vec<(String, f64)> = Vec::with_capacity(stated.len());
+    for (metric, change) in stated {
+        let id = definition_in_any_case(&metric).map_or(metric, |known| known.id.to_owned());
+        if limits.iter().any(|(other, _)| *other == id) {
+            return Err(Failure::invalid(
+                "limits",
+                format!("expected each metric once, found {id} in upper and lower case"),
+            ));
+        }
+        limits.push((id, change));
+    }
+    Ok(limits)
 }
 
 /// The results of a run's repetitions.

@@ -59,6 +59,8 @@ def test_ssim_has_conventions_and_lpips_says_what_it_needs(tmp_path, monkeypatch
     found = {convention: atsplat.ssim(render, truth, convention=convention) for convention in ("pixelsplat", "inria", "uniform-7x7")}
     assert all(scores[0] > scores[1] for scores in found.values())
     assert len({tuple(scores) for scores in found.values()}) == 3
+    for convention, scores in found.items():
+        assert np.array_equal(atsplat.ssim(render, truth, convention=convention.upper()), scores)
     with pytest.raises(atsplat.InvalidError, match="pixelsplat, clipped"):
         atsplat.ssim(render, truth, convention="gsplat")
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))

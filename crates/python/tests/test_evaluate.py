@@ -193,9 +193,12 @@ def test_results_are_kept_and_a_changed_method_is_an_error(rooms, tmp_path):
 
 def test_metrics_and_scenes_are_added(rooms, tmp_path):
     few = evaluated(nearest, rooms, tmp_path / "store", limit=1)
-    whole = evaluated(nearest, rooms, tmp_path / "store", metrics=["l1"])
+    whole = evaluated(nearest, rooms, tmp_path / "store", metrics=["L1"])
     assert 0 < len(few) < len(whole) and all(row["l1"] > 0 for row in whole.rows())
     assert whole.rows() == evaluated(nearest, rooms, tmp_path / "fresh", metrics=["l1"]).rows()
+    assert "l1" in [metric["id"] for metric in whole.provenance["metrics"]], "by its id, however it is written"
+    with pytest.raises(atsplat.AtsplatError, match='expected one of psnr, .*, found "l3"'):
+        evaluated(nearest, rooms, tmp_path / "unknown", metrics=["l3"])
 
 
 def test_shards_merge_into_the_whole(rooms, tmp_path):

@@ -190,7 +190,7 @@ def test_limits_come_from_repetitions_or_are_stated(rooms, tmp_path):
     runs, estimated = limit_of_psnr(repeats=[second])
     assert runs == 2 and estimated >= 0.01
     assert limit_of_psnr() == (2, estimated), "kept"
-    assert limit_of_psnr(limits={"psnr": 0.5}) == (0, 0.5)
+    assert limit_of_psnr(limits={"PSNR": 0.5}) == (0, 0.5)
     assert limit_of_psnr() == (0, 0.5), "kept"
     shutil.copytree(second.path, tmp_path / "copy")
     for options, field, message in [
@@ -198,6 +198,7 @@ def test_limits_come_from_repetitions_or_are_stated(rooms, tmp_path):
         ({"repeats": [second, tmp_path / "copy"]}, "repeats", "found a copy of another repetition"),
         ({"repeats": second}, "repeats", "expected a sequence of stores"),
         ({"limits": {"beauty": 0.5}}, "limits", "expected a metric with a limit"),
+        ({"limits": {"psnr": 0.5, "Psnr": 0.1}}, "limits", "expected each metric once, found psnr"),
         ({"limits": {"psnr": -0.5}}, "limits", "expected a positive change of psnr"),
     ]:
         with pytest.raises(atsplat.InvalidError, match=message) as raised:

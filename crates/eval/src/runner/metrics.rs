@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use atsplat_metrics::learned::WeightsFolders;
-use atsplat_metrics::{Definition, Networks, Suite, definition, definitions};
+use atsplat_metrics::{Definition, Networks, Suite, definition_in_any_case, definitions};
 use atsplat_results::MetricRecord;
 
 use super::Dataset;
@@ -10,20 +10,20 @@ use crate::EvalError;
 /// Cache of ground-truth features for learned metrics, in bytes.
 const FEATURE_CACHE_BYTES: usize = 512 << 20;
 
-/// Definitions by id, without duplicates, in the order of [`definitions`]; `all` selects every metric.
+/// Definitions by id in upper or lower case, without duplicates, in the order of [`definitions`]; `all` selects every metric.
 ///
 /// # Errors
 /// [`EvalError::Unknown`].
 pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Definition>, EvalError> {
     let (mut requested, mut all) = (Vec::new(), false);
     for id in ids {
-        if id == "all" {
+        if id.eq_ignore_ascii_case("all") {
             all = true;
             continue;
         }
         let known = || definitions().iter().map(|metric| metric.id.to_owned()).collect();
         let unknown = || EvalError::Unknown { what: "metrics", found: id.to_owned(), known: known() };
-        requested.push(definition(id).ok_or_else(unknown)?.id);
+        requested.push(definition_in_any_case(id).ok_or_else(unknown)?.id);
     }
     Ok(definitions().iter().filter(|metric| all || requested.contains(&metric.id)).collect())
 }
@@ -64,7 +64,10 @@ mod tests {
             named_metrics(list.iter().copied()).map(|found| found.iter().map(|metric| metric.id).collect::<Vec<_>>())
         };
         assert_eq!(ids(&["l1", "ssim", "psnr", "ssim"]).unwrap(), ["psnr", "ssim", "l1"]);
-        assert_eq!(ids(&["l1", "all"]).unwrap().len(), definitions().len());
+        assert_eq!(ids(&["L1", "Ssim-INRIA", "PSNR", "psnr"]).unwrap(), ["psnr", "ssim-inria", "l1"]);
+        for all in ["all", "ALL"] {
+            assert_eq!(ids(&["l1", all]).unwrap().len(), definitions().len());
+        }
         assert!(ids(&["all", "psnrs"]).is_err());
         assert!(ids(&["psnrs"]).unwrap_err().to_string().contains("psnr-unclipped"));
     }

@@ -96,7 +96,7 @@ def evaluate(
         limit: at most this many scenes, spread evenly over the index. Without a limit, or with a multiple of it, the next call adds
             the others.
         shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
-        metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
+        metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`) in upper or lower case; ``all`` for every one.
         weights: folder of LPIPS weights, searched before torch's cache.
         keep_images: ``none``, ``worst`` (and typical and best) or ``all``.
         setting: whose published pose normalisation, near and far planes and renderer are used (:attr:`atsplat.Protocol.settings`).

@@ -32,7 +32,7 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> Any:
         a: the render, H × W × 3 or N × H × W × 3, float in [0, 1] or uint8.
         b: the ground truth, of the same shape.
         convention: ``pixelsplat`` (clipped to [0, 1]), or the end of an id of :func:`metrics`: ``unclipped``,
-            ``8bit-truncated``, ``8bit-rounded``.
+            ``8bit-truncated``, ``8bit-rounded``; in upper or lower case.
 
     Returns:
         A float, or an array of N of them. Type checkers cannot tell which: to them it is ``Any``.
@@ -66,7 +66,8 @@ def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLi
 
 def _score(metric: str, a: Any, b: Any, convention: str, weights: str | PathLike[str] | None) -> float | np.ndarray:
     known = [named["id"] for named in metrics() if named["id"].split("-")[0] == metric]
-    key = metric if convention == PIXELSPLAT else f"{metric}-{convention}"
+    name = str(convention).lower()
+    key = metric if name == PIXELSPLAT else f"{metric}-{name}"
     if key not in known:
         others = [name.removeprefix(f"{metric}-") for name in known if name != metric]
         raise invalid("convention", f"expected one of {', '.join([PIXELSPLAT, *others])}, found {convention!r}")

@@ -128,7 +128,8 @@ class Protocol:
         Args:
             limit: at most this many scenes, spread evenly over the index.
             setting: whose published pose normalisation, near and far planes, and renderer of Gaussians (see :attr:`settings`).
-            metrics: in addition to the protocol's own, by id (:func:`atsplat.metrics`), for :meth:`Trial.score`.
+            metrics: in addition to the protocol's own, by id (:func:`atsplat.metrics`) in upper or lower case, for
+                :meth:`Trial.score`.
             weights: folder of LPIPS weights, searched before torch's cache.
             options: as for :meth:`open`.
         """
