@@ -192,9 +192,10 @@ fn table_name(text: &str) -> Result<String, String> {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
     let labels = store_labels(&args.stores);
-    let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
-    let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
+    let read = folders.iter().zip(Results::read_each(&folders));
+    let results = read.map(|(path, results)| results.with_context(|| format!("reading {}", path.display())));
+    let results = results.collect::<anyhow::Result<Vec<Results>>>()?;
     let lock = OutputLock::of(&args.out)?;
     let stores: Vec<PageStore<'_>> = results
         .iter()

@@ -67,7 +67,7 @@ const fn mixing(force: bool) -> Mixing {
 }
 
 fn read(stores: &[PathBuf]) -> Result<Vec<Results>, Failure> {
-    stores.iter().map(|store| Ok(Results::read(store)?)).collect()
+    Results::read_each(stores).into_iter().map(|results| Ok(results?)).collect()
 }
 
 fn sources<'a>(results: &'a [Results], labels: &'a [String]) -> impl Iterator<Item = Source<'a>> {

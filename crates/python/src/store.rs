@@ -36,7 +36,7 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
 pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
     work_with_stores(py, || {
         check_repeated(&stores)?;
-        let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+        let parts = Results::read_each(&stores).into_iter().collect::<Result<Vec<_>, _>>()?;
         let merged = Results::merge(parts).map_err(|error| Failure::from(error).of_argument("stores"))?;
         let reasons = merged.why_incomplete();
         if !reasons.is_empty() && !partial {

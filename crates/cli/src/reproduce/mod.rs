@@ -216,8 +216,9 @@ fn reasons(not_run: &[NotRun]) -> String {
 impl Args {
     /// The section with the results of `--curve`, with which the report starts.
     fn curves(&self) -> anyhow::Result<Vec<PlotSection>> {
-        let reading = |path: &PathBuf| Results::read(path).with_context(|| format!("--curve {}", path.display()));
-        let results = self.curve.iter().map(reading).collect::<anyhow::Result<Vec<_>>>()?;
+        let read = self.curve.iter().zip(Results::read_each(&self.curve));
+        let results = read.map(|(path, results)| results.with_context(|| format!("--curve {}", path.display())));
+        let results = results.collect::<anyhow::Result<Vec<_>>>()?;
         let labels = store_labels(&self.curve);
         let sources = labels.iter().zip(&results).map(|(label, results)| Source { label, results });
         let section = optimisation_section(&sources.collect::<Vec<_>>())?;

@@ -1,7 +1,7 @@
 //! `atsplat merge`: merges the shards of a run into one store.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_results::store::{Merged, repeated_store};
@@ -53,9 +53,12 @@ impl fmt::Display for Report<'_> {
 /// Merges; `true` if no shard is missing and nothing was skipped or failed in any of them.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
-    let parts = args.stores.iter().map(|store| read(store, &args.cache)).collect::<anyhow::Result<Vec<_>>>()?;
-    let (folders, parts): (Vec<PathBuf>, Vec<Results>) = parts.into_iter().unzip();
-    let merged = Results::merge(parts)?;
+    let reading = |store: &PathBuf| format!("reading {}", store.display());
+    let folders = args.stores.iter().map(|store| args.cache.store(store).with_context(|| reading(store)));
+    let folders = folders.collect::<anyhow::Result<Vec<PathBuf>>>()?;
+    let parts = args.stores.iter().zip(Results::read_each(&folders));
+    let parts = parts.map(|(store, results)| results.with_context(|| reading(store)));
+    let merged = Results::merge(parts.collect::<anyhow::Result<Vec<_>>>()?)?;
     let reasons = merged.why_incomplete();
     if !reasons.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", reasons.join("; "));
@@ -79,16 +82,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));
     }
     Ok(reasons.is_empty() && results.gaps().is_empty())
-}
-
-/// The folder of a store on this machine, and its results.
-fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<(PathBuf, Results)> {
-    let read = || {
-        let folder = cache.store(store)?;
-        let results = Results::read(&folder)?;
-        Ok::<_, anyhow::Error>((folder, results))
-    };
-    read().with_context(|| format!("reading {}", store.display()))
 }
 
 /// Rejects stores that are given twice, even by different paths.

@@ -43,6 +43,7 @@ use atsplat_files::{FolderLock, remove_abandoned};
 use atsplat_protocol::trial::ImageDigests;
 pub use data::KnownResults;
 pub use merge::{Merged, Unfinished, repeated_store};
+use rayon::prelude::*;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 use serde::Serialize;
 pub use stored_images::StoredImage;
@@ -342,6 +343,11 @@ impl Results {
         let results = Content::read(folder)?.into_results();
         data::check_consistent(&results)?;
         Ok(results)
+    }
+
+    /// Reads several stores at once, each as [`Self::read`] does; what was read, or the error, is in the order of the folders.
+    pub fn read_each<P: AsRef<Path> + Sync>(folders: &[P]) -> Vec<Result<Self, ResultsError>> {
+        folders.par_iter().map(|folder| Self::read(folder.as_ref())).collect()
     }
 
     /// The tables of rows, in the order in which they are written.

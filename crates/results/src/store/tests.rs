@@ -117,6 +117,28 @@ fn the_schema_is_the_committed_one() {
     assert_eq!(schema::text(SCHEMA_VERSION + 1), None);
 }
 
+/// Those of the first store stay in front, and what is wrong with one is not said of another.
+#[test]
+fn several_stores_are_read_in_their_order_with_an_error_for_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let stores = ["b", "missing", "a", "damaged"].map(|name| folder.path().join(name));
+    let [b, _, a, damaged] = &stores;
+    filled(b, &["b1", "b2"]).finish().unwrap();
+    filled(a, &["a1"]).finish().unwrap();
+    filled(damaged, &["d"]).finish().unwrap();
+    fs::write(damaged.join(TRIALS), "no table").unwrap();
+    let read = Results::read_each(&stores);
+    let found = read.iter().map(|read| match read {
+        Ok(results) => results.trials.iter().map(|trial| trial.key.scene.as_str()).collect::<Vec<_>>().join(" "),
+        Err(ResultsError::NoStore { folder }) => format!("no store: {}", folder.file_name().unwrap().display()),
+        Err(error) => error.to_string(),
+    });
+    let found: Vec<String> = found.collect();
+    assert_eq!(found[..3], ["b1 b2", "no store: missing", "a1"]);
+    assert!(found[3].contains("damaged"), "{}", found[3]);
+    assert_eq!(Results::read_each::<PathBuf>(&[]).len(), 0);
+}
+
 #[test]
 fn rows_are_bit_identical_from_parts_and_tables() {
     let folder = tempfile::tempdir().unwrap();
