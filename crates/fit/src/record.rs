@@ -16,6 +16,8 @@ use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, LastSteps, ScaleEvalu
 pub struct FitRecord {
     /// Version of this toolkit.
     pub atsplat: &'static str,
+    /// Its commit, or a hash of its sources, as in the provenance of results.
+    pub commit: Option<&'static str>,
     pub data: PathBuf,
     pub scene: String,
     pub views: Vec<String>,

@@ -14,6 +14,7 @@ use super::input::Input;
 use super::optimise::Log;
 use super::plots::draw;
 use super::prepare::StartSummary;
+use crate::COMMIT;
 use crate::paths::{PendingFile, record_path, remove_old, write_record};
 use crate::print::warn;
 
@@ -68,6 +69,7 @@ impl Args {
         let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
         Ok(FitRecord {
             atsplat: env!("CARGO_PKG_VERSION"),
+            commit: COMMIT,
             data: self.input.data.clone(),
             scene: input.photos.trial().scene().to_owned(),
             views: names(&input.training),

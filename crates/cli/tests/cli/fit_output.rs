@@ -22,6 +22,7 @@ fn gaussians_are_written_in_the_format_of_their_extension() {
         let record: Value = serde_json::from_slice(&std::fs::read(here.join(format!("{name}.json"))).unwrap()).unwrap();
         let hash = Sha256Digest::of(&std::fs::read(here.join(name)).unwrap());
         assert_eq!(record["file-sha256"], hash.to_string());
+        assert_eq!(record["commit"].as_str(), option_env!("ATSPLAT_COMMIT"), "as the builds of these tests record it");
         (import.format, centres)
     };
     let [ply, spz] = ["fitted.PLY", "fitted.spz"].map(read);
