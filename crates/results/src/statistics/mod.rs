@@ -25,7 +25,9 @@ pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
 pub use paired::{Paired, paired, paired_between, paired_of, paired_scene_means, scene_differences};
-pub use scene_means::{SceneMean, common_scene_means, direction, scene_means, weighted_scene_means, worst};
+pub use scene_means::{
+    SceneMean, common_scene_means, direction, scene_means, unpaired_targets, weighted_scene_means, worst,
+};
 pub use seeds::{Seeds, difference_of_seeds, mean_over_seeds};
 pub use selection::{SelectedTarget, is_psnr, score_of};
 pub use significance::{sign_test, student_quantile};

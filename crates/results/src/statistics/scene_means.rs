@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::{Direction, definition};
 use atsplat_protocol::Aggregation;
@@ -52,6 +52,17 @@ pub fn common_scene_means(queries: &[(&Results, MetricQuery<'_>)], aggregation: 
         means_of(&targets, aggregation)
     };
     selected.iter().map(of_common).collect()
+}
+
+/// How many images some, but not all, of several results have a score for: those that [`common_scene_means`] leaves out.
+pub fn unpaired_targets(queries: &[(&Results, MetricQuery<'_>)]) -> u64 {
+    let mut scored_by: BTreeMap<ImageKey<'_>, usize> = BTreeMap::new();
+    for (results, query) in queries {
+        for (image, ..) in SelectedTarget::scored(&select(results, query)) {
+            *scored_by.entry(image).or_default() += 1;
+        }
+    }
+    scored_by.values().filter(|results| **results < queries.len()).count() as u64
 }
 
 /// The means of scenes with at least one score, of targets that are already selected and ordered.

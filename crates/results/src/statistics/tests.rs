@@ -481,4 +481,7 @@ fn several_trainings_are_compared_over_the_targets_that_all_have() {
     lose(&mut only_hard, |_, target| target == 0);
     assert_eq!(difference([&lacking; 2], [&whole, &only_hard]), None, "no target in common");
     assert!(common_scene_means(&[], Aggregation::SceneMeans).is_empty());
+    let unpaired = |all: [&Results; 3]| unpaired_targets(&all.map(|results| (results, query("m"))));
+    assert_eq!(unpaired([&without_scene, &whole, &lacking]), 7, "six harder targets and one easier");
+    assert_eq!(unpaired([&lacking; 3]), 0, "what none has");
 }

@@ -3,7 +3,9 @@
 use atsplat_metrics::Definition;
 use atsplat_numeric::distinct;
 use atsplat_protocol::Aggregation;
-use atsplat_results::statistics::{Leaked, Paired, Seeds, common_scene_means, difference_of_seeds, paired_between};
+use atsplat_results::statistics::{
+    Leaked, Paired, Seeds, common_scene_means, difference_of_seeds, paired_between, unpaired_targets,
+};
 
 use crate::definition::TableDefinition;
 use crate::table::rows::weights_of;
@@ -18,7 +20,7 @@ pub(in crate::table) struct Difference {
     pub(in crate::table) interval: Option<[f64; 2]>,
     pub(in crate::table) scenes: u64,
     pub(super) targets: u64,
-    /// Targets that only one of the two has; 0 where there are several trainings.
+    /// Targets that only one of the two has, or not all of their trainings.
     pub(super) unpaired: u64,
 }
 
@@ -44,7 +46,7 @@ pub(in crate::table) fn difference(
     let targets = means.first().map_or(0, |scenes| scenes.iter().map(|scene| scene.targets).sum());
     let means_of_other = means.split_off(one.len());
     let Seeds { mean, interval, scenes, .. } = difference_of_seeds(&means, &means_of_other)?;
-    Some(Difference { value: mean, interval, scenes, targets, unpaired: 0 })
+    Some(Difference { value: mean, interval, scenes, targets, unpaired: unpaired_targets(&queries) })
 }
 
 /// Whether a metric of these runs is known to have different learned weights.

@@ -59,7 +59,12 @@ pub(in crate::table) fn add_differences(
         let unpaired = found.iter().filter_map(|found| Some(found.as_ref().ok()?.as_ref()?.0.unpaired)).max();
         if let Some(unpaired) = unpaired.filter(|unpaired| *unpaired > 0) {
             let (name, targets) = (row.printed_name(), counted(unpaired, "target"));
-            let text = format!("{name}: {targets} that only it or {against} has, not in the difference");
+            let which = if row.is_over_trainings() {
+                format!("that not all of its trainings and {against} have")
+            } else {
+                format!("that only it or {against} has")
+            };
+            let text = format!("{name}: {targets} {which}, not in the difference");
             notes.push(Note { kind: NoteKind::Counts, text });
         }
         let cells = found.into_iter().zip(&compared).map(|(found, compared)| Cell {

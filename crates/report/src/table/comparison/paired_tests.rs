@@ -235,6 +235,28 @@ fn a_difference_of_several_trainings_needs_one_metric_for_all() {
     assert_eq!(why("0123").as_deref(), Some("the weights of PSNR are not those of warp"));
 }
 
+/// Two trainings and the other method lost one target each.
+#[test]
+fn targets_that_not_all_trainings_have_are_named() {
+    let seeded = |seed: &str| {
+        let method = trained(&format!("seed {seed}"), seed, "simulated rooms");
+        results_over(vec![preset(PRESET)], vec![method], 7)
+    };
+    let mut all = [seeded("1"), seeded("2"), store("warp", &[0.0; 7])];
+    for (results, scene) in all.iter_mut().zip(SCENES) {
+        let lost = results.targets.iter_mut().find(|row| row.key.scene == scene && row.target == 1).unwrap();
+        lost.status = TargetStatus::NonFinite;
+        lost.scores.clear();
+    }
+    let stores = [("one", &all[0]), ("two", &all[1]), ("three", &all[2])];
+    let table = compared(&stores, &against("warp"), Mixing::Apart);
+    let mean = table.rows.iter().find(|row| row.is_over_trainings()).unwrap();
+    assert_eq!(mean.cells.last().unwrap()[0].counts.unwrap().targets, 18, "of 21");
+    let said = notes(&table, NoteKind::Counts).join("\n");
+    assert!(said.contains(": 3 targets that not all of its trainings and warp have, not in the difference"), "{said}");
+    assert!(said.contains(": 2 targets that only it or warp has, not in the difference"), "{said}");
+}
+
 /// Under `all-images`; the first scene, in which mine is 9 dB better, has one target, the other six have three each.
 #[test]
 fn bins_and_differences_average_as_the_protocol_does() {
