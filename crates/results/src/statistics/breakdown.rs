@@ -21,7 +21,7 @@ pub struct Binned {
     /// The "Average" column: the protocol's mean over all targets in a bin; not the mean of the bins
     /// (NoPoSplat `src/evaluation/metric_computer.py:116-158`).
     pub average: Summary,
-    /// Targets without an overlap or outside all bins; they count only in the mean over all targets.
+    /// Targets with a score but without an overlap, or outside all bins; they count only in the mean over all targets.
     pub ignored: u64,
 }
 
@@ -45,7 +45,7 @@ pub(super) fn binned(
     Binned {
         bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
         average: summary(&|bin| bin.is_some()),
-        ignored: selected.iter().filter(|target| bin_of(target).is_none()).count() as u64,
+        ignored: selected.iter().filter(|target| target.score().is_some() && bin_of(target).is_none()).count() as u64,
     }
 }
 

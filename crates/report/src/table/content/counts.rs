@@ -25,7 +25,7 @@ pub struct Counts {
     /// Targets whose score was not computed; not in the mean.
     #[serde(skip_serializing_if = "is_zero")]
     pub uncomputed: u64,
-    /// Targets of the row without an overlap, or with one outside all bins, if the mean is over a bin.
+    /// Scored targets of the row without an overlap, or with one outside all bins, if the mean is over a bin.
     #[serde(skip_serializing_if = "is_zero")]
     pub outside_bins: u64,
 }

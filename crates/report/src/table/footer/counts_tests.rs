@@ -71,7 +71,8 @@ fn targets_that_a_method_does_not_support_have_not_failed() {
     assert!(said.contains("3 not applicable and not in the mean") && !said.contains("failed"), "{said}");
 }
 
-/// The overlaps of the third scene are too large, and one of the fourth is unknown, in the rows of one method.
+/// The overlaps of the third scene are too large, and one of the fourth is unknown, in the rows of one method. Renders that are not
+/// finite or identical to the truth are in no mean.
 #[test]
 fn targets_outside_all_bins_are_counted() {
     let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
@@ -86,7 +87,17 @@ fn targets_outside_all_bins_are_counted() {
                     Average: 3 scenes, 8 targets; 4 targets outside all bins of overlap: in the mean over all \
                     targets, not in Average";
     assert_eq!(*outside[0], expected);
-    assert_eq!(row_of(&table, "a").cell(CellIndex { group: 3, column: 0 }).counts.unwrap().outside_bins, 4);
+    let outside = |results: &Results| {
+        let table = table_of_stores("re10k_overlap", &[results]);
+        row_of(&table, "a").cell(CellIndex { group: 3, column: 0 }).counts.unwrap().outside_bins
+    };
+    assert_eq!(outside(&results), 4);
+    let mut rows = results.targets.iter_mut().filter(|row| row.key.method == "a").collect::<Vec<&mut TargetRow>>();
+    for (at, status) in [(6, TargetStatus::NonFinite), (8, TargetStatus::Identical), (11, TargetStatus::NonFinite)] {
+        rows[at].status = status;
+        rows[at].scores.clear();
+    }
+    assert_eq!(outside(&results), 1, "not more than are in the mean over all targets");
 }
 
 /// A network at another resolution has other tokens and Gaussians: the table says at which, in words of older stores too.

@@ -56,7 +56,7 @@ fn metric_cell(run: MethodRun<'_>, query: &MetricQuery<'_>, group: &ColumnGroup)
 /// A metric over the targets of a group of columns.
 struct GroupSummary {
     summary: Summary,
-    /// Targets outside all bins of overlap, if the group is by overlap.
+    /// Scored targets outside all bins of overlap, if the group is by overlap.
     outside_bins: u64,
 }
 
