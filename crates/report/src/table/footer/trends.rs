@@ -1,8 +1,9 @@
 //! Slopes over the number of Gaussians, and of differences between methods.
 
 use atsplat_metrics::Definition;
+use atsplat_protocol::Aggregation;
 use atsplat_results::statistics::{
-    Leaked, Trend, along_setting, cost, lead_along_distance, lead_along_overlap, scene_means,
+    Leaked, Trend, along_setting, common_scene_means, cost, lead_along_distance, lead_along_overlap,
 };
 
 use super::Notes;
@@ -58,10 +59,12 @@ fn trend_over_gaussians(
     let settings = trained.into_iter().filter_map(|row| {
         let run = results.run_under(preset, row)?;
         let gaussians = cost(run.results(), run.preset_name(), run.method_name()).gaussians?;
-        let (stored, query) = run.over_all_targets(metric);
-        Some((gaussians.log2(), scene_means(stored, &query)))
+        Some((gaussians.log2(), run.over_all_targets(metric)))
     });
-    let settings: Vec<_> = settings.collect();
+    let (sizes, queries): (Vec<f64>, Vec<_>) = settings.unzip();
+    // A target that one setting lost would move that setting's mean, and with it the slope.
+    let means = common_scene_means(&queries, Aggregation::SceneMeans);
+    let settings: Vec<_> = sizes.into_iter().zip(means).collect();
     let Trend { slope, interval, scenes } = along_setting(&settings).ok()?;
     Some(format!(
         "trend: {} changes by {} {} per doubling of Gaussians, over {} settings and {}{}",

@@ -1,8 +1,10 @@
 //! The slope over budgets, in the table and in its plot.
 
+use atsplat_results::TargetStatus;
+
 use crate::definition::TableDefinition;
 use crate::plot_data::table_plots;
-use crate::sample::{atsplat, preset, results_over};
+use crate::sample::{SCENES, atsplat, preset, results_over};
 use crate::table::test_tables::{measured, notes_as_text, table_of};
 use crate::table::{NoteKind, Source};
 
@@ -45,6 +47,35 @@ fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
     );
     let text: Vec<&str> = plots[0].1.texts().collect();
     assert!(text.join(" ").contains("thresholds by quantile 0.8 / 0.8 / 0.9 of its own"), "{text:?}");
+}
+
+/// Without its easiest target, the setting with fewer Gaussians would seem an eighth of a decibel worse in the first scene, and
+/// without its hardest the other one an eighth better in the second.
+#[test]
+fn a_lost_target_does_not_move_a_trend() {
+    let budget = |at: f64, published: [f64; 3]| {
+        let mut method = atsplat(&format!("budget {at}"), |config| *config = config.with_thresholds(&[at; 3]).unwrap());
+        method.title = format!("ATSplat at {at}");
+        method.record_threshold_quantiles(&[0.8, 0.8, 0.9], &published);
+        method
+    };
+    let methods = vec![budget(0.3, [0.1, 0.1, 0.4]), budget(0.2, [0.01, 0.01, 0.04])];
+    let more = methods[0].name.clone();
+    let mut results = results_over(vec![preset("rooms-2v-128")], methods, 8);
+    for trial in &mut results.trials {
+        trial.gaussians = Some(if trial.key.method == more { 16_384 } else { 4_096 });
+    }
+    for row in &mut results.targets {
+        let has_more = row.key.method == more;
+        let place = (row.key.scene.as_str(), row.target);
+        if (!has_more && place == (SCENES[0], 2)) || (has_more && place == (SCENES[1], 0)) {
+            row.status = TargetStatus::NonFinite;
+            row.scores.clear();
+        }
+    }
+    let trend = notes_as_text(&table_of("dynamic_budget", &results), NoteKind::Trend);
+    assert!(trend.starts_with("trend: PSNR changes by +1.500 [+1.500, +1.500] per doubling"), "{trend}");
+    assert!(trend.contains("over 2 settings and 7 scenes"), "{trend}");
 }
 
 /// A third budget has random weights, whose PSNR is 6 dB lower with the most Gaussians.
