@@ -65,6 +65,14 @@ pub(crate) fn decimals_of(interval: Option<[f64; 2]>, decimals: usize) -> usize 
     (decimals..=decimals + MOST_MORE).find(|decimals| !is_zero(*decimals)).unwrap_or(decimals)
 }
 
+/// `decimals`, or two more than it takes to show a number that would print as 0 and is not.
+pub(crate) fn decimals_of_small(value: f64, decimals: usize) -> usize {
+    match decimals_of(Some([value; 2]), decimals) {
+        more if more > decimals => more + 2,
+        _ => decimals,
+    }
+}
+
 fn without_sign_of_zero(text: String) -> String {
     match text.strip_prefix(['-', '+']) {
         Some(size) if size.chars().all(|letter| matches!(letter, '0' | '.')) => size.to_owned(),
@@ -115,6 +123,15 @@ mod tests {
             (None, 2),
         ] {
             assert_eq!(decimals_of(interval, 2), expected, "{interval:?}");
+        }
+    }
+
+    #[test]
+    fn a_small_positive_number_does_not_print_as_zero() {
+        for (value, expected) in
+            [(0.2884, 3), (0.0006, 3), (0.000_48, 6), (4.87e-6, 8), (0.0, 3), (-4.87e-6, 8), (1e-300, 3)]
+        {
+            assert_eq!(decimals_of_small(value, 3), expected, "{value}");
         }
     }
 

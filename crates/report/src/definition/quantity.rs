@@ -3,7 +3,7 @@ use std::str::FromStr;
 use atsplat_metrics::{Definition, Direction, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use crate::numbers::{count_label, decimals_of, fixed, signed};
+use crate::numbers::{count_label, decimals_of, decimals_of_small, fixed, signed};
 
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,13 +95,14 @@ impl Quantity {
         }
     }
 
-    /// Formats a measured number: decibels with two decimals, other scores and seconds with three, Gaussians in thousands
-    /// or millions of at most three digits unless `exact` (23 040 → `23K`, 24 772 → `24.8K`), tokens without decimals.
+    /// Formats a measured number: decibels with two decimals, other scores and seconds with three, times that would print as 0
+    /// with more, Gaussians in thousands or millions of at most three digits unless `exact` (23 040 → `23K`, 24 772 → `24.8K`),
+    /// tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
             _ if self.is_in_thousands(value, exact) => count_label(value),
             Self::Metric(metric) => fixed(value, metric.scale.decimals()),
-            Self::Seconds => fixed(value, 3),
+            Self::Seconds => fixed(value, decimals_of_small(value, 3)),
             Self::Slope(..) | Self::Difference(_) => self.print_signed(value, None),
             Self::InitialTokens | Self::FinalTokens | Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax => {
                 format!("{value:.0}")
@@ -227,6 +228,8 @@ mod tests {
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");
         assert_eq!(Quantity::from_str("psnr").unwrap().print(28.456, false), "28.46");
         assert_eq!(Quantity::from_str("lpips").unwrap().print(0.1184, false), "0.118");
+        let times = [0.2884, 0.0006, 0.000_48, 4.87e-6, 0.0].map(|secs| Quantity::Seconds.print(secs, false));
+        assert_eq!(times, ["0.288", "0.001", "0.000480", "0.00000487", "0.000"]);
         let renamed: &Definition = Box::leak(Box::new(Definition { unit: "decibels", ..definitions()[0] }));
         assert_eq!(Quantity::Metric(renamed).print(28.456, false), "28.46", "whatever its unit is called");
         let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::from_str("ssim").unwrap().print(value, false));

@@ -4,6 +4,7 @@ use atsplat_numeric::{distinct, grouped};
 
 use super::Notes;
 use crate::counted;
+use crate::numbers::{decimals_of_small, fixed};
 use crate::table::content::was_busy;
 use crate::table::{BUSY, Cell, CellTiming, NoteKind, Row, Table};
 
@@ -50,13 +51,13 @@ fn timings(row: &Row) -> impl Iterator<Item = &CellTiming> {
 
 fn spread(name: &str, timing: &CellTiming) -> String {
     let CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } = timing;
+    let decimals = decimals_of_small(spread.median, 4);
     let [low, high] = spread.quartiles;
+    let [median, mad, low, high] = [spread.median, spread.mad, low, high].map(|secs| fixed(secs, decimals));
     let all = if trials == trials_there && *trials < 3 { " (all)" } else { "" };
     format!(
-        "time, {name}: median {:.4} s, MAD {:.4}, quartiles {low:.4} to {high:.4}, averaged over trials; {repetitions} repetitions \
+        "time, {name}: median {median} s, MAD {mad}, quartiles {low} to {high}, averaged over trials; {repetitions} repetitions \
          of {}{all}, {warm_up} warm-up",
-        spread.median,
-        spread.mad,
         counted(*trials, "trial"),
     )
 }

@@ -50,6 +50,19 @@ fn the_time_of_a_process_is_that_of_its_encoder_where_it_states_one() {
     assert_eq!(serde_json::to_value(&cell).unwrap()["timing"]["scope"], "as the method states");
 }
 
+/// It took 4.8 µs, with a deviation of 0.3 µs.
+#[test]
+fn a_time_below_half_a_millisecond_has_digits() {
+    let table = with_process(|results| {
+        for row in results.timings.iter_mut().filter(|row| row.key.method == "atsplat") {
+            row.stages = BTreeMap::from([("encode".to_owned(), vec![4.5e-6, 4.6e-6, 4.8e-6, 5.1e-6, 9.9e-6])]);
+        }
+    });
+    assert_eq!(time(&table).0, "0.00000480 †");
+    let start = "time, ATSplat: median 0.00000480 s, MAD 0.00000030, quartiles 0.0000046";
+    assert!(notes(&table).iter().any(|note| note.starts_with(start)), "{:?}", notes(&table));
+}
+
 #[test]
 fn the_time_of_a_process_is_the_whole_answer_unless_every_trial_states_its_encoder() {
     let one_is_silent = |results: &mut Results| {
