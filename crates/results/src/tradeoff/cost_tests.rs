@@ -220,12 +220,11 @@ fn a_point_is_not_compared_with_one_that_it_beats() {
     assert_eq!((last.standing, last.against.is_none()), (Standing::NotDistinguishable, true), "{last:?}");
 }
 
-/// Six scenes, in which the second setting is 1 dB better.
-#[test]
-fn prices_of_unreliable_times_are_marked() {
+/// Six scenes, in which the second setting is better by so many decibels; both with their seconds.
+fn two_settings(gain: f64, [cheap, dear]: [f64; 2]) -> Results {
     let scene = |name, psnr| [(name, 0, vec![psnr])];
     let mut store = Results::default();
-    for (method, gain, secs) in [("a", 0.0, 0.5), ("b", 1.0, 1.0)] {
+    for (method, gain, secs) in [("a", 0.0, cheap), ("b", gain, dear)] {
         for (name, psnr) in ["s", "t", "u", "v", "w", "x"].into_iter().zip([20.0, 21.0, 22.0, 23.0, 24.0, 25.0]) {
             let rows = results(method, "psnr", &scene(name, psnr + gain));
             store.trials.extend(rows.trials);
@@ -235,6 +234,12 @@ fn prices_of_unreliable_times_are_marked() {
         store.provenance.methods.push(MethodRecord { name: method.to_owned(), ..MethodRecord::default() });
     }
     store.provenance.presets.push(preset_record(PRESET, Aggregation::SceneMeans));
+    store
+}
+
+#[test]
+fn prices_of_unreliable_times_are_marked() {
+    let mut store = two_settings(1.0, [0.5, 1.0]);
     let price = "the next 0.1 dB for +50.0 ms";
     let quiet = text(only(&store));
     assert!(quiet.contains(&format!("{price} and +0 Gaussians\n")) && !quiet.contains('§'), "{quiet}");
@@ -248,4 +253,21 @@ fn prices_of_unreliable_times_are_marked() {
     unpaid.frontiers[0].prices = vec![price];
     let unpaid = text(unpaid);
     assert!(unpaid.contains("the next 0.1 dB for no measurable time\n"), "{unpaid}");
+}
+
+/// A frontier of settings that all look the same would contradict itself.
+#[test]
+fn what_decides_is_not_printed_as_zero() {
+    let fast = text(only(&two_settings(1.0, [4.8e-6, 7.2e-6])));
+    assert!(fast.contains(" 0.00480 ±0.00000 ") && fast.contains(" 0.0072 ±0.0000 "), "{fast}");
+    assert!(fast.contains("the next 0.1 dB for +0.000240 ms and +0 Gaussians\n"), "{fast}");
+    let close = text(only(&two_settings(0.000_02, [0.5, 1.0])));
+    for expected in [
+        " 500.0 ±0.0 ",
+        "-0.0000200 (-0.0000200 to -0.0000200) from b",
+        "+0.0000200 (+0.0000200 to +0.0000200) from a",
+        "a to b, 0.0000200 dB better (0.0000200 to 0.0000200): the next 0.1 dB for ",
+    ] {
+        assert!(close.contains(expected), "{expected}: {close}");
+    }
 }

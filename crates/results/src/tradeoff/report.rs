@@ -126,6 +126,29 @@ const fn marks(whole_answer: bool, busy: bool) -> &'static str {
     }
 }
 
+/// Decimals of qualities and their differences.
+const QUALITY_DECIMALS: usize = 4;
+
+/// `decimals`, or two more than it takes to show a number that would print as 0 and is not.
+fn decimals_of(value: f64, decimals: usize) -> usize {
+    const MOST_MORE: usize = 6;
+    let prints_zero =
+        |decimals: usize| format!("{value:.decimals$}").chars().all(|letter| matches!(letter, '-' | '0' | '.'));
+    match (decimals..=decimals + MOST_MORE).find(|decimals| !prints_zero(*decimals)) {
+        Some(more) if more > decimals => more + 2,
+        _ => decimals,
+    }
+}
+
+/// Decimals of a difference and its interval: enough to show that the interval excludes 0, if it does.
+fn decimals_of_difference(interval: [f64; 2]) -> usize {
+    match interval {
+        [low, _] if low > 0.0 => decimals_of(low, QUALITY_DECIMALS),
+        [_, high] if high < 0.0 => decimals_of(high, QUALITY_DECIMALS),
+        _ => QUALITY_DECIMALS,
+    }
+}
+
 /// `are_stated` says whether times were stated: such a time is a single number, without an interval over repetitions.
 fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier, are_stated: bool) -> fmt::Result {
     let mut on_frontier = frontier.points.iter().filter(|point| point.on_frontier());
@@ -140,22 +163,26 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier, are_stated: bool) -> 
             Standing::NotDistinguishable => "?",
         };
         let marks = marks(*whole_answer, *busy);
-        let error = if are_stated { String::new() } else { format!(" ±{:.1}", 1e3 * secs_error) };
-        let time = |secs: f64| format!("{:.1}{error}{marks}", 1e3 * secs);
+        let time = |secs: f64| {
+            let decimals = decimals_of(1e3 * secs, 1);
+            let error = if are_stated { String::new() } else { format!(" ±{:.decimals$}", 1e3 * secs_error) };
+            format!("{:.decimals$}{error}{marks}", 1e3 * secs)
+        };
         let ms = secs.map_or("-".to_owned(), time);
         let gaussians = gaussians.map_or("-".to_owned(), |count| format!("{count:.0}"));
         let difference = against.as_ref().map_or_else(String::new, |against| {
             let difference = against.difference;
+            let decimals = difference.interval.map_or(QUALITY_DECIMALS, decimals_of_difference);
             let interval = difference.interval.map_or_else(
                 || format!("no interval with fewer than {MIN_SCENES} scenes"),
-                |[low, high]| format!("{low:+.4} to {high:+.4}"),
+                |[low, high]| format!("{low:+.decimals$} to {high:+.decimals$}"),
             );
             let unpaired = match difference.unpaired {
                 0 => String::new(),
                 1 => ", without 1 target that only one of them has".to_owned(),
                 count => format!(", without {count} targets that only one of them has"),
             };
-            format!("{:+.4} ({interval}) from {}{unpaired}", difference.value, against.label)
+            format!("{:+.decimals$} ({interval}) from {}{unpaired}", difference.value, against.label)
         });
         let verdict = match standing {
             Standing::NotDistinguishable => ", not distinguishable",
@@ -174,14 +201,17 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
     for price in &frontier.prices {
         let Price { from, to, gain, gain_interval: [low, high], step, secs, gaussians, .. } = price;
         let marks = marks(price.whole_answer, price.busy);
-        let ms = secs.map(|secs| format!("{:+.1} ms{marks}", 1e3 * secs));
-        let gaussians = gaussians.map(|count| format!("{count:+.0} Gaussians"));
+        let ms =
+            secs.map(|secs| format!("{:+.decimals$} ms{marks}", 1e3 * secs, decimals = decimals_of(1e3 * secs, 1)));
+        let gaussians =
+            gaussians.map(|count| format!("{count:+.decimals$} Gaussians", decimals = decimals_of(count, 0)));
         let paid: Vec<String> = ms.into_iter().chain(gaussians).collect();
         let paid = if paid.is_empty() { "no measurable time".to_owned() } else { paid.join(" and ") };
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        let decimals = decimals_of_difference([*low, *high]);
         writeln!(
             f,
-            "  {from} to {to}, {gain:.4}{unit} better ({low:.4} to {high:.4}): the next {step}{unit} for {paid}"
+            "  {from} to {to}, {gain:.decimals$}{unit} better ({low:.decimals$} to {high:.decimals$}): the next {step}{unit} for {paid}"
         )?;
     }
     if frontier.prices.is_empty() && frontier.points.len() > 1 {
