@@ -40,7 +40,8 @@ pub struct FrameTimings {
 #[serde(rename_all = "kebab-case")]
 struct Row {
     stage: &'static str,
-    first_ms: f64,
+    /// Of the first frame; `None` if the stage is of later ones only.
+    first_ms: Option<f64>,
     median_ms: Option<f64>,
     /// Median absolute deviation from the median.
     mad_ms: Option<f64>,
@@ -57,22 +58,23 @@ impl FrameTimings {
         for name in names {
             let of_frame =
                 |frame: &&FrameTiming| frame.stages.iter().find(|stage| stage.name == name).map(|stage| stage.secs);
-            rows.extend(Row::of(name, rendered.iter().filter_map(of_frame)));
+            rows.extend(Row::of(name, rendered.iter().map(of_frame)));
         }
-        let render = Row::of("render", rendered.iter().map(|frame| frame.render_secs));
+        let render = Row::of("render", rendered.iter().map(|frame| Some(frame.render_secs)));
         let frames_per_second = render.as_ref().and_then(|row| row.median_ms).map(|median| 1e3 / median);
         rows.extend(render);
-        rows.extend(Row::of("encode, write", rendered.iter().map(|frame| frame.write_secs)));
+        rows.extend(Row::of("encode, write", rendered.iter().map(|frame| Some(frame.write_secs))));
         let device = rendered.iter().filter_map(|frame| frame.device).reduce(|all, frame| all + frame);
         Self { reading_secs, frames: rendered.len().saturating_sub(1), frames_per_second, device, rows }
     }
 }
 
 impl Row {
-    fn of(stage: &'static str, secs: impl Iterator<Item = f64>) -> Option<Self> {
-        let mut ms = secs.map(|secs| 1e3 * secs);
+    /// Of the seconds of every frame, `None` for a frame without the stage; `None` without a frame.
+    fn of(stage: &'static str, secs: impl Iterator<Item = Option<f64>>) -> Option<Self> {
+        let mut ms = secs.map(|secs| Some(1e3 * secs?));
         let first_ms = ms.next()?;
-        let rest: Vec<f64> = ms.collect();
+        let rest: Vec<f64> = ms.flatten().collect();
         let median_ms = median(rest.iter().copied());
         let mad_ms = median_ms.and_then(|middle| median(rest.iter().map(|ms| (ms - middle).abs())));
         Some(Self { stage, first_ms, median_ms, mad_ms })
@@ -84,8 +86,8 @@ impl fmt::Display for FrameTimings {
         writeln!(f, "\n{:>12}  {:>10} {:>10} {:>8}   milliseconds per frame", "", "median", "MAD", "first")?;
         let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
         for row in &self.rows {
-            let (median, mad) = (shown(row.median_ms), shown(row.mad_ms));
-            writeln!(f, "{:>13} {median:>10} {mad:>10} {:>8.2}", row.stage, row.first_ms)?;
+            let [median, mad, first] = [row.median_ms, row.mad_ms, row.first_ms].map(shown);
+            writeln!(f, "{:>13} {median:>10} {mad:>10} {first:>8}", row.stage)?;
         }
         write!(
             f,
@@ -124,7 +126,8 @@ mod tests {
         let timings = FrameTimings::of(0.5, &[frame(100.0), frame(4.0), frame(7.0), frame(5.0), frame(20.0)]);
         assert_eq!((timings.frames, timings.rows.len()), (4, 3));
         let row = &timings.rows[0];
-        let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
+        let found =
+            [row.first_ms.unwrap(), row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
         Tolerance::relative(1e-12).assert(found, [100.0, 6.0, 1.5, 1e3 / 12.0], "medians");
     }
 
@@ -148,6 +151,9 @@ mod tests {
         let names: Vec<&str> = timings.rows.iter().map(|row| row.stage).collect();
         assert_eq!(names, ["sort", "upload", "render", "encode, write"]);
         Tolerance::relative(1e-12).assert(timings.rows[0].median_ms, [7.0], "sort alone");
+        let upload = &timings.rows[1];
+        assert_eq!(upload.first_ms, None, "the first frame had none");
+        Tolerance::relative(1e-12).assert(upload.median_ms, [1000.0], "upload");
     }
 
     #[test]
