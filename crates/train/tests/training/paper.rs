@@ -81,7 +81,7 @@ fn every_row_of_the_papers_tables_has_a_configuration() {
     }
 }
 
-/// "a total batch size of 32 for RealEstate10K and 64 for DL3DV experiments", whatever their resolution; AdamW's decay and rate; the
+/// "a total batch size of 32 for RealEstate10K and 64 for DL3DV experiments", whatever their resolution; the optimiser's decay and rate; the
 /// weights of the losses; the numbers of input views.
 #[test]
 fn what_the_paper_states_is_in_every_configuration() {
