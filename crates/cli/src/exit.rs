@@ -46,8 +46,3 @@ impl<A: clap::Args> WithStrict<A> {
         Ok(if self.strict && !complete { Exit::Skipped } else { Exit::Done })
     }
 }
-
-/// The exit of a command that never skips anything.
-pub(crate) fn done(outcome: anyhow::Result<bool>) -> anyhow::Result<Exit> {
-    outcome.map(|_complete| Exit::Done)
-}

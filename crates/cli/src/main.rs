@@ -46,7 +46,7 @@ use anyhow::Context as _;
 use atsplat_results::Provenance;
 use clap::{Parser, Subcommand};
 
-use crate::exit::{Exit, WithStrict, done};
+use crate::exit::{Exit, WithStrict};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -185,10 +185,10 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Score(args) => args.run(run::score::run),
         Command::Merge(args) => args.run(run::merge::run),
         Command::Report(args) => args.run(report::run),
-        Command::Reconstruct(args) => done(reconstruct::run(args)),
+        Command::Reconstruct(args) => reconstruct::run(args).map(|()| Exit::Done),
         Command::Fit(args) => fit::run(args).map(|()| Exit::Done),
-        Command::Weights(command) => done(weights::run(command)),
-        Command::Adapters(args) => done(adapters::run(args)),
+        Command::Weights(command) => weights::run(command).map(|()| Exit::Done),
+        Command::Adapters(args) => adapters::run(args).map(|()| Exit::Done),
         Command::Drift(args) => drift::run(args),
         Command::Tradeoff(args) => tradeoff::run(args),
         Command::Expansion(args) => args.run(expansion::run),

@@ -10,7 +10,7 @@ mod undistort;
 
 use clap::Subcommand;
 
-use crate::exit::{Exit, WithStrict, done};
+use crate::exit::{Exit, WithStrict};
 
 const INSPECT_STRICT: &str = "Exit with code 4 if scenes cannot be read, rows seem to be lost or wrong, a scene's cameras are all \
                               in one place, or images are missing, empty, cut short, cannot be read or do not fit their \
@@ -52,7 +52,7 @@ pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
         Command::Inspect(args) => args.run(inspect::run),
         Command::Motion(args) => args.run(motion::run),
         Command::Export(args) => args.run(export::run),
-        Command::Simulate(args) => done(simulate::run(args)),
+        Command::Simulate(args) => simulate::run(args).map(|()| Exit::Done),
         Command::Frames(args) => args.run(frames::run),
         Command::Undistort(args) => args.run(undistort::run),
     }

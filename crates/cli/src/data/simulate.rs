@@ -116,8 +116,7 @@ struct SceneRecord {
     costs: Option<FrameCosts>,
 }
 
-/// Simulates; always `true`, because nothing is skipped.
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.check_lens()?;
     let _lock = lock_empty(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
@@ -151,7 +150,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     args.report_absent(&report);
-    Ok(true)
+    Ok(())
 }
 
 impl Args {

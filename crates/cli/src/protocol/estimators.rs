@@ -38,7 +38,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let estimators = estimators()?;
     let _outputs = OutputFiles::of(args.plot.as_ref().map(PlotFile::path))?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
@@ -49,8 +49,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some(plot) = plot {
         plot.finish(|format| estimator_scatter(&report, &estimators).draw().encode(format))?;
     }
-    print_report(&report, args.json)?;
-    Ok(true)
+    print_report(&report, args.json)
 }
 
 /// All estimators of this build.

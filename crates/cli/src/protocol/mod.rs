@@ -9,7 +9,7 @@ mod presets;
 
 use clap::Subcommand;
 
-use crate::exit::{Exit, WithStrict, done};
+use crate::exit::{Exit, WithStrict};
 
 const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, no \
                            entries, another protocol's index or targets, dropped scenes, or other trials than --against";
@@ -47,11 +47,11 @@ pub(crate) enum Command {
 /// Runs a subcommand.
 pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
     match command {
-        Command::List(args) => done(presets::list(args)),
-        Command::Show(args) => done(presets::show(args)),
+        Command::List(args) => presets::list(args).map(|()| Exit::Done),
+        Command::Show(args) => presets::show(args).map(|()| Exit::Done),
         Command::Lint(args) => args.run(lint::run),
         Command::Overlap(args) => args.run(overlap::run),
-        Command::Estimators(args) => done(estimators::run(args)),
+        Command::Estimators(args) => estimators::run(args).map(|()| Exit::Done),
         Command::Extrapolate(args) => args.run(extrapolate::run),
         Command::Build(args) => args.run(build::run),
     }

@@ -29,10 +29,9 @@ struct Row {
 #[serde(transparent)]
 struct Presets(Vec<Row>);
 
-pub(crate) fn list(args: &ListArgs) -> anyhow::Result<bool> {
+pub(crate) fn list(args: &ListArgs) -> anyhow::Result<()> {
     let rows = Preset::names().map(|name| Preset::named(name).map(row)).collect::<Result<_, _>>()?;
-    print_report(&Presets(rows), args.json)?;
-    Ok(true)
+    print_report(&Presets(rows), args.json)
 }
 
 fn row(preset: Preset) -> Row {
@@ -66,9 +65,8 @@ pub(crate) struct ShowArgs {
     json: bool,
 }
 
-pub(crate) fn show(args: &ShowArgs) -> anyhow::Result<bool> {
+pub(crate) fn show(args: &ShowArgs) -> anyhow::Result<()> {
     let preset = Preset::resolve(&args.preset)?;
     let text = if args.json { serde_json::to_string_pretty(&preset)? + "\n" } else { preset.to_toml()? };
-    print_text(&text)?;
-    Ok(true)
+    print_text(&text)
 }

@@ -69,8 +69,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Reconstructs; always `true`, because nothing is skipped.
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.check()?;
     let (processor, seed) = (args.network.device.processor, args.network.call_seed());
     let processors = args.network.device.open_for_networks()?;
@@ -138,7 +137,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some(message) = report.record.weights.untrained() {
         warn(&format!("UNTRAINED: {message}"));
     }
-    Ok(true)
+    Ok(())
 }
 
 /// What failed, if the network does.

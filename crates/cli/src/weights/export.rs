@@ -44,7 +44,7 @@ struct Report {
     out: PathBuf,
 }
 
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let inputs = [Input::File("weights file", &args.file), Input::Toml("key map", &args.key_map)];
     check_output("--out", &args.out, &inputs)?;
     let map = KeyMap::resolve(&args.key_map)?;
@@ -64,8 +64,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         tensors: exported.tensors.len(),
         out: args.out.clone(),
     };
-    print_report(&report, args.json)?;
-    Ok(true)
+    print_report(&report, args.json)
 }
 
 impl fmt::Display for Report {

@@ -69,7 +69,7 @@ pub(crate) struct Args {
 const PRECISIONS: [(&str, Precision); 3] =
     [("f32", Precision::Single), ("f16", Precision::Half), ("bf16", Precision::Brain)];
 
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.check()?;
     let requested = args.model.as_deref().map(ModelConfig::resolve).transpose()?;
     let map = KeyMap::resolve(&args.key_map)?;
@@ -123,8 +123,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         out.finish(&bytes)?;
         report.out.clone_from(&args.out);
     }
-    print_report(&report, args.json)?;
-    Ok(true)
+    print_report(&report, args.json)
 }
 
 impl Args {

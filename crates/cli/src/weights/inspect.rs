@@ -20,7 +20,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let file = embedded::find(&args.file, || embedded::or_a_file("a file of weights"))?;
     let checkpoint = CheckpointFile::is_one(&file.stored).then(|| match CheckpointFile::read(&file) {
         Ok(checkpoint) => checkpoint.to_string(),
@@ -31,6 +31,5 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Some(description) => inspection.of_checkpoint(description),
         None => inspection,
     };
-    print_report(&inspection, args.json)?;
-    Ok(true)
+    print_report(&inspection, args.json)
 }

@@ -19,8 +19,8 @@ pub(crate) enum Command {
     Verify(verify::Args),
 }
 
-/// Runs a subcommand; always `true`, because nothing is skipped.
-pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
+/// Runs a subcommand.
+pub(crate) fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Import(args) => import::run(args),
         Command::Export(args) => export::run(args),

@@ -29,15 +29,14 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let config = args.model.as_deref().map(ModelConfig::resolve).transpose()?;
     let file = embedded::find(&args.file, || match &config {
         Some(config) => ModelWeights::advice(config, args.sha256),
         None => embedded::or_a_file("a file of weights"),
     })?;
     if CheckpointFile::is_one(&file.stored) {
-        print_report(&of_checkpoint(file, config.as_ref(), args.sha256)?, args.json)?;
-        return Ok(true);
+        return print_report(&of_checkpoint(file, config.as_ref(), args.sha256)?, args.json);
     }
     // A configuration that cannot be read is an error of the verification.
     let stored = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored));
@@ -46,8 +45,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some((requested, written_for)) = config.as_ref().zip(written_for.as_ref()) {
         same_network(requested, written_for).context("--model")?;
     }
-    print_report(&verification, args.json)?;
-    Ok(true)
+    print_report(&verification, args.json)
 }
 
 fn of_checkpoint(
