@@ -11,8 +11,8 @@ pub(crate) enum Exit {
     Failed,
     /// Done, but numbers drifted from their baseline.
     Drifted,
-    /// Done, but scenes were skipped and `--strict` was given.
-    Skipped,
+    /// Something was skipped, is missing or failed, and `--strict` was given.
+    Incomplete,
 }
 
 impl From<Exit> for ExitCode {
@@ -22,7 +22,7 @@ impl From<Exit> for ExitCode {
             Exit::UsageError => Self::from(2),
             Exit::Failed => Self::FAILURE,
             Exit::Drifted => Self::from(3),
-            Exit::Skipped => Self::from(4),
+            Exit::Incomplete => Self::from(4),
         }
     }
 }
@@ -40,9 +40,9 @@ pub(crate) struct WithStrict<A: clap::Args> {
 }
 
 impl<A: clap::Args> WithStrict<A> {
-    /// Runs the command, which returns whether it skipped nothing.
+    /// Runs the command, which returns whether its results are complete.
     pub(crate) fn run(&self, command: impl FnOnce(&A) -> anyhow::Result<bool>) -> anyhow::Result<Exit> {
         let complete = command(&self.args)?;
-        Ok(if self.strict && !complete { Exit::Skipped } else { Exit::Done })
+        Ok(if self.strict && !complete { Exit::Incomplete } else { Exit::Done })
     }
 }

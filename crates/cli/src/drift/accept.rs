@@ -75,7 +75,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
             warn(&format!("{}: {gap}", args.store.display()));
         }
         warn(&format!("--strict: {} was not written", args.baseline.display()));
-        return Ok(Exit::Skipped);
+        return Ok(Exit::Incomplete);
     }
     let repeats = repeats(args, place, &results)?;
     let (limits, why) = (args.limit.as_slice(), args.why.as_str());
