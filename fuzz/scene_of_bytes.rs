@@ -8,7 +8,7 @@ use atsplat_splat::{
 use glam::{DMat3, DVec3};
 
 /// More would only slow the fuzzer down.
-const MOST_GAUSSIANS: usize = 48;
+const MAX_GAUSSIANS: usize = 48;
 const LONGEST_SIDE: u32 = 24;
 
 /// Reads a scene from bytes, zeros where they end: switches, the camera, then as many Gaussians as the bytes hold.
@@ -60,7 +60,7 @@ fn gaussians(reader: &mut Reader<'_>, switches: u8) -> Gaussians {
         filter_3d: (switches & 16 != 0).then(Vec::new),
         ..GaussianParts::default()
     };
-    while !reader.0.is_empty() && parts.means.len() < MOST_GAUSSIANS {
+    while !reader.0.is_empty() && parts.means.len() < MAX_GAUSSIANS {
         parts.means.push(reader.floats());
         parts.quaternions.push(reader.floats());
         parts.log_scales.push(reader.floats());

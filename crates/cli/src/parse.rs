@@ -60,9 +60,9 @@ pub(crate) fn frames(text: &str) -> Result<usize, String> {
 
 /// One line of at most 80 characters, without the spaces around it.
 pub(crate) fn short_line(text: &str, expected: &str) -> Result<String, InvalidText> {
-    const MOST: usize = 80;
+    const MAX: usize = 80;
     let line = text.trim();
-    let is_short = !line.is_empty() && line.chars().count() <= MOST && !line.contains(char::is_control);
+    let is_short = !line.is_empty() && line.chars().count() <= MAX && !line.contains(char::is_control);
     if is_short { Ok(line.to_owned()) } else { Err(InvalidText::new(expected, text)) }
 }
 

@@ -89,10 +89,10 @@ impl State {
 
 /// Items a second in two significant digits, or in a minute or an hour if they are few: `79/s`, `0.46/s`, `2.1/min`.
 fn rate_in_words(rate: f64) -> String {
-    const LEAST: f64 = 0.1;
+    const MIN: f64 = 0.1;
     let units = [(rate, "s"), (60.0 * rate, "min")];
     let few = (3600.0 * rate, "h");
-    let (value, unit) = units.into_iter().find(|(value, _)| *value >= LEAST).unwrap_or(few);
+    let (value, unit) = units.into_iter().find(|(value, _)| *value >= MIN).unwrap_or(few);
     let digits = match value {
         9.95.. => 0,
         0.995.. => 1,

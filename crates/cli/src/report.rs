@@ -166,7 +166,7 @@ const FORMATS: [(&str, TableFormat); 5] = [
 
 /// `psnr=3`: a metric or seconds, with the decimals of its numbers.
 fn decimals(text: &str) -> Result<(Quantity, usize), String> {
-    const MOST: usize = 9;
+    const MAX: usize = 9;
     let Some((quantity, decimals)) = text.split_once('=') else {
         return Err(format!("expected COLUMN=DECIMALS, such as psnr=3, found {text:?}"));
     };
@@ -175,8 +175,8 @@ fn decimals(text: &str) -> Result<(Quantity, usize), String> {
         return Err(format!("expected a metric or seconds, found {}, which has no decimals", quantity.id()));
     }
     match decimals.parse::<usize>() {
-        Ok(count) if count <= MOST => Ok((quantity, count)),
-        _ => Err(format!("expected 0 to {MOST} decimals, found {decimals:?}")),
+        Ok(count) if count <= MAX => Ok((quantity, count)),
+        _ => Err(format!("expected 0 to {MAX} decimals, found {decimals:?}")),
     }
 }
 

@@ -100,7 +100,7 @@ pub fn metric_bound(metric: &str) -> Tolerance {
 const WIDE: f64 = 10.0;
 
 /// The largest multiple of the largest difference between two of the repeated runs that a limit may have.
-const MOST_DIFFERENCES: f64 = 4.0;
+const MAX_DIFFERENCES: f64 = 4.0;
 
 impl Limit {
     /// Whether it was stated, not estimated.
@@ -145,7 +145,7 @@ impl Limit {
 ///
 /// With `n` runs whose means have the standard deviation `s`, the difference between the baseline's mean and that of another
 /// run stays within `t · s · √2` in 99 of 100 cases, where `t` is Student's quantile with `n − 1` degrees of freedom. For few runs
-/// `t` is so large (63.7 for two) that no change would ever be beyond the limit: it is at most [`MOST_DIFFERENCES`] times the
+/// `t` is so large (63.7 for two) that no change would ever be beyond the limit: it is at most [`MAX_DIFFERENCES`] times the
 /// largest difference between two of the runs, which decides up to about four runs. The limit of a scene's mean is as many times the
 /// largest difference of one. Without a target that all runs have a score for, it is the least limit.
 pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
@@ -156,7 +156,7 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         let means: Vec<f64> = compared.iter().filter_map(|run| mean_of(run, Aggregation::SceneMeans)).collect();
         let least = least_limit(metric);
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
-        let scene = largest_of_scene(&compared).map(|largest| MOST_DIFFERENCES * largest);
+        let scene = largest_of_scene(&compared).map(|largest| MAX_DIFFERENCES * largest);
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
         let origin = if means.len() > 1 { LimitOrigin::Estimated(means.len() as u64) } else { LimitOrigin::Least };
         Limit { preset, method, metric, limit, origin, scene }
@@ -230,7 +230,7 @@ fn spread(means: &[f64]) -> Option<f64> {
     let [low, high] = means.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.minimum_of(*value), high.maximum_of(*value)]
     });
-    Some((student_quantile(0.995, freedom) * (2.0 * variance).sqrt()).minimum_of(MOST_DIFFERENCES * (high - low)))
+    Some((student_quantile(0.995, freedom) * (2.0 * variance).sqrt()).minimum_of(MAX_DIFFERENCES * (high - low)))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ pub fn adapter_record(adapter: &AdapterDescription) -> AdapterRecord {
 }
 
 /// Least limit on an adapter's memory: more than its self-test needs.
-const LEAST_MEMORY: u64 = 64 << 20;
+const MIN_MEMORY: u64 = 64 << 20;
 
 /// Where methods run their networks and render their Gaussians: the CPU, or one graphics adapter for both.
 #[derive(Clone, Debug, Default)]
@@ -46,7 +46,7 @@ impl ComputeDevice {
     ) -> Result<Self, EvalError> {
         let Some((number, description)) = processor.adapter()? else { return Ok(Self::default()) };
         tracing::info!(number, adapter = %description, "chose a graphics adapter");
-        let options = GpuOptions { memory_limit: memory_limit.max(LEAST_MEMORY), ..GpuOptions::default() };
+        let options = GpuOptions { memory_limit: memory_limit.max(MIN_MEMORY), ..GpuOptions::default() };
         let renderer = GpuRenderer::observed(&AdapterChoice::Index(number), options, observer);
         let renderer = renderer.map_err(|error| ModelError::from(SplatError::from(error)))?;
         let backend = Backend::shared(Box::new(renderer), Some(adapter_record(&description)));

@@ -103,16 +103,16 @@ pub fn camera_extent<'a>(views: impl IntoIterator<Item = &'a View>) -> f64 {
 }
 
 /// Least extent in units of the median depth of the initial Gaussians.
-const LEAST_EXTENT: f64 = 0.5;
+const MIN_EXTENT: f64 = 0.5;
 /// Most pairs of a Gaussian and a camera of which the median depth is computed exactly: their depths take 256 MiB.
-const MOST_PAIRS: usize = 1 << 25;
+const MAX_PAIRS: usize = 1 << 25;
 
 /// The extent that learning rates and thresholds are multiples of: [`camera_extent`], but at least half the median depth at
 /// which cameras see the initial Gaussians. The published radius of the cameras is meant for captures around a scene; where cameras hardly
 /// move, a hundredth of it is smaller than a pixel.
 pub(crate) fn scene_extent(views: &[TrainingView], means: &[[f32; 3]]) -> Result<f64, FitError> {
     let cameras = views.iter().map(|view| view.view.camera.projector()).collect::<Result<Vec<_>, _>>()?;
-    let by_depth = median_depth(&cameras, means, MOST_PAIRS).map_or(0.0, |depth| LEAST_EXTENT * depth);
+    let by_depth = median_depth(&cameras, means, MAX_PAIRS).map_or(0.0, |depth| MIN_EXTENT * depth);
     Ok(camera_extent(views.iter().map(|view| &view.view)).maximum_of(by_depth))
 }
 

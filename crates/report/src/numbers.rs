@@ -29,9 +29,9 @@ pub(crate) fn to_three_digits(value: f64) -> String {
 
 /// A number with three significant digits, or more before its point: `0.00412`, `0.590`, `121`.
 pub(crate) fn significant_digits(value: f64) -> String {
-    const MOST_DECIMALS: usize = 9;
+    const MAX_DECIMALS: usize = 9;
     let has_three = |decimals: &usize| value.abs() * 10f64.powf(*decimals as f64) >= 99.95;
-    match (0..=MOST_DECIMALS).find(has_three) {
+    match (0..=MAX_DECIMALS).find(has_three) {
         Some(decimals) => fixed(value, decimals),
         None if value == 0.0 => "0".to_owned(),
         None => format!("{value:.2e}"),
@@ -55,14 +55,14 @@ pub(crate) fn count_label(value: f64) -> String {
 
 /// `decimals`, or as many as show that an interval does not contain 0, if both ends are on one side of it and one would print as 0.
 pub(crate) fn decimals_of(interval: Option<[f64; 2]>, decimals: usize) -> usize {
-    const MOST_MORE: usize = 6;
+    const MAX_MORE: usize = 6;
     let nearest = match interval {
         Some([low, _]) if low > 0.0 => low,
         Some([_, high]) if high < 0.0 => high,
         _ => return decimals,
     };
     let is_zero = |decimals: usize| fixed(nearest, decimals).chars().all(|letter| matches!(letter, '0' | '.'));
-    (decimals..=decimals + MOST_MORE).find(|decimals| !is_zero(*decimals)).unwrap_or(decimals)
+    (decimals..=decimals + MAX_MORE).find(|decimals| !is_zero(*decimals)).unwrap_or(decimals)
 }
 
 /// `decimals`, or two more than it takes to show a number that would print as 0 and is not.

@@ -87,7 +87,7 @@ pub(crate) struct Candidates {
 }
 
 /// Longest list of objects.
-const MOST: usize = 32;
+const MAX: usize = 32;
 
 /// Where the packet enters an object's box, the object's link, and the box: low and high by axis.
 type Entered = (f32, u32, [(f32, f32); 3]);
@@ -107,7 +107,7 @@ impl Candidates {
                     found.push((enters[slot], link, node.planes.map(|[low, high]| (low[slot], high[slot]))));
                 }
             }
-            if found.len() > MOST {
+            if found.len() > MAX {
                 return Self { nodes: Vec::new(), complete: false };
             }
         }

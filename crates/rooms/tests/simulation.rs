@@ -161,7 +161,7 @@ fn a_lens_that_was_left_out_is_no_difference_from_all_effects() {
 }
 
 /// A twentieth of a step of 8 bits.
-const LEAST_DIFFERENCE: f64 = 0.05 / 255.0;
+const MIN_DIFFERENCE: f64 = 0.05 / 255.0;
 
 #[test]
 fn each_needed_effect_changes_images() {
@@ -174,7 +174,7 @@ fn each_needed_effect_changes_images() {
             let others = kinds.iter().copied().filter(|other| *other != effect).collect();
             let without =
                 Simulation::new(Request { effects: EffectChoice::Only(others), ..request(kind, number) }).unwrap();
-            if mean_difference(&auto, &without, 20) > LEAST_DIFFERENCE {
+            if mean_difference(&auto, &without, 20) > MIN_DIFFERENCE {
                 seen.push(effect);
             }
         }

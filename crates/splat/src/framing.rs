@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 use crate::{Gaussians, LOG_SCALE_LIMIT};
 
 /// Gaussians with a smaller opacity are drawn nowhere, with the constants of published rasterizers.
-const LEAST_OPACITY: f64 = 1.0 / 255.0;
+const MIN_OPACITY: f64 = 1.0 / 255.0;
 /// Gaussians with a smaller opacity logit are ignored, if the others have most of the opacity.
 const VISIBLE_LOGIT: f32 = -2.0;
 /// Extent of a Gaussian in standard deviations.
@@ -51,7 +51,7 @@ fn rotation(wxyz: &[f32; 4]) -> DMat3 {
 /// The smallest opacity logit of the Gaussians that are framed.
 fn least_logit(gaussians: &Gaussians) -> f32 {
     let parts = gaussians.parts();
-    let drawn_at_all = logit(LEAST_OPACITY);
+    let drawn_at_all = logit(MIN_OPACITY);
     let (mut all, mut visible) = (0.0, 0.0);
     for (log_scales, logit) in parts.log_scales.iter().zip(&parts.opacity_logits) {
         if *logit >= drawn_at_all && can_be_drawn(log_scales) {

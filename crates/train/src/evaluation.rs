@@ -19,7 +19,7 @@ use crate::objective::target_views;
 use crate::samples::{PosedImages, Sample, SampleId, Source, digest_of_all, pixel_size};
 
 /// Most memory for the images of an evaluation's samples, which are all kept: 8 GiB.
-const MOST_BYTES: u64 = 8 << 30;
+const MAX_BYTES: u64 = 8 << 30;
 
 /// The fixed samples of an evaluation.
 #[derive(Debug)]
@@ -169,11 +169,11 @@ impl Evaluation {
     }
 }
 
-/// An error for more samples of this many views than fit into [`MOST_BYTES`].
+/// An error for more samples of this many views than fit into [`MAX_BYTES`].
 pub(crate) fn require_memory(samples: u64, views: usize, size: ImageSize) -> Result<(), TrainError> {
     let factors = [views, size.height, size.width, 3, size_of::<f32>()];
     let each = factors.into_iter().fold(1_u64, |product, factor| product.saturating_mul(factor as u64));
-    let most = MOST_BYTES / each.max(1);
+    let most = MAX_BYTES / each.max(1);
     if samples <= most {
         return Ok(());
     }

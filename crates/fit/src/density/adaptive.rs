@@ -7,7 +7,7 @@ use crate::random::{Purpose, normals};
 use crate::{OptimisedGaussians, Schedule, StopReason};
 
 /// Smallest opacity that is kept.
-const LEAST_OPACITY: f64 = 0.005;
+const MIN_OPACITY: f64 = 0.005;
 /// Opacity to which a reset lowers all Gaussians above it.
 const RESET_OPACITY: f64 = 0.01;
 /// Largest scale of a Gaussian that is cloned rather than split, in extents of the scene.
@@ -74,7 +74,7 @@ impl Adaptive {
         let keeps = |parts: &GaussianParts, position: usize| {
             let of_gaussian = parts.opacity_logits.get(position).zip(parts.log_scales.get(position));
             let (logit, scales) = of_gaussian.expect("a Gaussian at the position");
-            sigmoid(*logit) >= LEAST_OPACITY && (largest(scales) <= LARGEST_SCALE * context.extent || !prune_large)
+            sigmoid(*logit) >= MIN_OPACITY && (largest(scales) <= LARGEST_SCALE * context.extent || !prune_large)
         };
         let mut new = scene.copies(&clones)?;
         append(&mut new, children(&scene.copies(&parents)?, context));

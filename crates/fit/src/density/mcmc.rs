@@ -17,10 +17,10 @@ const REGULARISERS: [f64; 2] = [0.01, 0.01];
 /// Scale of the noise in units of the means' learning rate.
 const NOISE: f64 = 5e5;
 /// Share of the noise below which it is left out: opacities above 0.28, whose means it would not move by a rounding error.
-const LEAST_SHARE: f64 = 1e-12;
+const MIN_SHARE: f64 = 1e-12;
 /// Most Gaussians in one place that the correction of opacity and scale is made for: gsplat's `n_max`
 /// (`gsplat/strategy/mcmc.py`). The published code stops at 50 (ubc-vision/3dgs-mcmc `utils/reloc_utils.py`).
-const MOST_COPIES: usize = 51;
+const MAX_COPIES: usize = 51;
 /// Gaussians per task and per stream of random numbers.
 const BLOCK: usize = 1024;
 
@@ -74,7 +74,7 @@ impl DensityControl for Mcmc {
 /// Opacity of each of `copies` equal Gaussians that replace one, and the factor on its scales, so that the image hardly
 /// changes: equation 9 of the paper (`diff-gaussian-rasterization/cuda_rasterizer/utils.cu`, `compute_relocation`).
 pub fn relocated(opacity: f64, copies: usize) -> (f64, f64) {
-    let copies = copies.clamp(1, MOST_COPIES);
+    let copies = copies.clamp(1, MAX_COPIES);
     let new = 1.0 - (1.0 - opacity).powf(1.0 / copies as f64);
     let mut denominator = 0.0;
     for row in 0..copies {
@@ -177,7 +177,7 @@ fn add_noise(parts: &mut GaussianParts, context: &StepContext) {
         let mut random = stream(seed, Purpose::Noise, block as u64);
         for ((mean, (quaternion, scales)), logit) in means.iter_mut().zip(quaternions.iter().zip(scales)).zip(logits) {
             let share = faintness(sigmoid(*logit));
-            if share < LEAST_SHARE {
+            if share < MIN_SHARE {
                 skip_normals(&mut random);
                 continue;
             }

@@ -7,7 +7,7 @@ use crate::random::{Purpose, stream};
 use crate::{FitError, Strategy, TrainingView, camera_extent};
 
 /// Most draws of a pixel for each point, on average.
-const MOST_DRAWS: usize = 100;
+const MAX_DRAWS: usize = 100;
 
 /// Random points seen by the training cameras, each with the colour of the pixel that it was drawn for: a random pixel of a
 /// random view, at a depth within `depths` whose logarithm is uniform. `None` takes depths from a third to three times the
@@ -36,7 +36,7 @@ pub fn in_frustums(
     }
     let mut random = stream(seed, Purpose::Start, 0);
     let mut points = Vec::with_capacity(count);
-    for _ in 0..count.saturating_mul(MOST_DRAWS) {
+    for _ in 0..count.saturating_mul(MAX_DRAWS) {
         if points.len() == count {
             break;
         }
@@ -45,7 +45,7 @@ pub fn in_frustums(
         points.extend(point(views, &cameras, view, DVec2::new(column, row), depth));
     }
     if points.len() < count {
-        let found = format!("{} of {count} in {MOST_DRAWS} draws for each", points.len());
+        let found = format!("{} of {count} in {MAX_DRAWS} draws for each", points.len());
         return Err(FitError::Start { expected: "random pixels within the lens's field of view", found });
     }
     from_points(&points, strategy)

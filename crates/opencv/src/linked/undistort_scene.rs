@@ -109,14 +109,14 @@ struct RecentMaps(Vec<Rc<LensMap>>);
 
 impl RecentMaps {
     /// A map is as large as several images, and each frame may have a lens of its own.
-    const MOST: usize = 4;
+    const MAX: usize = 4;
 
     fn map(&mut self, camera: Camera, size: ImageSize, mode: UndistortMode) -> Result<Rc<LensMap>, OpenCvError> {
         let map = match self.0.iter().position(|map| map.fits(&camera, size)) {
             Some(at) => self.0.remove(at),
             None => Rc::new(LensMap::new(camera, size, mode)?),
         };
-        self.0.truncate(Self::MOST - 1);
+        self.0.truncate(Self::MAX - 1);
         self.0.insert(0, Rc::clone(&map));
         Ok(map)
     }
@@ -259,7 +259,7 @@ mod tests {
         for k1 in [0.03, 0.04, 0.05, 0.06] {
             recent.map(lens(k1), size, mode).unwrap();
         }
-        assert_eq!(recent.0.len(), RecentMaps::MOST, "a lens for each frame");
+        assert_eq!(recent.0.len(), RecentMaps::MAX, "a lens for each frame");
         assert!(!Rc::ptr_eq(&left, &recent.map(lens(0.01), size, mode).unwrap()));
     }
 

@@ -33,10 +33,10 @@ impl DisparityPlanes {
     /// The planes for context views of this size, in the unit of their cameras.
     pub fn of(&self, context: &[Camera], size: ImageSize) -> NearFar {
         // As published, so that views in one place have planes.
-        const LEAST: f64 = 1e-6;
+        const MIN: f64 = 1e-6;
         let centres: Vec<DVec3> = context.iter().map(|camera| camera.camera_from_world.inverse().centre()).collect();
         let distances = centres.iter().flat_map(|a| centres.iter().map(|b| a.distance(*b)));
-        let baseline = distances.fold(LEAST, |most, distance| if distance > most { distance } else { most });
+        let baseline = distances.fold(MIN, |most, distance| if distance > most { distance } else { most });
         let [width, height] = [size.width, size.height].map(f64::from);
         let pixels = context.iter().flat_map(|camera| {
             let NormalizedIntrinsics { fx, fy, .. } = camera.intrinsics;

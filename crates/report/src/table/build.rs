@@ -91,14 +91,14 @@ pub(super) fn table(
 /// The definition's caption, and what the measured rows were measured on: the sentence that a pasted table keeps.
 fn caption(definition: &TableDefinition, rows: &[Row]) -> String {
     /// More places are named in their rows alone.
-    const MOST: usize = 2;
+    const MAX: usize = 2;
     let measured: Vec<&Row> = rows.iter().filter(|row| row.origin == Origin::Measured).collect();
     if measured.is_empty() {
         return definition.caption.clone();
     }
     let on = distinct(measured.iter().filter_map(|row| Some(row.measured_on.as_ref()?.place.as_str())));
     let place = match on.len() {
-        0..=MOST => on.join("; "),
+        0..=MAX => on.join("; "),
         _ => "what the row says".to_owned(),
     };
     let elsewhere = measured.iter().any(|row| row.measured_on.as_ref().is_some_and(|on| !on.published_setting));

@@ -94,8 +94,8 @@ fn over_overlap(targets: &[SelectedTarget<'_>]) -> Result<Trend, NoTrend> {
     let [low, high] = overlaps.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], overlap| {
         [low.minimum_of(overlap), high.maximum_of(overlap)]
     });
-    if high - low < LEAST_RANGE - ROUNDING {
-        return Err(NoTrend::CloseOverlaps { expected: LEAST_RANGE, found: high - low });
+    if high - low < MIN_RANGE - ROUNDING {
+        return Err(NoTrend::CloseOverlaps { expected: MIN_RANGE, found: high - low });
     }
     trend_of_sums(&one_line(&scenes))
 }
@@ -138,9 +138,9 @@ pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Result<Trend, NoTren
 type Sums = [f64; 5];
 
 /// Spread up to which all values of the property are the same, in the square of its unit, for each 1 of the count.
-const LEAST_SPREAD: f64 = 1e-12;
+const MIN_SPREAD: f64 = 1e-12;
 /// Smallest difference of overlaps that a slope is measured over: the unit in which tables print it.
-const LEAST_RANGE: f64 = 0.1;
+const MIN_RANGE: f64 = 0.1;
 /// What a difference of two overlaps may lose by rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -154,7 +154,7 @@ fn one_line(scenes: &[Points]) -> Vec<Sums> {
 /// about the slope, and must not make its interval look as if it did.
 fn parallel_lines(scenes: impl Iterator<Item = Points>) -> Vec<Sums> {
     let centred = scenes.map(|points| sums(&points, mean(points.iter()), 1.0));
-    centred.filter(|scene| spread(*scene) > LEAST_SPREAD).collect()
+    centred.filter(|scene| spread(*scene) > MIN_SPREAD).collect()
 }
 
 fn mean<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
@@ -177,7 +177,7 @@ fn spread([n, sx, _, sxx, _]: Sums) -> f64 {
 fn slope(sums: Sums) -> f64 {
     let [n, sx, sy, _, sxy] = sums;
     let spread = spread(sums);
-    if spread > LEAST_SPREAD * n { (sxy - sx * sy / n) / spread } else { f64::NAN }
+    if spread > MIN_SPREAD * n { (sxy - sx * sy / n) / spread } else { f64::NAN }
 }
 
 /// A line through few scenes is no trend, as their mean has no interval.

@@ -10,7 +10,7 @@ use super::SceneContext;
 const STRAIGHT: f64 = 0.05;
 /// Smallest derivative of the distorted radius by the undistorted one inside an image. Where it is 0, the lens folds; just before,
 /// the rays of a pixel would spread far.
-const LEAST_SLOPE: f64 = 0.3;
+const MIN_SLOPE: f64 = 0.3;
 /// Narrower images count as this wide: a small image of a scene has the lens of a larger one.
 const NARROWEST: u32 = 256;
 
@@ -45,7 +45,7 @@ fn lens(scene: &SceneContext<'_>) -> [f64; 2] {
     unfolded(scene.conditions.lens, corners.fold(0.0, f64::maximum_of))
 }
 
-/// Halves k1, k2 until [`LEAST_SLOPE`] is kept out to image points at this squared distance from the optical axis.
+/// Halves k1, k2 until [`MIN_SLOPE`] is kept out to image points at this squared distance from the optical axis.
 fn unfolded(mut lens: [f64; 2], farthest: f64) -> [f64; 2] {
     while reach(lens) < farthest {
         lens = lens.map(|k| k / 2.0);
@@ -53,10 +53,10 @@ fn unfolded(mut lens: [f64; 2], farthest: f64) -> [f64; 2] {
     lens
 }
 
-/// Squared distance from the optical axis, on the plane z = 1 behind the lens, out to which [`LEAST_SLOPE`] is kept.
+/// Squared distance from the optical axis, on the plane z = 1 behind the lens, out to which [`MIN_SLOPE`] is kept.
 fn reach([k1, k2]: [f64; 2]) -> f64 {
-    // The slope at a squared undistorted distance s is 1 + 3 k1 s + 5 k2 s²; of its two points at `LEAST_SLOPE`, the nearer.
-    let twice_lost = 2.0 * (1.0 - LEAST_SLOPE);
+    // The slope at a squared undistorted distance s is 1 + 3 k1 s + 5 k2 s²; of its two points at `MIN_SLOPE`, the nearer.
+    let twice_lost = 2.0 * (1.0 - MIN_SLOPE);
     let divisor = (9.0 * k1 * k1 - 10.0 * k2 * twice_lost).sqrt() - 3.0 * k1;
     if divisor > 0.0 {
         let squared = twice_lost / divisor;
@@ -162,7 +162,7 @@ mod tests {
         let far = |c: f64| if c > 0.5 { 0.0 } else { 1.0 };
         let corner = DVec2::new((far(k.cx) - k.cx) / k.fx, (far(k.cy) - k.cy) / k.fy);
         let straight = lens.undistorted_from_distorted(corner);
-        straight.is_ok_and(|straight| (lens.jacobian(straight).unwrap() * corner.normalize()).length() > LEAST_SLOPE)
+        straight.is_ok_and(|straight| (lens.jacobian(straight).unwrap() * corner.normalize()).length() > MIN_SLOPE)
     }
 
     /// The first is the lens of rooms-train-00000292 at 640×360. Without a repair, all but the last three fold inside the image.

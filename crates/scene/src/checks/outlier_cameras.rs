@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::Scene;
 
 /// Frames below which "the others" are too few to say where cameras are.
-const FEWEST_FRAMES: usize = 8;
+const MIN_FRAMES: usize = 8;
 
 /// Share of a scene's cameras that are taken to be in place, as a fraction.
 const IN_PLACE: (usize, usize) = (9, 10);
@@ -23,13 +23,13 @@ const GAP: f64 = 5.0;
 /// Distances are from the median of the centres, coordinate by coordinate. A camera is far outside if its distance is more
 /// than [`FAR_OUTSIDE`] times the 90th percentile (of the two distances around it the smaller, so that one frame of eight
 /// does not count as in place), and there is a gap of [`GAP`] times in the distances before it. Centres with coordinates
-/// beyond `farthest` are left out. There are none in scenes of fewer than [`FEWEST_FRAMES`], or with nine tenths of the
+/// beyond `farthest` are left out. There are none in scenes of fewer than [`MIN_FRAMES`], or with nine tenths of the
 /// cameras in one place.
 pub(crate) fn outlier_cameras(scene: &Scene, farthest: f64) -> Option<String> {
     let centres = scene.frames.iter().map(|frame| frame.camera.camera_from_world.inverse().centre());
     let near: Vec<(usize, DVec3)> =
         centres.enumerate().filter(|(_, centre)| centre.abs().max_element() <= farthest).collect();
-    if near.len() < FEWEST_FRAMES {
+    if near.len() < MIN_FRAMES {
         return None;
     }
     let along = |axis: fn(&DVec3) -> f64| median(near.iter().map(|(_, centre)| axis(centre)));

@@ -3,13 +3,13 @@
 use crate::Scene;
 
 /// Frames below which a scene may well be from one place.
-pub(crate) const FEWEST_FRAMES: usize = 3;
+pub(crate) const MIN_FRAMES: usize = 3;
 
 /// What is said about a scene in which all frames have the same pose, bit for bit.
 pub(crate) fn one_pose(scene: &Scene) -> Option<String> {
     let poses = poses(scene);
     let (_, first) = poses.first()?;
-    let is_one = poses.len() >= FEWEST_FRAMES && poses.iter().all(|(_, pose)| pose == first);
+    let is_one = poses.len() >= MIN_FRAMES && poses.iter().all(|(_, pose)| pose == first);
     is_one.then(|| format!("all {} frames have the same pose: were the poses lost?", poses.len()))
 }
 

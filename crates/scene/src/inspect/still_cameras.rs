@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use atsplat_camera::{CentreSpread, WorldFromCamera};
 
 use crate::Scene;
-use crate::checks::still_cameras::{FEWEST_FRAMES, one_pose, poses};
+use crate::checks::still_cameras::{MIN_FRAMES, one_pose, poses};
 
 /// What is said about frames with exactly an earlier frame's pose, and about a scene whose cameras are all in one place; `None` where
 /// [`one_pose`] says it. Videos have still stretches.
@@ -45,7 +45,7 @@ pub(super) fn is_in_one_place(scene: &Scene) -> bool {
 fn spread(scene: &Scene) -> CentreSpread {
     let posed = scene.frames.iter().filter(|frame| frame.has_pose());
     let views: Vec<WorldFromCamera> = posed.map(|frame| frame.camera.camera_from_world.inverse()).collect();
-    if views.len() >= FEWEST_FRAMES { CentreSpread::of(&views) } else { CentreSpread::Apart }
+    if views.len() >= MIN_FRAMES { CentreSpread::of(&views) } else { CentreSpread::Apart }
 }
 
 #[cfg(test)]

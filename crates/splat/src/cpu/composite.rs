@@ -24,7 +24,7 @@ pub(super) const fn plane_count(extra: bool) -> usize {
 }
 
 /// Maximal number of vectors per block.
-pub(super) const MOST_VECTORS: usize = 4;
+pub(super) const MAX_VECTORS: usize = 4;
 
 /// Composites one cell into `pixels`: block by block, and within a block plane by plane (see [`plane_count`]) of 16
 /// pixels.
@@ -106,7 +106,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     let vectors = vectors::<S>();
     let (zero, half) = (simd.splat_f32s(0.0), simd.splat_f32s(0.5));
     let (stored, _) = S::as_mut_simd_f32s(pixels);
-    let mut planes = [[zero; MOST_VECTORS]; PLANES];
+    let mut planes = [[zero; MAX_VECTORS]; PLANES];
     for (values, stored) in planes.iter_mut().zip(stored.chunks_exact(vectors)) {
         for (value, stored) in values.iter_mut().zip(stored) {
             *value = *stored;
@@ -148,7 +148,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
 
 /// Whether every pixel of a block is finished.
 #[inline(always)]
-pub(super) fn are_finished<S: Simd>(simd: S, transmittance: &[S::f32s; MOST_VECTORS]) -> bool {
+pub(super) fn are_finished<S: Simd>(simd: S, transmittance: &[S::f32s; MAX_VECTORS]) -> bool {
     let mut largest = transmittance[0];
     for value in transmittance.iter().take(vectors::<S>()).skip(1) {
         largest = simd.max_f32s(largest, *value);
@@ -185,7 +185,7 @@ pub(super) fn clear(pixels: &mut [f32], planes: usize, cell: Cell, params: &Rast
 /// Coordinates of the pixels of a block.
 pub(super) struct Grid<S: Simd> {
     x: S::f32s,
-    y: [S::f32s; MOST_VECTORS],
+    y: [S::f32s; MAX_VECTORS],
 }
 
 impl<S: Simd> Grid<S> {
@@ -196,7 +196,7 @@ impl<S: Simd> Grid<S> {
             for (lane, value) in values.iter_mut().enumerate() {
                 *value = coordinate(lane) as f32;
             }
-            let mut vectors = [simd.splat_f32s(0.0); MOST_VECTORS];
+            let mut vectors = [simd.splat_f32s(0.0); MAX_VECTORS];
             for (vector, values) in vectors.iter_mut().zip(S::as_simd_f32s(&values).0) {
                 *vector = *values;
             }
@@ -207,7 +207,7 @@ impl<S: Simd> Grid<S> {
 
     /// Coordinates of a block's pixels, relative to the cell's first.
     #[inline(always)]
-    pub(super) fn at(&self, simd: S, [column, row]: [usize; 2]) -> (S::f32s, [S::f32s; MOST_VECTORS]) {
+    pub(super) fn at(&self, simd: S, [column, row]: [usize; 2]) -> (S::f32s, [S::f32s; MAX_VECTORS]) {
         let row = simd.splat_f32s(row as f32);
         (simd.add_f32s(self.x, simd.splat_f32s(column as f32)), self.y.map(|y| simd.add_f32s(y, row)))
     }

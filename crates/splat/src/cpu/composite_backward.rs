@@ -6,7 +6,7 @@ use super::RasterParams;
 use super::batch::{BLOCK, Batch, Cell, LANES, Record};
 use super::bins::Entry;
 use super::composite::{
-    self, Blended, Ellipse, Grid, MOST_VECTORS, Thresholds, are_finished, masked, plane_count, vectors,
+    self, Blended, Ellipse, Grid, MAX_VECTORS, Thresholds, are_finished, masked, plane_count, vectors,
 };
 use super::math::Exp2;
 use super::pixel_sums::{ABSOLUTE, DEPTH, E, EX, EXX, EXY, EY, EYY, RGB, SCALAR, SUMS, SUMS_OF_COLOUR};
@@ -42,10 +42,10 @@ const D_SCALAR: usize = 6;
 const PLANES: usize = 7;
 
 /// The planes of a block in registers.
-type Planes<S> = [[<S as Simd>::f32s; MOST_VECTORS]; PLANES];
+type Planes<S> = [[<S as Simd>::f32s; MAX_VECTORS]; PLANES];
 
 /// What a splat adds to its sums at the pixels of a block.
-type Terms<S> = [[<S as Simd>::f32s; MOST_VECTORS]; SUMS];
+type Terms<S> = [[<S as Simd>::f32s; MAX_VECTORS]; SUMS];
 
 impl Default for CellGradient {
     fn default() -> Self {
@@ -195,7 +195,7 @@ impl<S: Simd> BlockBackward<S> {
         let zero = simd.splat_f32s(0.0);
         let vectors = vectors::<S>();
         let (stored, _) = S::as_mut_simd_f32s(values);
-        let mut planes = [[zero; MOST_VECTORS]; PLANES];
+        let mut planes = [[zero; MAX_VECTORS]; PLANES];
         for (plane, stored) in planes.iter_mut().zip(stored.chunks_exact(vectors)) {
             for (value, stored) in plane.iter_mut().zip(stored) {
                 *value = *stored;
@@ -206,7 +206,7 @@ impl<S: Simd> BlockBackward<S> {
             let record = batch.record(*number);
             let lanes = &mut lanes[usize::from(*number)];
             let ellipse = Ellipse::new(simd, record, x);
-            let mut terms = [[zero; MOST_VECTORS]; SUMS];
+            let mut terms = [[zero; MAX_VECTORS]; SUMS];
             for v in 0..vectors {
                 let splat = (record, &ellipse);
                 self.pass_splat::<EXTRA, WITH_ABSOLUTE>(simd, splat, &y, v, &mut planes, &mut terms);
@@ -233,7 +233,7 @@ impl<S: Simd> BlockBackward<S> {
         &self,
         simd: S,
         (record, ellipse): (&Record, &Ellipse<S>),
-        y: &[S::f32s; MOST_VECTORS],
+        y: &[S::f32s; MAX_VECTORS],
         v: usize,
         planes: &mut Planes<S>,
         terms: &mut Terms<S>,
@@ -289,7 +289,7 @@ impl<S: Simd> BlockBackward<S> {
 
 /// Sets a slanted splat's moments along the whitened coordinate `u`, which changes from row to row.
 #[inline(always)]
-fn set_slanted_moments<S: Simd>(simd: S, ellipse: &Ellipse<S>, y: &[S::f32s; MOST_VECTORS], terms: &mut Terms<S>) {
+fn set_slanted_moments<S: Simd>(simd: S, ellipse: &Ellipse<S>, y: &[S::f32s; MAX_VECTORS], terms: &mut Terms<S>) {
     for v in 0..vectors::<S>() {
         let e = terms[E][v];
         let [u, y] = ellipse.along(simd, y[v]);

@@ -26,7 +26,7 @@ struct Packed {
 impl<'a> Scene<'a> {
     /// Fewest views for which packing harmonics pays: it takes about as long as one view, and saves up to a quarter of
     /// each.
-    pub const FEWEST_VIEWS: usize = 16;
+    pub const MIN_VIEWS: usize = 16;
 
     /// Gaussians that will be rendered to about `views` views.
     pub const fn new(gaussians: &'a Gaussians, views: usize) -> Self {
@@ -57,7 +57,7 @@ impl<'a> Scene<'a> {
     pub(super) fn harmonics(&self, degree: u8, tolerance: f64) -> Option<Arc<PackedHarmonics>> {
         // Of the bytes: with more, packed harmonics are hardly faster.
         const LARGEST_SHARE: f64 = 0.75;
-        if self.views < Self::FEWEST_VIEWS {
+        if self.views < Self::MIN_VIEWS {
             return None;
         }
         let mut packed = self.packed.lock().unwrap_or_else(PoisonError::into_inner);

@@ -32,7 +32,7 @@ impl Effect for ViewDependence {
         if !(budget < EffectPlan::UNLIMITED) {
             return of_removal(self, scene, request, degree);
         }
-        if scene.views() < Scene::FEWEST_VIEWS {
+        if scene.views() < Scene::MIN_VIEWS {
             let few = scene.views();
             return Assessment::keep(format!(
                 "for {few} views, finding the visible bands would take longer than skipping the others saves"

@@ -13,13 +13,13 @@ use super::status::Status;
 use super::windows::{Window, window_of_batch, windows};
 
 /// Pairs that any first rendering has room for.
-const LEAST_PAIRS: u64 = 1 << 14;
+const MIN_PAIRS: u64 = 1 << 14;
 /// Pairs per Gaussian that it has room for.
 const PAIRS_PER_GAUSSIAN: u64 = 2;
 /// Length of a tile's list that it composites.
 const FIRST_ENTRIES: u64 = 4096;
 /// Sizes of scenes and images that are stored; if there are more, all are dropped.
-const MOST_KEYS: usize = 256;
+const MAX_KEYS: usize = 256;
 
 /// What bounds are learnt for: the numbers of Gaussians and pixels, and whether there is a backward pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,7 +84,7 @@ impl Bounds {
         };
         let tiles = windows.iter().map(Window::tiles).max().unwrap_or(0);
         let possible = key.gaussians.saturating_mul(tiles);
-        let guess = key.gaussians.saturating_mul(PAIRS_PER_GAUSSIAN).max(LEAST_PAIRS).min(context.first_pairs);
+        let guess = key.gaussians.saturating_mul(PAIRS_PER_GAUSSIAN).max(MIN_PAIRS).min(context.first_pairs);
         let capacity = known.map_or(guess, |known| known.pairs).min(most).min(possible);
         let each = u64::from(context.entries_per_dispatch);
         let entries = known.map_or(FIRST_ENTRIES, |known| known.entries);
@@ -123,7 +123,7 @@ impl Bounds {
         } else if status.pairs > plan.capacity {
             needed.pairs = with_slack(status.pairs).min(plan.most);
         }
-        if self.0.len() >= MOST_KEYS && !self.0.contains_key(&plan.key) {
+        if self.0.len() >= MAX_KEYS && !self.0.contains_key(&plan.key) {
             self.0.clear();
         }
         // Other renderings of these sizes may have needed more.

@@ -5,7 +5,7 @@ use super::GpuError;
 use super::context::{Context, ITERATIONS_PER_ENTRY};
 use super::kernels::{Kernel, Pipelines};
 use super::record::Recorder;
-use super::uniforms::MOST_VIEWS;
+use super::uniforms::MAX_VIEWS;
 use crate::{MAX_SH_DEGREE, sh_coefficients};
 
 /// Upper limit even for drivers without one: 2^16 entries of a tile's list per dispatch, which stays below the two
@@ -14,7 +14,7 @@ const MAX_ITERATIONS: u32 = ITERATIONS_PER_ENTRY << 16;
 /// Least number: with fewer, splitting lists would cost more than rendering, and a thread could not sum the harmonics of a Gaussian
 /// over the views of the largest batch (`unpack.wgsl`).
 const MIN_ITERATIONS: u32 = ITERATIONS_PER_ENTRY << 8;
-const _: () = assert!(MIN_ITERATIONS as usize >= 3 * sh_coefficients(MAX_SH_DEGREE) * MOST_VIEWS as usize);
+const _: () = assert!(MIN_ITERATIONS as usize >= 3 * sh_coefficients(MAX_SH_DEGREE) * MAX_VIEWS as usize);
 
 /// Loop iterations that the driver allows.
 pub(super) fn max_iterations(context: &Context, pipelines: &mut Pipelines) -> Result<u32, GpuError> {

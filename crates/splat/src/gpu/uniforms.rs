@@ -34,12 +34,12 @@ pub(super) struct ViewBlock {
 }
 
 /// Views of a batch at most, which wgpu's default uniform buffers of 64 KiB hold.
-pub(super) const MOST_VIEWS: u32 = 160;
+pub(super) const MAX_VIEWS: u32 = 160;
 
 /// Views of a batch, all of whose blocks a uniform buffer of this many bytes holds.
 pub(super) fn most_views(bytes: u64) -> u32 {
     let fitting = bytes / size_of::<ViewBlock>() as u64;
-    u32::try_from(fitting).unwrap_or(u32::MAX).min(MOST_VIEWS)
+    u32::try_from(fitting).unwrap_or(u32::MAX).min(MAX_VIEWS)
 }
 
 macro_rules! flags {

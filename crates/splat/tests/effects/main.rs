@@ -43,7 +43,7 @@ fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> 
 
 /// Enough views that it pays to decide for each Gaussian.
 fn many_views(gaussians: &Gaussians) -> Scene<'_> {
-    Scene::new(gaussians, Scene::FEWEST_VIEWS)
+    Scene::new(gaussians, Scene::MIN_VIEWS)
 }
 
 fn plan(gaussians: &Gaussians, view: &View, options: &RenderOptions, selection: &str) -> EffectPlan {

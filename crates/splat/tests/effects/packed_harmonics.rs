@@ -143,7 +143,7 @@ fn packed_harmonics_of_as_many_other_gaussians_are_rejected() {
 fn packing_waits_until_it_pays() {
     let gaussians = scene(5, 0.0, -1.0, None);
     let (at, options) = (view(Distortion::None), RenderOptions::default());
-    for (views, reduced) in [(1, 4), (Scene::FEWEST_VIEWS - 1, 4), (Scene::FEWEST_VIEWS, 0)] {
+    for (views, reduced) in [(1, 4), (Scene::MIN_VIEWS - 1, 4), (Scene::MIN_VIEWS, 0)] {
         let scene = Scene::new(&gaussians, views);
         let plan = EffectPlan::for_scene(&scene, &at, &options, &EffectSelection::Auto, 0.0).unwrap();
         assert_eq!(plan.reduced().options.max_sh_degree, reduced, "{views} views");

@@ -9,7 +9,7 @@ use super::pack::{LANES, Order, TERMS, Tile, pack};
 /// Rows and columns of a block of the result, which is four tiles.
 pub(super) const BLOCK: usize = 2 * LANES;
 /// Products of fewer multiplications stay on one thread.
-const LEAST_PARALLEL: usize = 1 << 18;
+const MIN_PARALLEL: usize = 1 << 18;
 
 /// Instructions that multiply tiles, ready on this thread while the value lives.
 pub(super) trait Kernel {
@@ -102,7 +102,7 @@ pub(super) fn multiply<K: Kernel>(
     assert_eq!(left.columns, right.rows, "inner sizes of a product");
     assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
     let work = out.rows.saturating_mul(out.columns).saturating_mul(left.columns);
-    let parallel = threads == Threads::All && work >= LEAST_PARALLEL;
+    let parallel = threads == Threads::All && work >= MIN_PARALLEL;
     let right = Panels::new(right.transposed(), Order::Pairs, parallel);
     let rows = |(at, out): (usize, Output<'_>)| {
         // Rows are packed where they are used, so that they are still in the cache.

@@ -4,7 +4,7 @@ use std::ops::{Deref, DerefMut};
 use super::pack::Tile;
 
 /// Buffers that a thread keeps.
-const MOST_KEPT: usize = 64;
+const MAX_KEPT: usize = 64;
 
 thread_local! {
     static KEPT: RefCell<Vec<Vec<Tile>>> = const { RefCell::new(Vec::new()) };
@@ -43,7 +43,7 @@ impl Drop for Buffer {
         // At the end of a thread there is nothing left to keep them in.
         let _ended = KEPT.try_with(|kept| {
             let mut kept = kept.borrow_mut();
-            if kept.len() < MOST_KEPT {
+            if kept.len() < MAX_KEPT {
                 kept.push(tiles);
             }
         });

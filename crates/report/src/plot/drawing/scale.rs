@@ -156,12 +156,12 @@ pub(in crate::plot) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(
 
 /// A tick's label, with as many decimals as all ticks need.
 pub(in crate::plot) fn label(value: f64, ticks: &[f64]) -> String {
-    const MOST: usize = 6;
+    const MAX: usize = 6;
     let whole = |decimals: usize| {
         let power = 10f64.powf(decimals as f64);
         ticks.iter().all(|tick| (tick * power - (tick * power).round()).abs() < 1e-6 * power.sqrt())
     };
-    let decimals = (0..MOST).find(|decimals| whole(*decimals)).unwrap_or(MOST);
+    let decimals = (0..MAX).find(|decimals| whole(*decimals)).unwrap_or(MAX);
     with_minus_sign(&fixed(value, decimals))
 }
 

@@ -190,10 +190,10 @@ fn estimate(summary: &Summary) -> Option<Estimate> {
 
 /// How many distances share a point, a round number, so that each side has at most ten points; `None` without distances.
 fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
-    const MOST: u64 = 10;
+    const MAX: u64 = 10;
     let farthest = distances.iter().map(|distance| distance.unsigned_abs()).max()?;
     let round = (0..9).flat_map(|power| [1, 2, 5].map(|digit| digit * 10u32.pow(power)));
-    round.into_iter().find(|step| farthest.div_ceil(u64::from(*step)) <= MOST)
+    round.into_iter().find(|step| farthest.div_ceil(u64::from(*step)) <= MAX)
 }
 
 /// A probability of three decimals after its relation; none is printed as zero.

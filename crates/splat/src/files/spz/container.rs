@@ -19,7 +19,7 @@ const ZSTD_RATIO: u64 = 1024;
 /// Window size that every Zstandard decoder should support (RFC 8878, 3.1.1.1.2), regardless of the stream's length.
 const ZSTD_WINDOW: u64 = 8 << 20;
 /// More than any known extension needs.
-const MOST_EXTENSION_BYTES: u64 = 1 << 16;
+const MAX_EXTENSION_BYTES: u64 = 1 << 16;
 
 /// A decompressed file.
 pub(super) struct Container {
@@ -68,10 +68,10 @@ impl Container {
             *attribute = take(&mut stream, "SPZ attributes", size)?;
         }
         let mut trailing = Vec::new();
-        let at_most = stream.by_ref().take(MOST_EXTENSION_BYTES + 1).read_to_end(&mut trailing);
+        let at_most = stream.by_ref().take(MAX_EXTENSION_BYTES + 1).read_to_end(&mut trailing);
         at_most.map_err(|error| corrupt("SPZ stream", &error))?;
-        if header.has_extensions && trailing.len() as u64 > MOST_EXTENSION_BYTES {
-            return Err(Malformed::new("SPZ extensions", format!("at most {MOST_EXTENSION_BYTES} bytes"), "more"));
+        if header.has_extensions && trailing.len() as u64 > MAX_EXTENSION_BYTES {
+            return Err(Malformed::new("SPZ extensions", format!("at most {MAX_EXTENSION_BYTES} bytes"), "more"));
         }
         // gzip compares its checksum at the end of the stream alone.
         let more = io::copy(&mut stream, &mut io::sink()).map_err(|error| corrupt("SPZ stream", &error))?;
@@ -217,7 +217,7 @@ mod tests {
     /// However many bytes follow the attributes, the stream is read to its end.
     #[test]
     fn the_checksum_of_gzip_is_compared_behind_many_bytes() {
-        let most = usize::try_from(MOST_EXTENSION_BYTES).unwrap();
+        let most = usize::try_from(MAX_EXTENSION_BYTES).unwrap();
         let (none, extended, unknown) = (0, 2, 0x80);
         // Stored as it is, so that a byte of a centre can be changed.
         let file = |flags: u8, trailing: usize| {
