@@ -6,6 +6,7 @@
 
 mod dataset;
 mod evaluate;
+mod evaluate_trial;
 mod findings;
 mod group_run;
 mod image_mistakes;
@@ -23,10 +24,10 @@ mod run;
 mod scored;
 mod selection;
 mod shared_files;
-mod single;
 mod suspicious;
 
 pub use dataset::IndexChoice;
+pub use evaluate_trial::evaluate_trial;
 pub use findings::Findings;
 pub use index::PlannedIndex;
 pub use index_folder::IndexFolder;
@@ -36,6 +37,5 @@ pub use metrics::{metric_records, named_metrics, suite};
 pub use plan::{Dataset, Plan, current_provenance};
 pub use run::{Step, run, run_until};
 pub use selection::Selection;
-pub use single::evaluate_trial;
 
 pub(crate) use group_run::{groups, key_of, trials_of};

@@ -15,7 +15,7 @@ use crate::method::Method;
 /// The rows of one trial under one method, as [`super::run()`] stores them; a method that fails gives failed rows.
 ///
 /// # Errors
-/// Currently none: the only error is a store that cannot be written, and this writes none.
+/// [`EvalError::Io`] if a file for the method cannot be written, or its process cannot be started. That is no result of the method.
 pub fn evaluate_trial(
     dataset: &Dataset,
     suite: &Suite,
