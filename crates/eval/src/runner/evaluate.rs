@@ -138,7 +138,7 @@ impl Evaluation<'_> {
             result.effects.extend(effects);
             result.pairs.extend(pair);
         }
-        if let Some(store) = self.images.worst(key, &result.rows, self.preset.metrics.psnr) {
+        if let Some(store) = self.images.chosen(key, &result.rows, self.preset.metrics.psnr) {
             write_inputs(store, key, decoded)?;
             result.cost.notes.extend(write_renders(store, &result.rows, prediction)?);
         }

@@ -6,8 +6,7 @@ use atsplat_results::{TargetRow, TrialRow};
 
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::group_run::key_of;
-use super::kept_images::ImageSink;
-use super::kept_images::WorstSoFar;
+use super::kept_images::{ChosenSoFar, ImageSink};
 use super::{Dataset, KeepImages};
 use crate::EvalError;
 use crate::method::Method;
@@ -25,8 +24,8 @@ pub fn evaluate_trial(
 ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
     let bound = method.for_scenes_of(&[&dataset.index.index]);
     let method = bound.as_deref().unwrap_or(method);
-    let (keep, store, worst) = (KeepImages::Nothing, Path::new(""), WorstSoFar::default());
-    let evaluation = Evaluation { preset: &dataset.preset, suite, images: ImageSink { keep, store, worst: &worst } };
+    let (keep, store, chosen) = (KeepImages::Nothing, Path::new(""), ChosenSoFar::default());
+    let evaluation = Evaluation { preset: &dataset.preset, suite, images: ImageSink { keep, store, chosen: &chosen } };
     let key = key_of(dataset, method, trial.scene(), trial.entry_number());
     evaluation.rows(key, None, &DecodedTrial::new(trial, targets, &ImageDigests::default()), method)
 }

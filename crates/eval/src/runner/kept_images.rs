@@ -30,7 +30,7 @@ pub enum KeepImages {
 pub(super) struct ImageSink<'a> {
     pub(super) keep: KeepImages,
     pub(super) store: &'a Path,
-    pub(super) worst: &'a WorstSoFar,
+    pub(super) chosen: &'a ChosenSoFar,
 }
 
 impl<'a> ImageSink<'a> {
@@ -39,9 +39,9 @@ impl<'a> ImageSink<'a> {
         (self.keep == KeepImages::All).then_some(self.store)
     }
 
-    /// The store, if it keeps the worst trials' images and a trial with these rows is among them so far.
-    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
-        (self.keep == KeepImages::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
+    /// The store, if it keeps the images of chosen trials and a trial with these rows is among them so far.
+    pub(super) fn chosen(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
+        (self.keep == KeepImages::Worst && self.chosen.admits(key, rows, psnr)).then_some(self.store)
     }
 }
 
@@ -58,9 +58,9 @@ const SAMPLE: usize = 8;
 /// others' images are removed by [`prune`].
 #[derive(Debug, Default)]
 #[expect(clippy::type_complexity, reason = "one map")]
-pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
+pub(super) struct ChosenSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
 
-impl WorstSoFar {
+impl ChosenSoFar {
     /// Whether a trial is among them so far; if so, it is recorded.
     pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> bool {
         let Some(psnr) = mean_psnr(rows, psnr) else { return false };

@@ -4,8 +4,7 @@ use atsplat_results::{Results, RunCounts, RunWarning, Store, TrialRow};
 use super::findings::SceneWarnings;
 use super::group_run::{GroupRun, groups};
 use super::images_and_times::ImagesAndTimes;
-use super::kept_images::ImageSink;
-use super::kept_images::{WorstSoFar, prune};
+use super::kept_images::{ChosenSoFar, ImageSink, prune};
 use super::moved::check_moved;
 use super::outdated::Outdated;
 use super::plan::{Dataset, Plan};
@@ -76,8 +75,8 @@ fn evaluate_datasets(
     step: &(dyn Fn(Step<'_>) + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Progress, EvalError> {
-    let worst = WorstSoFar::default();
-    let images = ImageSink { keep: plan.images, store: store.folder(), worst: &worst };
+    let chosen = ChosenSoFar::default();
+    let images = ImageSink { keep: plan.images, store: store.folder(), chosen: &chosen };
     let images_and_times = &ImagesAndTimes::of(store, plan.images)?;
     let _evaluating = timing::evaluating();
     let mut progress = Progress::default();
