@@ -19,8 +19,8 @@ use thiserror::Error;
 
 use super::image_mistakes::{self, RenderAndTruth};
 use super::kept_images::ImageSink;
-use super::scored::{compare, hash_of, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
+use super::target_row::{compare, hash_of, unscored_row};
 use crate::EvalError;
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
 

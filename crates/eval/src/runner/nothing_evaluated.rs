@@ -1,54 +1,36 @@
-//! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
+//! Why a run evaluated nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
-use atsplat_numeric::spread;
 use atsplat_protocol::DropReason;
 use atsplat_protocol::trial::SkipReason;
 use atsplat_results::{Results, SkippedEntry, TargetRow, TargetStatus};
 
-use super::{Plan, Selection};
-use crate::EvalError;
-use crate::method::{FoundFiles, Method, RequestedScene};
-
-/// Scenes per dataset whose imported files are looked for before the run; all of them if there is no file of these.
-const CHECKED_SCENES: usize = 32;
+use super::{Dataset, Plan};
 
 impl Plan<'_> {
-    /// Where the files of each imported method are.
-    ///
-    /// # Errors
-    /// [`EvalError::Settings`] for a folder without any scene of the datasets.
-    pub fn find_imported_files(&self) -> Result<Vec<FoundFiles>, EvalError> {
-        // A method may lack every scene of a shard and have others.
-        let whole = Selection { shard: None, ..self.selection };
-        let indices: Vec<_> = self.datasets.iter().map(|dataset| whole.index_of(dataset)).collect();
-        let requested = |scenes: usize| {
-            let mut requested: Vec<RequestedScene<'_>> = Vec::new();
-            for index in &indices {
-                for position in spread(index.scenes.len(), scenes) {
-                    let entry =
-                        index.scenes.get_index(position).and_then(|(scene, entries)| Some((scene, entries.first()?)));
-                    requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
-                }
-            }
-            requested
-        };
-        let (some, methods) = (requested(CHECKED_SCENES), self.methods_of_scenes());
-        let find = |method: &Arc<dyn Method>| {
-            let found = method.find_files(&some)?;
-            if found.scenes() == 0 { method.find_files(&requested(usize::MAX)) } else { Some(found) }
-        };
-        let found: Vec<FoundFiles> = methods.iter().filter_map(find).collect();
-        found.iter().try_for_each(FoundFiles::check)?;
-        Ok(found)
+    /// Why `results` have no scored target of this plan; `None` if they have one, and if the methods do not support any of the
+    /// trials.
+    pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
+        let is_requested = self.requests();
+        let requested: Vec<&TargetRow> = results.targets.iter().filter(|row| is_requested(row)).collect();
+        if requested.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
+            return None;
+        }
+        let unsupported_trials = results.unsupported();
+        let (unsupported, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            requested.into_iter().partition(|row| unsupported_trials.contains(&row.key));
+        if let Some(first) = failed.first() {
+            return Some(why_failed(&failed, first));
+        }
+        let reasons = || self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect::<Vec<_>>();
+        unsupported.is_empty().then(|| reasons().join("; "))
     }
 
     /// Whether this shard has no trial although its datasets have scenes of the index: it has no whole scene, or the protocol skips
     /// its entries. The run may be complete nevertheless, unless files of this shard cannot be read.
     pub fn is_shard_without_trials(&self, results: &Results) -> bool {
-        let has_scenes = |dataset: &super::Dataset| {
+        let has_scenes = |dataset: &Dataset| {
             let index = &dataset.index.index;
             index.entries().count() > 0 && self.selected(dataset).missing.len() < index.scene_count()
         };
@@ -72,25 +54,7 @@ impl Plan<'_> {
         move |row| presets.contains(row.key.preset.as_str()) && methods.contains(&row.key.method)
     }
 
-    /// Why `results` have no scored target of this plan; `None` if they have one, and if the methods do not support any of the
-    /// trials.
-    pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
-        let is_requested = self.requests();
-        let requested: Vec<&TargetRow> = results.targets.iter().filter(|row| is_requested(row)).collect();
-        if requested.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
-            return None;
-        }
-        let unsupported_trials = results.unsupported();
-        let (unsupported, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
-            requested.into_iter().partition(|row| unsupported_trials.contains(&row.key));
-        if let Some(first) = failed.first() {
-            return Some(why_failed(&failed, first));
-        }
-        let reasons = || self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect::<Vec<_>>();
-        unsupported.is_empty().then(|| reasons().join("; "))
-    }
-
-    fn why_empty(&self, dataset: &super::Dataset, results: &Results) -> String {
+    fn why_empty(&self, dataset: &Dataset, results: &Results) -> String {
         let (name, index) = (&dataset.name, &dataset.index.index);
         let entries = index.entries().count();
         if entries == 0 {
