@@ -14,7 +14,8 @@ use crate::method::Method;
 /// The rows of one trial under one method, as [`super::run()`] stores them; a method that fails gives failed rows.
 ///
 /// # Errors
-/// [`EvalError::Io`] if a file for the method cannot be written, or its process cannot be started. That is no result of the method.
+/// [`EvalError::Io`] if a file for the method cannot be written, or its process cannot be started again. That is no result of the
+/// method.
 pub fn evaluate_trial(
     dataset: &Dataset,
     suite: &Suite,

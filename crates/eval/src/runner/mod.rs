@@ -2,7 +2,7 @@
 //!
 //! Trials are prepared ahead within the limits of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several trials, or the
 //! targets of one, are evaluated concurrently without timing; a [timing pass](crate::timing) follows if requested. Failures
-//! become rows; only a store that cannot be written stops a run.
+//! become rows; only a file that cannot be written, of the store or for a method, and a process that cannot be started stop a run.
 
 mod dataset;
 mod evaluate;

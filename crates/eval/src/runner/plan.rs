@@ -60,16 +60,13 @@ impl std::fmt::Debug for Dataset {
 }
 
 impl Plan<'_> {
-    /// Number of results, including those already in the store and entries without a trial.
-    pub fn results(&self) -> u64 {
-        let entries = |dataset: &Dataset| self.selected(dataset).index.entries().count() as u64;
-        self.datasets.iter().map(entries).sum::<u64>() * self.methods.len() as u64
-    }
-
-    /// How often the run calls `step`: once per result, and once per timed method and protocol.
+    /// How often the run calls `step`: once per method and entry, also if the store has its result or it has no trial, and once per
+    /// timed method and protocol.
     pub fn steps(&self) -> u64 {
+        let entries = |dataset: &Dataset| self.selected(dataset).index.entries().count() as u64;
+        let results = self.datasets.iter().map(entries).sum::<u64>() * self.methods.len() as u64;
         let timed = self.timing.map_or(0, |_| self.datasets.len() * self.methods.len());
-        self.results() + timed as u64
+        results + timed as u64
     }
 
     /// The names of its methods.

@@ -29,8 +29,7 @@ pub enum Step<'a> {
 ///
 /// # Errors
 /// [`EvalError::Io`] if the store or files for a method cannot be written, or a method's process cannot be started again; results so far
-/// are kept. [`EvalError::Settings`] for a timing pass on a
-/// rayon thread while something else is evaluated.
+/// are kept. [`EvalError::Settings`] for a timing pass on a rayon thread while something else is evaluated.
 pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn(Step<'_>) + Sync)) -> Result<(Results, RunCounts), EvalError> {
     run_until(plan, store, step, &|| false)
 }
