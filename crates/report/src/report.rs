@@ -214,7 +214,7 @@ mod tests {
     use atsplat_results::MethodRecord;
 
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, nearest_view, preset, results};
 
     #[test]
     fn stores_of_the_same_name_get_distinct_labels() {
@@ -293,7 +293,7 @@ mod tests {
     /// Both labels are `a-b` in file names, and the section shows another frontier and another plot of a store under their names.
     #[test]
     fn every_plot_has_a_separate_file() {
-        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
         let source = |label| Source { label, results: &results };
         let plots = frontier_plots(&[source("other")]).unwrap().into_iter().chain(store_plots(&source("a b")).unwrap());
         let section = PlotSection {

@@ -59,7 +59,7 @@ pub(crate) fn atsplat(name: &str, change: impl FnOnce(&mut ModelConfig)) -> Meth
     record
 }
 
-pub(crate) fn floor() -> MethodRecord {
+pub(crate) fn nearest_view() -> MethodRecord {
     MethodRecord {
         name: "nearest-view".to_owned(),
         kind: "nearest-view".to_owned(),
@@ -212,7 +212,10 @@ fn view(key: &TrialKey, target: u32, place: usize, at: usize, failed: bool) -> T
 
 /// The store of most tests.
 pub(crate) fn store() -> Results {
-    results(vec![preset("re10k-2v-256"), preset("re10k-overlap")], vec![atsplat("atsplat", |_| ()), random(), floor()])
+    results(
+        vec![preset("re10k-2v-256"), preset("re10k-overlap")],
+        vec![atsplat("atsplat", |_| ()), random(), nearest_view()],
+    )
 }
 
 /// Random selection, as an ablation.

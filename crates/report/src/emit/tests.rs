@@ -4,7 +4,7 @@ use atsplat_results::{MethodRecord, Results, StatedCost, StatedSeconds};
 
 use super::*;
 use crate::definition::TableDefinition;
-use crate::sample::{HOSTILE, UNBROKEN, atsplat, floor, preset, results, results_over, store};
+use crate::sample::{HOSTILE, UNBROKEN, atsplat, nearest_view, preset, results, results_over, store};
 use crate::table::{Mark, Mixing, Source, protocol_tables, tables};
 
 fn measured(name: &str) -> Table {
@@ -41,7 +41,7 @@ fn writes_ablations_and_grouped_tables() {
 fn columns_of_csv_have_different_names_whatever_the_bins_are_called() {
     let mut renamed = preset("re10k-overlap");
     renamed.toml = renamed.toml.replace("\"small\"", "\"low\"").replace("\"large\"", "\"high\"");
-    let results = results(vec![renamed], vec![floor()]);
+    let results = results(vec![renamed], vec![nearest_view()]);
     let table = protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart).unwrap().swap_remove(0);
     let text = TableFormat::Csv.write(&table).unwrap();
     let head: Vec<&str> = text.lines().next().unwrap().split(',').collect();
@@ -96,7 +96,7 @@ fn escape_sequences_are_only_used_if_styled() {
 /// A hostile method name stays text in every format.
 #[test]
 fn escapes_hostile_names_in_every_format() {
-    let mut method = floor();
+    let mut method = nearest_view();
     method.title = format!("{HOSTILE}\n%{{}}$^~# & \\input{{/etc/passwd}}");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
     let mut table = table_of("re10k", &results);
@@ -123,7 +123,7 @@ fn escapes_hostile_names_in_every_format() {
 #[test]
 fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
     let latex = |title: &str| {
-        let mut method = floor();
+        let mut method = nearest_view();
         method.title = title.to_owned();
         let results = results(vec![preset("re10k-2v-256")], vec![method]);
         let table = table_of("re10k", &results);
@@ -145,7 +145,7 @@ fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
 /// A hyphen is shorter than the plus in the same column.
 #[test]
 fn negative_numbers_have_a_minus_in_latex() {
-    let mut method = floor();
+    let mut method = nearest_view();
     method.title = "a -2.44 [-4.52, +1.94] lr1e-4, 10-20, x-2, (-3), - 5, -x".to_owned();
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
     let table = table_of("re10k", &results);
@@ -185,7 +185,7 @@ fn marks_and_machines_are_explained_where_latex_prints_them() {
 #[test]
 fn stated_costs_are_said_to_be_stated_in_every_format() {
     let seconds = Some(StatedSeconds { encode: 0.25, render: None, machine: "a card".to_owned() });
-    let mut imported = floor();
+    let mut imported = nearest_view();
     imported.stated.insert("re10k-2v-256".to_owned(), StatedCost { gaussians: Some(70_000), seconds });
     imported.stated.insert("another".to_owned(), StatedCost { gaussians: Some(1), seconds: None });
     let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), imported]);
@@ -250,7 +250,7 @@ fn columns_of_numbers_have_no_other_text() {
 #[test]
 fn labels_are_no_arguments_of_the_latex_above_them() {
     let methods = ["[9mm] method", "*method", "method [9mm]*"].map(|title| {
-        let mut method = floor();
+        let mut method = nearest_view();
         (method.name, method.title) = (title.to_owned(), title.to_owned());
         method
     });
@@ -266,7 +266,7 @@ fn labels_are_no_arguments_of_the_latex_above_them() {
 
 #[test]
 fn long_names_may_break_in_latex_and_short_ones_may_not() {
-    let mut method = floor();
+    let mut method = nearest_view();
     method.title = format!("{UNBROKEN} at re10k-2v-256");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
     let table = table_of("re10k", &results);
@@ -280,12 +280,12 @@ fn long_names_may_break_in_latex_and_short_ones_may_not() {
 #[test]
 fn latex_compiles_and_no_table_is_wider_than_its_page() {
     use std::process::Command;
-    let mut method = floor();
+    let mut method = nearest_view();
     method.title = format!("{HOSTILE} %{{}}$^~# & \\input{{/etc/passwd}} with a name of many words").replace('>', "> ");
     let presets = ["re10k-2v-256", "rooms-2v-128", "dl3dv-6v-256x448"].map(preset).into();
-    let mut bracketed = floor();
+    let mut bracketed = nearest_view();
     (bracketed.name, bracketed.title) = ("bracketed".to_owned(), "[method]".to_owned());
-    let mut unbroken = floor();
+    let mut unbroken = nearest_view();
     (unbroken.name, unbroken.title) = ("unbroken".to_owned(), UNBROKEN.to_owned());
     let results = results(presets, vec![method, atsplat("atsplat", |_| ()), bracketed, unbroken]);
     let mut pages = String::new();
@@ -356,7 +356,7 @@ fn marks_agree_with_the_paper() {
 
 #[test]
 fn csv_has_full_precision_and_json_every_row() {
-    let results = results_over(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()], 7);
+    let results = results_over(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()], 7);
     let table = table_of("re10k", &results);
     let text = TableFormat::Csv.write(&table).unwrap();
     let records = atsplat_files::csv::parse(&text).unwrap();

@@ -196,7 +196,7 @@ mod tests {
     use atsplat_results::MetricRecord;
 
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, nearest_view, preset, results};
     use crate::table::Source;
 
     #[test]
@@ -211,7 +211,7 @@ mod tests {
     /// A page of thousands of trials has no room for hashes and all digits; two methods on the same images have the same number.
     #[test]
     fn trials_are_short() {
-        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
         results.targets[0].scores = [("psnr".to_owned(), 20.123_456_789), ("ssim".to_owned(), 0.123_456_789)].into();
         for (at, trial) in results.trials.iter_mut().enumerate() {
             trial.data_hash = Some(format!("{:064x}", at % 4));
@@ -255,7 +255,7 @@ mod tests {
     #[test]
     fn identical_renders_are_in_no_mean() {
         for psnr in ["psnr", "psnr-8bit-truncated"] {
-            let mut results = results(vec![preset("re10k-2v-256")], vec![floor()]);
+            let mut results = results(vec![preset("re10k-2v-256")], vec![nearest_view()]);
             results.provenance.metrics = vec![MetricRecord { id: psnr.to_owned(), ..MetricRecord::default() }];
             results.trials.truncate(1);
             results.targets.truncate(2);

@@ -9,7 +9,7 @@ use atsplat_results::{MethodRecord, Results, Shard, StatedCost, StatedSeconds, T
 use super::*;
 use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::plot_data::{store_plots, table_plots};
-use crate::sample::{HOSTILE, atsplat, floor, preset, random, results, results_over, store};
+use crate::sample::{HOSTILE, atsplat, nearest_view, preset, random, results, results_over, store};
 use crate::table::{CellIndex, Mixing, Row, protocol_tables, tables};
 
 /// Owns the contents of a page.
@@ -151,7 +151,7 @@ fn the_page_loads_no_other_resources() {
 #[test]
 fn numbers_and_links_are_of_their_own_protocol() {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
-    let results = results(presets, vec![atsplat("atsplat", |_| ()), floor()]);
+    let results = results(presets, vec![atsplat("atsplat", |_| ()), nearest_view()]);
     let stores = [PageStore { source: Source { label: LABEL, results: &results }, folder: None }];
     let tables = tables(&TableDefinition::named("re10k").unwrap(), &[stores[0].source], Mixing::Apart).unwrap();
     assert_eq!(tables.len(), 2);
@@ -286,7 +286,7 @@ fn a_citation_of_a_time_has_its_machine_and_words_for_its_marks() {
 /// Nothing here has repeated it.
 #[test]
 fn a_citation_of_a_stated_time_claims_no_repetitions() {
-    let mut imported = floor();
+    let mut imported = nearest_view();
     let seconds = Some(StatedSeconds { encode: 0.25, render: Some(0.5), machine: "a card".to_owned() });
     imported.stated.insert("rooms-2v-128".to_owned(), StatedCost { gaussians: None, seconds });
     let mut results = results_over(vec![preset("rooms-2v-128")], vec![imported], 7);
@@ -303,7 +303,7 @@ fn a_citation_of_a_stated_time_claims_no_repetitions() {
 /// Nobody could count the Gaussians behind images.
 #[test]
 fn a_citation_of_stated_gaussians_says_so() {
-    let mut imported = floor();
+    let mut imported = nearest_view();
     imported.stated.insert("rooms-2v-128".to_owned(), StatedCost { gaussians: Some(52_000), seconds: None });
     let results = results_over(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), imported], 7);
     let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
@@ -348,8 +348,8 @@ fn a_citation_names_the_learned_weights_of_its_metric() {
 /// The reference is of another store.
 #[test]
 fn a_citation_of_a_difference_names_both_methods() {
-    let [first, mut second] =
-        [atsplat("atsplat", |_| ()), floor()].map(|method| results_over(vec![preset("rooms-2v-128")], vec![method], 7));
+    let [first, mut second] = [atsplat("atsplat", |_| ()), nearest_view()]
+        .map(|method| results_over(vec![preset("rooms-2v-128")], vec![method], 7));
     second.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 1.0));
     second.provenance.processor = "another processor".to_owned();
     let store = |(label, results)| PageStore { source: Source { label, results }, folder: None };
@@ -441,7 +441,7 @@ fn the_best_and_the_second_best_are_marked_without_a_style() {
 
 #[test]
 fn facts_of_one_kind_share_their_name() {
-    let results = results(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let results = results(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
     let card = facts::origin([(LABEL, &results.provenance)]);
     assert_eq!(card.matches("<dt>Method</dt><dd>atsplat (").count(), 1, "{card}");
     assert!(card.contains("</dd><dd>nearest-view (nearest-view): Nearest view</dd>"), "{card}");
@@ -452,7 +452,7 @@ fn facts_of_one_kind_share_their_name() {
 /// A store that was extended, and one that was merged from 24 parts.
 #[test]
 fn every_command_of_a_store_is_shown() {
-    let mut results = results(vec![preset("rooms-2v-128")], vec![floor()]);
+    let mut results = results(vec![preset("rooms-2v-128")], vec![nearest_view()]);
     results.provenance.command = vec!["run".to_owned(), "--limit=3".to_owned()];
     results.provenance.add_command(&["run".to_owned(), "--limit=<all>".to_owned()]);
     let card = |results: &Results| facts::origin([(LABEL, &results.provenance)]);
@@ -471,7 +471,7 @@ fn every_command_of_a_store_is_shown() {
 fn protocols_and_methods_of_several_stores_count_once() {
     let untrained = MethodRecord { weights_sha256: None, untrained: true, ..atsplat("atsplat", |_| ()) };
     let mut all =
-        ["rooms-2v-128", "rooms-2v-128", "rooms-2v-64"].map(|name| results(vec![preset(name)], vec![floor()]));
+        ["rooms-2v-128", "rooms-2v-128", "rooms-2v-64"].map(|name| results(vec![preset(name)], vec![nearest_view()]));
     for results in &mut all[1..] {
         results.provenance.methods.push(untrained.clone());
     }

@@ -40,11 +40,11 @@ pub(crate) fn first_metric(results: &Results, preset: &PresetRecord) -> Option<&
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{floor, preset, results};
+    use crate::sample::{nearest_view, preset, results};
 
     #[test]
     fn plots_are_of_the_psnr_that_the_protocol_names_if_it_was_scored() {
-        let mut store = results(vec![preset("re10k-overlap")], vec![floor()]);
+        let mut store = results(vec![preset("re10k-overlap")], vec![nearest_view()]);
         let shown = |store: &Results| first_metric(store, &store.provenance.presets[0]).unwrap().id;
         assert_eq!(shown(&store), "psnr");
         let [usual, rounded] = ["psnr", "psnr-8bit-rounded"].map(|id| format!("[metrics]\npsnr = \"{id}\"\n"));

@@ -107,7 +107,7 @@ mod tests {
     use atsplat_results::Shard;
 
     use super::*;
-    use crate::sample::{UNKNOWN_HASH, atsplat, floor, preset, results};
+    use crate::sample::{UNKNOWN_HASH, atsplat, nearest_view, preset, results};
 
     #[test]
     fn a_title_tells_trainings_apart_and_names_random_weights() {
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn data_that_the_protocols_title_does_not_name_are_named() {
-        let said = |record: PresetRecord| subject(&results(vec![record.clone()], vec![floor()]), &record);
+        let said = |record: PresetRecord| subject(&results(vec![record.clone()], vec![nearest_view()]), &record);
         let named = preset("re10k-2v-256");
         let part = "4 scenes, 4 of 7194 trials of the index";
         assert_eq!(said(named.clone()), format!("{} (re10k-2v-256); {part}", named.title));
@@ -139,7 +139,7 @@ mod tests {
     /// Two methods with the same twelve targets, of which one is leaked.
     #[test]
     fn targets_that_are_context_frames_are_counted_once() {
-        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), nearest_view()]);
         let said = |results: &Results| leaked_targets([(results, "re10k-2v-256")], Leaked::Included);
         let left_out = leaked_targets([(&results, "re10k-2v-256")], Leaked::Excluded);
         assert_eq!(left_out, "; without 1 of 12 targets, which is a context frame");
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_part_of_a_run_is_named_and_so_is_one_that_was_interrupted() {
-        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), nearest_view()]);
         let said = |results: &Results| unfinished(results, |preset, method| (preset, method) == ("re10k-2v-256", "a"));
         results.provenance.skipped.clear();
         assert_eq!(said(&results), [""; 0]);

@@ -6,7 +6,7 @@ use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::definition::Choice;
 use crate::emit::TableFormat;
-use crate::sample::{floor, preset, results, results_over};
+use crate::sample::{nearest_view, preset, results, results_over};
 use crate::table::test_tables::{measured, notes_as_text, paper_methods, protocols, row_of, trained};
 use crate::table::{CellIndex, Column, Mixing, NoteKind, Source, chosen_protocol_tables};
 
@@ -15,7 +15,7 @@ use crate::table::{CellIndex, Column, Mixing, NoteKind, Source, chosen_protocol_
 fn a_capture_has_a_protocol_table_in_every_format() {
     let mut capture = preset("photos-3v-256");
     (capture.dataset, capture.index_name) = ("/home/me/fox".to_owned(), None);
-    let methods = || vec![trained("atsplat", "1", "simulated rooms"), floor()];
+    let methods = || vec![trained("atsplat", "1", "simulated rooms"), nearest_view()];
     for (scenes, intervals) in [(4, false), (7, true)] {
         let found = protocols(&results_over(vec![capture.clone()], methods(), scenes));
         let [table] = found.as_slice() else { panic!("one table: {}", found.len()) };
@@ -44,7 +44,7 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
         // 4 dB per frame, and 5 dB with the nearest view.
         row.signed_distance = [0, -1, 3][row.target as usize];
         if row.signed_distance != 0 {
-            let per_frame = if row.key.method == floor().name { 5.0 } else { 4.0 };
+            let per_frame = if row.key.method == nearest_view().name { 5.0 } else { 4.0 };
             row.scores.insert("psnr".to_owned(), 30.0 - per_frame * row.signed_distance.unsigned_abs() as f64);
         }
     }
@@ -85,7 +85,7 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
 #[test]
 fn a_trend_of_few_scenes_or_close_overlaps_is_not_computed() {
     let said = |scenes: usize, step: Option<f64>| {
-        let mut results = results_over(vec![preset("rooms-overlap-128")], vec![floor()], scenes);
+        let mut results = results_over(vec![preset("rooms-overlap-128")], vec![nearest_view()], scenes);
         for (row, at) in results.targets.iter_mut().zip(0u8..) {
             row.signed_distance = 0;
             row.overlap = step.map_or(row.overlap, |step| Some(0.5 + step * f64::from(at)));
@@ -115,8 +115,8 @@ fn a_bin_named_average_is_one_bin() {
     let names = ["low", "average", "high"].map(str::to_owned).to_vec();
     protocol.overlap_bins = Some(OverlapBins::new(BinRule::Strict, names, vec![0.0, 0.4, 0.6, 1.0]).unwrap());
     (record.hash, record.toml) = (protocol.hash().unwrap().to_string(), protocol.to_toml().unwrap());
-    let results = results_over(vec![record], vec![trained("atsplat", "1", "simulated rooms"), floor()], 8);
-    let choice = Choice { against: Some(floor().name), ..Choice::default() };
+    let results = results_over(vec![record], vec![trained("atsplat", "1", "simulated rooms"), nearest_view()], 8);
+    let choice = Choice { against: Some(nearest_view().name), ..Choice::default() };
     let source = Source { label: "run", results: &results };
     let table = chosen_protocol_tables(&[source], Mixing::Apart, &choice).unwrap().swap_remove(0);
     assert_eq!(table.groups[2].title, "average overlap");
@@ -129,7 +129,8 @@ fn a_bin_named_average_is_one_bin() {
 /// The clipped PSNR was scored too.
 #[test]
 fn columns_by_overlap_and_differences_are_of_the_psnr_that_the_protocol_names() {
-    let mut store = results(vec![preset("re10k-overlap")], vec![trained("atsplat", "1", "simulated rooms"), floor()]);
+    let mut store =
+        results(vec![preset("re10k-overlap")], vec![trained("atsplat", "1", "simulated rooms"), nearest_view()]);
     let record = &mut store.provenance.presets[0];
     let [usual, rounded] = ["psnr", "psnr-8bit-rounded"].map(|id| format!("[metrics]\npsnr = \"{id}\"\n"));
     assert!(record.toml.contains(&usual), "{}", record.toml);
@@ -144,7 +145,7 @@ fn columns_by_overlap_and_differences_are_of_the_psnr_that_the_protocol_names() 
     assert_eq!(of_groups[..2], ["psnr-8bit-rounded", "psnr"], "all metrics");
     let count = |of: &str| of_groups.iter().filter(|id| **id == of).count();
     assert!(count("psnr") == 1 && count("psnr-8bit-rounded") >= 4, "{of_groups:?}");
-    let choice = Choice { against: Some(floor().name), ..Choice::default() };
+    let choice = Choice { against: Some(nearest_view().name), ..Choice::default() };
     let source = Source { label: "run", results: &store };
     let table = chosen_protocol_tables(&[source], Mixing::Apart, &choice).unwrap().swap_remove(0);
     let differences = &table.groups.last().unwrap().columns;

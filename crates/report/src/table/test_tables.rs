@@ -4,7 +4,7 @@ use atsplat_results::{MethodRecord, Results, TrainingRecord};
 
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
-use crate::sample::{atsplat, floor, preset, random, results};
+use crate::sample::{atsplat, nearest_view, preset, random, results};
 use crate::table::{Mixing, NoteKind, Row, Source, Table, protocol_tables, tables};
 
 /// The table of one store.
@@ -60,7 +60,7 @@ pub(super) fn paper_methods() -> Vec<MethodRecord> {
     vec![
         atsplat("atsplat", |_| ()),
         random(),
-        floor(),
+        nearest_view(),
         atsplat("farthest", |config| config.expansion.selection = Selection::FarthestPoint {}),
         atsplat("none", |config| *config = config.with_expansion_in_first(0)),
         atsplat("rays", |config| config.anchors.design = AnchorDesign::RayDepth {}),

@@ -1,11 +1,11 @@
 use atsplat_results::{MethodRecord, Results, Shard};
 
 use super::*;
-use crate::sample::{atsplat, floor, preset, results, results_over};
+use crate::sample::{atsplat, nearest_view, preset, results, results_over};
 
 #[test]
 fn settings_of_several_stores_are_on_one_frontier() {
-    let first = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let first = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
     let more = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ())]);
     let sources = [Source { label: "run", results: &first }, Source { label: "more", results: &more }];
     let all = merged_results(&sources, &first.provenance.presets[0]);
@@ -83,7 +83,7 @@ fn a_mean_over_fewer_targets_says_so() {
     let lacking = said(&store(vec![atsplat("a", |_| ()), atsplat("b", |_| ())]));
     let expected = "Means over fewer targets: ATSplat (b): 7 of 8 scenes, 21 of 24 targets.";
     assert!(lacking.contains(expected) && !lacking.contains("Incomplete"), "{lacking}");
-    let mut whole = store(vec![atsplat("a", |_| ()), floor(), atsplat("b", |_| ())]);
+    let mut whole = store(vec![atsplat("a", |_| ()), nearest_view(), atsplat("b", |_| ())]);
     whole.provenance.methods.remove(1);
     whole.trials.retain(|row| row.key.method != "nearest-view");
     whole.targets.retain(|row| row.key.method != "nearest-view");
@@ -94,7 +94,8 @@ fn a_mean_over_fewer_targets_says_so() {
 
 #[test]
 fn intervals_are_promised_where_they_are_drawn() {
-    let texts = |scenes| said(&results_over(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()], scenes));
+    let texts =
+        |scenes| said(&results_over(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), nearest_view()], scenes));
     let bars = "Bars: 95 % intervals over scenes. Horizontal bars: quartiles of the time.";
     assert!(texts(8).contains(bars), "{}", texts(8));
     let few = texts(4);
@@ -118,7 +119,7 @@ fn a_device_is_that_of_its_method() {
 #[test]
 fn random_weights_are_on_no_frontier() {
     let random = MethodRecord { untrained: true, ..atsplat("b", |_| ()) };
-    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), random, floor()]);
+    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), random, nearest_view()]);
     results.timings.iter_mut().filter(|row| row.key.method == "b").for_each(|row| row.encode = vec![0.001; 5]);
     let texts = said(&results);
     assert!(texts.contains("No point: ATSplat (b), untrained (random weights)."), "{texts}");

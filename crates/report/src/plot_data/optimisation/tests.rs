@@ -2,7 +2,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_results::{MethodRecord, Shard, TargetRow, TrialKey, TrialStatus};
 
 use super::*;
-use crate::sample::{atsplat, floor, preset, results, results_over};
+use crate::sample::{atsplat, nearest_view, preset, results, results_over};
 
 /// Two budgets of refinement and one of 3DGS, with the network that refinement starts from and a baseline.
 fn methods() -> Vec<MethodRecord> {
@@ -16,7 +16,7 @@ fn methods() -> Vec<MethodRecord> {
         optimised("refined 10", "atsplat+refine"),
         optimised("refined 100", "atsplat+refine"),
         optimised("3dgs-100", "3dgs"),
-        floor(),
+        nearest_view(),
     ]
 }
 
@@ -68,7 +68,7 @@ fn budgets_of_one_method_are_a_curve_that_starts_from_the_network() {
     many.timings.iter_mut().for_each(|timing| timing.encode = vec![0.5; 5]);
     let note = said(&many);
     assert!(note.contains("Bars: 95 % intervals over scenes."), "{note}");
-    let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
     assert!(curves(&alone).is_none());
     // The same protocol with three views, on another index.
     let mut more = results(vec![preset("re10k-2v-256")], methods()[..4].to_vec());

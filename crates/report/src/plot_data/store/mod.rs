@@ -204,7 +204,7 @@ fn p_value(probability: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results, results_over};
+    use crate::sample::{atsplat, nearest_view, preset, results, results_over};
 
     #[test]
     fn trainings_of_one_title_are_told_apart() {
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn no_probability_is_printed_as_zero() {
         for (scenes, expected) in [(10, "sign test p = 0.002"), (12, "sign test p < 0.001")] {
-            let methods = vec![floor(), atsplat("atsplat", |_| ())];
+            let methods = vec![nearest_view(), atsplat("atsplat", |_| ())];
             let results = results_over(vec![preset("re10k-2v-256")], methods, scenes + 1);
             let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
             let (_, plot) = plots.iter().find(|(name, _)| name == "run-re10k-2v-256-scenes").unwrap();
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn intervals_are_promised_where_they_are_drawn() {
         let says = |scenes, kind: &str| {
-            let methods = vec![atsplat("atsplat", |_| ()), floor()];
+            let methods = vec![atsplat("atsplat", |_| ()), nearest_view()];
             let results = results_over(vec![preset("re10k-2v-256")], methods, scenes);
             let plots = store_plots(&Source { label: "run", results: &results }).unwrap();
             let (_, plot) = plots.iter().find(|(name, _)| *name == format!("run-re10k-2v-256-{kind}")).unwrap();

@@ -107,7 +107,7 @@ mod tests {
 
     use super::{BinRule, OverlapBins, edges_of_steps};
     use crate::plot_data::store_plots;
-    use crate::sample::{HOSTILE, SCENES, atsplat, floor, preset, results};
+    use crate::sample::{HOSTILE, SCENES, atsplat, nearest_view, preset, results};
     use crate::table::Source;
 
     /// A step of a tenth of the range would go from 0.5 to 0.575, over the edge at 0.55.
@@ -128,7 +128,7 @@ mod tests {
     /// Two of four trials share a step, from 0.4667 to 0.55; their point is at the mean of their overlaps.
     #[test]
     fn a_point_is_at_the_mean_overlap_of_its_trials() {
-        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), nearest_view()]);
         for (scene, overlap) in [("bb22", 0.48), ("cc33", 0.548)] {
             results.targets.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
         }
@@ -151,7 +151,7 @@ mod tests {
     /// Steps are a twelfth wide. Those of 0.13 and 0.22 have an empty one between them, those of 0.5 and 0.56 are neighbours.
     #[test]
     fn no_line_crosses_an_empty_step() {
-        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), nearest_view()]);
         for (scene, overlap) in SCENES.into_iter().zip([0.13, 0.22, 0.5, 0.56]) {
             results.trials.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
             results.targets.iter_mut().filter(|row| row.key.scene == scene).for_each(|row| row.overlap = Some(overlap));
@@ -174,7 +174,7 @@ mod tests {
     /// The overlaps of the four scenes are 0.1, 0.3, 0.5 and 0.7: small, small, medium and large.
     #[test]
     fn bins_count_the_scenes_that_have_a_score() {
-        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), nearest_view()]);
         let first = |scene: &str| scene == "aa11";
         let more: Vec<_> = results.trials.iter().filter(|row| first(&row.key.scene)).cloned().collect();
         results.trials.extend(more.into_iter().map(|mut row| {

@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
     use crate::plot_data::store_plots;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, nearest_view, preset, results};
     use crate::table::Source;
 
     /// One method with encodings of 0.26 s, of which these stages are known.
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_stated_time_is_no_bar() {
         let seconds = Some(StatedSeconds { encode: 0.5, render: None, machine: "a card".to_owned() });
-        let mut imported = floor();
+        let mut imported = nearest_view();
         imported.stated.insert("re10k-2v-256".to_owned(), StatedCost { gaussians: None, seconds });
         let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), imported]);
         results.timings.retain(|row| row.key.method == "atsplat");

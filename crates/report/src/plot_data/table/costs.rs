@@ -142,7 +142,7 @@ mod tests {
     use super::*;
     use crate::definition::TableDefinition;
     use crate::plot_data::table_plots;
-    use crate::sample::{SCENES, atsplat, floor, preset, results, results_over};
+    use crate::sample::{SCENES, atsplat, nearest_view, preset, results, results_over};
     use crate::table::{Mixing, tables};
 
     const FRONTIER: &str = "measured, and their frontier";
@@ -260,7 +260,7 @@ mod tests {
     /// Two methods of the paper have no time, and the nearest view has neither cost; its row without leaked targets is not named.
     #[test]
     fn rows_without_a_cost_are_named_with_the_reason() {
-        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), nearest_view()]);
         let said = |plot| texts(&[&results], Mixing::Apart, plot);
         let (gaussians, seconds) = (said("re10k-gaussians"), said("re10k-seconds"));
         let of = |text: &str| text.lines().filter(|line| line.contains("No point")).collect::<Vec<_>>().join(" ");
@@ -274,7 +274,7 @@ mod tests {
     /// A method that only renders has nothing to make before its first image.
     #[test]
     fn a_row_whose_cost_is_0_is_named() {
-        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), floor()]);
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), nearest_view()]);
         results.timings.clear();
         for (method, encode) in results.provenance.methods.iter_mut().zip([0.25, 0.0]) {
             let seconds = Some(StatedSeconds { encode, render: Some(0.5), machine: "a card".to_owned() });

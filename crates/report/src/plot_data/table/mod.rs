@@ -222,7 +222,7 @@ mod tests {
 
     use super::*;
     use crate::definition::Variant;
-    use crate::sample::{SCENES, atsplat, floor, preset, results_over};
+    use crate::sample::{SCENES, atsplat, nearest_view, preset, results_over};
     use crate::table::{Mixing, tables};
 
     /// The first thresholds give every scene as many Gaussians as the ratios, the second other numbers.
@@ -319,8 +319,9 @@ mod tests {
     fn context_frames_are_not_in_the_bins_that_are_drawn() {
         let definition = TableDefinition::named("re10k_overlap").unwrap();
         let drawn = |score: f64, is_leaked: bool| {
-            let mut results = results_over(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()], 8);
-            let is_copy = |row: &&mut TargetRow| row.leaked && row.key.method == floor().name;
+            let mut results =
+                results_over(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), nearest_view()], 8);
+            let is_copy = |row: &&mut TargetRow| row.leaked && row.key.method == nearest_view().name;
             for row in results.targets.iter_mut().filter(is_copy) {
                 row.scores.insert("psnr".to_owned(), score);
             }

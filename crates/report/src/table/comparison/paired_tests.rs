@@ -8,7 +8,7 @@ use atsplat_results::{MethodRecord, Results, TargetStatus};
 
 use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::emit::TableFormat;
-use crate::sample::{SCENES, floor, preset, results_over};
+use crate::sample::{SCENES, nearest_view, preset, results_over};
 use crate::table::test_tables::{notes, row_of, trained};
 use crate::table::{Cell, Group, Mark, Mixing, NoteKind, Source, Table, Value, tables};
 

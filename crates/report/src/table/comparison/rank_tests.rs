@@ -4,7 +4,7 @@ use atsplat_results::{IDENTICAL, MethodRecord, Results, TargetRow, TargetStatus,
 
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
-use crate::sample::{SCENES, atsplat, floor, preset, results, store};
+use crate::sample::{SCENES, atsplat, nearest_view, preset, results, store};
 use crate::table::test_tables::{notes, row_of, table_of, table_of_stores, trained, two_stores};
 use crate::table::{CellIndex, Mark, Mixing, NoteKind, Row, Source, Table, Value, tables};
 
@@ -236,7 +236,7 @@ fn an_order_that_leaked_targets_decide_is_not_marked() {
 #[test]
 fn a_mean_over_trainings_changes_no_order() {
     let [first, second] = ["1", "2"].map(|seed| trained(seed, seed, "simulated rooms"));
-    let mut results = results(vec![preset("re10k-2v-256")], vec![first, second, floor()]);
+    let mut results = results(vec![preset("re10k-2v-256")], vec![first, second, nearest_view()]);
     // The second training is level with the first, but for a tenth of a decibel.
     for row in &mut results.targets {
         let copied = row.key.method != "nearest-view" && row.key.scene == SCENES[0];
@@ -375,7 +375,7 @@ fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
     full.entries_of_index = full.entries;
     let one_best = |untrained| {
         let method = MethodRecord { untrained, ..atsplat("atsplat", |_| ()) };
-        let mut results = results(vec![full.clone()], vec![method, floor()]);
+        let mut results = results(vec![full.clone()], vec![method, nearest_view()]);
         results.provenance.skipped.clear();
         let table = table_of("re10k", &results);
         assert_eq!(notes(&table, NoteKind::Setting), [""; 0]);

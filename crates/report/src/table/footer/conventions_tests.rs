@@ -2,7 +2,7 @@
 
 use atsplat_results::{MethodRecord, Results, RunWarning, SkippedEntry, TrainingRecord, WarningCount};
 
-use crate::sample::{floor, preset, random, results, results_over, store};
+use crate::sample::{nearest_view, preset, random, results, results_over, store};
 use crate::table::test_tables::{notes, notes_as_text, row_of, table_of, tables_of, trained};
 use crate::table::{Mixing, NoteKind, Value};
 
@@ -107,7 +107,7 @@ fn the_unified_table_says_what_its_networks_were_trained_on() {
 fn trainings_whose_data_is_stated_differently_are_named() {
     let lines = |data: [&str; 3], seeds: [&str; 3]| {
         let name = |at: usize| format!("training {at}");
-        let methods = (0..3).map(|at| trained(&name(at), seeds[at], data[at])).chain([floor()]).collect();
+        let methods = (0..3).map(|at| trained(&name(at), seeds[at], data[at])).chain([nearest_view()]).collect();
         let table = table_of("re10k", &results_over(vec![preset("rooms-2v-128")], methods, 7));
         let said = notes_as_text(&table, NoteKind::Trainings);
         said.lines().filter(|line| line.contains("same words")).map(str::to_owned).collect::<Vec<_>>()

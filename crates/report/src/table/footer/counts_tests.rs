@@ -3,7 +3,7 @@
 use atsplat_results::{Results, TargetRow, TargetStatus, TrialRow, TrialStatus};
 
 use crate::emit::TableFormat;
-use crate::sample::{atsplat, floor, preset, results, results_over, store};
+use crate::sample::{atsplat, nearest_view, preset, results, results_over, store};
 use crate::table::test_tables::{measured, notes, notes_as_text, row_of, table_of, table_of_stores};
 use crate::table::{CellIndex, NoteKind};
 
@@ -40,7 +40,7 @@ fn trials_without_a_rendered_gaussian_or_with_broken_ones_have_a_line() {
 
 #[test]
 fn identical_targets_are_left_out_and_counted() {
-    let mut results = results_over(vec![preset("rooms-2v-128")], vec![floor()], 7);
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![nearest_view()], 7);
     let before = table_of("re10k", &results);
     let mut copy = results.targets[0].clone();
     (copy.target, copy.status, copy.scores) = (9, TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
@@ -58,7 +58,7 @@ fn identical_targets_are_left_out_and_counted() {
 
 #[test]
 fn targets_that_a_method_does_not_support_have_not_failed() {
-    let mut results = results_over(vec![preset("rooms-2v-128")], vec![floor(), atsplat("atsplat", |_| ())], 7);
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![nearest_view(), atsplat("atsplat", |_| ())], 7);
     let broken = results.trials.iter_mut().find(|trial| trial.status == TrialStatus::Failed).unwrap();
     broken.status = TrialStatus::NotApplicable;
     let table = table_of("re10k", &results);
@@ -75,7 +75,7 @@ fn targets_that_a_method_does_not_support_have_not_failed() {
 /// finite or identical to the truth are in no mean.
 #[test]
 fn targets_outside_all_bins_are_counted() {
-    let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), floor()]);
+    let mut results = results(vec![preset("re10k-overlap")], vec![atsplat("a", |_| ()), nearest_view()]);
     let mut rows = results.targets.iter_mut().filter(|row| row.key.method == "a").collect::<Vec<&mut TargetRow>>();
     rows[6..9].iter_mut().for_each(|row| row.overlap = Some(0.9));
     rows[11].overlap = None;
@@ -103,7 +103,7 @@ fn targets_outside_all_bins_are_counted() {
 /// A network at another resolution has other tokens and Gaussians: the table says at which, in words of older stores too.
 #[test]
 fn a_network_that_saw_resized_images_says_so() {
-    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+    let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), nearest_view()]);
     let resized = |results: &Results| {
         let table = table_of("re10k", results);
         notes_as_text(&table, NoteKind::Setting)

@@ -5,7 +5,7 @@ use atsplat_results::{PresetRecord, Results};
 
 use crate::definition::{Choice, TableDefinition};
 use crate::emit::{TableFormat, Terminal};
-use crate::sample::{SCENES, UNKNOWN_HASH, atsplat, floor, preset, results};
+use crate::sample::{SCENES, UNKNOWN_HASH, atsplat, nearest_view, preset, results};
 use crate::table::test_tables::{
     measured, paper_methods, protocols, row_of, table_of, table_of_stores, trained, two_stores,
 };
@@ -55,7 +55,7 @@ fn data_of_an_unpublished_index_are_not_called_the_protocols_dataset() {
         ("dl3dv-6v-256x448", "dl3dv", "/data/mine/test", "unidentified data (mine/test)"),
         ("rooms-2v-128", "re10k", "cm/", "unidentified data (cm)"),
     ] {
-        let results = results(vec![elsewhere(protocol, data)], vec![floor()]);
+        let results = results(vec![elsewhere(protocol, data)], vec![nearest_view()]);
         let table = table_of(table, &results);
         let expected = format!("{expected}, 16×16, all 4 scenes, unpublished index");
         assert_eq!(said(&table), expected);
@@ -94,7 +94,7 @@ fn simulated_scenes_are_named_under_any_protocol_and_so_is_their_number_of_views
 fn an_own_protocol_is_not_called_a_changed_one() {
     let of = |name: &str, hash: &str| {
         let record = PresetRecord { preset: name.to_owned(), hash: hash.to_owned(), ..preset("re10k-2v-256") };
-        let results = results(vec![record], vec![floor()]);
+        let results = results(vec![record], vec![nearest_view()]);
         let table =
             chosen_protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart, &Choice::default());
         said(&table.unwrap()[0]).to_owned()
@@ -109,7 +109,7 @@ fn an_own_protocol_is_not_called_a_changed_one() {
 fn a_published_index_names_its_dataset_under_any_protocol() {
     let index_sha256 = preset("acid-2v-256").index_sha256;
     let record = PresetRecord { index_sha256, ..elsewhere("re10k-2v-256", "data/re10k") };
-    let table = table_of("re10k", &results(vec![record], vec![floor()]));
+    let table = table_of("re10k", &results(vec![record], vec![nearest_view()]));
     assert_eq!(said(&table), "ACID, 16×16, all 4 scenes, unpublished index");
 }
 
@@ -119,7 +119,7 @@ fn an_index_with_fewer_views_is_of_the_published_ones_dataset_and_an_own_one_is_
     let of = |name: Option<&str>, reduced_from: Option<&str>| {
         let [index_name, reduced_from] = [name, reduced_from].map(|name| name.map(str::to_owned));
         let record = PresetRecord { index_name, reduced_from, ..elsewhere("dl3dv-12v-512x960", "data/dl3dv") };
-        let results = with_context(results(vec![record], vec![floor()]), &[&[0, 30]]);
+        let results = with_context(results(vec![record], vec![nearest_view()]), &[&[0, 30]]);
         let table =
             chosen_protocol_tables(&[Source { label: "run", results: &results }], Mixing::Apart, &Choice::default());
         said(&table.unwrap()[0]).to_owned()
@@ -133,7 +133,7 @@ fn an_index_with_fewer_views_is_of_the_published_ones_dataset_and_an_own_one_is_
 #[test]
 fn rows_say_their_number_of_context_views_if_it_is_not_the_protocols() {
     let of = |record: PresetRecord, contexts: &[&[u64]]| {
-        said(&table_of("re10k", &with_context(results(vec![record], vec![floor()]), contexts))).to_owned()
+        said(&table_of("re10k", &with_context(results(vec![record], vec![nearest_view()]), contexts))).to_owned()
     };
     let scenes = "RE10K, 16×16, 4 of 6474 scenes";
     let protocol = || preset("re10k-2v-256");

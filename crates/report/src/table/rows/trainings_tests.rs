@@ -4,13 +4,13 @@ use atsplat_numeric::{Tolerance, distinct};
 use atsplat_results::MethodRecord;
 
 use crate::definition::TableDefinition;
-use crate::sample::{atsplat, floor, preset, random, results, results_over, store};
+use crate::sample::{atsplat, nearest_view, preset, random, results, results_over, store};
 use crate::table::test_tables::{measured, notes_as_text, protocols, table_of, table_of_stores, trained};
 use crate::table::{Counts, Mixing, NoteKind, Row, Source, Table, tables};
 
 #[test]
 fn a_network_outside_its_training_data_says_so() {
-    let rooms = || vec![trained("atsplat", "1", "simulated rooms, train split"), floor()];
+    let rooms = || vec![trained("atsplat", "1", "simulated rooms, train split"), nearest_view()];
     let yards = table_of("cross_dataset", &results(vec![preset("rooms-to-yards-128")], rooms()));
     let all = measured(&yards).filter(|row| !row.without_leaked);
     let labels: Vec<String> = all.map(|row| row.printed_labels().concat()).collect();
@@ -36,7 +36,7 @@ fn a_network_that_was_trained_on_the_data_is_no_row_of_zero_shot_transfer() {
 #[test]
 fn several_trainings_share_a_row() {
     let seeds = ["1", "2", "3"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
-    let all = seeds.iter().cloned().chain([floor()]).collect();
+    let all = seeds.iter().cloned().chain([nearest_view()]).collect();
     let table = table_of("re10k", &results_over(vec![preset("rooms-2v-128")], all, 7));
     let mean = measured(&table).find(|row| row.remarks.iter().any(|remark| remark == "mean of 3 trainings")).unwrap();
     let single: Vec<&Row> =
@@ -117,7 +117,7 @@ fn means_over_trainings_of_different_networks_have_different_labels() {
 #[test]
 fn a_mean_over_trainings_averages_as_its_rows_do() {
     let [first, second] = ["1", "2"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
-    let mut results = results_over(vec![preset("rooms-2v-128")], vec![first, floor(), second], 7);
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![first, nearest_view(), second], 7);
     let worst = results.targets.iter().filter(|row| row.key.scene == "scene 6").cloned();
     let mut more: Vec<_> = worst.collect();
     for row in &mut more {

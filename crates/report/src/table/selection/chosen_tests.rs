@@ -4,7 +4,7 @@ use atsplat_results::{MethodRecord, Results};
 
 use crate::definition::{Choice, Quantity, TableDefinition};
 use crate::plot_data::table_plots;
-use crate::sample::{atsplat, floor, preset, results};
+use crate::sample::{atsplat, nearest_view, preset, results};
 use crate::table::test_tables::{notes, trained};
 use crate::table::{CellIndex, Mixing, NoteKind, Row, Source, Table, Value, chosen_protocol_tables, tables};
 
@@ -150,7 +150,7 @@ fn names_of_no_method_or_of_several_are_errors_that_list_the_known_ones() {
 fn a_name_of_several_networks_of_one_table_is_ambiguous_until_a_store_is_named() {
     let store = |weights: &str, preset_name: &str| {
         let network = MethodRecord { weights_sha256: Some(weights.to_owned()), ..atsplat("network", |_| ()) };
-        results(vec![preset(preset_name)], vec![network, floor()])
+        results(vec![preset(preset_name)], vec![network, nearest_view()])
     };
     let (e7, e8, elsewhere) =
         (store("7777", "rooms-2v-128"), store("8888", "rooms-2v-128"), store("9999", "yards-2v-128x224"));

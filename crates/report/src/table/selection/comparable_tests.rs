@@ -6,7 +6,7 @@ use atsplat_results::{PresetRecord, Results, TrialKey};
 use crate::definition::TableDefinition;
 use crate::plot::Origin;
 use crate::plot_data::table_plots;
-use crate::sample::{SCENES, atsplat, floor, preset, random, results, store};
+use crate::sample::{SCENES, atsplat, nearest_view, preset, random, results, store};
 use crate::table::test_tables::{notes, tables_of, two_stores};
 use crate::table::{Mixing, NoteKind, Row, Source, Table, protocol_tables, tables};
 
@@ -46,7 +46,7 @@ fn a_different_index_is_a_different_protocol() {
 /// Two presets that stand in for one published protocol, each with a number for the same method.
 fn two_stand_ins() -> Results {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
-    let mut results = results(presets, vec![atsplat("atsplat", |_| ()), floor()]);
+    let mut results = results(presets, vec![atsplat("atsplat", |_| ()), nearest_view()]);
     for row in results.targets.iter_mut().filter(|row| row.key.preset == "rooms-2v-64") {
         row.scores.values_mut().for_each(|score| *score -= 5.0);
     }

@@ -4,7 +4,7 @@ use atsplat_protocol::Preset;
 use atsplat_results::{MethodRecord, PresetRecord, Results, SkippedEntry, TrialKey};
 
 use crate::plot::Origin;
-use crate::sample::{SCENES, atsplat, floor, preset, random, results, results_over};
+use crate::sample::{SCENES, atsplat, nearest_view, preset, random, results, results_over};
 use crate::table::test_tables::{notes, row_of, table_of};
 use crate::table::{CellIndex, Mark, MeasuredOn, Mixing, NoteKind, Source, Table, protocol_tables};
 
@@ -160,10 +160,11 @@ fn lost_entries_are_counted_once_and_apart_from_dropped_ones() {
 /// The third entry has no poses under one of two methods: the other's row is of the published setting.
 #[test]
 fn an_entry_that_one_method_lacks_is_a_difference_of_its_rows_alone() {
-    let mut results = whole("re10k-2v-256", vec![atsplat("a", |_| ()), floor()]);
-    skip(&mut results, SCENES[2], "pose-normalisation", &[&floor().name]);
+    let mut results = whole("re10k-2v-256", vec![atsplat("a", |_| ()), nearest_view()]);
+    skip(&mut results, SCENES[2], "pose-normalisation", &[&nearest_view().name]);
     let table = built(&results);
-    let is_published = [measured_on(&table, "a"), measured_on(&table, &floor().name)].map(|on| on.published_setting);
+    let is_published =
+        [measured_on(&table, "a"), measured_on(&table, &nearest_view().name)].map(|on| on.published_setting);
     assert_eq!(is_published, [true, false]);
     let said = "not the published setting: re10k-2v-256: 1 of 4 index entries has no trial under nearest-view: pose-normalisation";
     assert_eq!(settings(&table), [said]);
@@ -217,7 +218,7 @@ fn a_run_that_has_not_ended_is_not_the_published_setting() {
     let whole = |name: &str| {
         let mut whole = preset(name);
         whole.entries_of_index = whole.entries;
-        let mut results = results(vec![whole], vec![atsplat("a", |_| ()), floor(), random()]);
+        let mut results = results(vec![whole], vec![atsplat("a", |_| ()), nearest_view(), random()]);
         results.provenance.skipped.clear();
         results.trials.retain(|row| row.key.method != random().name);
         results.targets.retain(|row| row.key.method != random().name);
