@@ -11,11 +11,6 @@ use atsplat_scene::Warnings;
 use super::{Dataset, Missing, Plan, Selection};
 use crate::method::Method;
 
-/// Whether a kind of warning is about a method that is not among `methods`.
-fn is_of_another_method(kind: &str, methods: &BTreeSet<String>) -> bool {
-    RunWarning::method_of(kind).is_some_and(|name| !methods.contains(name))
-}
-
 /// Problems with datasets that did not stop a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
@@ -145,13 +140,14 @@ impl Findings {
     pub(super) fn with_earlier(mut self, plan: &Plan<'_>, earlier: &Provenance) -> Self {
         let methods = plan.method_names();
         let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
+        let is_of_another_method = |kind: &str| RunWarning::method_of(kind).is_some_and(|name| !methods.contains(name));
         // With this run's protocols alone, files are not compared with those of the store's others.
         let has_others = earlier.presets.iter().any(|record| !is_run(&record.name));
         for warning in &earlier.warnings {
             let is_repeated =
                 || self.warnings.iter().any(|known| (&known.preset, &known.kind) == (&warning.preset, &warning.kind));
             let is_shared = || has_others && RunWarning::SharedFiles.is_of(&warning.kind) && !is_repeated();
-            if is_of_another_method(&warning.kind, &methods) || !is_run(&warning.preset) || is_shared() {
+            if is_of_another_method(&warning.kind) || !is_run(&warning.preset) || is_shared() {
                 self.warnings.push(warning.clone());
             }
         }
